@@ -53,8 +53,9 @@ _ROUNDING = 1e-5  # numbers below, and above its inverse, keep from dividing by 
 
 _DECISIONS = {  # module, of the diagnosis where no folder is named: tests, the quickest first
     "_black_box": "test_black_box test_noise",
-    "_candidates": "test_candidates test_shortened test_initial_state test_search_options",
-    "_changes": "test_tree test_further_forms test_effects test_declared_models",
+    "_candidates": "test_candidates test_shortened test_initial_state test_reference "
+    "test_search_options",
+    "_changes": "test_tree test_further_forms test_effects test_declared_models test_moved_modes",
     "_claim": "test_rounds test_evidence test_timing test_stages",
     "_course": "test_course test_plausibility",
     "_criterion": "test_criterion test_rounds",

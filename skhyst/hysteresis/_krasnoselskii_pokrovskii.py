@@ -48,10 +48,10 @@ def ramp_step(u, c, s):
 
 
 @jit
-def ramp_run(u, levels, weights, kernels, y, rows):
+def ramp_run(u, levels, weights, kernels, y, rows, first):
     """Write the weighted sum of the kernels to ``y``; ``kernels`` (K,) is updated.
 
-    Unless ``rows`` is empty, the kernels are written to ``rows[:, :K]``.
+    Unless ``rows`` is empty, the kernels are written to ``rows[:, first : first + K]``.
     """
     ramps = np.empty(levels.size - 1)
     for k in range(u.size):
@@ -61,7 +61,7 @@ def ramp_run(u, levels, weights, kernels, y, rows):
             total += weights[c] * kernels[c]
         y[k] = total
         if rows.size > 0:
-            rows[k, : kernels.size] = kernels
+            rows[k, first : first + kernels.size] = kernels
 
 
 @jit
@@ -166,14 +166,14 @@ class KrasnoselskiiPokrovskiiOperator(RelayGridOperator):
         constants = self.levels, self.weights, self.intercept
         return CompiledLaw(ramp_step, constants, [*state, *np.zeros(self.levels.size - 1)])
 
-    def _fill(self, u, state, rows):
-        return self._follow(u, state, rows)[1]
+    def _fill(self, u, state, rows, first):
+        return self._follow(u, state, rows, first)[1]
 
-    def _follow(self, u, state, rows=None):
+    def _follow(self, u, state, rows=None, first=0):
         u, kernels = as_signal(u), state.copy()
         y = np.empty(u.size)
         rows = np.empty((0, 0)) if rows is None else rows
-        ramp_run(u, self.levels, self.weights, kernels, y, rows)
+        ramp_run(u, self.levels, self.weights, kernels, y, rows, first)
         return y, kernels
 
     def _propagate(self, u, du, state, out):

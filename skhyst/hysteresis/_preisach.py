@@ -413,16 +413,18 @@ def fill_row(r, sign, value, center, edges, points, top, areas, cells):
 
 
 @jit
-def staircase_rows(u, center, levels, bins, scale, n_reversible, points, top, last, out):
-    """Write the mean relay states of all cells, then of the reversible part, to ``out``.
+def staircase_rows(
+    u, center, levels, mirrored, bins, scale, n_reversible, points, top, last, out, first
+):
+    """Write the mean relay states of all cells, then of the reversible part, to ``out[:, first:]``.
 
-    These are the derivatives of the response with respect to the weights. Returns ``top`` and the
-    last drive. A rising drive changes only the cells of the intervals of alpha that it passes, a
-    falling one those of beta; in the last of these intervals the areas are computed anew.
+    These are the derivatives of the response with respect to the weights. ``mirrored`` is
+    ``-levels[::-1]``. Returns ``top`` and the last drive. A rising drive changes only the cells of
+    the intervals of alpha that it passes, a falling one those of beta; in the last of these
+    intervals the areas are computed anew.
     """
     n = levels.size
     low, high = levels[0], levels[-1]
-    mirrored = -levels[::-1].copy()
     n_cells = n * (n - 1) // 2
     cells, areas = np.empty(n_cells), np.empty(n)
     for r in range(n - 1):
@@ -441,7 +443,7 @@ def staircase_rows(u, center, levels, bins, scale, n_reversible, points, top, la
                     cells[i * (i + 1) // 2 + column] = -1.0
             fill_row(n - 2 - j, -1.0, value, center, mirrored, points, top, areas, cells)
         last = value
-        row = out[k]
+        row = out[k, first:]
         for c in range(n_cells):
             row[c] = cells[c]
         for c in range(n_reversible):
@@ -580,10 +582,10 @@ class PreisachOperator(RelayGridOperator):
         constants = self._center, self.intercept, *self._tables
         return CompiledLaw(everett_step, constants, s, possible=in_tables)
 
-    def _fill(self, u, state, rows):
+    def _fill(self, u, state, rows, first):
         points, *place = self._stack(state, u.size)
-        grid = self._center, self.levels, *self._bins, self.reversible.size
-        top, last = staircase_rows(u, *grid, points, *place, rows)
+        grid = self.levels, as_signal(-self.levels[::-1]), *self._bins, self.reversible.size
+        top, last = staircase_rows(u, self._center, *grid, points, *place, rows, first)
         return points[1 : top + 1].copy(), last
 
     def _propagate(self, u, du, state, out):

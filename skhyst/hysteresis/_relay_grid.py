@@ -45,9 +45,10 @@ def cell_indices(n_levels):
 class RelayGridOperator(Superposition):
     """Base of the operators over a grid: fields ``levels``, ``weights`` and ``center``.
 
-    A subclass defines ``_fill(u, state, rows)``, which writes the derivatives by the weights to the
-    first columns of ``rows`` and returns the state, and ``_propagate(u, du, state, out)``, which
-    writes the tangents of the response for ``du`` to the first columns of ``out``.
+    A subclass defines ``_fill(u, state, rows, first)``, which writes the derivatives by the weights
+    to the columns of ``rows`` from ``first`` on and returns the state, and
+    ``_propagate(u, du, state, out)``, which writes the tangents of the response for ``du`` to the
+    first columns of ``out``.
     """
 
     def __post_init__(self):
@@ -74,7 +75,7 @@ class RelayGridOperator(Superposition):
         """
         u = as_signal(u)
         rows = np.ones((u.size, self.n_parameters))
-        return rows, self._fill(u, self._before(u) if state is None else state, rows)
+        return rows, self._fill(u, self._before(u) if state is None else state, rows, 0)
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
         u, du = as_signal(u), as_signal(du)
@@ -82,7 +83,7 @@ class RelayGridOperator(Superposition):
         dy = np.ones((u.size, m + self.n_parameters))
         if m:
             self._propagate(u, du, state, dy)
-        self._fill(u, state, dy[:, m:])
+        self._fill(u, state, dy, m)
         return self.run(u, dt, state)[0], dy
 
 

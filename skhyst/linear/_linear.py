@@ -25,6 +25,7 @@ from ..operators import (
     CompiledLaw,
     InverseLinearOperator,
     Operator,
+    as_signal,
     block_run,
     block_table,
     first_order_run,
@@ -57,7 +58,8 @@ def discretize(a, b, dt, hold):
     block[..., :n, n] = b * dt
     block[..., n, n + 1] = 1.0
     e = expm(block)
-    ad, g1, g2 = e[..., :n, :n], e[..., :n, n], e[..., :n, n + 1]
+    # kernels are compiled once for each layout of their arrays
+    ad, g1, g2 = map(np.ascontiguousarray, (e[..., :n, :n], e[..., :n, n], e[..., :n, n + 1]))
     return (ad, g1 - g2, g2) if hold == "foh" else (ad, g1, np.zeros_like(g1))
 
 
@@ -183,7 +185,7 @@ class LinearOperator(DiscretizedOperator):
         return self._rest() * u0, float(u0)
 
     def run(self, u, dt, state=None):
-        u = np.ascontiguousarray(u, dtype=float)
+        u = as_signal(u)
         x, previous = self.init(u[0]) if state is None else state
         y, x = self._advance(u, dt, x, previous)
         return y + self.intercept, (x, float(u[-1]))
@@ -224,7 +226,7 @@ class LinearOperator(DiscretizedOperator):
 
     def _tangents(self, u, du, dt, initial_state, own):
         """Return the output and its tangents; ``own`` is what `_discrete_tangents` returns."""
-        u = np.ascontiguousarray(u, dtype=float)
+        u, du = as_signal(u), as_signal(du)
         m = du.shape[1]
         *steps, rest_steps = own
         x, u0 = self.init(u[0], initial_state)
@@ -234,9 +236,7 @@ class LinearOperator(DiscretizedOperator):
             du0 = du[0].copy()
             dx[:, :m] = np.outer(self._rest(), du0)
             dx[:, m:] = u0 * rest_steps.T
-        y, dy = state_space_tangents(
-            *self.discrete(dt), *steps, u, np.ascontiguousarray(du), x, dx, u0, du0
-        )
+        y, dy = state_space_tangents(*self.discrete(dt), *steps, u, du, x, dx, u0, du0)
         return y + self.intercept, dy
 
 

@@ -33,8 +33,8 @@ def searched(habit, effect, declared, seed, names):
     ("effect", "declared", "seed"),
     [
         ("auxiliary_input", "second_order", 1),
-        ("end_stops", "second_order", 5),
-        ("rectification", "second_order", 0),
+        pytest.param("end_stops", "second_order", 5, marks=pytest.mark.slow),
+        pytest.param("rectification", "second_order", 0, marks=pytest.mark.slow),
         ("backlash", "bouc_wen", 1),
     ],
 )
@@ -58,7 +58,9 @@ def test_it_is_named_and_little_is_left(effect, declared, seed):
     [
         ("bench", "none", 0, []),
         ("bench", "cubic_stiffness", 0, ["cubic_stiffness"]),
-        ("other_laws", "cubic_stiffness", 1, ["cubic_stiffness"]),  # a second spring, softer
+        pytest.param(  # a second spring, softer
+            *("other_laws", "cubic_stiffness", 1, ["cubic_stiffness"]), marks=pytest.mark.slow
+        ),
     ],
 )
 def test_no_name_is_taken_from_others(habit, effect, seed, right):

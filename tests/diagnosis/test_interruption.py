@@ -115,6 +115,7 @@ def harmless(effect):
     return effect
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="there is no SIGKILL")
 def test_a_worker_that_dies_costs_what_it_was_at():
     jobs = [delayed(lethal if k == 1 else harmless)(EFFECTS["lag"]) for k in range(3)]
@@ -128,7 +129,13 @@ class Stopped(BaseException):
     """As Ctrl-C comes: no exception that anyone catches."""
 
 
-@pytest.mark.parametrize("declared", [PrandtlIshlinskii(3), Ridge()], ids=["model", "black box"])
+@pytest.mark.parametrize(
+    "declared",
+    [
+        pytest.param(PrandtlIshlinskii(3), id="model"),
+        pytest.param(Ridge(), id="black box", marks=pytest.mark.slow),
+    ],
+)
 def test_a_search_goes_on_where_it_was_interrupted(recording, declared, tmp_path, monkeypatch):
     pytest.importorskip("skops.io")
     X, y = recording

@@ -1,5 +1,7 @@
 """Records that are sampled at different intervals, in one search."""
 
+from functools import cache
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -18,7 +20,7 @@ from skhyst.neural import GrayBoxHysteresis
 from skhyst.preprocessing import LaggedFeatures, PlayOperators
 from skhyst.records import stack_records
 
-FINE, DT, N = 1e-4, 0.005, 3000  # of the integration, of the sampling, samples of the shortest
+FINE, DT, N = 2.5e-4, 0.005, 3000  # of the integration, of the sampling, samples of the shortest
 OMEGA, ZETA, TAU, NOISE = 40.0, 0.1, 0.05, 4e-3
 THRESHOLDS = [0.0, 0.3, 0.7]
 
@@ -47,6 +49,7 @@ def plant(u, kind):
     return y
 
 
+@cache
 def recording(kind, every, seed=0):
     """Return records of one plant, of which every 1st, 2nd, ... sample is read."""
     pairs, rng = [], np.random.default_rng(seed)

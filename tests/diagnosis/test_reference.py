@@ -237,12 +237,17 @@ def noisily_driven(seed, lag=0.0):
     return stack_records(records, dt=0.01)
 
 
+WITHOUT = {"effects": ["lag", "timing", "backlash"], "reference": None}
+
+
 def test_what_only_smooths_a_noisy_drive_is_no_effect():
-    options = {"effects": ["lag", "timing", "backlash"], "reference": None}
-    found = search(**options).fit(*noisily_driven(1))
+    found = search(**WITHOUT).fit(*noisily_driven(1))
     assert "noisy_drive" in set(found.data_quality_["fault"])
     assert found.effects_ == []
     assert found.verdict_ == "noise"
     assert "noise that the device has not seen" in found.report().to_markdown()
-    found = search(**options).fit(*noisily_driven(1, lag=12.0))
-    assert found.effects_[0] == "lag"
+
+
+@pytest.mark.slow
+def test_a_lag_behind_a_noisy_drive_is_found():
+    assert search(**WITHOUT).fit(*noisily_driven(1, lag=12.0)).effects_[0] == "lag"

@@ -44,7 +44,11 @@ def search(X, y, declared=None, names=NAMES):
 
 
 @pytest.mark.parametrize(
-    ("power", "ceiling", "name"), [(0.5, np.inf, NAMES[0]), (0.5, 0.9, NAMES[1])]
+    ("power", "ceiling", "name"),
+    [
+        pytest.param(0.5, np.inf, NAMES[0], marks=pytest.mark.slow),
+        (0.5, 0.9, NAMES[1]),
+    ],
 )
 def test_tanks_are_found(power, ceiling, name):
     found = search(*recording(power, ceiling))
@@ -56,15 +60,23 @@ def test_tanks_are_found(power, ceiling, name):
     assert np.isfinite(found.predict(recording(power)[0])).all()
 
 
-@pytest.mark.parametrize("declared", [TransferFunction, SecondOrderMode])
-def test_nothing_is_found_in_a_linear_chain(declared):
-    model = declared(initial_state="estimate")
+@pytest.fixture(scope="module")
+def linear():
+    return search(*recording(1.0))
+
+
+def test_nothing_is_found_in_a_linear_chain(linear):
+    assert linear.effects_ == []
+
+
+@pytest.mark.slow
+def test_nothing_is_found_in_a_linear_chain_of_two_equal_poles():
+    model = SecondOrderMode(initial_state="estimate")
     assert search(*recording(1.0), declared=model).effects_ == []
 
 
-def test_what_came_before_is_known_between_the_stages():
-    X, y = recording(1.0)
-    found = search(X, y)
+def test_what_came_before_is_known_between_the_stages(linear):
+    (X, y), found = recording(1.0), linear
     (record,) = found.declared_estimator_.records_
     before = found.declared_estimator_.initial_drive_
     path = np.interp(np.arange(-512, 0), -(2 ** np.arange(9, -1, -1)), before[0, ::-1])

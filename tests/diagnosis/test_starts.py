@@ -9,15 +9,18 @@ from skhyst.compose import Cascade
 from skhyst.diagnosis import EFFECTS
 from skhyst.diagnosis._candidates import refitted, screened
 from skhyst.diagnosis._edits import Schedule
-from skhyst.diagnosis._starts import _distinct, starting_trees
+from skhyst.diagnosis._starts import Scene, _distinct, _has_poles, starting_trees
 from skhyst.diagnosis._tree import Tree
 from skhyst.hysteresis import BoucWen, PrandtlIshlinskii
 from skhyst.linear import (
+    FirstOrderLagOperator,
     LinearOperator,
     SecondOrderMode,
     SecondOrderModeOperator,
     TransferFunction,
+    TransferFunctionOperator,
 )
+from skhyst.operators import Series
 from skhyst.optimize import RecordData
 from skhyst.static import SaturationOperator
 
@@ -174,6 +177,23 @@ def test_a_variant_that_breaks_its_promise_does_not_hide_the_others():
     found = screened(EFFECTS["static_nonlinearity"], tree, records)
     bar = 4.0 * recording.noise_std**2 * sum(len(record.y) for record in records)
     assert min(refitted(c, c.structure, records, 9).cost for c in found) < bar
+
+
+def test_poles_are_put_elsewhere_in_stages_that_have_some_of_their_own():
+    lag, mode = FirstOrderLagOperator(0.1), SecondOrderModeOperator(21.0, 0.04)
+    constant = TransferFunctionOperator(np.empty(0), np.empty(0), np.empty(0), np.empty(0), 2.0)
+    both = Series(("lag", "mode"), (lag, mode))
+    stages = [lag, mode, constant, both, SaturationOperator(upper=0.8)]
+    assert [_has_poles(stage) for stage in stages] == [True, True, False, False, False]
+
+
+def test_poles_that_no_record_shows_are_moved_to_the_edge_of_what_is_seen():
+    """Decay by e over the longest record, and half the sampling rate of the finest one."""
+    lengths = [(100, 0.1), (500, 0.01)]  # 10 s and 5 s
+    records = [RecordData(np.zeros(n), np.zeros(n), dt) for n, dt in lengths]
+    poles = np.array([-1e-3 + 5.0j, -1e-3 - 5.0j, 3.0, -7.0 + 1.0j, -1e4])
+    expected = [-0.1 + 5.0j, -0.1 - 5.0j, -0.1, -7.0 + 1.0j, -np.pi / 0.01]
+    np.testing.assert_allclose(Scene(None, records).seen(poles), expected)
 
 
 @pytest.mark.parametrize("lost", [(20.0, 1e-10), (4e4, 400.0)])

@@ -1,5 +1,7 @@
 """Records that are sampled unevenly, in a search that brings them to even grids."""
 
+from functools import cache
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -14,6 +16,7 @@ FINE, DT, TAU, NOISE = 2e-4, 0.004, 0.05, 4e-3
 THRESHOLDS = [0.0, 0.4]
 
 
+@cache
 def recording(uneven, seed=0, n_records=4):
     """Integrate two plays and a lag on a fine grid, and read them evenly or at random times."""
     rng, pairs = np.random.default_rng(seed), []
@@ -47,8 +50,12 @@ def uneven():
     return search(resample="auto").fit(*recording(True))
 
 
-def test_an_uneven_recording_gives_the_name_of_the_even_one(uneven):
-    even = search(resample="auto").fit(*recording(False))
+@pytest.fixture(scope="module")
+def even():
+    return search(resample="auto").fit(*recording(False))
+
+
+def test_an_uneven_recording_gives_the_name_of_the_even_one(uneven, even):
     assert even.effects_ == uneven.effects_ == ["lag"]
     assert even.resampling_error_ == 0.0
     for found in (even, uneven):
@@ -57,10 +64,10 @@ def test_an_uneven_recording_gives_the_name_of_the_even_one(uneven):
     assert uneven.error_after_ < 1.2 * NOISE
 
 
-def test_even_records_are_left_as_they_are():
+def test_even_records_are_left_as_they_are(even):
     X, y = recording(False)
-    asked, plain = search(resample="auto").fit(X, y), search().fit(X, y)
-    np.testing.assert_array_equal(asked.residual_after_, plain.residual_after_)
+    plain = search().fit(X, y)
+    np.testing.assert_array_equal(even.residual_after_, plain.residual_after_)
     arrays = search(resample="auto", effects=["offset"]).fit(X.to_numpy(), y.to_numpy())
     assert arrays.resampling_error_ == 0.0
 

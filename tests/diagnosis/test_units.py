@@ -16,6 +16,7 @@ from skhyst.records import Units
 from skhyst.static import SaturationOperator
 
 N, TAU = 1500, 8.0  # samples
+OTHERS = ["frame", "interval"]  # the same without a time, and with one
 
 
 def recording():
@@ -26,7 +27,10 @@ def recording():
     return drive, response + 0.003 * rng.normal(size=N)
 
 
-@pytest.fixture(scope="module", params=["array", "frame", "interval", "index"])
+@pytest.fixture(
+    scope="module",
+    params=["array", "index", *(pytest.param(own, marks=pytest.mark.slow) for own in OTHERS)],
+)
 def searched(request):
     """A search, and the interval in s where it is known."""
     drive, response = recording()

@@ -58,3 +58,21 @@ def test_a_total_that_chance_makes_often_is_not_significant():
         series = coloured(rng, 0.8)
         p.append(block_p_value(series.sum(), [series]))
     assert np.mean(np.array(p) < 0.01) <= 0.02
+
+
+@pytest.mark.parametrize("pole", [0.5, 0.9, -0.6])
+def test_blocks_are_as_long_as_politis_and_white_say(pole):
+    """Their formula (2004), lag by lag: full weight up to half of the window, then a fall."""
+    x = coloured(np.random.default_rng(0), pole, 2000)
+    n = len(x)
+    r = [x[k:] @ x[: n - k] / n for k in range(n // 2)]
+    bar, run = 2.0 * np.sqrt(np.log10(n) / n), 5
+    m = next(k for k in range(n) if np.abs(r[k + 1 : k + 1 + run]).max() < bar * r[0])
+    g = moment = 0.0
+    for lag in range(-2 * m, 2 * m + 1):
+        part = abs(lag) / (2 * m)
+        weight = 1.0 if part <= 0.5 else 2.0 * (1.0 - part)
+        g += weight * r[abs(lag)]
+        moment += weight * abs(lag) * r[abs(lag)]
+    length = int(np.ceil((2.0 * moment**2 / (4.0 / 3.0 * g**2) * n) ** (1.0 / 3.0)))
+    assert block_length([x]) == (length, pytest.approx(np.clip(moment / (g * length), 0.0, 0.5)))

@@ -19,22 +19,22 @@ from skhyst.preprocessing import (
 )
 from skhyst.records import stack_records
 
-TRANSFORMERS = [
-    PlayOperators(4),
+VARIANTS = [
     PlayOperators(3, spacing="quantile", include_drive=True),
-    StopOperators(4),
     StopOperators(thresholds=[0.5, 1.0], include_drive=False),
-    LaggedFeatures(),
-    LaggedFeatures([0, 3, 7]),
     LaggedFeatures([0, 3], before="zero"),
-    GeneralizedInputGradient(turning_points=3),
     GeneralizedInputGradient("forward", include_drive=False),
+]
+TRANSFORMERS = [
+    *(PlayOperators(4), StopOperators(4), LaggedFeatures(), LaggedFeatures([0, 3, 7])),
+    *(GeneralizedInputGradient(turning_points=3), *VARIANTS),
 ]
 MEMORY = ("check_methods_sample_order_invariance", "check_methods_subset_invariance")
 
 
+@pytest.mark.slow  # of the defaults test_common checks it
 @parametrize_with_checks(
-    TRANSFORMERS,
+    VARIANTS,
     expected_failed_checks=lambda estimator: dict.fromkeys(MEMORY, "samples before it matter"),
 )
 def test_sklearn(estimator, check):

@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from skhyst.noise import white_noise_floor
-from skhyst.records._channels import _is_followed, _Stretches, reaction_p_value
+from skhyst.records._channels import _is_followed, _Stretches, are_exchanged, reaction_p_value
 
 SIDE = 8
 
@@ -49,3 +49,22 @@ def test_a_reaction_has_no_unit(unit):
     assert 0.0 < p_value < 0.01
     assert reaction_p_value(unit * drive, noise) == pytest.approx(p_value, rel=1e-6)
     assert reaction_p_value(drive, unit * noise) == pytest.approx(p_value, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("n", "moves"), [(40, (True, True)), (500, (False, True)), (500, (True, False))]
+)
+def test_what_shows_nothing_of_a_reaction_is_no_evidence(n, moves):
+    drive, noise = np.random.default_rng(0).normal(size=(2, n)) * np.array(moves)[:, None]
+    assert reaction_p_value(drive, noise) == 1.0
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1e3])
+def test_a_response_with_noise_is_no_command(unit):
+    """A smooth signal that leads a noisy one is the drive, whatever the columns are called."""
+    rng, n = np.random.default_rng(0), 1000
+    command = np.sin(0.065 * np.arange(n)) + 0.5 * np.sin(0.15 * np.arange(n))
+    answer = lfilter([0.05], [1.0, -0.95], command) + 0.01 * rng.normal(size=n)
+    assert are_exchanged(answer, unit * command)
+    assert not are_exchanged(command, unit * answer)
+    assert not are_exchanged(answer, unit * (command + 0.01 * rng.normal(size=n)))
