@@ -32,13 +32,7 @@ from .optimize import (
 )
 from .records import chosen_interval
 
-__all__ = [
-    "ParametricModel",
-    "informed",
-    "one_thread",
-    "read_data",
-    "with_params",
-]
+__all__ = ["ParametricModel"]
 
 _NAMED = 10  # undetermined parameters that a warning lists
 _OUT_OF_RANGE = (

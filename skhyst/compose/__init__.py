@@ -1,30 +1,14 @@
 """Compositions of models, fitted jointly."""
 
-from ._backfitting import Backfitting, Turn, explained_change, fold_of_rows
-from ._cascade import Cascade, thin_records
-from ._columns import (
-    Modulated,
-    OnColumn,
-    amplitude,
-    is_constant,
-)
+from ._backfitting import Backfitting as Backfitting
+from ._backfitting import Turn as Turn
+from ._cascade import Cascade
+from ._columns import Modulated, OnColumn
+from ._columns import amplitude as amplitude
+from ._columns import is_constant as is_constant
 from ._corrected import Corrected
 from ._scheduled_parameters import ScheduledParameters
-from ._sum import Sum, constant_entries
+from ._sum import Sum
+from ._sum import constant_entries as constant_entries
 
-__all__ = [
-    "Backfitting",
-    "Cascade",
-    "Corrected",
-    "Modulated",
-    "OnColumn",
-    "ScheduledParameters",
-    "Sum",
-    "Turn",
-    "amplitude",
-    "constant_entries",
-    "explained_change",
-    "fold_of_rows",
-    "is_constant",
-    "thin_records",
-]
+__all__ = ["Cascade", "Corrected", "Modulated", "OnColumn", "ScheduledParameters", "Sum"]

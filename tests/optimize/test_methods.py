@@ -28,9 +28,8 @@ from skhyst.optimize import (
     RecordData,
     VariableProjection,
     identify,
-    restrict,
-    search_box,
 )
+from skhyst.optimize._variable_projection import restrict, search_box
 
 DT = 0.01
 TRUTH = SecondOrderModeOperator(60.0, 0.05, gain=2.0, intercept=0.3)
