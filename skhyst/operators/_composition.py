@@ -48,7 +48,7 @@ class WrappedOperator(_ByEntries):
 
     signal_linear = property(attrgetter("_like.signal_linear"))
     owns_gain = property(attrgetter("_like.owns_gain"))
-    rank = property(attrgetter("_like.stage_order"))
+    stage_order = property(attrgetter("_like.stage_order"))
     n_poles = property(attrgetter("_like.n_poles"))
     memoryless = property(attrgetter("_like.memoryless"))
     causal = property(attrgetter("_like.causal"))
