@@ -1,20 +1,42 @@
 """Docstrings: what that of a base class, or of a like function, says is said once."""
 
+import dataclasses
 import inspect
 from itertools import takewhile
+from types import FunctionType
 
 _TITLES = ("Parameters", "Attributes", "Returns", "Raises")  # in their order
+_METHOD_TITLES = ("Parameters", "Returns")  # another method need not raise what the base's does
 
 
-def inherit_documentation(cls):
-    """Complete the docstring of a class by what its bases say of its parameters and attributes.
+def inherit_documentation(cls, *, attributes=True):
+    """Complete the docstrings of a class and of its methods by those of its bases.
 
-    Parameters come in the order of the constructor, attributes behind the class's own.
+    The class gets what its bases say of its parameters, in the order of the constructor, and of
+    its attributes, behind its own, if ``attributes``. A method gets what the method of a base says
+    of its parameters and of what it returns. Python itself finds the docstring of the base for a
+    method that has none.
     """
+    bases = cls.__mro__[1:]
     if cls.__dict__.get("__doc__"):
-        # a dataclass has no constructor of its own yet when it is made
-        order = [*inspect.signature(cls.__init__).parameters, *inspect.get_annotations(cls)]
-        cls.__doc__ = _completed(cls.__doc__, order, cls.__mro__[1:], _TITLES[:2])
+        cls.__doc__ = _completed(cls.__doc__, _constructor(cls), bases, _TITLES[: 1 + attributes])
+    for name, method in vars(cls).items():
+        own = isinstance(method, FunctionType) and method.__qualname__.startswith(cls.__qualname__)
+        if own and method.__doc__ and name[0] != "_":
+            others = [vars(base)[name] for base in bases if name in vars(base)]
+            if others:
+                order = list(inspect.signature(method).parameters)
+                method.__doc__ = _completed(method.__doc__, order, others, _METHOD_TITLES)
+
+
+def _constructor(cls):
+    """Return the names of the parameters of a class, in order."""
+    if not dataclasses.is_dataclass(cls):
+        return list(inspect.signature(cls.__init__).parameters)
+    # the decorator has not seen the class yet: its fields are those of the base, then its own
+    inherited = {f.name: f.kw_only for f in dataclasses.fields(cls) if f.init}
+    names = [*inherited, *inspect.get_annotations(cls)]
+    return sorted(dict.fromkeys(names), key=lambda name: inherited.get(name, False))
 
 
 def documented_like(*others):
@@ -50,6 +72,8 @@ def _completed(docstring, order, sources, titles):
                 if described.isdisjoint(names) and (title != "Parameters" or names[0] in order):
                     entries[names] = entry
                     described.update(names)
+            if title == "Returns" and entries:  # those of another source are in its place
+                break
         if title == "Parameters":
             place = {names: order.index(names[0]) for names in entries if names[0] in order}
             entries = dict(sorted(entries.items(), key=lambda e: place.get(e[0], -1)))

@@ -251,6 +251,11 @@ class Cascade(Composition):
     NotFittedError
         If a step is held, but was never fitted.
 
+    See Also
+    --------
+    Sum : Models in parallel.
+    ScheduledParameters : A model whose parameters follow a number of the record.
+
     Examples
     --------
     >>> import numpy as np

@@ -131,6 +131,11 @@ class OnColumn(_ColumnModel):
     ----------
     operator_ : ColumnOperator
 
+    See Also
+    --------
+    Modulated : A response that the column scales.
+    Sum : Adds the response to the column to another one.
+
     Examples
     --------
     >>> import numpy as np
@@ -200,6 +205,11 @@ class Modulated(_ColumnModel):
     ----------
     operator_ : ModulatedOperator
         ``sensitivity`` b in one over the units of the column, ``reference`` :math:`a_0`.
+
+    See Also
+    --------
+    OnColumn : A model that the column drives.
+    ScheduledParameters : Single parameters that follow a column.
 
     Examples
     --------

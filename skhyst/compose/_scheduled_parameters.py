@@ -57,6 +57,10 @@ class ScheduledParameters(AroundModel):
     RecordError
         If the column is not constant in each record.
 
+    See Also
+    --------
+    Modulated : Scales the whole response by a column.
+
     References
     ----------
     Xie et al., *Smart Materials and Structures*, 2023, (22) to (26).

@@ -23,6 +23,11 @@ class Sum(Composition):
     record_coefficients_ : ndarray of shape (n_records, n_coefficients)
         Of the disturbances, where there are any.
 
+    See Also
+    --------
+    Cascade : Models in series.
+    OnColumn : A model that another column of X drives, to be added.
+
     Examples
     --------
     >>> import numpy as np

@@ -124,6 +124,11 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         give the output that is required of it (with its name and the value); if the response to the
         drive misses the reference by more than ``max_residual`` allows.
 
+    See Also
+    --------
+    FeedforwardPI : A controller around it.
+    skhyst.operators.inverse_of : The inverse of an operator.
+
     Examples
     --------
     >>> import numpy as np

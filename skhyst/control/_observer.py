@@ -73,6 +73,10 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         Complete state of observer and model: a copy, which may be stored and assigned again.
     n_features_in_ : int
 
+    See Also
+    --------
+    Monitor : Detects that the model has ceased to hold.
+
     Notes
     -----
     The hysteresis, and all stages before the last linear ones, follow the drive alone. Variances

@@ -61,6 +61,11 @@ class Drift(Disturbance):
     record_coefficients_ : ndarray of shape (n_records, degree + 1)
         Units of the response; :meth:`predict` gives the mean over the records.
 
+    See Also
+    --------
+    Offset : One constant per record.
+    skhyst.linear.LogCreep : Slow motion that the drive causes.
+
     Examples
     --------
     >>> import numpy as np

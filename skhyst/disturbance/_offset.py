@@ -44,6 +44,10 @@ class Offset(Disturbance):
     record_coefficients_ : ndarray of shape (n_records, 1)
         Units of the response.
 
+    See Also
+    --------
+    Drift : A slow function of time.
+
     Examples
     --------
     >>> import numpy as np

@@ -70,6 +70,10 @@ class PeriodicDisturbance(Disturbance):
     record_coefficients_ : ndarray of shape (n_records, 2 * n_frequencies)
         Cosine, then sine amplitudes, units of the response.
 
+    See Also
+    --------
+    Drift : A slow function of time.
+
     Examples
     --------
     >>> import numpy as np

@@ -469,6 +469,10 @@ class TankChain(ParametricModel):
         ``time_constants``, ``exponents``, ``ceilings``, ``shares``, ``drive_offset``, ``gain``,
         ``intercept`` and ``scale``.
 
+    See Also
+    --------
+    skhyst.linear.FirstOrderLag : The tank with a linear outflow.
+
     References
     ----------
     Schoukens and Noël, *IFAC-PapersOnLine*, 2017: the cascaded tanks.

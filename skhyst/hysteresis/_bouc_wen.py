@@ -692,6 +692,12 @@ class BoucWen(ParametricModel):
         ``gain`` (``k``), ``alpha``, ``limit`` (``D``), ``ratio`` (``r``), ``exponent``,
         ``asymmetry``, ``intercept``, those that are fitted, and their standard errors.
 
+    See Also
+    --------
+    BoucWenStage : The same force on a mass with a spring and a damper.
+    Duhem : Branches whose shapes are polynomials of the drive.
+    Dahl : Friction, with a shape of its transition of another kind.
+
     References
     ----------
     Bouc, *Fourth Conference on Nonlinear Oscillations*, 1967. Wen, *Journal of the Engineering

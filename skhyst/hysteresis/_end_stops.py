@@ -283,6 +283,11 @@ class EndStops(OscillatorModel):
         spring), ``stop_damping`` (a damping ratio), ``lower`` and ``upper`` (units of the drive),
         ``gain``, ``intercept``.
 
+    See Also
+    --------
+    RestoringForce : A spring that hardens smoothly.
+    skhyst.linear.SecondOrderMode : The stage without stops.
+
     Notes
     -----
     Starting values are found as for :class:`FrictionStage`. The damper of a stop pulls as well as

@@ -169,6 +169,11 @@ class MaxwellSlip(FrictionModel):
     intercept_ : float
         Units of the response.
 
+    See Also
+    --------
+    PrandtlIshlinskii : The superposition of play operators.
+    skhyst.preprocessing.StopOperators : The elements as features for any regressor.
+
     References
     ----------
     Iwan, *Journal of Applied Mechanics*, 1966. Al-Bender, Lampaert and Swevers, *IEEE Transactions

@@ -33,7 +33,6 @@ from numbers import Integral, Real
 
 import numpy as np
 
-from .._documentation import inherit_documentation
 from .._jit import bind, jit
 from .._sklearn import Interval
 from ..base import ParametricModel
@@ -265,7 +264,6 @@ class OscillatorOperator(Operator):
 
     def __init_subclass__(cls, loops, **options):
         super().__init_subclass__(**options)
-        inherit_documentation(cls)
         cls._loop, cls._compiled_step, cls._tangent_loop = map(staticmethod, loops)
 
     def __post_init__(self):

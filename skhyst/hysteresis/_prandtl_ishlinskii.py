@@ -331,6 +331,12 @@ class PrandtlIshlinskii(PlayModel):
         then give counter-clockwise loops (displacement over voltage), stops clockwise ones (force
         over displacement).
 
+    See Also
+    --------
+    ModifiedPrandtlIshlinskii : Loops that are asymmetric or saturate.
+    RateDependentPrandtlIshlinskii : Loops that grow with the rate of the drive.
+    skhyst.preprocessing.PlayOperators : The plays as features for any regressor.
+
     References
     ----------
     Steinbusch, *Hysteresis and Dynamics Compensation for Accurate Positioning in High Speed Piezo

@@ -626,6 +626,11 @@ class Preisach(RelayGridModel):
     reversible_ : ndarray of shape (n_levels - 1,) or (0,)
         Weights of the reversible part, units of the response.
 
+    See Also
+    --------
+    KrasnoselskiiPokrovskii : Continuous elements in place of relays.
+    PrandtlIshlinskii : Fewer weights, with an inverse in closed form.
+
     References
     ----------
     Mayergoyz, *Mathematical Models of Hysteresis and Their Applications*, 2003, sections 1.2

@@ -536,6 +536,11 @@ class RateDependentPrandtlIshlinskii(PlayModel):
     time_constant_ : float
         Time constant of the low-pass, in s; 0 without one.
 
+    See Also
+    --------
+    PrandtlIshlinskii : Loops that do not depend on the rate.
+    TanhHysteresis : Another model with a term in the rate of the drive.
+
     References
     ----------
     Al Janaideh and Krejčí, *IEEE/ASME Transactions on Mechatronics*, 2013. Al Janaideh, Krejčí and

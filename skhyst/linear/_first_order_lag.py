@@ -42,6 +42,11 @@ class FirstOrderLag(LinearModel):
     operator_ : FirstOrderLagOperator
         ``time_constant`` in s, ``gain`` in response units over drive units.
 
+    See Also
+    --------
+    SecondOrderMode : Two poles, which may ring.
+    TransferFunction : Any number of poles and zeros.
+
     Examples
     --------
     >>> import numpy as np

@@ -66,6 +66,10 @@ class Gain(LinearModel):
     operator_ : GainOperator
         ``gain`` in response units over drive units, ``intercept`` in units of the response.
 
+    See Also
+    --------
+    skhyst.static.SmoothCurve : A curve in place of a straight line.
+
     Examples
     --------
     >>> import numpy as np

@@ -84,6 +84,11 @@ class KelvinVoigt(LinearModel):
     static_gain_, static_gain_std_ : float
         Gain at rest and its standard error, units of the response over those of the drive.
 
+    See Also
+    --------
+    LogCreep : Creep over decades of time with one parameter.
+    skhyst.disturbance.Drift : Slow motion whatever the drive.
+
     Examples
     --------
     >>> import numpy as np

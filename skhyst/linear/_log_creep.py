@@ -192,6 +192,11 @@ class LogCreep(LinearModel):
         ``creep`` (:math:`\gamma`, fraction per decade), ``time_constant`` in s, ``gain``. It
         follows the law to 3e-4 of the creep, for ten times the longest record of the fit.
 
+    See Also
+    --------
+    KelvinVoigt : Creep by single units, each with its time constant.
+    skhyst.disturbance.Drift : Slow motion whatever the drive.
+
     References
     ----------
     Fett and Thun, *Journal of Materials Science Letters*, 1998. Jung and Gweon, *Review of

@@ -191,6 +191,11 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
     ValueError
         If no record has 3 samples.
 
+    See Also
+    --------
+    TransferFunction : One response, each input with zeros of its own.
+    SecondOrderMode : A single mode.
+
     References
     ----------
     .. [1] Gustavsen and Semlyen, *IEEE Transactions on Power Delivery*, 1999.

@@ -67,6 +67,11 @@ class SecondOrderMode(LinearModel):
     operator_ : SecondOrderModeOperator
         ``natural_frequency`` in rad/s, ``damping_ratio``, ``gain``.
 
+    See Also
+    --------
+    TransferFunction : Any number of modes.
+    skhyst.hysteresis.RestoringForce : Spring and damper that are not linear.
+
     Examples
     --------
     >>> import numpy as np

@@ -622,6 +622,12 @@ class TransferFunction(ModesMixin, LinearModel):
     ValueError
         If ``n_zeros`` exceeds ``n_poles``, or an input does not exist.
 
+    See Also
+    --------
+    ModalModel : Several inputs and responses with common modes.
+    SecondOrderMode : A single mode.
+    frequency_response : The response without a model.
+
     References
     ----------
     .. [1] Steiglitz and McBride, *IEEE Transactions on Automatic Control*, 1965.

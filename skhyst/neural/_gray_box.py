@@ -508,6 +508,11 @@ class GrayBoxHysteresis(ParametricModel):
     RecordError
         If ``predict`` gets records of another sampling interval than ``fit``: lags are in samples.
 
+    See Also
+    --------
+    skhyst.hysteresis.SystemLevelHysteresis : The hysteresis alone.
+    skhyst.autoregressive.NARMAXRegressor : The dynamics alone.
+
     References
     ----------
     Ahmed and Yan, *IEEE Access*, 2021, equations (15) to (22), (27) and (30) to (43).

@@ -283,6 +283,11 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         No candidate satisfied the inequality before the tolerance was reached: draw more
         candidates, widen ``scopes``, or bring ``contraction`` closer to 1.
 
+    See Also
+    --------
+    skhyst.autoregressive.NARXRegressor : Lagged signals for this network.
+    skhyst.preprocessing.PlayOperators : Hysteretic features for it.
+
     Notes
     -----
     Candidates that vanish almost everywhere are not admitted, nor, with SC-III, those that are

@@ -16,6 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from sklearn.base import clone
 
+from .._documentation import inherit_documentation
+
 JOIN = {}  # symbol -> function of two operands, filled where the nodes are defined
 _COMPOSE = f"{__package__.partition('.')[0]}.compose"  # which imports operators: found when asked
 
@@ -82,6 +84,10 @@ class Part:
     """
 
     model: Any = dataclasses.field(default=None, kw_only=True, compare=False, repr=False)
+
+    def __init_subclass__(cls, **options):
+        super().__init_subclass__(**options)
+        inherit_documentation(cls, attributes=False)
 
     driving_column = 0  # of the input
     structure_of = None  # of a node: name of the estimator in skhyst.compose

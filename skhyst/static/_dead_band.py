@@ -51,6 +51,11 @@ class DeadBand(StaticModel):
     operator_ : DeadBandOperator
         ``center`` (a + b) / 2 and ``half_width`` (b - a) / 2, units of the signal.
 
+    See Also
+    --------
+    skhyst.hysteresis.Backlash : A gap with memory.
+    DeadZones : One-sided dead zones, added.
+
     Examples
     --------
     >>> import numpy as np

@@ -185,6 +185,11 @@ class DeadZones(StaticModel):
     operator_ : DeadZoneOperator
         ``weights``, ``thresholds`` (units of the signal), ``side``.
 
+    See Also
+    --------
+    skhyst.hysteresis.ModifiedPrandtlIshlinskii : Plays with this curve behind them.
+    SmoothCurve : A curve without kinks.
+
     Examples
     --------
     >>> import numpy as np

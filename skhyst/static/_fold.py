@@ -77,6 +77,10 @@ class Fold(StaticModel):
     operator_ : FoldOperator
         ``level`` a, units of the drive.
 
+    See Also
+    --------
+    SmoothCurve : Curves that do not turn round.
+
     Examples
     --------
     >>> import numpy as np

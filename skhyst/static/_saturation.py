@@ -54,6 +54,11 @@ class Saturation(SaturationModel):
     operator_ : SaturationOperator
         ``lower`` and ``upper``, units of the signal.
 
+    See Also
+    --------
+    SoftSaturation : With a rounded knee.
+    skhyst.hysteresis.SlewLimit : Limits of the rate.
+
     Examples
     --------
     >>> import numpy as np

@@ -89,6 +89,11 @@ class SmoothCurve(StaticModel):
     operator_ : PolynomialCurveOperator
         ``coefficients``, from degree 2 on, relative to ``scale``.
 
+    See Also
+    --------
+    DeadZones : A curve in straight pieces.
+    SoftSaturation : A curve with two limits.
+
     Examples
     --------
     >>> import numpy as np

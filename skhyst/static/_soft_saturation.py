@@ -119,6 +119,11 @@ class SoftSaturation(SaturationModel):
         ``level`` L and ``center`` c, units of the signal; ``knee`` n, from 0.3 to 50;
         ``unsaturated(y)``.
 
+    See Also
+    --------
+    Saturation : With sharp limits.
+    skhyst.hysteresis.JilesAtherton : Magnetic saturation with hysteresis.
+
     References
     ----------
     .. [1] Jiles and Atherton, *Journal of Magnetism and Magnetic Materials*, 1986, on anhysteretic
