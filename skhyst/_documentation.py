@@ -59,7 +59,6 @@ def documented_like(*others):
 def _completed(docstring, order, sources, titles):
     """Return a docstring with the entries of sources; ``order`` are the names of parameters."""
     lines = inspect.cleandoc(docstring).split("\n")
-    lines += [""] * (len(lines) == 1)  # between a summary alone and its first section
     for title in titles:
         start, stop = _section(lines, title)
         entries = _entries(lines[start:stop])
@@ -80,6 +79,8 @@ def _completed(docstring, order, sources, titles):
         if entries:
             text = [line for entry in entries.values() for line in entry]
             head = [] if start < stop else [title, "-" * len(title)]
+            if head and lines[start - 1]:
+                head.insert(0, "")
             lines[start:stop] = [*head, *text, ""]
     return "\n".join(lines)
 

@@ -5,6 +5,7 @@ method's own parameters. `[tool.numpydoc_validation]` of pyproject.toml lists th
 switched off, each with its reason.
 """
 
+import dataclasses
 import importlib
 import inspect
 import pkgutil
@@ -12,7 +13,7 @@ import sys
 from functools import cached_property
 from pathlib import Path
 
-from numpydoc.docscrape import get_doc_object
+from numpydoc.docscrape import ClassDoc, get_doc_object
 from numpydoc.hooks.validate_docstrings import parse_config
 from numpydoc.validate import ERROR_MSGS, Validator, validate
 from sklearn.base import BaseEstimator
@@ -23,26 +24,25 @@ ROOT = Path(__file__).resolve().parents[1]
 class Documented(Validator):
     """An object with the docstring that it shows, whether its own or that of a base class."""
 
+    source_file_def_line = None  # a decorated lambda has none that numpydoc finds
+
     def __init__(self, obj_name):
         shown = self._load_obj(obj_name)
         text = inspect.getdoc(shown) or ""
         super().__init__(get_doc_object(shown, doc=text))
         self.raw_doc = f"\n{text}\n" if text else ""
 
-    source_file_def_line = None  # a decorated lambda has none that numpydoc finds
 
-
-def public_names(package="skhyst"):
+def public_names(package):
     """Yield the dotted names of what the public modules list, and of methods and properties."""
-    for module in sorted(public_modules(package)):
+    for module in public_modules(package):
         listed = importlib.import_module(module)
         for name in getattr(listed, "__all__", ()):
             member = getattr(listed, name)
-            if inspect.isclass(member):
+            if getattr(member, "__module__", "").partition(".")[0] == package:
                 yield f"{module}.{name}"
-                yield from (f"{module}.{name}.{own}" for own in own_members(member, package))
-            elif inspect.isfunction(member):
-                yield f"{module}.{name}"
+                if inspect.isclass(member):
+                    yield from (f"{module}.{name}.{own}" for own in members(member, package))
 
 
 def public_modules(package):
@@ -52,19 +52,22 @@ def public_modules(package):
     return [name for name in names if not any(part[0] == "_" for part in name.split("."))]
 
 
-def own_members(kind, package):
-    """Return the public methods and properties that a class has from this package."""
-    bases = [base for base in kind.__mro__ if base.__module__.partition(".")[0] == package]
-    found = {}
-    for base in bases:
-        for name, member in vars(base).items():
-            is_code = callable(member) or isinstance(member, DESCRIPTORS)
-            if is_code and not name.startswith("_") and not inspect.isclass(member):
-                found.setdefault(name)
-    return sorted(found)
+def members(kind, package):
+    """Return the public methods and properties that a class has from a package."""
+    names = {
+        name
+        for base in kind.__mro__
+        if base.__module__.partition(".")[0] == package
+        for name in vars(base)
+        if not name.startswith("_")
+    }
+    return sorted(name for name in names if is_code(inspect.getattr_static(kind, name)))
 
 
-DESCRIPTORS = (property, cached_property, classmethod, staticmethod)
+def is_code(member):
+    """Return whether a member of a class is a method or a property."""
+    member = getattr(member, "__func__", member)  # of a class method or a static one
+    return inspect.isfunction(member) or isinstance(member, property | cached_property)
 
 
 def faults(names, switched_off):
@@ -74,24 +77,53 @@ def faults(names, switched_off):
         shown = Validator._load_obj(name)
         code = getattr(shown, "fget", shown)
         code = getattr(code, "__func__", code)
-        if id(code) in seen:
-            continue
-        seen.add(id(code))
-        for check, message in validate(name, validator_cls=Documented)["errors"]:
-            if check not in switched_off | off_for(shown):
-                yield name, check, message
+        if code not in seen:
+            seen.add(code)
+            off = switched_off | not_asked(name, shown)
+            found = validate(name, validator_cls=Documented)["errors"]
+            yield from ((name, check, text) for check, text in found if check not in off)
 
 
-def off_for(shown):
-    """Return the checks that only some objects have to pass."""
-    is_model = inspect.isclass(shown) and issubclass(shown, BaseEstimator)
-    return set()
+def not_asked(name, shown):
+    """Return the checks that an object of this kind need not pass."""
+    if inspect.isclass(shown):
+        return not_asked_of_class(shown)
+    off = {"SA01"}  # a class leads to its like
+    owner = Validator._load_obj(name.rpartition(".")[0])
+    if inspect.isclass(owner):
+        off |= {"EX01"}  # that of the class uses its methods
+        if not callable(shown):
+            off |= {"GL08"} if name.rpartition(".")[2] in attributes(owner) else set()
+        elif not set(inspect.signature(shown).parameters) - {"self", "cls"}:
+            off |= {"RT01"}  # like a property: the summary says what it returns
+    return off
+
+
+def not_asked_of_class(kind):
+    """Return the checks that a class need not pass."""
+    if issubclass(kind, BaseEstimator):
+        return set()
+    off = {"SA01"}
+    if not hasattr(kind, "run") or inspect.isabstract(kind):
+        off |= {
+            "EX01"
+        }  # what a function returns, and what is a base, are shown where they are used
+    if kind.__subclasses__():
+        off |= {"PR02"}  # a base describes parameters that its subclasses have
+    if dataclasses.is_dataclass(kind) and all(own.kw_only for own in dataclasses.fields(kind)):
+        off |= {"PR03"}  # their order has no meaning: those of a class come before its base's
+    return off
+
+
+def attributes(kind):
+    """Return the names in the section of attributes of a class."""
+    found = ClassDoc(kind, config={"show_class_members": False})["Attributes"]
+    return {name for entry in found for name in entry.name.split(", ")}
 
 
 def main():
-    checks = parse_config(ROOT)["checks"]
-    off = checks - {"all"} if "all" in checks else set(ERROR_MSGS) - checks
-    found = [f"{name} {check} {text}" for name, check, text in faults(public_names(), off)]
+    off = ERROR_MSGS.keys() - parse_config(ROOT)["checks"]
+    found = [" ".join(fault) for fault in faults(public_names("skhyst"), off)]
     print("\n".join(found))
     sys.exit(bool(found))
 

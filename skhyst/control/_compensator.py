@@ -387,6 +387,11 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
             Samples; by default those of :meth:`preview`. Each sample less multiplies the error by
             the magnitude of the zeros outside the unit circle.
 
+        Returns
+        -------
+        Stepper
+            ``step(reference) -> drive``.
+
         Raises
         ------
         NotImplementedError
@@ -460,12 +465,14 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
 
     @property
     def drive_limits_(self) -> tuple[float, float]:
+        """Smallest and largest drive, units of the drive; infinite where there is no limit."""
         check_is_fitted(self)
         limits = self._limits()
         return float(limits.low), float(limits.high)
 
     @property
     def rate_limit_(self) -> float:
+        """Largest rate of the drive, its units per s; infinite where there is no limit."""
         check_is_fitted(self)
         return float(self._limits().rate)
 

@@ -58,6 +58,7 @@ class DeviceStepper:
         Parameters
         ----------
         u : array-like of shape (n_samples,) or (n_samples, n_inputs)
+            Drives, as of :meth:`step`.
 
         Returns
         -------

@@ -45,7 +45,7 @@ __all__ = [
 class Plant:
     """A signal path.
 
-    Attributes
+    Parameters
     ----------
     places : dict of str to tuple of callable
         The stages at each place, in the order of the path.
@@ -159,20 +159,20 @@ class Plant:
 class PlantEffect:
     """How the plant of each record is changed, and what is added to each response.
 
-    Attributes
+    Parameters
     ----------
-    place : str
+    place : str, default=""
         Where a stage is inserted.
-    stage : callable, list of callable or None
+    stage : callable, list of callable or None, default=None
         The stage; a list holds one for each record.
-    alter : callable or None
+    alter : callable, default=None
         Instead, maps the plant of a record and its number to the changed plant.
-    beside : list of ndarray of shape (n_samples,)
-        What is added to the response of each record.
-    column : (str, list of ndarray of shape (n_samples,))
-        Name and values, record by record, of a column beside the drive.
-    truth : dict
-        Parameters, for whoever wants to know.
+    beside : list of ndarray of shape (n_samples,), default=[]
+        What is added to the response of each record; empty: nothing.
+    column : (str, list of ndarray of shape (n_samples,)), default=("", [])
+        Name and values, record by record, of a further column of X.
+    truth : dict, default={}
+        True parameters of the effect, by name.
     """
 
     place: str = ""
@@ -632,14 +632,18 @@ def oscillate(
         1 where the damper stands on the base that the signal moves, 0 where on the ground.
     scale : float, default=1.0
         Full scale Y of the displacement, units of the signal.
-    cubic, friction, hysteretic : float, default=0.0
-        Factors of the three forces.
-    presliding, width : float, default=1.0
-        Displacements over which friction and Bouc-Wen force build up, fractions of Y.
+    cubic, friction : float, default=0.0
+        Factors of these forces.
+    presliding : float, default=1.0
+        Displacement over which friction builds up, a fraction of Y.
     static : float, default=1.0
         Friction before sliding, relative to that of fast sliding.
     stribeck : float, default=1.0
         Velocity over which the excess of static friction fades, in w Y.
+    hysteretic : float, default=0.0
+        Factor of the Bouc-Wen force.
+    width : float, default=1.0
+        Displacement over which it builds up, a fraction of Y.
 
     Examples
     --------

@@ -413,14 +413,47 @@ def register_effect(effect) -> None:
 
 
 def unregister_effect(name) -> None:
-    """Forget an effect that was registered."""
+    """Forget an effect that was registered.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+
+    Raises
+    ------
+    ValueError
+        If no effect has this name.
+
+    Examples
+    --------
+    >>> from skhyst.diagnosis import Effect, effect_names, register_effect, unregister_effect
+    >>> from skhyst.linear import TransferFunction
+    >>> variants = lambda: [TransferFunction(n_poles=3)]
+    >>> register_effect(Effect("third_order", variants, "A mode and a lag.", "Sweep further."))
+    >>> unregister_effect("third_order")
+    >>> "third_order" in effect_names()
+    False
+    """
     if name not in EFFECTS:
         raise ValueError(f"No effect is named '{name}'. There are: {', '.join(EFFECTS)}.")
     del EFFECTS[name]
 
 
 def effect_names() -> list[str]:
-    """Return the names of all effects that a search tries."""
+    """Return the names of all effects that a search tries.
+
+    Returns
+    -------
+    list of str
+        Those of skhyst, then those that were registered.
+
+    Examples
+    --------
+    >>> from skhyst.diagnosis import effect_names
+    >>> "creep" in effect_names()
+    True
+    """
     return list(EFFECTS)
 
 

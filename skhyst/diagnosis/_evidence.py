@@ -26,7 +26,16 @@ _UNTOLD = re.compile("(weight|coefficient|compliance|numerator)s? ")
 class Evidence:
     """What a claim rests on.
 
-    ``numbers`` maps a name to (value, standard error or NaN, unit).
+    Parameters
+    ----------
+    effect : str
+        Name of the effect.
+    statement : str
+        What it rests on, in one sentence.
+    numbers : dict of str to (float, float, str)
+        Value, standard error or NaN, and unit, by name.
+    picture : Picture
+        Curves that show it.
     """
 
     effect: str

@@ -20,7 +20,7 @@ from ._reference import column_of
 class Experiment:
     """A drive to record next.
 
-    Attributes
+    Parameters
     ----------
     drive : Series of shape (n_samples,)
         Units of the drive; the index is the time in s. The device rests at the first value before.
@@ -43,6 +43,7 @@ class Experiment:
         Parameters
         ----------
         path : str or Path
+            File that is written.
         force : bool, default=False
             Whether a file that is there is written over.
 

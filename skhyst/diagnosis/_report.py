@@ -185,11 +185,45 @@ class Report:
         return _written(_rendered(self, "html"), path)
 
     def to_markdown(self, path=None) -> str:
-        """Return the text and the tables without pictures; otherwise as :meth:`to_html`."""
+        """Return the text and the tables without pictures.
+
+        Parameters
+        ----------
+        path : str, Path or None, default=None
+            File to write as well.
+
+        Returns
+        -------
+        str
+            Markdown.
+
+        Raises
+        ------
+        ImportError
+            Where Jinja2 is not installed.
+        OSError
+            If the file cannot be written, or is a link; what was there is left as it was.
+        """
         return _written(_rendered(self, "markdown"), path)
 
     def to_json(self, path=None) -> str:
-        """Return :meth:`to_dict` as JSON text, written to a file ``path`` where one is given."""
+        """Return :meth:`to_dict` as JSON.
+
+        Parameters
+        ----------
+        path : str, Path or None, default=None
+            File to write as well.
+
+        Returns
+        -------
+        str
+            JSON.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written, or is a link; what was there is left as it was.
+        """
         content = json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
         return _written(printable(content), path)
 

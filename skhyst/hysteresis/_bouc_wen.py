@@ -576,6 +576,7 @@ class BoucWenOperator(Operator):
 
     @property
     def presliding_displacement(self):
+        """Displacement over which the force builds up, units of the drive."""
         return float(self.limit)
 
     def characteristics(self, seen):

@@ -222,6 +222,7 @@ class EndStopsOperator(OscillatorOperator, loops=(*loops(impact), end_stops_tang
 
     @property
     def presliding_displacement(self):
+        """None: a stop is no friction."""
         return None
 
     def fastest_rate(self):

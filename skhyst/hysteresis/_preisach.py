@@ -587,9 +587,19 @@ class PreisachOperator(RelayGridOperator):
         everett_tangents(u, du, self._center, *self._tables, points, last, out)
 
     def everett(self, alpha, beta):
-        """Return the Everett function: half the response's change from ``beta`` up to ``alpha``.
+        """Return the Everett function: half the change of the response over an ascending branch.
 
-        Beyond the levels it stays constant.
+        The branch goes from ``beta`` up to ``alpha``. Beyond the levels the function is constant.
+
+        Parameters
+        ----------
+        alpha, beta : float
+            Upper and lower drive.
+
+        Returns
+        -------
+        float
+            Units of the response.
         """
         high, low = np.clip([alpha, beta], *self.levels[[0, -1]])
         levels, everett, diagonal, _, *bins = self._tables

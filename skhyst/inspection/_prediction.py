@@ -33,7 +33,18 @@ class PredictionDisplay(SignalDisplay):
     """
 
     def furthest_off(self, n_samples) -> slice:
-        """Return the rows around the largest error of the first model, within one record."""
+        """Return the rows around the largest error of the first model, within one record.
+
+        Parameters
+        ----------
+        n_samples : int
+            Number of rows, fewer in a shorter record.
+
+        Returns
+        -------
+        slice
+            The rows.
+        """
         error = np.abs(self.response - next(iter(self.predictions.values())))
         worst = int(np.argmax(np.nan_to_num(error)))
         span = next(own for own in self.spans if own.start <= worst < own.stop)

@@ -41,11 +41,13 @@ from ._part import Stage as Stage
 from ._part import snake_case as snake_case
 from ._plays import Superposition as Superposition
 from ._plays import clip_play as clip_play
-from ._plays import play_basis, play_thresholds, stop_basis, turning_points
+from ._plays import play_basis as play_basis
 from ._plays import play_sum_run as play_sum_run
 from ._plays import play_sum_step as play_sum_step
 from ._plays import play_sum_table as play_sum_table
 from ._plays import play_tangents as play_tangents
+from ._plays import play_thresholds, turning_points
+from ._plays import stop_basis as stop_basis
 from ._products import sum_of_products as sum_of_products
 from ._protocol import Operator, ParameterSpec, parameter
 from ._protocol import as_constant as as_constant
@@ -83,8 +85,6 @@ __all__ = [
     "check_operator",
     "inverse_of",
     "parameter",
-    "play_basis",
     "play_thresholds",
-    "stop_basis",
     "turning_points",
 ]

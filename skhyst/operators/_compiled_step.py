@@ -87,9 +87,19 @@ class CompiledStep:
     flags = ()
 
     def is_possible(self, s):
-        """Whether a step can go on from the finite state ``s``: places in it are those of its law.
+        """Whether a step can go on from a finite state: places in it are those of its law.
 
         Compiled code looks nothing up a second time: a place out of range ends the interpreter.
+
+        Parameters
+        ----------
+        s : ndarray of shape (n_states,)
+            State, finite.
+
+        Returns
+        -------
+        bool
+            Whether it can.
         """
         return True
 
@@ -98,19 +108,48 @@ class CompiledStep:
 
         Parameters
         ----------
-        s : array of shape (n_states,)
+        s : ndarray of shape (n_states,)
+            State, which the function changes.
         binding : callable
             ``binding(step, constants, s)`` returns a function of the input for one compiled step;
             ``s`` is the part of the state that belongs to it.
+
+        Returns
+        -------
+        callable
+            Function of the input.
         """
         raise NotImplementedError
 
     def stepping(self, s):
-        """Return a function of the input at a sample that returns the output and changes ``s``."""
+        """Return a function of the input at one sample.
+
+        Parameters
+        ----------
+        s : ndarray of shape (n_states,)
+            State, which the function changes.
+
+        Returns
+        -------
+        callable
+            ``u -> y``: the output at the sample.
+        """
         return self.bound(s, _stepping)
 
     def streaming(self, s):
-        """Return a function of the input (n_samples,) or (n_samples, n_inputs) that does so too."""
+        """Return a function of the input at many samples.
+
+        Parameters
+        ----------
+        s : ndarray of shape (n_states,)
+            State, which the function changes.
+
+        Returns
+        -------
+        callable
+            ``u -> y`` of the input (n_samples,) or (n_samples, n_inputs), with the output
+            (n_samples,).
+        """
         return self.bound(s, _streaming)
 
 
@@ -123,7 +162,9 @@ class CompiledLaw(CompiledStep):
     step : callable
         Compiled ``step(u, c, s) -> y``.
     constants : tuple of float and ndarray
+        Constants ``c`` of the step.
     state : array-like of shape (n_states,)
+        State before the first sample.
     n_inputs : int, default=None
         Columns of the input that are read; None for a signal.
     double_only : str, default=""
@@ -131,6 +172,8 @@ class CompiledLaw(CompiledStep):
     possible : callable, default=None
         ``possible(s, c) -> bool`` where the state holds places in tables or in itself: whether
         they are in range. None: the step takes any finite state.
+    flags : tuple of (str, int), default=()
+        As of :class:`CompiledStep`.
 
     Examples
     --------
@@ -157,7 +200,18 @@ class CompiledLaw(CompiledStep):
         object.__setattr__(self, "state", as_constant(self.state))
 
     def behind(self, u):
-        """Return the step that has seen the input (n_samples,)."""
+        """Return the step with the state that an input leaves.
+
+        Parameters
+        ----------
+        u : array-like of shape (n_samples,)
+            The input.
+
+        Returns
+        -------
+        CompiledLaw
+            A copy.
+        """
         s = self.state.copy()
         step = self.stepping(s)
         for value in u:
@@ -366,11 +420,6 @@ class Stepper:
     dt : float, default=None
         That interval in s, where it is known.
 
-    Raises
-    ------
-    ValueError
-        If ``dt`` is no interval.
-
     Attributes
     ----------
     dt : float or None
@@ -381,6 +430,11 @@ class Stepper:
         Conditions that hold at the last sample, such as ``"limited"``: limits have cut the drive.
     compiled_step : CompiledStep
         What is stepped, with the state that it began from.
+
+    Raises
+    ------
+    ValueError
+        If ``dt`` is not a positive number.
 
     Examples
     --------
@@ -457,6 +511,7 @@ class Stepper:
         Parameters
         ----------
         u : array-like of shape (n_samples,) or (n_samples, n_inputs)
+            Drives, as of :meth:`step`.
 
         Returns
         -------

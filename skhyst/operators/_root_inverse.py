@@ -195,8 +195,14 @@ def inverse_of(operator, low=-math.inf, high=math.inf):
     Parameters
     ----------
     operator : Operator
-    low, high : float
-        Limits of its input, for the root.
+        From a drive to a response.
+    low, high : float, default=-inf, inf
+        Limits of the drive, for the root.
+
+    Returns
+    -------
+    Operator
+        From the response to the drive.
 
     Raises
     ------

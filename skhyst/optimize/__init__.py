@@ -21,15 +21,16 @@ from ._population import (
     DifferentialEvolution,
     ModifiedCuckooSearch,
     ParticleSwarm,
-    PopulationMethod,
 )
-from ._problem import OperatorProblem, RecordData
+from ._problem import OperatorProblem as OperatorProblem
+from ._problem import RecordData
 from ._problem import ages as ages
 from ._problem import path_of as path_of
 from ._single_step import predicted_cost as predicted_cost
 from ._single_step import single_step as single_step
 from ._standard_errors import coloured_covariance as coloured_covariance
-from ._variable_projection import Method, VariableProjection, variable_projection
+from ._variable_projection import Method, VariableProjection
+from ._variable_projection import variable_projection as variable_projection
 from ._vector_fitting import RationalBlock as RationalBlock
 from ._vector_fitting import rational_residues as rational_residues
 from ._vector_fitting import vector_fit as vector_fit
@@ -41,11 +42,8 @@ __all__ = [
     "LevenbergMarquardt",
     "Method",
     "ModifiedCuckooSearch",
-    "OperatorProblem",
     "ParticleSwarm",
-    "PopulationMethod",
     "RecordData",
     "VariableProjection",
     "identify",
-    "variable_projection",
 ]

@@ -26,6 +26,7 @@ class LevenbergMarquardt(Method):
     Parameters
     ----------
     max_epochs : int, default=1000
+        Budget of a run.
     goal : float, default=0.0
         Ends at this mean square of the error over that of the response.
     tolerance : float, default=1e-8

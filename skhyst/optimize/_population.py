@@ -39,6 +39,7 @@ class PopulationMethod(Method):
     population : int, default=50
         Number of candidates.
     max_iterations : int, default=300
+        Budget of iterations.
     max_evaluations : int or None, default=None
         Budget of simulations of all records; the iterations alone limit them by default.
     project : bool, default=True
@@ -138,7 +139,9 @@ class DifferentialEvolution(PopulationMethod):
     Parameters
     ----------
     strategy : str, default="best1bin"
+        See :func:`scipy.optimize.differential_evolution`.
     mutation : float or (float, float), default=(0.5, 1.0)
+        See :func:`scipy.optimize.differential_evolution`.
     recombination : float, default=0.7
         See :func:`scipy.optimize.differential_evolution`.
     tolerance : float, default=0.0

@@ -274,6 +274,7 @@ class Method(ABC):
         Parameters
         ----------
         problems : sequence of OperatorProblem
+            What is minimised: ``evaluate``, ``total``, ``x0``, ``lower``, ``upper``, ``linear``.
 
         Returns
         -------
@@ -341,7 +342,10 @@ def search_box(problems):
 
 @dataclass(frozen=True, kw_only=True)
 class VariableProjection(Method):
-    """Separable least squares with exact derivatives; see :func:`variable_projection`.
+    """Separable least squares with exact derivatives: variable projection.
+
+    Each step is a Gauss-Newton step in all parameters, damped and within their bounds, followed by
+    the exact solution for those that enter linearly.
 
     Every start is followed for a few evaluations, the best two to the end. On long records (more
     than 50,000 samples) only those are followed that fit best once their linear parameters are
@@ -356,6 +360,11 @@ class VariableProjection(Method):
     n_random_starts : int, default=0
         Starts drawn at random within the bounds, in about half of the unknowns each, from the best
         solution that the starts from the data have led to.
+
+    References
+    ----------
+    Golub and Pereyra, *SIAM Journal on Numerical Analysis*, 1973; Ruhe and Wedin, *SIAM Review*,
+    1980, algorithm 3; damping: Nielsen, *Damping Parameter in Marquardt's Method*, 1999.
 
     Examples
     --------

@@ -36,6 +36,7 @@ def data_quality(X, y, records) -> pd.DataFrame:
     y : ndarray of shape (n_samples,)
         Response.
     records : sequence of RecordSlice
+        Rows and sampling interval of each record.
 
     Returns
     -------

@@ -24,11 +24,11 @@ from skhyst.optimize import (
     ModifiedCuckooSearch,
     OperatorProblem,
     ParticleSwarm,
-    PopulationMethod,
     RecordData,
     VariableProjection,
     identify,
 )
+from skhyst.optimize._population import PopulationMethod
 from skhyst.optimize._variable_projection import restrict, search_box
 
 DT = 0.01
