@@ -1,4 +1,4 @@
-"""Docstrings: what that of a base class, or of a like function, says is said once."""
+"""Docstrings completed by those of base classes and of similar functions."""
 
 import dataclasses
 import inspect
@@ -40,10 +40,10 @@ def _constructor(cls):
 
 
 def documented_like(*others):
-    """Decorate a function: complete its docstring by what those of other functions say.
+    """Decorate a function: complete its docstring by those of other functions.
 
-    That is what they say of its parameters, what is returned and what is raised, where the function
-    has no such sections.
+    What they say of its parameters is added, and of what is returned and raised where the function
+    has no such section.
     """
 
     def decorate(function):

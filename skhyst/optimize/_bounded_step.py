@@ -1,9 +1,9 @@
-"""The least of a quadratic function between bounds."""
+"""Minimum of a quadratic function within bounds."""
 
 import numpy as np
 from scipy.linalg.lapack import dposv
 
-_LEAST = np.sqrt(np.finfo(float).tiny)  # of a column that is no rounding error of nothing
+_LEAST = np.sqrt(np.finfo(float).tiny)  # norm of a column; below it, a column counts as zero
 _RIDGE = 1e-13  # relative to the scaled diagonal; keeps exactly collinear columns solvable
 
 
@@ -21,14 +21,16 @@ def bounded_step(hessian, gradient, lower, upper):
     hessian : ndarray of shape (n, n)
         Positive semidefinite.
     gradient : ndarray of shape (n,)
+        At ``s = 0``.
     lower, upper : ndarray of shape (n,)
         ``lower <= 0 <= upper``, possibly infinite.
 
     Returns
     -------
     ndarray of shape (n,)
+        The step; zero where the column of an entry is zero.
     """
-    scale = np.sqrt(np.maximum(np.diag(hessian), 0.0))  # rounding may leave less than nothing
+    scale = np.sqrt(np.maximum(np.diag(hessian), 0.0))  # rounding may make it negative
     moves = scale > _LEAST
     if not moves.any():
         return np.zeros(len(scale))
@@ -42,7 +44,7 @@ def bounded_step(hessian, gradient, lower, upper):
     s = -solve_definite(h, g)
     if np.all((low <= s) & (s <= high)):
         return s * inverse
-    s = np.clip(s, low, high)  # most bounds that this is at are those of the solution
+    s = np.clip(s, low, high)  # most bounds active here are active at the solution
     free = moves & (low < s) & (s < high)
     for _ in range(10 * n + 10):
         if free.any():
@@ -72,7 +74,7 @@ def bounded_step(hessian, gradient, lower, upper):
 
 
 def solve_definite(h, g):
-    """Solve ``h x = g`` by Cholesky factors, or as least squares where h is not definite."""
+    """Solve ``h x = g`` by a Cholesky factorisation, or least squares if h is not definite."""
     if not len(g):
         return g
     # LAPACK itself: the checks of scipy.linalg cost more than these few unknowns

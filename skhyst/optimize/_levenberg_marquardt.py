@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt with a damping that moves by factors, as Ahmed and Yan (2021) train."""
+"""Levenberg-Marquardt with a damping that changes by factors, as Ahmed and Yan (2021) train."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from ._variable_projection import Method, restrict, variable_projection
 
-_FULL_RUNS = 2  # of many starts, so many are followed to the end
+_FULL_RUNS = 2  # starts that are followed to the end
 _TRIAL_EPOCHS = 3
 
 
@@ -93,13 +93,13 @@ class LevenbergMarquardt(Method):
 
 @dataclass
 class _Factors:
-    """Damping that moves by factors."""
+    """Damping that changes by constant factors."""
 
     value: float
     decrease: float
     increase: float
     largest: float
-    shorter = np.inf  # the factors alone decide
+    shorter = np.inf  # no limit to the length of a step but by the factors
 
     def accepted(self, ratio):
         self.value = max(self.value * self.decrease, np.finfo(float).tiny)

@@ -27,12 +27,12 @@ _SIGMA = (
 
 
 class _Finished(Exception):
-    """The budget is used up, or the callback has ended the search."""
+    """Raised when the budget is used up, or the callback has ended the search."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PopulationMethod(Method):
-    """Base of the methods that move a population of candidates at random.
+    """Base of the stochastic methods with a population of candidates.
 
     Parameters
     ----------
@@ -60,9 +60,9 @@ class PopulationMethod(Method):
 
     @abstractmethod
     def _search(self, objective, lower, upper, rng):
-        """Call ``objective`` with candidates (n, d) within the box until the iterations are over.
+        """Call ``objective`` with candidates (n, d) within the box until the iterations are done.
 
-        It returns their sums of squares and remembers the best candidate.
+        ``objective`` returns their sums of squares and remembers the best candidate.
         """
 
     def solve(self, problems):
@@ -112,7 +112,7 @@ class _Objective:
             self.n_evaluations >= self.method.max_evaluations
         ):
             raise _Finished
-        x = self.best.copy()  # whose linear part has the size of the solution's
+        x = self.best.copy()  # its linear part has the magnitude of the solution
         x[self.searched] = candidate
         gram = self.problem.total(self.problem.evaluate(x, jacobian=self.method.project))
         self.n_evaluations += 1
@@ -184,7 +184,7 @@ class ParticleSwarm(PopulationMethod):
     inertia : (float, float), default=(0.9, 0.1)
         At the first and at the last iteration; linear between.
     acceleration : float, default=1.5
-        Towards a particle's own best place, and towards the swarm's.
+        Towards the best position of the particle, and towards that of the swarm.
     """
 
     inertia: tuple = (0.9, 0.1)
@@ -203,7 +203,7 @@ class ParticleSwarm(PopulationMethod):
                 + self.acceleration * rng.random(shape) * (best - x)
             )
             inside = np.clip(x + velocity, lower, upper)
-            velocity[inside != x + velocity] = 0.0  # a wall stops a particle
+            velocity[inside != x + velocity] = 0.0  # the boundary stops a particle
             x = inside
             cost = objective(x)
             better = cost < least
@@ -212,7 +212,7 @@ class ParticleSwarm(PopulationMethod):
 
 @dataclass(frozen=True, kw_only=True)
 class _Cuckoos(PopulationMethod):
-    """The search itself; a subclass gives the probability and the step by progress, 0 to 1."""
+    """The cuckoo searches; a subclass gives probability and step by the progress, 0 to 1."""
 
     renewal: str = "walk"
 
