@@ -68,12 +68,12 @@ class Factor(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Part:
-    """Base of the operators: what makes them parts of a tree.
+    """Base of the operators: a part of a tree.
 
     Parameters
     ----------
     model : estimator, default=None
-        The unfitted estimator that it belongs to; keyword only. None: it is not said.
+        The unfitted estimator that it belongs to; None if it is not known.
 
     Examples
     --------
@@ -108,7 +108,7 @@ class Part:
 
     @property
     def label(self) -> str:
-        """Name of a part that has none: that of its estimator, or of its own class."""
+        """Default name of a part: that of its estimator, or of its own class."""
         kind = type(self if self.model is None else self.model).__name__
         return snake_case(kind.removesuffix("Operator"))
 
@@ -118,12 +118,17 @@ class Part:
         Parameters
         ----------
         **params : object
-            Parameters in place of those that the estimator has, such as ``dt``.
+            Parameters in place of those of the estimator, such as ``dt``.
+
+        Returns
+        -------
+        estimator
+            Unfitted.
 
         Raises
         ------
         ValueError
-            If a part does not say which estimator it belongs to.
+            If a part does not know the estimator that it belongs to.
         """
         return clone(self.unfitted()).set_params(**params)
 
@@ -148,19 +153,19 @@ class Part:
         return frozenset() if self.model is None else self.model.held_parameters()
 
     def free_mask(self) -> np.ndarray:
-        """Mark the values of ``pack`` that are free: neither held, nor another's freedom."""
+        """Mark the values of ``pack`` that are free: neither held, nor fixed by the gauge."""
         held = self.held_entries()
         is_held = np.array([name in held for name, _ in self.entries()], dtype=bool)
         return ~(self.gauge_mask() | is_held)
 
     def released(self):
-        """Return a copy that belongs to no estimator, and of which no part is held."""
+        """Return a copy without estimators and without held entries."""
         return self if self.model is None else dataclasses.replace(self, model=None)
 
     # ------------------------------------------------------------------ its parts
 
     def split(self):
-        """Return what is driven, and a tuple of the additive disturbances."""
+        """Return the driven part, or None, and a tuple of the additive disturbances."""
         return (None, (self,)) if self.is_disturbance else (self, ())
 
     @property
