@@ -9,6 +9,5 @@ from ._columns import is_constant as is_constant
 from ._corrected import Corrected
 from ._scheduled_parameters import ScheduledParameters
 from ._sum import Sum
-from ._sum import constant_entries as constant_entries
 
 __all__ = ["Cascade", "Corrected", "Modulated", "OnColumn", "ScheduledParameters", "Sum"]

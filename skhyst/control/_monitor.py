@@ -22,8 +22,9 @@ from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import HasMethods, Interval, fit_context
 from ..base import read_data
+from ..noise import whitening_filter
 from ..operators import add_disturbances, split_disturbances
-from ._local_tests import LocalTests, whitening
+from ._local_tests import LocalTests
 from ._suspects import likely, smallest_squares, squares_after_step
 
 _EXACT = 1e-12  # rounding error of a run, as a fraction of the response
@@ -107,7 +108,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
     (True, ('time_constant',))
     """
 
-    _one_interval = False  # unless its model asks for one
+    one_interval = False  # unless its model asks for one
     _range = -np.inf, np.inf  # of one that was saved when none was kept
 
     _parameter_constraints = {
@@ -158,7 +159,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         runs = [(_Columns(self, dt, u[0]), rows) for rows, u, dt in read]
         motion = np.concatenate([columns.motion(rows) for columns, rows in runs])
         records = [columns.run(rows) for columns, rows in runs]
-        self.whitening_ = whitening([record[:, 0] for record in records])
+        self.whitening_ = whitening_filter([record[:, 0] for record in records])
         white = np.concatenate([lfilter(self.whitening_, 1.0, own, axis=0) for own in records])
         scales = np.sqrt(np.einsum("ki,ki->i", white, white))
         steps = np.array([step for *_, step, _ in self._changed])
@@ -363,11 +364,14 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         driven, disturbances = split_disturbances(self.observer_.model_.operator_)
         values, entries = driven.pack(), driven.entries()
         held = self.observer_.model_.held_parameters()
-        excluded = driven.gauge_mask() | np.array([name in held for name, _ in entries])
-        if self.observer_.disturbance is not None:  # the random walk absorbs constants
-            excluded = excluded | driven.constant_mask()
-        linear = driven.linear_mask() & ~driven.constant_mask()
-        wanted = [name for (name, _), own in zip(entries, excluded, strict=True) if not own]
+        # the random walk absorbs constants
+        absorbed = self.observer_.disturbance is not None
+        wanted = [
+            name
+            for name, spec in entries
+            if not (spec.held or name in held or (absorbed and spec.is_constant))
+        ]
+        linear = [spec.linear and not spec.is_constant for _, spec in entries]
         if self.parameters is not None:
             unknown = set(self.parameters) - {name for name, _ in entries}
             if unknown:

@@ -16,6 +16,7 @@ from threadpoolctl import threadpool_limits
 from .._sklearn import HasMethods, Interval, StrOptions, fit_context
 from ..base import read_data
 from ..model_selection import by_content, segment_folds
+from ..noise import NoiseModel
 from ..records import (
     data_quality,
     lost_readings,
@@ -43,7 +44,6 @@ from ._inputs import (
 )
 from ._location import locate
 from ._noise_floor import judge_residual, repeatability
-from ._noise_model import NoiseModel
 from ._progress import watched
 from ._reference import column_of, reference_of, without_column
 from ._report import Report
@@ -207,7 +207,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
     ['output_saturation']
     """
 
-    _one_interval, _extreme = False, 1e30  # unless the model asks for one; squares are squared
+    one_interval, largest_value = False, 1e30  # unless the model asks for one; squares are squared
     stepper = property(
         lambda self: self.best_estimator_.stepper, doc="That of the augmented model."
     )

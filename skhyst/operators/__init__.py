@@ -10,11 +10,11 @@ from ._compiled_step import CompiledSeries as CompiledSeries
 from ._compiled_step import CompiledSum as CompiledSum
 from ._compiled_step import in_ring as in_ring
 from ._composition import (
-    ColumnOperator,
     FrozenOperator,
-    ModulatedOperator,
-    ScheduledOperator,
-    SeriesOperator,
+    OnColumnOperator,
+    Scaled,
+    Scheduled,
+    Series,
     SumOperator,
 )
 from ._composition import add_disturbances as add_disturbances
@@ -65,20 +65,20 @@ from ._state_space import state_space_tangents as state_space_tangents
 from ._window_inverse import WindowInverseOperator
 
 __all__ = [
-    "ColumnOperator",
     "CompiledLaw",
     "CompiledStep",
     "Factor",
     "FrozenOperator",
     "InverseLinearOperator",
     "InverseOperator",
-    "ModulatedOperator",
+    "OnColumnOperator",
     "OneStateOperator",
     "Operator",
     "ParameterSpec",
     "RootInverseOperator",
-    "ScheduledOperator",
-    "SeriesOperator",
+    "Scaled",
+    "Scheduled",
+    "Series",
     "Stepper",
     "SumOperator",
     "WindowInverseOperator",

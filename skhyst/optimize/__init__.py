@@ -5,8 +5,10 @@ from ._frequency_problem import FrequencyProblem as FrequencyProblem
 from ._frequency_problem import identify_response as identify_response
 from ._identify import METHODS as METHODS
 from ._identify import IdentificationResult, identify
+from ._identify import constant_entries as constant_entries
 from ._input_history import estimate_input_history as estimate_input_history
 from ._input_history import input_history_of as input_history_of
+from ._input_history import with_input_history as with_input_history
 from ._levenberg_marquardt import LevenbergMarquardt
 from ._modal_problem import ModalProblem as ModalProblem
 from ._modal_problem import modal_start as modal_start

@@ -12,14 +12,8 @@ free run depends on the drive, not on the noise, so only :math:`S` has to be est
 :math:`\Omega` from products of the scores :math:`J_t r_t` with a kernel over their lags (Newey and
 West [2]_), which do not use that, need far longer records where the drive is slow.
 
-**The spectrum** is that of an autoregression of the residual. Three families are tried: the
-coefficients of the first lags are free; those of the lags 1, 2, 3-4, 5-8, 9-16, ... are equal
-within each octave (Corsi [4]_ has such averages), so that noise with a long memory takes a handful
-of numbers; or they are those of a fractional difference (Hosking [7]_), which has one parameter,
-the exponent with which flicker noise falls with frequency, and whose memory is cut at the length of
-the record. Akaike's criterion, corrected for short samples [5]_, selects among them, which is
-efficient for the spectrum [3]_; if it selects no lags, the noise is white and the standard errors
-are those of ordinary least squares.
+**The spectrum** is that of an autoregression of the residual, whose order and kind Akaike's
+criterion selects (:func:`skhyst.noise.autoregression`).
 
 **Effective sample size.** For a parameter, n samples of coloured noise are worth as many
 independent samples as n times the ratio of its variance under white noise to its variance. The
@@ -31,28 +25,24 @@ Student's.
 :math:`P` on the Jacobian removes most noise where the drive has its power, which is where the
 spectrum matters. It removes on average about :math:`h S` of the periodogram, with
 :math:`h = \tilde J^* H^{-1} \tilde J`. With the last estimate of the spectrum this is added again,
-as the expectation step of Dempster, Laird and Rubin [6]_ does with missing data; for white noise
+as the expectation step of Dempster, Laird and Rubin [3]_ does with missing data; for white noise
 this amounts to the division by n - p.
 
 References
 ----------
 .. [1] Grenander and Rosenblatt, *Statistical Analysis of Stationary Time Series*, 1957, chapter 7.
 .. [2] Newey and West, *Review of Economic Studies*, 1994.
-.. [3] Shibata, *Annals of Statistics*, 1981.
-.. [4] Corsi, *Journal of Financial Econometrics*, 2009.
-.. [5] Hurvich and Tsai, *Biometrika*, 1989.
-.. [6] Dempster, Laird and Rubin, *Journal of the Royal Statistical Society B*, 1977.
-.. [7] Hosking, *Biometrika*, 1981.
+.. [3] Dempster, Laird and Rubin, *Journal of the Royal Statistical Society B*, 1977.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
-from scipy.optimize import minimize_scalar
+
+from ..noise import autoregression
 
 _STEPS = 3  # expectation steps for the noise that the fit has removed
-_ROUNDING = 1e-12  # fraction of the power below which noise counts as predicted exactly
 FEWEST = 2  # independent samples, below which no standard error can be estimated
 
 
@@ -163,62 +153,6 @@ class _Residual:
             products = irfft(power, size)[:count]
             total[: len(products)] += products
         return total
-
-
-def autoregression(covariance, n):
-    """Return the filter (order + 1,) that whitens noise, and the power of its output.
-
-    ``covariance`` (n_lags,) is the autocovariance of the noise, estimated from ``n`` samples.
-    """
-    best = np.ones(1), covariance[0]
-    least = n * np.log(covariance[0])
-    for weights, left, count in _candidates(covariance, int(10.0 * np.log10(n))):
-        if not left > _ROUNDING * covariance[0] or count > n - 3:
-            continue
-        criterion = n * np.log(left) + 2.0 * count * n / (n - count - 2.0)
-        if criterion < least:
-            best, least = (np.append(1.0, -weights), left), criterion
-    return best
-
-
-def _candidates(covariance, longest):
-    """Yield weights of the past samples, the last first, residual power, number of parameters."""
-    weights, left = np.empty(0), covariance[0]
-    for order in range(1, min(longest, len(covariance) - 1) + 1):  # Levinson's recursion
-        reflection = (covariance[order] - weights @ covariance[order - 1 : 0 : -1]) / left
-        weights = np.append(weights - reflection * weights[::-1], reflection)
-        left *= 1.0 - reflection**2
-        if not left > _ROUNDING * covariance[0]:
-            break
-        yield weights, left, order
-    # sums of the covariance over rectangles of lags from its second integral
-    integral = np.cumsum(np.append(0.5 * covariance[0], covariance[1:]))
-    integral = np.append(0.0, np.cumsum(integral))
-    sums = np.cumsum(covariance)
-    edges = [0, 1, 2]
-    while 2 * edges[-1] < len(covariance):
-        edges.append(2 * edges[-1])
-        at = integral[np.abs(np.subtract.outer(edges, edges))]
-        inner = at[1:, :-1] + at[:-1, 1:] - at[1:, 1:] - at[:-1, :-1]
-        right = np.diff(sums[edges])
-        weights = np.linalg.lstsq(inner, right, rcond=None)[0]
-        yield np.repeat(weights, np.diff(edges)), covariance[0] - weights @ right, len(weights)
-    yield _fractional(covariance)
-
-
-def _fractional(covariance):
-    """Return the weights of a fractional difference, residual power, one parameter: its order."""
-    size = 2 * len(covariance) - 1
-    power = rfft(np.append(covariance, covariance[:0:-1])).real
-    power *= _both_sides(size) / size
-    factor = 2.0 * np.sin(np.pi * np.arange(len(power)) / size)
-
-    def left(order):
-        return float(power @ factor ** (2.0 * order))
-
-    order = minimize_scalar(left, bounds=(0.0, 1.0), method="bounded").x
-    lags = np.arange(1.0, len(covariance))
-    return -np.cumprod((lags - 1.0 - order) / lags), left(order), 1
 
 
 def _power(columns, size):

@@ -9,7 +9,7 @@ from scipy.stats import chi2, kstest
 
 from skhyst.compose import Cascade
 from skhyst.control import Monitor, Observer
-from skhyst.control._local_tests import LocalTests, statistics, whitening
+from skhyst.control._local_tests import LocalTests, statistics
 from skhyst.control._monitor import _Columns
 from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
 from skhyst.linear import (
@@ -18,7 +18,7 @@ from skhyst.linear import (
     SecondOrderMode,
     SecondOrderModeOperator,
 )
-from skhyst.operators import SeriesOperator
+from skhyst.operators import Series
 
 DT, PERIOD, NOISE = 1e-3, 200, 0.02
 WEIGHTS, FREQUENCY, DAMPING = np.array([1.0, 0.4, 0.3]), 2.0 * np.pi * 60.0, 0.03
@@ -35,7 +35,7 @@ def drive(n, rng):
 def respond(u, weights=WEIGHTS, frequency=FREQUENCY, damping=DAMPING):
     plays = PrandtlIshlinskiiOperator(np.arange(3.0), np.asarray(weights))
     stages = plays, SecondOrderModeOperator(frequency, damping)
-    return SeriesOperator(("plays", "mode"), stages).run(u, DT)[0]
+    return Series(("plays", "mode"), stages).run(u, DT)[0]
 
 
 def service(n, rng, start=0, **changed):
@@ -262,12 +262,6 @@ def test_beyond_the_drives_of_the_fit_there_is_no_suspicion(monitor):
     assert monitor.suspect_ == ()
 
 
-def test_whitening_finds_the_filter():
-    noise = lfilter([1.0], [1.0, -1.2, 0.5], np.random.default_rng(0).normal(size=(3, 5000)))
-    np.testing.assert_allclose(whitening(list(noise)), [1.0, -1.2, 0.5], atol=0.03)
-    assert len(whitening([np.random.default_rng(0).normal(size=5000)])) == 1
-
-
 def test_sensitivities_are_tangents(monitor):
     """Of an observer without noise of its own, the innovations are what the free run leaves."""
     u, y = service(2000, np.random.default_rng(3))
@@ -307,7 +301,7 @@ def test_what_looks_alike_is_told_together():
 
     def respond(u, time_constant=2e-3):
         stages = FirstOrderLagOperator(time_constant), SecondOrderModeOperator(1000.0, 0.5)
-        y, _ = SeriesOperator(("lag", "mode"), stages).run(u, DT)
+        y, _ = Series(("lag", "mode"), stages).run(u, DT)
         return y + 5e-3 * rng.normal(size=len(u))
 
     u = rng.normal(size=20000)

@@ -7,7 +7,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from skhyst._block_test import _autocovariance
 from skhyst.diagnosis import EFFECTS, _changes, _open_questions
 from skhyst.diagnosis._candidates import Candidate
 from skhyst.diagnosis._changes import SlowerThanDrive, _before, _differ
@@ -25,6 +24,7 @@ from skhyst.diagnosis._starts import starting_trees
 from skhyst.diagnosis._tree import Tree
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import Gain, GainOperator
+from skhyst.noise._block_test import _autocovariance
 from skhyst.optimize import RecordData
 from skhyst.records import RecordSlice, Units
 from skhyst.static import SoftSaturationOperator
@@ -109,7 +109,7 @@ def test_a_parameter_at_its_bound_has_no_interval():
     rng = np.random.default_rng(0)
     u = np.cumsum(rng.normal(size=400)) / 5.0
     model, records = PrandtlIshlinskii(4), [RecordData(u, 2.0 * u - 0.01 * np.cos(u), 0.01)]
-    tree = Tree.from_result(model, model._identify(records))
+    tree = Tree.from_result(model, model.identify(records))
     problem = tree.problem(records)
     at_bound = (problem.x0 <= problem.lower) | (problem.x0 >= problem.upper)
     assert 0 < np.count_nonzero(at_bound) < len(at_bound)
