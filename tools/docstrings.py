@@ -29,6 +29,8 @@ class Documented(Validator):
     def __init__(self, obj_name):
         shown = self._load_obj(obj_name)
         text = inspect.getdoc(shown) or ""
+        if isinstance(shown, property | cached_property):
+            text = shown.__doc__ or ""  # Python gives that of a base's value, such as `bool`
         super().__init__(get_doc_object(shown, doc=text))
         self.raw_doc = f"\n{text}\n" if text else ""
 
@@ -70,6 +72,10 @@ def is_code(member):
     return inspect.isfunction(member) or isinstance(member, property | cached_property)
 
 
+# what only the search asks of an operator: the developers' page describes it
+TRAITS = {"characteristics", "lag_rates", "n_ringing"}
+
+
 def faults(names, switched_off):
     """Yield what numpydoc finds, (name, check, message), once for each docstring."""
     seen = set()
@@ -92,6 +98,8 @@ def not_asked(name, shown):
     owner = Validator._load_obj(name.rpartition(".")[0])
     if inspect.isclass(owner):
         off |= {"EX01"}  # that of the class uses its methods
+        if name.rpartition(".")[2] in TRAITS:
+            off |= {"GL08", "PR01", "RT01"}
         if not callable(shown):
             off |= {"GL08"} if name.rpartition(".")[2] in attributes(owner) else set()
         elif not set(inspect.signature(shown).parameters) - {"self", "cls"}:
@@ -116,9 +124,13 @@ def not_asked_of_class(kind):
 
 
 def attributes(kind):
-    """Return the names in the section of attributes of a class."""
-    found = ClassDoc(kind, config={"show_class_members": False})["Attributes"]
-    return {name for entry in found for name in entry.name.split(", ")}
+    """Return the names of properties that a class or a base describes."""
+    found = set()
+    for base in kind.__mro__[:-1]:
+        section = ClassDoc(base, config={"show_class_members": False})["Attributes"]
+        found |= {name for entry in section for name in entry.name.split(", ")}
+        found |= {name for name, own in vars(base).items() if not callable(own) and own.__doc__}
+    return found
 
 
 def main():

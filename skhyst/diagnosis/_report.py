@@ -48,11 +48,13 @@ class Report:
         ``"declared"`` and ``"augmented"``: name, value, standard error, unit ("" where it has none
         or is not known), and a note where it has no error: at a bound, or not determined by the
         data.
-    data, settings, versions, seconds : dict
+    data, settings : dict
         The recording, its faults, the part of it that folds extrapolate to and the reference of its
-        loop, parameters of the search, packages, time by stage in s.
+        loop; parameters of the search.
     held_out : dict or None
-        Errors on data that was kept from the search altogether.
+        Errors on data that the search has not used at all.
+    versions, seconds : dict
+        Packages; time by stage in s.
     command : str or None
         The command that made the report.
     spectra : dict of str to list of float
@@ -61,10 +63,12 @@ class Report:
     location, declared_location : list of dict
         Where what is left, and what the declared model leaves, stands out: the record, time, drive,
         rate and frequency at which its mean power is above that of the whole by a half.
+    dropped : list of str
+        Effects that later claims made needless.
     failed : list of dict
         Candidates that raised an error: round, effect, error.
-    dropped, next_steps : list of str
-        Effects that later claims made needless, and what to measure next.
+    next_steps : list of str
+        What to measure next.
     signals : dict
         Arrays for the pictures; not part of :meth:`to_dict`.
 

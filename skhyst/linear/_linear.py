@@ -335,6 +335,7 @@ class LinearModel(ParametricModel):
 
     @property
     def any_interval(self):
+        """Whether the response to a straight drive is the same at any sampling interval."""
         return getattr(self, "hold", "foh") == "foh"  # Gain has no hold
 
 

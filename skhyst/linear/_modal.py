@@ -61,6 +61,15 @@ class SampledStateSpace:
         Sampling interval in s.
     intercept : ndarray of shape (n_outputs,)
         Units of the responses.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.linear import SampledStateSpace
+    >>> one = np.ones((1, 1))
+    >>> system = SampledStateSpace(0.5 * one, one, 0.5 * one, 0.0 * one, 0.1, np.zeros(1))
+    >>> system.run([[0.0], [1.0], [1.0]], dt=0.1)[0].ravel()
+    array([0.  , 0.  , 0.5])
     """
 
     a: np.ndarray

@@ -761,6 +761,7 @@ class TransferFunction(ModesMixin, LinearModel):
 
     @property
     def reads_columns(self):
+        """Whether further columns of X are read."""
         return not (isinstance(self.inputs, str) and self.inputs == "drive")
 
     def operator_input(self, X, slices):

@@ -144,6 +144,14 @@ def fit_noise(series, readings=()):
     Returns
     -------
     NoiseModel
+        Of the law that Schwarz's criterion selects.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.noise import fit_noise
+    >>> fit_noise([np.random.default_rng(0).normal(size=1000)]).law
+    'white'
     """
     series = [own[rows] for own in series for rows in stretches(own)]
     series = [own - own.mean() for own in series if len(own) > 1]

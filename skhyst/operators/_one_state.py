@@ -119,7 +119,20 @@ class OneStateOperator(Operator):
         return tuple(float(getattr(self, name)) for name in names)
 
     def rest(self, u0):
-        """Return the state at rest at ``u0`` and its derivatives by u0 and the parameters."""
+        """Return the state at rest.
+
+        Parameters
+        ----------
+        u0 : float
+            Drive.
+
+        Returns
+        -------
+        state : float
+            State at rest at ``u0``.
+        derivatives : tuple of float
+            By ``u0`` and by the parameters.
+        """
         x, _, by, _ = self._law(0.0, 0.0, u0, 1.0, self._values())
         return x, by[2:]
 

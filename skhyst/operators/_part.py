@@ -130,11 +130,22 @@ class Part:
     structure_of = None  # of a node: name of the estimator in skhyst.compose
 
     def linear_mode(self):
-        """Return the second-order mode that is left without what bends it, None without one."""
+        """Return the second-order mode without hysteresis and nonlinearity, or None."""
         return None
 
     def at(self, schedule):
-        """Return the operator of a record, where parameters depend on a number of it."""
+        """Return the operator of a record, whose parameters may depend on a number of it.
+
+        Parameters
+        ----------
+        schedule : float
+            Number of the record, such as its amplitude.
+
+        Returns
+        -------
+        Operator
+            A copy, or the operator itself if nothing depends on it.
+        """
         return self
 
     def parameter_units(self) -> dict[str, str]:
@@ -142,7 +153,7 @@ class Part:
         return {name: spec.unit for name, spec in self.entries()}
 
     def ahead(self, dt: float, u0: float, tol: float = 1e-9):
-        """Return one step that is fed the input some samples ahead, and their number.
+        """Return a step with preview: its input lies some samples after its output.
 
         Parameters
         ----------
@@ -151,13 +162,15 @@ class Part:
         u0 : float
             Input at which the device rests before.
         tol : float, default=1e-9
-            Part of what comes later that may be left out, where all of it matters.
+            Fraction of the effect of later input that may be neglected, where all of it has an
+            effect.
 
         Returns
         -------
         compiled_step : CompiledStep
+            The step.
         samples : int
-            By which the output lags behind the input; 0 where the operator does not look ahead.
+            Samples by which its output lags behind its input; 0 if the operator is causal.
 
         Raises
         ------
@@ -247,17 +260,63 @@ class Part:
         return ()
 
     def inner(self, name=None):
-        """Return the :class:`Stage` within that follows the drive, None where that is all of it."""
+        """Return the stage within that follows the drive.
+
+        Parameters
+        ----------
+        name : str, default=None
+            Name of this part.
+
+        Returns
+        -------
+        Stage or None
+            None if nothing is around the driven part.
+        """
         return None
 
     def with_inner(self, stage, name=None):
-        """Return the tree with another stage in place of that of :meth:`inner` of this name."""
+        """Return the tree with another stage in place of that of :meth:`inner`.
+
+        Parameters
+        ----------
+        stage : Stage
+            The other stage.
+        name : str, default=None
+            Name of the one that it replaces.
+
+        Returns
+        -------
+        Operator
+            A copy.
+        """
         raise NotImplementedError
 
     def series(self, name=None):
-        """Return the stages of a series; a part by itself is one."""
+        """Return the stages of a series; any other part is the only one.
+
+        Parameters
+        ----------
+        name : str, default=None
+            Name of this part; None: its :attr:`label`.
+
+        Returns
+        -------
+        list of Stage
+            In the order of the series.
+        """
         return [Stage(name or self.label, self)]
 
     def keys(self, name=None):
-        """Return (name of the stage, name of the entry) for each value of what is driven."""
+        """Return the keys of the values of the driven part.
+
+        Parameters
+        ----------
+        name : str, default=None
+            Name of this part; None: its :attr:`label`.
+
+        Returns
+        -------
+        list of (str, str)
+            Name of the stage and name of the entry, for each value.
+        """
         return [(name or self.label, entry) for entry, _ in self.entries()]

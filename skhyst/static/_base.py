@@ -17,6 +17,10 @@ class StaticOperator(Operator):
     curve : callable or None
         Compiled ``curve(u, c, s) -> y``, see :class:`~skhyst.operators.CompiledLaw`; ``s`` is
         empty.
+
+    Examples
+    --------
+    See :class:`DeadBandOperator`, :class:`SaturationOperator`.
     """
 
     stage_order = 40
