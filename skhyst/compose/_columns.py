@@ -1,4 +1,4 @@
-"""Models that a further column of X drives, or whose gain it changes."""
+"""Models that a further column of X drives, or whose response it scales."""
 
 from dataclasses import replace
 from numbers import Integral
@@ -29,7 +29,7 @@ def _mean(records, column):
 
 
 class AroundModel(ParametricModel):
-    """Base of what stands around another model.
+    """Base of the models around another model.
 
     Parameters
     ----------
@@ -114,16 +114,16 @@ class _ColumnModel(AroundModel):
 class OnColumn(_ColumnModel):
     """A model that one column of X drives, such as a temperature.
 
-    It stands beside the model of the drive in a :class:`Sum`. Where that is the first step of a
-    :class:`Cascade`, the column acts on what goes into the steps behind it, as a bias voltage does.
+    It is added to the model of the drive in a :class:`Sum`. If that is the first step of a
+    :class:`Cascade`, the column acts on the input of the later steps, as a bias voltage does.
 
     Parameters
     ----------
     column : int, default=1
         Number of the column of X.
     centered : bool, default=False
-        Whether the column counts from its mean in the records of the fit, not from zero. What
-        it adds to the drive of a model with a threshold or a curve shifts that.
+        Whether the mean of the column in the records of the fit is subtracted. Otherwise a column
+        that is added to the drive of a model with a threshold or a curve shifts these.
 
     Attributes
     ----------
@@ -177,7 +177,7 @@ class OnColumn(_ColumnModel):
 
 
 class FirstColumn(OnColumn):
-    """A model of the drive as one of the whole input; the tree says so of itself."""
+    """A model of the drive as one of all columns; the node exists in the tree only."""
 
     def subtree(self, driven, disturbances):
         return replace(super().subtree(driven, disturbances), model=None)
@@ -189,8 +189,8 @@ class Modulated(_ColumnModel):
     .. math:: y = \Gamma[u] \, (1 + b \, (a - a_0))
 
     with the model :math:`\Gamma` of the drive u, the column a, or the half range of the drive in
-    each record, and its mean :math:`a_0` in the records of the fit. It stands outermost, or is a
-    step of a :class:`Sum`, or is modulated once more by another column.
+    each record, and its mean :math:`a_0` in the records of the fit. It is the outermost model, or a
+    step of a :class:`Sum`, or is modulated again by another column.
 
     Parameters
     ----------

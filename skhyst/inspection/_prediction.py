@@ -11,7 +11,7 @@ from ._plot_data import envelope
 
 
 class PredictionDisplay(SignalDisplay):
-    """Measured and predicted response over time: the whole, and where it is furthest off.
+    """Measured and predicted response over time: all of it, and around the largest error.
 
     Make one with :meth:`from_estimator`, :meth:`from_predictions` or :meth:`from_search`. All
     parameters are kept as attributes.

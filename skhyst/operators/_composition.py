@@ -649,7 +649,7 @@ class Series(_Composition):
     >>> from skhyst.operators import Series
     >>> series = Series(("gain", "lag"), (GainOperator(2.0), FirstOrderLagOperator(1.0)))
     >>> series.run([0.0, 1.0, 1.0], dt=1.0)[0].round(3).tolist()
-    [0.0, 0.736, 1.534]
+    [0.0, 0.736, 1.535]
     """
 
     structure_of = "Cascade"
