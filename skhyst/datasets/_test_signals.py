@@ -185,7 +185,7 @@ def swept_sine(
 def decaying_sine(
     amplitude=3.5, frequency=5.0, *, decay=1.0, duration=3.5, dt=1e-4, offset=0.0
 ) -> pd.DataFrame:
-    r"""A sine that dies away, and with it the hysteresis memory.
+    r"""A sine with decaying amplitude, which erases the hysteresis memory.
 
     .. math:: u = u_0 + a\,e^{-\lambda t} \sin 2 \pi f t
 
@@ -282,7 +282,7 @@ def steps(levels=(0.0, 1.0), *, hold=1.0, rise_time=0.0, dt=1e-3) -> pd.DataFram
 def first_order_reversal_curves(
     amplitude=1.0, n_curves=10, *, rate=1.0, dt=1e-3, offset=0.0, both_sides=False
 ) -> pd.DataFrame:
-    r"""First-order reversal curves: from saturation to a reversal value and back, again and again.
+    r"""First-order reversal curves: from saturation to one reversal value after another and back.
 
     The drive goes from rest to ``offset + amplitude``, then for each curve down to its reversal
     value and up again. The reversal values are spaced evenly, the last is ``offset - amplitude``.

@@ -1,8 +1,8 @@
-"""What a search has finished, in a file from which a search of the same goes on.
+"""A file with the state of a search, from which the same search is continued.
 
-The file is written by skops as a whole after each claim. Reading it makes objects of those types
-alone that the new search consists of itself, and of skhyst: nothing is run. A search is decided by
-its data, its parameters and the version of the package; a digest of these has to be the same.
+The file is written by skops, atomically, after each claim. Reading it creates only objects of types
+that the new search itself consists of, and of skhyst: no code is run. A search is determined by its
+data, its parameters and the version of the package; a digest of these has to be the same.
 """
 
 import warnings
@@ -18,7 +18,7 @@ _NOT_DECISIVE = ("checkpoint", "n_jobs", "verbose")
 
 
 class Checkpoint:
-    """A file that keeps the state of a search.
+    """A file with the state of a search.
 
     Parameters
     ----------
@@ -35,12 +35,12 @@ class Checkpoint:
         self._key = joblib.hash((version("skhyst"), own, data))
 
     def load(self, state):
-        """Return the state that is kept, or ``state`` where there is none yet.
+        """Return the state in the file, or ``state`` if there is no file yet.
 
         Raises
         ------
         ValueError
-            If the file is no checkpoint, or one of other data, parameters, or another version.
+            If the file is not a checkpoint, or one of other data, parameters or version.
         """
         if not self.path.exists():
             return state
@@ -60,7 +60,7 @@ class Checkpoint:
         return kept
 
     def save(self, state):
-        """Keep a state; a file that cannot be written does not end the search."""
+        """Write a state; if the file cannot be written, warn and continue."""
         try:
             with replacing(self.path) as (part,):
                 self._skops.dump({"key": self._key, **state}, part)
