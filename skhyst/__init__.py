@@ -1,8 +1,8 @@
 """Scikit-learn-compatible hysteresis and dynamic models for actuators.
 
-The package fits a declared model to a recording, looks at what the model leaves unexplained,
-names the physical effect that is missing, adds it and reports the error on held-out data
-before and after. See :class:`skhyst.diagnosis.EffectSearchCV`.
+The package fits a declared model to a recording, examines the residual, names the physical effect
+that is missing, adds it and reports the error on held-out data before and after. See
+:class:`skhyst.diagnosis.EffectSearchCV`.
 """
 
 import importlib
@@ -10,7 +10,7 @@ import importlib.metadata
 import pkgutil
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:  # a type checker does not see what is imported when it is asked for
+if TYPE_CHECKING:  # type checkers do not see what is imported on demand
     from . import app as app
     from . import autoregressive as autoregressive
     from . import base as base

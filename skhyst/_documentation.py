@@ -1,27 +1,49 @@
-"""Docstrings: what that of a base class, or of a like function, says is said once."""
+"""Docstrings completed by those of base classes and of similar functions."""
 
+import dataclasses
 import inspect
 from itertools import takewhile
+from types import FunctionType
 
 _TITLES = ("Parameters", "Attributes", "Returns", "Raises")  # in their order
+_METHOD_TITLES = ("Parameters", "Returns")  # another method need not raise what the base's does
 
 
-def inherit_documentation(cls):
-    """Complete the docstring of a class by what its bases say of its parameters and attributes.
+def inherit_documentation(cls, *, attributes=True):
+    """Complete the docstrings of a class and of its methods by those of its bases.
 
-    Parameters come in the order of the constructor, attributes behind the class's own.
+    The class gets what its bases say of its parameters, in the order of the constructor, and of
+    its attributes, behind its own, if ``attributes``. A method gets what the method of a base says
+    of its parameters and of what it returns. Python itself finds the docstring of the base for a
+    method that has none.
     """
+    bases = cls.__mro__[1:]
     if cls.__dict__.get("__doc__"):
-        # a dataclass has no constructor of its own yet when it is made
-        order = [*inspect.signature(cls.__init__).parameters, *inspect.get_annotations(cls)]
-        cls.__doc__ = _completed(cls.__doc__, order, cls.__mro__[1:], _TITLES[:2])
+        cls.__doc__ = _completed(cls.__doc__, _constructor(cls), bases, _TITLES[: 1 + attributes])
+    for name, method in vars(cls).items():
+        own = isinstance(method, FunctionType) and method.__qualname__.startswith(cls.__qualname__)
+        if own and method.__doc__ and name[0] != "_":
+            others = [vars(base)[name] for base in bases if name in vars(base)]
+            if others:
+                order = list(inspect.signature(method).parameters)
+                method.__doc__ = _completed(method.__doc__, order, others, _METHOD_TITLES)
+
+
+def _constructor(cls):
+    """Return the names of the parameters of a class, in order."""
+    if not dataclasses.is_dataclass(cls):
+        return list(inspect.signature(cls.__init__).parameters)
+    # the decorator has not seen the class yet: its fields are those of the base, then its own
+    inherited = {f.name: f.kw_only for f in dataclasses.fields(cls) if f.init}
+    names = [*inherited, *inspect.get_annotations(cls)]
+    return sorted(dict.fromkeys(names), key=lambda name: inherited.get(name, False))
 
 
 def documented_like(*others):
-    """Decorate a function: complete its docstring by what those of other functions say.
+    """Decorate a function: complete its docstring by those of other functions.
 
-    That is what they say of its parameters, what is returned and what is raised, where the function
-    has no such sections.
+    What they say of its parameters is added, and of what is returned and raised where the function
+    has no such section.
     """
 
     def decorate(function):
@@ -37,7 +59,6 @@ def documented_like(*others):
 def _completed(docstring, order, sources, titles):
     """Return a docstring with the entries of sources; ``order`` are the names of parameters."""
     lines = inspect.cleandoc(docstring).split("\n")
-    lines += [""] * (len(lines) == 1)  # between a summary alone and its first section
     for title in titles:
         start, stop = _section(lines, title)
         entries = _entries(lines[start:stop])
@@ -50,12 +71,16 @@ def _completed(docstring, order, sources, titles):
                 if described.isdisjoint(names) and (title != "Parameters" or names[0] in order):
                     entries[names] = entry
                     described.update(names)
+            if title == "Returns" and entries:  # those of another source are in its place
+                break
         if title == "Parameters":
             place = {names: order.index(names[0]) for names in entries if names[0] in order}
             entries = dict(sorted(entries.items(), key=lambda e: place.get(e[0], -1)))
         if entries:
             text = [line for entry in entries.values() for line in entry]
             head = [] if start < stop else [title, "-" * len(title)]
+            if head and lines[start - 1]:
+                head.insert(0, "")
             lines[start:stop] = [*head, *text, ""]
     return "\n".join(lines)
 

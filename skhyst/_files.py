@@ -1,6 +1,6 @@
-"""Files: what is read must be one, what is written takes its place whole or not at all, as text.
+"""Files: checks before reading, and atomic writing.
 
-A file is written into a folder of its own beside its target, brought to the disk, and renamed,
+A file is written into a temporary folder next to its target, flushed to the disk, and renamed,
 which replaces a file in one step: a full disk or an interruption leaves the old one as it was.
 """
 
@@ -17,7 +17,7 @@ _UNPRINTABLE = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010fff
 
 
 def check_input(path):
-    """Refuse what is no regular file, before it is opened: a named pipe would wait for ever."""
+    """Refuse what is not a regular file, before it is opened: a named pipe would wait for ever."""
     if not path.exists():
         raise FileNotFoundError(f"There is no file {str(path)!r}.")
     if not path.is_file():
@@ -25,62 +25,62 @@ def check_input(path):
 
 
 def check_outputs(paths, inputs=(), *, force=False):
-    """Find out, before anything is computed, whether all files can be written at no loss.
+    """Check, before anything is computed, that all files can be written without loss of others.
 
     Parameters
     ----------
     paths : sequence of Path
         Files to write; folders that are missing are made.
     inputs : sequence of Path
-        What the same command reads: never written over.
+        Files that the same command reads: never overwritten.
     force : bool, default=False
-        Whether other files that are there are written over.
+        Whether other files that exist are overwritten.
 
     Raises
     ------
     OSError
-        If one is an input, is named twice, is there already, is no regular file, or cannot be
+        If one is an input, is named twice, exists already, is not a regular file, or cannot be
         written.
     """
-    for path in paths:  # first of all: in "new/../file" a name means nothing before
+    for path in paths:  # first of all: "new/../file" needs the folder "new"
         with _telling(path):
             path.parent.mkdir(parents=True, exist_ok=True)
             TemporaryDirectory(dir=path.parent).cleanup()
     for i, path in enumerate(paths):
         if any(_same(path, other.expanduser()) for other in inputs):
-            raise FileExistsError(f"{path} is what is read: it is never written over.")
+            raise FileExistsError(f"{path} is an input: it is never overwritten.")
         if any(_same(path, other) for other in paths[:i]):
             raise FileExistsError(f"{path} is named for two outputs.")
         _check_target(path)
         if path.exists() and not force:
             raise FileExistsError(
-                f"{path} is there already: add --force (in Python force=True) to write over it."
+                f"{path} exists already: add --force (in Python force=True) to overwrite it."
             )
 
 
 def printable(text):
-    """Return a text with a replacement character for what no XML and no UTF-8 file can hold."""
+    """Return a text with a replacement character for each one not allowed in XML or UTF-8."""
     return _UNPRINTABLE.sub("\ufffd", text)
 
 
 @contextmanager
 def replacing(*paths):
-    """Yield where to write the files; they take their places when all are whole.
+    """Yield temporary paths to write to; the files replace their targets when all are complete.
 
     Parameters
     ----------
     *paths : str or Path
-        Files of one folder. Files that are there are replaced; their permissions are kept.
+        Files of one folder. Files that exist are replaced; their permissions are kept.
 
     Yields
     ------
     list of Path
-        As the files are called, in a folder that is gone afterwards.
+        With the names of the files, in a folder that is removed afterwards.
 
     Raises
     ------
     OSError
-        If a path is a link or no regular file, or cannot be written.
+        If a path is a link or not a regular file, or cannot be written.
     """
     paths = [Path(path) for path in paths]
     for path in paths:
@@ -116,7 +116,7 @@ def _check_target(path):
 
 @contextmanager
 def _telling(path):
-    """Put what the system says, without its temporary names, into one sentence on the file."""
+    """Raise errors of the system as one sentence on the file, without its temporary name."""
     try:
         yield
     except OSError as error:

@@ -23,14 +23,13 @@ def jit(function=None, *, fastmath=False, inline=False, allocates=True):
     function : callable
         A loop over arrays and scalars, written in the subset of Python that Numba compiles.
     fastmath : bool or set of str, default=False
-        Liberties that the compiler may take with the order of floating-point operations, as in
-        ``numba.njit``.
+        Reordering of floating-point operations that the compiler may do, as in ``numba.njit``.
     inline : bool, default=False
-        The body takes the place of every call in compiled code, however long it is, so that
-        results that a caller does not use are not computed.
+        The body replaces every call in compiled code, however long it is, so that results that a
+        caller does not use are not computed.
     allocates : bool, default=True
-        False: it makes no arrays, and goes without the counting of references to those it is
-        given, which can take longer than a sample.
+        False: it creates no arrays, and references to those it is given are not counted, which
+        can take longer than a sample.
 
     Returns
     -------
@@ -101,8 +100,8 @@ def _cache_class():
 def bind(loop, law, **options):
     """Compile a copy of a loop whose global name ``step`` is the compiled ``law``.
 
-    The compiler sees one plain loop, nothing is called through a pointer, and the machine code is
-    cached with the file of the law, as if the loop had been written there. Options are those of
+    The compiler sees one plain loop without calls through pointers, and the machine code is cached
+    with the file of the law, as if the loop had been written there. Options are those of
     :func:`jit`.
     """
     place = law.__code__

@@ -1,4 +1,4 @@
-"""The private names of scikit-learn that the package uses: here and nowhere else."""
+"""The private names of scikit-learn that the package uses; no other module imports any."""
 
 from collections.abc import Callable
 from typing import TypeVar
@@ -32,11 +32,11 @@ _Method = TypeVar("_Method", bound=Callable)
 
 
 def fit_context(*, prefer_skip_nested_validation) -> Callable[[_Method], _Method]:
-    """Return scikit-learn's decorator of `fit`, under which the method keeps its type."""
+    """Return scikit-learn's decorator of `fit`, typed so that the method keeps its type."""
     return _fit_context(prefer_skip_nested_validation=prefer_skip_nested_validation)
 
 
 def diagram_of(steps, *, parallel):
-    """Return what scikit-learn's display draws of named steps: a series, or side by side."""
+    """Return scikit-learn's diagram of named steps, in series or in parallel."""
     kind = FeatureUnion if parallel else Pipeline
     return kind(list(steps.items()))._sk_visual_block_()

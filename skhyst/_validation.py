@@ -1,4 +1,4 @@
-"""What is asked of the data of every estimator: numbers, of sizes to calculate with, in records."""
+"""Validation of the data of every estimator: finite numbers of workable size, in records."""
 
 from numbers import Real
 from reprlib import repr as shortened
@@ -10,8 +10,8 @@ from ._sklearn import StrOptions, validate_parameter_constraints
 from .exceptions import RecordError
 from .records import record_slices
 
-# Largest value and, inverted, smallest, of an estimator without `largest_value` of its own: squares
-# of such values, and those of gains and their inverses, are finite.
+# Largest value and, inverted, the smallest, unless an estimator has its own `largest_value`: the
+# squares of such values, of their gains and of the inverses of these are finite.
 EXTREME = 1e100
 _TOO_FAR = (
     "The largest value of {} is {:g}, too far from one to calculate with: choose another unit."
@@ -19,9 +19,9 @@ _TOO_FAR = (
 
 
 def read_data(estimator, X, *y, reset, dt):
-    """Validate X and y and return the records, the array X, and y, None where it is not given.
+    """Validate X and y; return the records, X as an array, and y, or None if it is not given.
 
-    An estimator that is fitted to them (``reset``) is given ``drive_range_`` and ``drive_rate_``.
+    With ``reset``, in a fit, ``drive_range_`` and ``drive_rate_`` of the estimator are set.
     """
     sampling = {"dt": dt, "one_interval": _counts_samples(estimator)}
     if not y:
@@ -37,9 +37,9 @@ def read_data(estimator, X, *y, reset, dt):
 
 
 def keep_seen(estimator, drive, slices):
-    """Keep the range and the largest rate of the drive of a fit, as :class:`ParametricModel` says.
+    """Store the range and the largest rate of the drive of a fit.
 
-    See there for ``drive_range_`` and ``drive_rate_``.
+    See :class:`ParametricModel` for ``drive_range_`` and ``drive_rate_``.
     """
     with np.errstate(over="ignore"):
         rates = [np.abs(np.diff(drive[s.rows])).max(initial=0.0) / s.dt for s in slices]
@@ -48,12 +48,12 @@ def keep_seen(estimator, drive, slices):
 
 
 def as_floats(estimator, X, *y, **options):
-    """Return X, and y where it is given, in floating point, as scikit-learn validates them.
+    """Return X, and y if it is given, as floats, validated by scikit-learn.
 
-    Rows are contiguous, so that sums are rounded alike whatever has held the numbers.
+    Rows are contiguous, so that sums are rounded alike whatever container the numbers come in.
     """
     options |= {"dtype": np.float64, "order": "C"} | ({"y_numeric": True} if y else {})
-    with np.errstate(invalid="ignore"):  # the sum of infinities of both signs, which are refused
+    with np.errstate(invalid="ignore"):  # scikit-learn sums infinities of both signs
         data = validate_data(estimator, X, *y, **options)
     if not y:
         return data
@@ -74,7 +74,7 @@ def take_rows(values, rows):
 
 
 def in_native_order(values):
-    """Return numbers of a frame or series in the byte order whose rows pandas can take."""
+    """Return a frame or series in the native byte order: pandas can select rows of no other."""
 
     def native(dtype):
         return dtype.newbyteorder("=") if isinstance(dtype, np.dtype) else dtype
@@ -86,14 +86,14 @@ def in_native_order(values):
 
 
 def _counts_samples(estimator):
-    """Whether an estimator, or a part of it, is right for one sampling interval only."""
+    """Whether an estimator, or a part of it, is valid at one sampling interval only."""
     return getattr(estimator, "one_interval", True) or any(
         getattr(part, "one_interval", False) for part in _parts(estimator)
     )
 
 
 def _least(estimator):
-    """Return the largest value that an estimator and all parts of it calculate with."""
+    """Return the largest value that an estimator and all its parts can calculate with."""
     own = getattr(estimator, "largest_value", EXTREME)
     return min([own, *(getattr(part, "largest_value", own) for part in _parts(estimator))])
 
@@ -106,7 +106,7 @@ def _parts(estimator):
 
 
 def refuse_large(name, values, extreme=EXTREME):
-    """Refuse values of which one is too large to calculate with; return the largest size."""
+    """Refuse values if one is too large to calculate with; return the largest magnitude."""
     largest = max(values.max(), -values.min())
     if largest > extreme:
         raise RecordError(_TOO_FAR.format(name, largest))
@@ -114,7 +114,7 @@ def refuse_large(name, values, extreme=EXTREME):
 
 
 def refuse_size(name, values, extreme=EXTREME):
-    """Refuse values that are too large or too small to calculate with; return the largest size."""
+    """Refuse values too large or too small to calculate with; return the largest magnitude."""
     largest = refuse_large(name, values, extreme)
     if 0.0 < largest < 1.0 / extreme:
         raise RecordError(_TOO_FAR.format(name, largest))
@@ -122,7 +122,7 @@ def refuse_size(name, values, extreme=EXTREME):
 
 
 def refuse_extreme(drive, response, extreme=EXTREME):
-    """Refuse a drive and a response of sizes that are too far from one or from each other."""
+    """Refuse a drive and a response whose magnitudes are too far from one or from each other."""
     u, y = refuse_size("X", drive, extreme), refuse_size("y", response, extreme)
     ratio = y / (u or 1.0)
     if ratio > extreme or 0.0 < ratio < 1.0 / extreme:
@@ -156,9 +156,9 @@ def finite_number(value, caller, name):
 
 
 def rest_of(u0, initial_state, n_inputs, caller):
-    """Return the inputs (n_inputs,), or more, at which a device that is stepped rests before.
+    """Return the inputs (n_inputs,), or more, at which a stepped device rests at first.
 
-    Refused are inputs that are not finite, or too few, and an initial state that is none of
+    Inputs that are not finite, or too few, are refused, and so is an initial state other than
     "rest", "zero" and None.
     """
     options = {"initial_state": [StrOptions({"rest", "zero"}), None]}

@@ -32,17 +32,7 @@ from .optimize import (
 )
 from .records import chosen_interval
 
-__all__ = [
-    "ParametricModel",
-    "as_node",
-    "identified",
-    "informed",
-    "input_at_rest",
-    "one_thread",
-    "read_data",
-    "refine",
-    "with_params",
-]
+__all__ = ["ParametricModel"]
 
 _NAMED = 10  # undetermined parameters that a warning lists
 _OUT_OF_RANGE = (
@@ -199,6 +189,14 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     initial_drive_ : ndarray of shape (n_records, n_values)
         Drive 1, 2, 4, ... samples before each record of the fit, its units; where the initial state
         is estimated. A drive between these values is a straight line, before them a rest.
+
+    See Also
+    --------
+    skhyst.operators.Operator : Base of the operators.
+
+    Examples
+    --------
+    See :ref:`sphx_glr_auto_examples_plot_own_model.py`.
     """
 
     _parameter_constraints = {
@@ -225,15 +223,24 @@ class ParametricModel(RegressorMixin, BaseEstimator):
 
     @property
     def stage_order(self) -> int:
-        """Where the model stands in a series: the ``stage_order`` of its operator."""
+        """Place of the model in a series: the ``stage_order`` of its operator."""
         return self.operator_class.stage_order
 
     @abstractmethod
     def starting_values(self, records):
-        """Return a list of operators, of one structure, from which identification starts.
+        """Return operators of one structure, from which identification starts.
 
-        ``records`` are :class:`~skhyst.optimize.RecordData`. What is linear is solved exactly, and
-        needs no start.
+        Linear parameters are solved exactly and need no starting values.
+
+        Parameters
+        ----------
+        records : sequence of RecordData
+            Records of the fit.
+
+        Returns
+        -------
+        list of Operator
+            Starting values; identification uses the best.
         """
 
     def held_parameters(self) -> frozenset[str]:
@@ -273,10 +280,11 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         operator : Operator
             As ``operator_`` of this model: of its structure, with what stands beside it.
         X : DataFrame or array-like of shape (n_samples, n_inputs)
+            As for :meth:`fit`.
         y : array-like of shape (n_samples,)
             As for :meth:`fit`.
         records : sequence of RecordData, default=None
-            What identification sees of the data, where that is more than X and y say: weights,
+            The records as identification uses them, if they have more than X and y: weights,
             segments, the drive before a record.
         method : str or Method, default=None
             In place of that of the model.
@@ -302,20 +310,23 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             return self.finish(result, data)
 
     def _read_records(self, X, y):
-        """Validate X and y, store the records, and return what identification sees of them."""
+        """Validate X and y, store the records, and return them as identification uses them."""
         slices, X, y = read_data(self, X, y, reset=True, dt=self.dt)
         data = self.record_data(slices, X, y)
         self.records_ = slices
         return data
 
     def record_data(self, slices, X, y):
-        """Return what identification sees of each record.
+        """Return each record as identification uses it.
 
         Parameters
         ----------
         slices : sequence of RecordSlice
+            Rows and sampling interval of each record.
         X : ndarray of shape (n_samples, n_inputs)
+            Validated inputs.
         y : ndarray of shape (n_samples,)
+            Validated response.
 
         Returns
         -------
@@ -328,19 +339,21 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         ]
 
     def operator_input(self, X, slices):
-        """Return what the operator is driven by, and what its parameters depend on.
+        """Return the input of the operator, and the numbers that its parameters depend on.
 
         Parameters
         ----------
         X : ndarray of shape (n_samples, n_inputs)
+            Validated inputs.
         slices : sequence of RecordSlice
+            Rows and sampling interval of each record.
 
         Returns
         -------
         signal : ndarray of shape (n_samples,) or (n_samples, n)
             The first column of X, or several where the model ``reads_columns``.
         schedules : list of float or None
-            Of each record the number that scheduled parameters depend on, if they are any.
+            For each record the number that scheduled parameters depend on, or None.
         """
         return X[:, 0], [None] * len(slices)
 
@@ -349,18 +362,19 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         tags.regressor_tags.poor_score = True  # on data that no device has produced
         return tags
 
-    def identify(self, records):
-        """Identify the operator, from the starting values, without storing anything.
+    def identify(self, data):
+        """Identify the operator from its starting values, without storing the result.
 
         Parameters
         ----------
-        records : sequence of RecordData
+        data : sequence of RecordData
+            Records of the fit.
 
         Returns
         -------
         IdentificationResult
         """
-        return refine(self, self.starting_values(records), records)
+        return refine(self, self.starting_values(data), data)
 
     def with_hold(self, hold):
         """Return the model with a hold of the drive where its own is "auto".
@@ -368,6 +382,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         Parameters
         ----------
         hold : {"foh", "zoh"}
+            A straight line between samples, or constant.
 
         Returns
         -------
@@ -400,7 +415,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         -------
         Operator
             One whose parts know the models that they belong to, so that its method ``estimator``
-            gives this model, unfitted. Parts that the model holds are held.
+            gives this model, unfitted. Entries that the model holds are held.
 
         Examples
         --------
@@ -417,6 +432,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         Parameters
         ----------
         driven : Operator
+            The driven part, or what it has of this model.
         disturbances : iterator of Operator
             Of all parts, in their order: the part takes its own.
 
@@ -448,14 +464,16 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         return self.finish(identified(self, records)[1], records)
 
     def finish(self, result, records):
-        """Store what identification found in records, and warn of what they do not tell.
+        """Store the result of identification, and warn of parameters that are not determined.
 
-        Where the initial state is estimated and not known, both are fitted together before.
+        If the initial state is estimated and not known yet, it is identified first.
 
         Parameters
         ----------
         result : IdentificationResult
+            Of the driven part and the disturbances.
         records : sequence of RecordData
+            Records of the fit.
 
         Returns
         -------
@@ -502,6 +520,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         Parameters
         ----------
         result : IdentificationResult
+            Of the driven part and the disturbances.
 
         Returns
         -------
@@ -531,6 +550,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         Parameters
         ----------
         X : DataFrame or array-like of shape (n_samples, n_inputs)
+            As for :meth:`fit`.
 
         Returns
         -------
@@ -544,7 +564,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         return run_records(self.operator_, signal, slices, self.free_run_state, schedules)
 
     def predict_from(self, X, y) -> np.ndarray:
-        """Return the free run of records that begin under way, from what ``y`` tells of that.
+        """Return the free run of records that start in motion, with their initial state from ``y``.
 
         The drive before each record is estimated, as in :meth:`fit` with the initial state
         ``"estimate"``, from the response where it is known.
@@ -552,6 +572,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         Parameters
         ----------
         X : DataFrame or array-like of shape (n_samples, n_inputs)
+            As for :meth:`fit`.
         y : array-like of shape (n_samples,)
             Response where it is known, such as in the first part of a record, NaN elsewhere. A
             record that has none begins as in :meth:`predict`.
@@ -614,7 +635,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         Raises
         ------
         NotImplementedError
-            If a part looks ahead, as a shift between two instruments.
+            If a part is not causal, such as a shift between two instruments.
         ValueError
             If a parameter is not as above, or ``dt`` is not given and the records of the fit differ
             in theirs.

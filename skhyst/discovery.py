@@ -1,4 +1,4 @@
-"""Which estimators and operators the package has, for tests, tables and tools that take any."""
+"""Lists of the estimators and operators of the package, and models by their names."""
 
 import ast
 import difflib
@@ -55,8 +55,8 @@ def declarable_models() -> dict[str, type]:
     Returns
     -------
     dict of str to type
-        Classes by their names in snake case, sorted: those that need no other model, and respond
-        to the drive.
+        Classes by their names in snake case, sorted: those that need no other model and respond to
+        the drive.
 
     Examples
     --------
@@ -163,6 +163,6 @@ def _stands_alone(model):
 
 
 def _nearest(name):
-    """Return the names of models that are most like one."""
+    """Return the names of models that are closest to one."""
     near = difflib.get_close_matches(snake_case(name), declarable_models(), cutoff=0.0)
     return f"did you mean {', '.join(near)}? skhyst models lists all."

@@ -13,7 +13,7 @@ from sklearn.exceptions import ConvergenceWarning
 
 
 class RecordError(ValueError):
-    """The rows do not form records: uneven sampling, shuffled rows, a lost index, broken values."""
+    """The rows do not form records: uneven sampling, shuffled rows, a lost index, bad values."""
 
 
 class DivergenceWarning(UserWarning):
@@ -21,12 +21,12 @@ class DivergenceWarning(UserWarning):
 
 
 class ReachWarning(UserWarning):
-    """A reference is asked of a device that its drive, or a stage of its model, does not reach."""
+    """A reference is outside the range that the device reaches with its drive or its stages."""
 
 
 class TimeUnitWarning(UserWarning):
-    """A column of times has no unit, and what it would be in seconds is implausible."""
+    """A column of times has no unit, and seconds are implausible."""
 
 
 class ShortRecordWarning(ConvergenceWarning):
-    """Records are too short beside the course of their noise for the standard errors to hold."""
+    """Records are too short relative to the correlation time of their noise for standard errors."""

@@ -71,6 +71,7 @@ class Figure:
 def figures(root=ROOT):
     """Return every figure that needs the source alone."""
     modules, tests = read_modules(root / "skhyst"), read_modules(root / "tests")
+    examples = read_modules(root / "examples")
 
     def none(name, found):
         return Figure(name, len(found), 0, found)
@@ -80,6 +81,8 @@ def figures(root=ROOT):
         none("imports of another package's private module", private_imports(modules)),
         none("imports upwards through the layers", upward_imports(modules)),
         none("private imports in tests of what is public", tests_of_private(modules, tests)),
+        none("shared names that no other package uses", unused_shared(modules)),
+        none("imports in examples of what is not public", not_public(modules, examples)),
     ]
 
 
@@ -122,6 +125,13 @@ class Module:
             if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "__all__":
                 return [item.value for item in node.value.elts if isinstance(item, ast.Constant)]
         return []
+
+    @property
+    def shared(self):
+        """The names that a package imports ``as`` themselves: other packages may use them."""
+        found = [node for node in self.tree.body if isinstance(node, ast.ImportFrom)]
+        names = [alias for node in found for alias in node.names]
+        return [alias.name for alias in names if alias.asname == alias.name]
 
     def imports(self, everywhere=False):
         """Yield module and name (None for a whole module) of each import of skhyst."""
@@ -242,6 +252,32 @@ def tests_of_private(modules, tests):
         for source, name in test.imports(everywhere=True)
         for package in [source.partition("._")[0]]
         if package != source and package in modules and name in modules[package].public
+    ]
+
+
+def unused_shared(modules):
+    """Return the names that a package shares or lists twice, or that no other package imports."""
+    used = {
+        (source, name)
+        for module in modules.values()
+        for source, name in module.imports(everywhere=True)
+        if package(source, modules) != package(module.name, modules)
+    }
+    return [
+        f"{module.name}.{name}"
+        for module in modules.values()
+        for name in module.shared
+        if name in module.public or (module.name, name) not in used
+    ]
+
+
+def not_public(modules, users):
+    """Return the imports of what is no public name of a public module."""
+    return [
+        f"{user.name}: {source}.{name}"
+        for user in users.values()
+        for source, name in user.imports(everywhere=True)
+        if name and f"{source}.{name}" not in modules and name not in modules[source].public
     ]
 
 

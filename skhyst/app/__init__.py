@@ -1,5 +1,5 @@
 """An application in the browser over the public interface: `skhyst app`, extra `app`."""
 
-from ._suggestion import DEVICES, Suggestion, suggest_model
+from ._suggestion import Suggestion, suggest_model
 
-__all__ = ["DEVICES", "Suggestion", "suggest_model"]
+__all__ = ["Suggestion", "suggest_model"]

@@ -15,8 +15,8 @@ import numpy as np
 import pandas as pd
 import streamlit as st
 
-from skhyst.app import DEVICES, suggest_model
 from skhyst.app._processes import own_processes
+from skhyst.app._suggestion import DEVICES, suggest_model
 from skhyst.diagnosis import EffectSearchCV, effect_names, next_experiment
 from skhyst.discovery import parse_model
 from skhyst.persistence import save_model

@@ -2,6 +2,6 @@
 
 from ._narmax import NARMAXRegressor
 from ._narx import NARXRegressor
-from ._streaming import compiled_regressor
+from ._streaming import compiled_regressor as compiled_regressor
 
-__all__ = ["NARMAXRegressor", "NARXRegressor", "compiled_regressor"]
+__all__ = ["NARMAXRegressor", "NARXRegressor"]

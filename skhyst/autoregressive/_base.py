@@ -347,7 +347,22 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         return np.concatenate(parts), np.concatenate(targets)
 
     def starting_values(self, X, records, y=None):
-        """Return the :class:`Start` of the run over each record; ``y`` may be None."""
+        """Return where the run over each record starts.
+
+        Parameters
+        ----------
+        X : ndarray of shape (n_samples, n_inputs)
+            Inputs.
+        records : sequence of RecordSlice
+            Rows of each record.
+        y : ndarray of shape (n_samples,), default=None
+            Measured outputs, where they are known.
+
+        Returns
+        -------
+        list of Start
+            One per record.
+        """
         inputs = [X[record.rows] for record in records]
         measured = [None if y is None else y[record.rows] for record in records]
         kind = self._start_kind()

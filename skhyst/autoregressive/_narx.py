@@ -64,6 +64,7 @@ class NARXRegressor(AutoregressiveRegressor):
 
     See Also
     --------
+    NARMAXRegressor : Polynomial terms, selected from data, with a model of the noise.
     skhyst.preprocessing.PlayOperators : Gives the regressor a rate-independent memory.
 
     Notes

@@ -20,12 +20,21 @@ from ._messages import as_options
 
 
 def main(argv=None) -> int:
-    """Run the command line; return the exit code.
+    """Run the command line.
 
     Parameters
     ----------
-    argv : list of str, optional
-        Arguments, without the name of the program.
+    argv : list of str, default=None
+        Arguments, without the name of the program; None: those of the process.
+
+    Returns
+    -------
+    int
+        Exit code: 0 where all went well.
+
+    Examples
+    --------
+    ``main(["diagnose", "recording.csv"])`` is ``skhyst diagnose recording.csv``.
     """
     argv = sys.argv[1:] if argv is None else list(argv)
     parser = _parser()

@@ -1,31 +1,17 @@
 """Compositions of models, fitted jointly."""
 
-from ._backfitting import Backfitting, Turn, explained_change, fold_of_rows
-from ._cascade import Cascade, thin_records
-from ._columns import (
-    Modulated,
-    OnColumn,
-    amplitude,
-    is_constant,
-    lags_of_column,
-)
+from ._backfitting import Backfitting as Backfitting
+from ._backfitting import Turn as Turn
+from ._backfitting import explained_change as explained_change
+from ._backfitting import fold_of_rows as fold_of_rows
+from ._cascade import Cascade
+from ._cascade import thin_records as thin_records
+from ._columns import Modulated, OnColumn
+from ._columns import amplitude as amplitude
+from ._columns import is_constant as is_constant
+from ._columns import lags_of_column as lags_of_column
 from ._corrected import Corrected
 from ._scheduled_parameters import ScheduledParameters
 from ._sum import Sum
 
-__all__ = [
-    "Backfitting",
-    "Cascade",
-    "Corrected",
-    "Modulated",
-    "OnColumn",
-    "ScheduledParameters",
-    "Sum",
-    "Turn",
-    "amplitude",
-    "explained_change",
-    "fold_of_rows",
-    "is_constant",
-    "lags_of_column",
-    "thin_records",
-]
+__all__ = ["Cascade", "Corrected", "Modulated", "OnColumn", "ScheduledParameters", "Sum"]

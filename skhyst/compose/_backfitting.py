@@ -1,18 +1,18 @@
-r"""Fitting a black box and the effects behind it in turn.
+r"""Fitting a black box and the effects after it in turn.
 
-A black box f gives the prediction :math:`p = f(X)`, effects make of it the response,
-:math:`y = E[p]`. E is identified from predictions out of fold, since those of a flexible f for the
-rows that it has learned leave nothing to find. Then the f of each fold is fitted to the response
-with the effects taken out, :math:`p + d`: the change d of the prediction that would explain the
-residual :math:`r = y - E[p]`, of least
+A black box f gives the prediction :math:`p = f(X)`, effects map it to the response,
+:math:`y = E[p]`. E is identified from predictions out of fold, since a flexible f leaves no
+residual in the rows that it was trained on. Then the f of each fold is fitted to the response with
+the effects removed, :math:`p + d`: d is the change of the prediction that explains the residual
+:math:`r = y - E[p]`, which minimises
 
 .. math:: \|r - L d\|^2 + \lambda \|d\|^2
 
-where L is the derivative of E. For what stands beside f, d is nearly r, as in backfitting of
-additive models (Buja, Hastie and Tibshirani, *Annals of Statistics*, 1989); behind a low-pass, what
-it has removed is restored as far as the noise allows. A linear L shrinks the error of p by
-:math:`\lambda / (|L|^2 + \lambda)` at each frequency, whatever the phase, where r itself as the
-change would let it grow if :math:`|1 - L| > 1`, as behind a resonance or a long delay.
+where L is the derivative of E. For an additive effect, d is nearly r, as in backfitting of additive
+models (Buja, Hastie and Tibshirani, *Annals of Statistics*, 1989); before a low-pass, frequencies
+that it attenuates are restored as far as the noise allows. A linear L reduces the error of p by
+:math:`\lambda / (|L|^2 + \lambda)` at each frequency, whatever the phase; with r itself as the
+change it would grow where :math:`|1 - L| > 1`, as before a resonance or a long delay.
 """
 
 from dataclasses import dataclass
@@ -25,10 +25,10 @@ from ..operators import FrozenOperator, Series, SumOperator
 from ._columns import OnColumnOperator, Scaled
 from ._scheduled_parameters import Scheduled
 
-_DAMPING = 0.1  # lambda: the squared gain of the effects above which they are undone
+_DAMPING = 0.1  # lambda: squared gain of the effects above which they are inverted
 _STEPS = 12  # of conjugate gradients
 _ENOUGH = 1e-4  # reduction of the gradient
-_REMEMBERED = 3  # turns that are mixed, beside the last
+_REMEMBERED = 3  # earlier turns that are mixed with the last
 
 
 def fold_of_rows(slices, cv):
@@ -42,17 +42,18 @@ def fold_of_rows(slices, cv):
 
 @dataclass(frozen=True)
 class Turn:
-    """What is known after a turn.
+    """State after one turn of backfitting.
 
     Attributes
     ----------
     targets, predictions : ndarray of shape (n_folds, n_samples)
-        What the clone of each fold was fitted to, and what it predicts, for all rows.
+        Targets and predictions of the clone of each fold, for all rows.
     effects : object
-        What ``refit`` has returned.
+        The fitted effects, as ``refit`` returns them.
     error : float
-        Of the effects behind the predictions out of fold.
+        Of the effects after the predictions out of fold.
     number : int
+        Of the turn.
     """
 
     targets: np.ndarray
@@ -63,7 +64,7 @@ class Turn:
 
 
 class Backfitting:
-    """A regressor that is fitted once a fold, to the rows outside it.
+    """A regressor that is fitted once per fold, to the rows outside it.
 
     Parameters
     ----------
@@ -81,10 +82,9 @@ class Backfitting:
         self.n_folds = int(fold.max()) + 1
 
     def predict(self, targets):
-        """Return what the clones predict when each is fitted to its row of targets.
+        """Return the predictions (n_folds, n_samples) of clones fitted to a row of targets each.
 
-        Every clone predicts all rows, (n_folds, n_samples): what has a memory is not cut at the
-        borders of a fold.
+        Every clone predicts all rows, so that a memory is not cut at the borders of a fold.
         """
         found = np.empty_like(targets)
         for k, target in enumerate(targets):
@@ -94,15 +94,15 @@ class Backfitting:
         return found
 
     def out_of_fold(self, predictions):
-        """Return for each row the prediction of the clone that has not seen it."""
+        """Return for each row the prediction of the clone that was not trained on it."""
         return predictions[self._fold, np.arange(len(self._fold))]
 
     def alternate(self, start, problem_of, refit, folds, turns, least=0.01):
         """Fit the regressor and the effects in turn, until the error no longer falls.
 
-        Where f can nearly do what the effects do, turns lead on in ever the same directions by a
-        little: the targets of a few turns are mixed such that the next would change them least
-        (Anderson, *Journal of the ACM*, 1965).
+        Where f can nearly represent the effects, turns converge slowly along the same directions:
+        the targets of a few turns are mixed such that the next turn would change them least
+        (Anderson acceleration: *Journal of the ACM*, 1965).
 
         Parameters
         ----------
@@ -141,9 +141,9 @@ class Backfitting:
         return Turn(targets, predictions, effects, error, last.number + 1)
 
     def _renewed(self, turn, problem_of, folds):
-        """Return the response with the effects taken out, for the clone of each fold.
+        """Return the response with the effects removed, as targets for the clone of each fold.
 
-        It comes from that clone's own predictions: nothing is learned from the fold on the way.
+        It is computed from the predictions of that clone, so that no data of the fold leak into it.
         """
         found = turn.predictions.copy()
         for k, (own, train) in enumerate(zip(found, folds, strict=True)):
@@ -159,13 +159,13 @@ class Backfitting:
         return found
 
     def merged(self, targets):
-        """Return one target for all rows: the mean of those of the clones that learn a row."""
+        """Return one target per row: the mean of those of the clones that are trained on it."""
         learned = self._fold != np.arange(self.n_folds)[:, None]
         return np.sum(targets, axis=0, where=learned) / learned.sum(axis=0)
 
 
 def _mixed(past):
-    """Return the mixture of new targets, of those with which old ones would change least."""
+    """Return the mixture of new targets for which old and new differ least."""
     old, new = past[-1]
     if len(past) == 1:
         return new
@@ -176,7 +176,7 @@ def _mixed(past):
 
 
 def explained_change(operator, record, residual, state="rest"):
-    """Return the change of the first column of a record's drive that explains the residual.
+    """Return the change of the first column of a record's input that explains the residual.
 
     Both are (n_samples,); ``operator`` is that of the effects.
     """
@@ -206,10 +206,10 @@ def explained_change(operator, record, residual, state="rest"):
 
 
 def _derivative(operator, u, change, dt, state, adjoint=False):
-    """Return the derivative of the output along a change of the drive, or its adjoint's output.
+    """Return the directional derivative of the output along a change of the drive, or its adjoint.
 
-    The adjoint is that of a stage run backwards in time: exact for stages that are linear or have
-    no memory.
+    The adjoint is the derivative of each stage run backwards in time: exact for stages that are
+    linear or have no memory.
     """
     if isinstance(operator, FrozenOperator | Scheduled):
         return _derivative(operator.operator, u, change, dt, state, adjoint)

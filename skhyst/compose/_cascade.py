@@ -115,6 +115,7 @@ class Composition(ParametricModel, BaseComposition):
 
     @property
     def reads_columns(self):
+        """Whether further columns of X are read."""
         return any(model.reads_columns for model in self._models())
 
     def operator_input(self, X, slices):
@@ -155,6 +156,7 @@ class Composition(ParametricModel, BaseComposition):
 
     @property
     def any_interval(self):
+        """Whether the response to a straight drive is the same at any sampling interval."""
         return all(model.any_interval for model in self._models())
 
     def with_hold(self, hold):
@@ -250,6 +252,11 @@ class Cascade(Composition):
         If a step is not a parametric model.
     NotFittedError
         If a step is held, but was never fitted.
+
+    See Also
+    --------
+    Sum : Models in parallel.
+    ScheduledParameters : A model whose parameters follow a number of the record.
 
     Examples
     --------

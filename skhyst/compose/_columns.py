@@ -1,4 +1,4 @@
-"""Models that a further column of X drives, or whose gain it changes."""
+"""Models that a further column of X drives, or whose response it scales."""
 
 from dataclasses import replace
 from numbers import Integral
@@ -38,7 +38,7 @@ def lags_of_column(records):
 
 
 class AroundModel(ParametricModel):
-    """Base of what stands around another model.
+    """Base of the models around another model.
 
     Parameters
     ----------
@@ -123,20 +123,25 @@ class _ColumnModel(AroundModel):
 class OnColumn(_ColumnModel):
     """A model that one column of X drives, such as a temperature.
 
-    It stands beside the model of the drive in a :class:`Sum`. Where that is the first step of a
-    :class:`Cascade`, the column acts on what goes into the steps behind it, as a bias voltage does.
+    It is added to the model of the drive in a :class:`Sum`. If that is the first step of a
+    :class:`Cascade`, the column acts on the input of the later steps, as a bias voltage does.
 
     Parameters
     ----------
     column : int, default=1
         Number of the column of X.
     centered : bool, default=False
-        Whether the column counts from its mean in the records of the fit, not from zero. What
-        it adds to the drive of a model with a threshold or a curve shifts that.
+        Whether the mean of the column in the records of the fit is subtracted. Otherwise a column
+        that is added to the drive of a model with a threshold or a curve shifts these.
 
     Attributes
     ----------
     operator_ : OnColumnOperator
+
+    See Also
+    --------
+    Modulated : A response that the column scales.
+    Sum : Adds the response to the column to another one.
 
     Examples
     --------
@@ -181,7 +186,7 @@ class OnColumn(_ColumnModel):
 
 
 class FirstColumn(OnColumn):
-    """A model of the drive as one of the whole input; the tree says so of itself."""
+    """A model of the drive as one of all columns; the node exists in the tree only."""
 
     def subtree(self, driven, disturbances):
         return replace(super().subtree(driven, disturbances), model=None)
@@ -193,9 +198,9 @@ class Modulated(_ColumnModel):
     .. math:: y = \Gamma[u] \, (1 + b \, (a - a_0))
 
     with the model :math:`\Gamma` of the drive u, the column a, if asked for behind a first-order
-    lag, or the half range of the drive in
-    each record, and its mean :math:`a_0` in the records of the fit. It stands outermost, or is a
-    step of a :class:`Sum`, or is modulated once more by another column.
+    lag, or the half range of the drive in each record, and its mean :math:`a_0` in the records of
+    the fit. It is the outermost model, or a step of a :class:`Sum`, or is modulated again by
+    another column.
 
     Parameters
     ----------
@@ -212,6 +217,11 @@ class Modulated(_ColumnModel):
     operator_ : Scaled
         ``sensitivity`` b in one over the units of the column, ``reference`` :math:`a_0`, and
         ``lag``, whose ``time_constant`` is in s.
+
+    See Also
+    --------
+    OnColumn : A model that the column drives.
+    ScheduledParameters : Single parameters that follow a column.
 
     Examples
     --------

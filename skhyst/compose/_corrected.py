@@ -1,4 +1,4 @@
-"""Any regressor with physical effects behind and beside it."""
+"""Any regressor with physical effects in series and in parallel."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -279,11 +279,11 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
 
 
 def _stretches(fold):
-    """Return the runs of rows of one fold, (start, stop)."""
+    """Return the runs of consecutive rows of one fold, (start, stop)."""
     cuts = np.flatnonzero(np.diff(fold)) + 1
     return tuple(pairwise([0, *cuts.tolist(), len(fold)]))
 
 
 def _as_first_column(p, columns):
-    """Return the columns with a prediction in the place of the first."""
+    """Return the columns with a prediction in place of the first."""
     return np.column_stack([p, columns[:, 1:]])

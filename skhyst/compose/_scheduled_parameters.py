@@ -25,14 +25,14 @@ class ScheduledParameters(AroundModel):
 
     with s the half range of the drive in a record, or the value of a column of X, which is constant
     in a record (Xie et al. 2023, (22) to (26)). All coefficients are identified jointly from all
-    records. They are searched as the polynomial's Bernstein coefficients over the range of s, so
-    that a parameter keeps its bounds (non-negative weights, positive time constants) all over that
-    range.
+    records. They are searched as Bernstein coefficients over the range of s, so that a parameter
+    keeps its bounds (nonnegative weights, positive time constants) everywhere in that range.
 
     Parameters
     ----------
     estimator : estimator
-        A parametric model of skhyst, a cascade of them too. Scheduled parameters stand outermost.
+        A parametric model of skhyst, or a cascade of them; ScheduledParameters is the outermost
+        model.
     by : str or int, default="amplitude"
         ``"amplitude"``, or the name or number of a column of X.
     degree : int, default=1
@@ -56,6 +56,10 @@ class ScheduledParameters(AroundModel):
     ------
     RecordError
         If the column is not constant in each record.
+
+    See Also
+    --------
+    Modulated : Scales the whole response by a column.
 
     References
     ----------
@@ -194,7 +198,7 @@ class ScheduledParameters(AroundModel):
 
 
 def _from_each_record(scheduled, records, plain, model):
-    """Return the operator whose polynomials go through fits of each record alone, about."""
+    """Return the operator whose polynomials fit the parameters of single records best."""
     fixed = model.held_parameters()
     alone = [refine(model, [scheduled.base], [record], _ROUGH) for record in plain]
     values = np.array([result.operator.pack() for result in alone])

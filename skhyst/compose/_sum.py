@@ -11,9 +11,9 @@ from ._columns import FirstColumn
 class Sum(Composition):
     """Models in parallel, identified jointly: their outputs are added.
 
-    Disturbances (:mod:`skhyst.disturbance`) stand beside the driven models; their coefficients
-    are solved record by record. Beside an offset or a drift, which have a constant for each record,
-    the driven models have no intercept. A step that is known already is held as in a
+    Additive disturbances (:mod:`skhyst.disturbance`) may be among them; their coefficients are
+    solved record by record. With an offset or a drift, which have a constant for each record, the
+    driven models have no intercept. A step that is known already is held as in a
     :class:`Cascade`: the fitted model in a :class:`sklearn.frozen.FrozenEstimator`.
 
     Attributes
@@ -21,6 +21,11 @@ class Sum(Composition):
     operator_ : SumOperator
     record_coefficients_ : ndarray of shape (n_records, n_coefficients)
         Of the disturbances, where there are any.
+
+    See Also
+    --------
+    Cascade : Models in series.
+    OnColumn : A model that another column of X drives, to be added.
 
     Examples
     --------
@@ -39,7 +44,7 @@ class Sum(Composition):
     _parallel = True
 
     def _models(self):
-        """Return the steps as models; beside one that reads columns the others read the first."""
+        """Return the steps as models; if one reads columns, the others are given the first."""
         models = super()._models()
         if not any(model.reads_columns for model in models):
             return models

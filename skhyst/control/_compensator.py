@@ -124,6 +124,11 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         give the output that is required of it (with its name and the value); if the response to the
         drive misses the reference by more than ``max_residual`` allows.
 
+    See Also
+    --------
+    FeedforwardPI : A controller around it.
+    skhyst.operators.inverse_of : The inverse of an operator.
+
     Examples
     --------
     >>> import numpy as np
@@ -382,6 +387,11 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
             Samples; by default those of :meth:`preview`. Each sample less multiplies the error by
             the magnitude of the zeros outside the unit circle.
 
+        Returns
+        -------
+        Stepper
+            ``step(reference) -> drive``.
+
         Raises
         ------
         NotImplementedError
@@ -455,12 +465,14 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
 
     @property
     def drive_limits_(self) -> tuple[float, float]:
+        """Smallest and largest drive, units of the drive; infinite where there is no limit."""
         check_is_fitted(self)
         limits = self._limits()
         return float(limits.low), float(limits.high)
 
     @property
     def rate_limit_(self) -> float:
+        """Largest rate of the drive, its units per s; infinite where there is no limit."""
         check_is_fitted(self)
         return float(self._limits().rate)
 

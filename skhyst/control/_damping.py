@@ -85,7 +85,7 @@ class IntegralResonantControl:
         Returns
         -------
         tuple of float
-            b0, b1, b2 of the numerator and a1, a2 of the denominator.
+            Numerator b0, b1, b2 and denominator a1, a2.
 
         Raises
         ------

@@ -76,6 +76,10 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         model is exact.
     n_features_in_ : int
 
+    See Also
+    --------
+    Observer : Estimates the response from the same model and readings.
+
     Notes
     -----
     The random walk of the observer absorbs slow drift of the response, which is not a change of a

@@ -73,6 +73,10 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         Complete state of observer and model: a copy, which may be stored and assigned again.
     n_features_in_ : int
 
+    See Also
+    --------
+    Monitor : Detects that the model has ceased to hold.
+
     Notes
     -----
     The hysteresis, and all stages before the last linear ones, follow the drive alone. Variances
@@ -187,9 +191,19 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         )
 
     def innovations(self, X, y) -> np.ndarray:
-        """Return each reading minus its prediction, (n_samples,), units of the response.
+        """Return each reading minus its prediction.
 
-        ``X`` and ``y`` are as for :meth:`filter`.
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+            As for :meth:`fit`.
+        y : array-like of shape (n_samples,)
+            Reading of the sensor.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+            Units of the response.
         """
         parts = []
         for rows, u, dt in self._rows(X, y):
@@ -232,8 +246,10 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
 
         Parameters
         ----------
-        dt, u0
-            As for :meth:`compiled_step`.
+        dt : float, default=None
+            Sampling interval in s; by default that of the records of the fit.
+        u0 : float or array-like of shape (n_inputs,), default=0.0
+            Drive at which the device rests before.
 
         Returns
         -------

@@ -30,7 +30,17 @@ _CONSTRAINTS = {
 
 
 class Loop(NamedTuple):
-    """Signals of a simulated loop: arrays of shape (n_samples,), shorter if it has diverged."""
+    """Signals of a simulated loop, shorter than the reference if the loop has diverged.
+
+    Parameters
+    ----------
+    time : ndarray of shape (n_samples,)
+        In s.
+    reference, drive, response : ndarray of shape (n_samples,)
+        What is wanted, what the controller asks for, and what the device does.
+    reading : ndarray of shape (n_samples,)
+        The response with the noise and the delay of the sensor.
+    """
 
     time: np.ndarray  # s
     reference: np.ndarray

@@ -1,4 +1,4 @@
-"""The test signals of the package within the limits of an amplifier, to choose from."""
+"""A catalogue of the test signals of the package within the limits of an amplifier."""
 
 import numpy as np
 
@@ -21,31 +21,31 @@ _FEWEST = 64  # samples, in which each of the signals has its form
 
 
 def signals_within(drive_limits, duration, dt, *, rate_limit=None) -> dict[str, np.ndarray]:
-    r"""Sines, triangles, sweeps, multisines, steps and reversal curves that an amplifier can give.
+    r"""Return sines, triangles, sweeps, multisines, steps and reversal curves within given limits.
 
-    Each form comes over the whole range of the drive and over a third of it: in its middle and at
-    either end. Periodic ones come at frequencies from two periods in the duration to ten samples in
-    a period, a factor of three apart. What is too steep is made smaller about its middle until it
-    keeps the rate; what then is a ninth of the range or less is left out.
+    Each form has the full range of the drive and a third of it: in its middle and at either end.
+    Periodic ones have frequencies from two periods in the duration to ten samples per period, a
+    factor of three apart. Signals that are too steep are reduced about their middle until they keep
+    the rate; those that are then a ninth of the range or less are left out.
 
     Parameters
     ----------
     drive_limits : (float, float)
         Lowest and highest value, units of the drive.
     duration, dt : float
-        Duration of each signal and sampling interval in s, 64 samples at least.
+        Duration of each signal and sampling interval in s, at least 64 samples.
     rate_limit : float or None, default=None
         Largest slope, units of the drive over s. None: any.
 
     Returns
     -------
     dict of str to ndarray of shape (n_samples,)
-        What each signal is, and its values.
+        Description and values of each signal.
 
     Raises
     ------
     ValueError
-        If the limits are not in order, or no signal keeps the rate.
+        If the limits are not in ascending order, or no signal keeps the rate.
 
     Examples
     --------
@@ -89,7 +89,7 @@ def signals_within(drive_limits, duration, dt, *, rate_limit=None) -> dict[str, 
 def _shapes(n, dt, rise):
     """Return the forms, about zero, of unit size, (n,).
 
-    ``rise`` is the time in s that the rate limit asks for from one end of the range to the other.
+    ``rise`` is the least time in s from one end of the range to the other at the rate limit.
     """
     slowest = _PERIODS / (n * dt)
     octaves = np.log(n / (_PERIODS * _FASTEST)) / np.log(_FACTOR)

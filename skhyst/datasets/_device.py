@@ -1,11 +1,11 @@
-"""The physical effects of the simulated devices: each says how it changes a plant.
+"""The physical effects of the simulated devices, as changes of a plant.
 
 The path of a device is
 
     drive -> first -> core (hysteresis) -> gain -> middle -> dynamics -> motion -> last (sensor)
 
-Strengths are shares of full scale and change nothing at zero. Defaults of times and frequencies
-count in periods of the device's first mode, everything else is in s and Hz.
+Strengths are fractions of full scale; zero means no effect. Defaults of times and frequencies are
+in periods of the first mode of the device, everything else in s and Hz.
 """
 
 import inspect
@@ -33,7 +33,7 @@ from .simulation import (
 
 @dataclass(frozen=True)
 class DeviceRecords:
-    """What an effect has to know of a device and its records."""
+    """Full scale and records of a device, for its effects."""
 
     drive: float  # full scale
     response: float  # full scale
@@ -71,7 +71,7 @@ def _ringing_in_part(signal, step, strength, frequency, damping, memory=None):
 
 
 class Device(DeviceRecords):
-    """A device with the effects that it can have, a method each, in the order of the path."""
+    """A device and its possible effects, one method each, in the order of the path."""
 
     def slew_limit(self, strength=1.0, frequency=0.02):
         rate = 2.0 * np.pi * frequency * self.drive / strength
@@ -159,7 +159,7 @@ class Device(DeviceRecords):
         return PlantEffect(beside=beside)
 
     def auxiliary_input(self, strength=0.1, time_constant=10.0):
-        """Wander slowly between about -1 and 1, and act with a lag."""
+        """Return a column that varies slowly between about -1 and 1, and acts with a lag."""
         columns, beside = [], []
         for number, record in enumerate(self.records):
             rng = self.generator(number, "auxiliary_input")
@@ -270,7 +270,7 @@ def _scaled(value, factor):
 
 
 def _wanted(effect, key, value):
-    """Return what a parameter of an effect must be, where the value is not."""
+    """Return what a parameter of an effect must be if its value is invalid, else None."""
     if key in _CHOICES:
         return "" if value in _CHOICES[key] else f"one of {_CHOICES[key]}"
     try:

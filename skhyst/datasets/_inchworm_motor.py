@@ -262,9 +262,13 @@ def inchworm_motor_stepper(
         Voltage u1, or the four of :func:`walking_drive`, at which the motor has rested, in V.
     dt : float, default=1e-4
         Sampling interval in s.
-    hysteresis, effects, substeps
-        As in :func:`make_inchworm_motor`. Effects of whole records cannot be had: what adds to the
+    hysteresis : {"bouc_wen", "prandtl_ishlinskii", None}, default="bouc_wen"
+        As in :func:`make_inchworm_motor`.
+    effects : mapping, iterable of str, str or None, default=None
+        As in :func:`make_inchworm_motor`, except for effects of complete records: what adds to the
         response, and ``"amplitude_dependence"``.
+    substeps : int, default=10
+        As in :func:`make_inchworm_motor`.
 
     Returns
     -------

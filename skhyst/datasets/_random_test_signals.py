@@ -124,7 +124,7 @@ def multisine(
 
 
 def _without_detection(lines, group_size, rng):
-    """Return the lines but one, drawn at random, of each full group."""
+    """Return the lines without a random one of each complete group."""
     n_groups = lines.size // group_size
     left_out = group_size * np.arange(n_groups) + rng.integers(0, group_size, n_groups)
     return np.delete(lines, left_out)
@@ -200,7 +200,7 @@ def band_limited_noise(
 
 
 def _check(function, n_samples, band, rms, offset, n_realizations, n_inputs, dt):
-    """Check what both signals have; return root mean squares, offsets and the lines of the band."""
+    """Check common parameters; return root mean squares, offsets and the lines of the band."""
     check.count(function, "n_samples", n_samples, 3)
     check.count(function, "n_realizations", n_realizations)
     check.count(function, "n_inputs", n_inputs)

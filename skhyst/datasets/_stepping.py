@@ -7,9 +7,9 @@ import numpy as np
 
 
 class DeviceStepper:
-    """A simulated device in motion: of :func:`inchworm_motor_stepper` and its like.
+    """A simulated device that is stepped, such as that of :func:`inchworm_motor_stepper`.
 
-    It makes no recording: there is no sensor between its response and whoever reads it.
+    It has no sensor: the response is that of the device itself.
 
     Parameters
     ----------
@@ -53,11 +53,12 @@ class DeviceStepper:
         return float(self.run(np.reshape(u, (1, -1)))[0])
 
     def run(self, u) -> np.ndarray:
-        """Return the response to many samples, and stand behind the last.
+        """Return the response to many samples; the device is then in the state after the last.
 
         Parameters
         ----------
         u : array-like of shape (n_samples,) or (n_samples, n_inputs)
+            Drives, as of :meth:`step`.
 
         Returns
         -------
@@ -77,5 +78,5 @@ class DeviceStepper:
         return self._respond(rows)
 
     def copy(self) -> Self:
-        """Return another one in the same state, which goes its own way."""
+        """Return an independent copy in the same state."""
         return copy.deepcopy(self)

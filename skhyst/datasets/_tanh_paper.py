@@ -69,6 +69,7 @@ def make_tanh_recording(
     frequency : {10, 20, ..., 80}, default=20.0
         Hz.
     n_cycles : int, default=5
+        Periods of the drive.
     noise : float, default=0.0
         Standard deviation of white noise in the response, um.
     random_state : int or None, default=None

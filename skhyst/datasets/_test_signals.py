@@ -125,8 +125,10 @@ def swept_sine(
         Frequencies at the start and at the end, Hz.
     duration : float, default=1.0
         :math:`T` in s.
-    amplitude, offset : float, default=1.0 and 0.0
-        Largest deviation from the rest value, and that value, units of the drive.
+    amplitude : float, default=1.0
+        Largest deviation from the rest value, units of the drive.
+    offset : float, default=0.0
+        Rest value, units of the drive.
     phase : float, default=0.0
         Phase at the start, rad. With 0 the drive starts at the rest value.
     spacing : {"linear", "logarithmic"}, default="linear"
@@ -183,18 +185,20 @@ def swept_sine(
 def decaying_sine(
     amplitude=3.5, frequency=5.0, *, decay=1.0, duration=3.5, dt=1e-4, offset=0.0
 ) -> pd.DataFrame:
-    r"""A sine that dies away, and with it the hysteresis memory.
+    r"""A sine with decaying amplitude, which erases the hysteresis memory.
 
     .. math:: u = u_0 + a\,e^{-\lambda t} \sin 2 \pi f t
 
     Parameters
     ----------
-    amplitude, offset : float, default=3.5 and 0.0
-        :math:`a` and the rest value :math:`u_0`, the first sample, units of the drive.
+    amplitude : float, default=3.5
+        :math:`a`, units of the drive.
     frequency : float, default=5.0
         Hz.
     decay : float, default=1.0
         :math:`\lambda` in 1/s.
+    offset : float, default=0.0
+        Rest value :math:`u_0`, the first sample, units of the drive.
     duration, dt : float, default=3.5 and 1e-4
         Duration and sampling interval in s.
 
@@ -228,7 +232,7 @@ def decaying_sine(
 
 @documented_like(triangle)
 def steps(levels=(0.0, 1.0), *, hold=1.0, rise_time=0.0, dt=1e-3) -> pd.DataFrame:
-    """Levels with rests: what shows creep, drift and ringing.
+    """Return levels that are held one after another: they show creep, drift and ringing.
 
     Parameters
     ----------
@@ -278,7 +282,7 @@ def steps(levels=(0.0, 1.0), *, hold=1.0, rise_time=0.0, dt=1e-3) -> pd.DataFram
 def first_order_reversal_curves(
     amplitude=1.0, n_curves=10, *, rate=1.0, dt=1e-3, offset=0.0, both_sides=False
 ) -> pd.DataFrame:
-    r"""First-order reversal curves: from saturation to a reversal value and back, again and again.
+    r"""First-order reversal curves: from saturation to one reversal value after another and back.
 
     The drive goes from rest to ``offset + amplitude``, then for each curve down to its reversal
     value and up again. The reversal values are spaced evenly, the last is ``offset - amplitude``.

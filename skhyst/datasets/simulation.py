@@ -20,6 +20,7 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 from scipy.signal import lfilter
 
+from .._documentation import documented_like
 from .._jit import jit
 
 __all__ = [
@@ -44,7 +45,7 @@ __all__ = [
 class Plant:
     """A signal path.
 
-    Attributes
+    Parameters
     ----------
     places : dict of str to tuple of callable
         The stages at each place, in the order of the path.
@@ -64,28 +65,92 @@ class Plant:
     places: dict[str, tuple[Callable, ...]]
 
     def insert(self, place, stage):
-        """Return the plant with one more stage at the end of a place."""
+        """Return the plant with one more stage at the end of a place.
+
+        Parameters
+        ----------
+        place : str
+            A key of ``places``.
+        stage : callable
+            ``stage(signal, step)`` returns a signal.
+
+        Returns
+        -------
+        Plant
+            A copy.
+        """
         return Plant({**self.places, place: (*self.places[place], stage)})
 
     def adapt(self, place, law=None, **parameters):
-        """Return the plant with parameters of the one stage of a place set, or another law."""
+        """Return the plant with parameters of the one stage of a place set, or another law.
+
+        Parameters
+        ----------
+        place : str
+            A key of ``places``, with one stage.
+        law : callable, default=None
+            Function of the stage; None: the one that it has.
+        **parameters : object
+            Keyword arguments of the law, in place of those of the stage.
+
+        Returns
+        -------
+        Plant
+            A copy.
+        """
         (stage,) = self.places[place]
         adapted = partial(law or stage.func, **{**stage.keywords, **parameters})
         return Plant({**self.places, place: (adapted,)})
 
     def remembering(self):
-        """Return the plant whose stages go on where the signal before has ended."""
+        """Return the plant whose stages go on where the signal before has ended.
+
+        Returns
+        -------
+        Plant
+            A copy, for a drive that comes in pieces.
+        """
         return Plant({place: tuple(map(remembers, self.places[place])) for place in self.places})
 
     def send(self, signal, step, *places):
-        """Send a signal through some places, one after another."""
+        """Send a signal through some places, one after another.
+
+        Parameters
+        ----------
+        signal : ndarray of shape (n_samples,)
+            Input of the first place.
+        step : float
+            Interval between the samples, in the unit of the laws' times.
+        *places : str
+            Keys of ``places``.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+            Output of the last place.
+        """
         for place in places:
             for stage in self.places[place]:
                 signal = stage(signal, step)
         return signal
 
     def respond(self, drive, substeps=32, dt=1.0):
-        """Return the response at the samples of a drive, computed at finer steps."""
+        """Return the response at the samples of a drive, computed at finer steps.
+
+        Parameters
+        ----------
+        drive : ndarray of shape (n_samples,)
+            A straight line between its samples.
+        substeps : int, default=32
+            Steps per interval.
+        dt : float, default=1.0
+            Interval of the drive, in the unit of the laws' times.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+            Response at the samples of the drive.
+        """
         fine = self.send(refine(drive, substeps), dt / substeps, *self.places)
         return fine[::substeps]
 
@@ -94,20 +159,20 @@ class Plant:
 class PlantEffect:
     """How the plant of each record is changed, and what is added to each response.
 
-    Attributes
+    Parameters
     ----------
-    place : str
+    place : str, default=""
         Where a stage is inserted.
-    stage : callable, list of callable or None
+    stage : callable, list of callable or None, default=None
         The stage; a list holds one for each record.
-    alter : callable or None
+    alter : callable, default=None
         Instead, maps the plant of a record and its number to the changed plant.
-    beside : list of ndarray of shape (n_samples,)
-        What is added to the response of each record.
-    column : (str, list of ndarray of shape (n_samples,))
-        Name and values, record by record, of a column beside the drive.
-    truth : dict
-        Parameters, for whoever wants to know.
+    beside : list of ndarray of shape (n_samples,), default=[]
+        What is added to the response of each record; empty: nothing.
+    column : (str, list of ndarray of shape (n_samples,)), default=("", [])
+        Name and values, record by record, of a further column of X.
+    truth : dict, default={}
+        True parameters of the effect, by name.
     """
 
     place: str = ""
@@ -118,7 +183,18 @@ class PlantEffect:
     truth: dict = field(default_factory=dict)
 
     def changes(self, plants):
-        """Return the plants of all records, changed."""
+        """Return the plants of all records, changed.
+
+        Parameters
+        ----------
+        plants : list of Plant
+            One per record.
+
+        Returns
+        -------
+        list of Plant
+            One per record; the same where nothing is inserted or altered.
+        """
         if self.alter is not None:
             return [self.alter(plant, number) for number, plant in enumerate(plants)]
         if self.stage is None:
@@ -136,7 +212,29 @@ def remembers(stage):
 
 
 def refine(drive, substeps, memory=None):
-    """Put ``substeps`` equal intervals between each two samples of a piecewise linear drive."""
+    """Put ``substeps`` equal intervals between each two samples of a piecewise linear drive.
+
+    Parameters
+    ----------
+    drive : ndarray of shape (n_samples,)
+        A straight line between its samples.
+    substeps : int
+        Intervals between two samples.
+    memory : dict, default=None
+        State between signals: empty where a record begins. None: the signal is a record.
+
+    Returns
+    -------
+    ndarray of shape ((n_samples - 1) * substeps + 1,)
+        Drive at the finer samples; ``n_samples * substeps`` of them behind an earlier signal.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.datasets.simulation import refine
+    >>> refine(np.array([0.0, 1.0, 0.0]), 2)
+    array([0. , 0.5, 1. , 0.5, 0. ])
+    """
     if memory:
         last, memory["last"] = memory["last"], drive[-1:]
         return refine(np.concatenate([last, drive]), substeps)[1:]
@@ -149,9 +247,36 @@ def refine(drive, substeps, memory=None):
 
 
 def plays(signal, step, thresholds, weights, stretch=0.0, widening=0.0, memory=None):
-    """Weighted sum of play operators, first loaded from zero.
+    """Return a weighted sum of play operators, first loaded from zero.
 
-    At the rate v of the signal a threshold r above zero is r (1 + stretch v) + widening v.
+    At the rate v of the signal a threshold r above zero is ``r (1 + stretch v) + widening v``.
+
+    Parameters
+    ----------
+    signal : ndarray of shape (n_samples,)
+        Input.
+    step : float
+        Interval between the samples, in the unit of the law's times.
+    thresholds, weights : array-like of shape (n_plays,)
+        Half widths of the plays, in units of the signal, and their factors.
+    stretch : float, default=0.0
+        Relative growth of the thresholds, one over the unit of the rate.
+    widening : float, default=0.0
+        Absolute growth of the thresholds, in the unit of time.
+    memory : dict, default=None
+        State between signals: empty where a record begins. None: the signal is a record.
+
+    Returns
+    -------
+    ndarray of shape (n_samples,)
+        Output at the samples.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.datasets.simulation import plays
+    >>> plays(np.array([0.0, 2.0, 0.0]), 1.0, thresholds=[0.0, 1.0], weights=[1.0, 0.5])
+    array([0. , 2.5, 0.5])
     """
     thresholds, weights = np.asarray(thresholds, float), np.asarray(weights, float)
     memory = {} if memory is None else memory
@@ -177,11 +302,33 @@ def _plays(signal, step, thresholds, weights, stretch, widening, states, before)
     return out
 
 
+@documented_like(plays)
 def reversal_curves(signal, step, slope, curvature, decay, memory=None):
     """Follow the same curve from every turning point of the signal, in the direction of its motion.
 
-    At the distance s from the last turning point its slope is that of Ahmed and Yan (2021),
-    equations (15) to (17): slope + curvature (1 - exp(-decay s)) / decay.
+    At the distance s from the last turning point its slope is
+    ``slope + curvature (1 - exp(-decay s)) / decay``.
+
+    Parameters
+    ----------
+    slope : float
+        At the turning point.
+    curvature : float
+        Derivative of the slope there.
+    decay : float
+        Of the curvature, one over the unit of the signal.
+
+    References
+    ----------
+    Ahmed and Yan 2021, equations (15) to (17).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.datasets.simulation import reversal_curves
+    >>> triangle = np.array([0.0, 1.0, 0.0])
+    >>> reversal_curves(triangle, 1.0, slope=1.0, curvature=0.5, decay=1.0).round(3)
+    array([0.   , 1.184, 0.   ])
     """
     memory = {} if memory is None else memory
     state = memory.get("state", (0.0, 0.0, 1.0, 0.0, 0.0))
@@ -204,8 +351,22 @@ def _reversal_curves(signal, slope, curvature, decay, state):
     return out, (turning, base, direction, last, y)
 
 
+@documented_like(plays)
 def slew_limited(signal, step, rate, memory=None):
-    """Follow the signal, at most so fast."""
+    """Follow the signal, at a rate that is limited.
+
+    Parameters
+    ----------
+    rate : float
+        Largest rate of the output, units of the signal over the unit of time.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.datasets.simulation import slew_limited
+    >>> slew_limited(np.array([0.0, 5.0, 5.0]), 1.0, rate=2.0)
+    array([0., 2., 4.])
+    """
     memory = {} if memory is None else memory
     out = _slew_limited(signal, step * rate, memory.get("last", signal[0]))
     memory["last"] = out[-1]
@@ -221,25 +382,83 @@ def _slew_limited(signal, most, last):
     return out
 
 
+@documented_like(plays)
 def clip(signal, step, low, high):
-    """End at a lowest and a highest value."""
+    """Limit the signal to a lowest and a highest value.
+
+    Parameters
+    ----------
+    low, high : float
+        Limits, units of the signal.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.datasets.simulation import clip
+    >>> clip(np.array([-2.0, 0.5, 2.0]), 1.0, low=-1.0, high=1.0)
+    array([-1. ,  0.5,  1. ])
+    """
     return np.clip(signal, low, high)
 
 
+@documented_like(plays)
 def dead_band(signal, step, center, half_width):
-    """Nothing within the band; beyond it what is left."""
+    """Return zero within a band, and the distance from its nearer edge beyond it.
+
+    Parameters
+    ----------
+    center, half_width : float
+        Of the band, units of the signal.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.datasets.simulation import dead_band
+    >>> dead_band(np.array([-2.0, 0.5, 2.0]), 1.0, center=0.0, half_width=1.0)
+    array([-1.,  0.,  1.])
+    """
     above = np.maximum(signal - center - half_width, 0.0)
     return above + np.minimum(signal - center + half_width, 0.0)
 
 
+@documented_like(plays)
 def dead_zones(signal, step, side, thresholds, weights):
-    """Add one-sided dead zones, all on the positive (``side`` 1) or the negative side (-1)."""
+    """Add one-sided dead zones, all on the positive or all on the negative side.
+
+    Parameters
+    ----------
+    side : {1, -1}
+        The side.
+    thresholds, weights : array-like of shape (n_zones,)
+        Distances from zero where the zones begin, units of the signal, and their slopes.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.datasets.simulation import dead_zones
+    >>> dead_zones(np.array([-2.0, 0.5, 2.0]), 1.0, side=1, thresholds=[1.0], weights=[0.5])
+    array([-2. ,  0.5,  2.5])
+    """
     terms = zip(thresholds, weights, strict=True)
     return signal + side * sum(w * np.maximum(side * signal - r, 0.0) for r, w in terms)
 
 
+@documented_like(plays)
 def pure_delay(signal, step, delay, memory=None):
-    """Shift in time."""
+    """Delay the signal.
+
+    Parameters
+    ----------
+    delay : float
+        In the unit of time; between samples the signal is a straight line.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.datasets.simulation import pure_delay
+    >>> pure_delay(np.array([0.0, 1.0, 0.0]), 1.0, delay=0.5)
+    array([0. , 0.5, 0.5])
+    """
     memory = {} if memory is None else memory
     back = int(np.ceil(delay / step))
     line = np.concatenate([memory.get("past", np.full(back, signal[0])), signal])
@@ -247,8 +466,22 @@ def pure_delay(signal, step, delay, memory=None):
     return np.interp(np.arange(signal.size) + (back - delay / step), np.arange(line.size), line)
 
 
+@documented_like(plays)
 def first_order(signal, step, tau, memory=None):
-    """Solve tau x' + x = u exactly."""
+    """Return the solution of ``tau x' + x = u``, exact for a piecewise linear signal.
+
+    Parameters
+    ----------
+    tau : float
+        Time constant, in the unit of time.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.datasets.simulation import first_order
+    >>> first_order(np.array([0.0, 1.0, 1.0]), 1.0, tau=1.0).round(3)
+    array([0.   , 0.368, 0.767])
+    """
     memory = {} if memory is None else memory
     p = step / tau
     gone = -np.expm1(-p)
@@ -259,8 +492,24 @@ def first_order(signal, step, tau, memory=None):
     return start + away
 
 
+@documented_like(plays)
 def kelvin_voigt(signal, step, taus, compliances, relax=first_order, memory=None):
-    """Add a chain of Kelvin-Voigt units to the signal that loads them."""
+    """Add the outputs of relaxing units to the signal that loads them: creep.
+
+    Parameters
+    ----------
+    taus, compliances : array-like of shape (n_units,)
+        Time constants, in the unit of time, and gains of the units.
+    relax : callable, default=first_order
+        Law of one unit, called as ``relax(signal, step, tau)``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.datasets.simulation import kelvin_voigt
+    >>> kelvin_voigt(np.array([0.0, 1.0, 1.0]), 1.0, taus=[1.0], compliances=[0.1]).round(3)
+    array([0.   , 1.037, 1.077])
+    """
     if memory is not None and not memory:
         memory["units"] = [remembers(relax) for _ in taus]
     units = zip(taus, compliances, memory["units"] if memory else [relax] * len(taus), strict=True)
@@ -272,9 +521,29 @@ def kelvin_voigt(signal, step, taus, compliances, relax=first_order, memory=None
 
 @jit
 def bouc_wen(h, du, limit, shape):
-    """Advance dh = du (1 - |h| / limit (shape sign(h du) + 1 - shape)) exactly by a step du.
+    """Advance ``dh = du (1 - |h| / limit (shape sign(h du) + 1 - shape))`` exactly by a step du.
 
-    With the shape 0.5 it unloads along a straight line, with 1 along an exponential.
+    Parameters
+    ----------
+    h : float
+        Hysteretic force before the step, units of the displacement.
+    du : float
+        Step of the displacement.
+    limit : float
+        Largest force, units of the displacement.
+    shape : float
+        With 0.5 the force unloads along a straight line, with 1 along an exponential.
+
+    Returns
+    -------
+    float
+        The force behind the step.
+
+    Examples
+    --------
+    >>> from skhyst.datasets.simulation import bouc_wen
+    >>> round(bouc_wen(0.0, 1.0, 1.0, 0.5), 3)
+    0.632
     """
     if du == 0.0:
         return h
@@ -324,6 +593,7 @@ def _advance(signal, state, flow, step, pull, forces):
     return out, (x, v, z, h, force, u)
 
 
+@documented_like(plays)
 def oscillate(
     signal,
     step,
@@ -340,17 +610,48 @@ def oscillate(
     width=1.0,
     memory=None,
 ):
-    """Solve the motion x of a mode that a signal u drives, with forces f beside its spring.
+    """Return the motion x of a mode that a signal u drives, with forces f beside its spring.
 
         x'' = w^2 (u - x) + 2 damping w (base u' - x') - w^2 Y f,    w = 2 pi frequency,
         f = cubic (x / Y)^3 + friction z + hysteretic h
 
-    The displacement has the full scale Y, `scale`. The friction z, which is 1 in fast sliding and
-    `static` before it slides, the excess fading over a velocity of `stribeck` w Y, builds up over
-    the way `presliding` Y, the Bouc-Wen force h over `width` Y.
+    The displacement has the full scale Y, ``scale``. The friction z, which is 1 in fast sliding and
+    ``static`` before it slides, the excess fading over a velocity of ``stribeck`` w Y, builds up
+    over the displacement ``presliding`` Y, the Bouc-Wen force h over ``width`` Y.
 
     Without f the motion is exact, by the exponential of the matrix; f acts as half a kick before
     and half a kick after each step (Strang splitting), and is of second order in the step.
+
+    Parameters
+    ----------
+    frequency : float
+        Natural frequency, one over the unit of time.
+    damping : float
+        Damping ratio.
+    base : float, default=0.0
+        1 where the damper stands on the base that the signal moves, 0 where on the ground.
+    scale : float, default=1.0
+        Full scale Y of the displacement, units of the signal.
+    cubic, friction : float, default=0.0
+        Factors of these forces.
+    presliding : float, default=1.0
+        Displacement over which friction builds up, a fraction of Y.
+    static : float, default=1.0
+        Friction before sliding, relative to that of fast sliding.
+    stribeck : float, default=1.0
+        Velocity over which the excess of static friction fades, in w Y.
+    hysteretic : float, default=0.0
+        Factor of the Bouc-Wen force.
+    width : float, default=1.0
+        Displacement over which it builds up, a fraction of Y.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.datasets.simulation import oscillate
+    >>> step = np.append(0.0, np.ones(3))
+    >>> oscillate(step, 0.1, frequency=1.0, damping=0.5).round(2)
+    array([0.  , 0.06, 0.31, 0.64])
     """
     w = 2.0 * np.pi * frequency
     flow = _flow(w, 2.0 * damping * w, base, step)

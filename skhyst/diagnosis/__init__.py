@@ -1,6 +1,7 @@
 """Find the physical effect that a model lacks."""
 
-from ._effects import EFFECTS, Effect, effect_names, register_effect, unregister_effect
+from ._effects import EFFECTS as EFFECTS
+from ._effects import Effect, effect_names, register_effect, unregister_effect
 from ._evidence import Evidence
 from ._next_experiment import Experiment, next_experiment
 from ._pictures import Picture
@@ -9,7 +10,6 @@ from ._report import Report
 from ._search import EffectSearchCV
 
 __all__ = [
-    "EFFECTS",
     "Effect",
     "EffectSearchCV",
     "Evidence",

@@ -1,4 +1,4 @@
-"""What a search has finished, in a file from which a search of the same goes on.
+"""A file with the state of a search, from which the same search is continued.
 
 The file is written by skops as a whole after each step. Reading it makes objects of those types
 alone that the new search consists of itself, and of skhyst: nothing is run. A search is decided by
@@ -18,7 +18,7 @@ _NOT_DECISIVE = ("checkpoint", "n_jobs", "verbose")
 
 
 class Checkpoint:
-    """A file that keeps the state of a search.
+    """A file with the state of a search.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class Checkpoint:
         Raises
         ------
         ValueError
-            If the file is no checkpoint, or one of other data, parameters, or another version.
+            If the file is not a checkpoint, or one of other data, parameters or version.
         """
         if not self.path.exists():
             return {}

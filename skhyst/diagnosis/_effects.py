@@ -83,16 +83,16 @@ class Effect:
     law : str
         One sentence of physics.
     experiment : str
-        The measurement that shows it best and tells it apart from others.
+        The measurement that shows it best and distinguishes it from others.
     beside : bool, default=False
-        It is added to the response; otherwise it is a step of the series, where its operator's
-        ``stage_order`` says, which a model of your own repeats as ``stage_order``.
+        Whether it is an additive disturbance; otherwise it is a step of the series, placed by the
+        ``stage_order`` of its operator.
     picture : str, optional
         What its evidence shows: what a part adds against what comes into it, as a ``"curve"`` or
         along a ``"loop"``; a force against ``"displacement"`` or ``"velocity"``; ``"frequency"``,
         gain and phase; ``"relaxation"`` after a step; the course over ``"time"``, or the
         ``"spectrum"`` of a disturbance; what the ``"rate"`` of the drive adds. By default a curve,
-        and the course over time of what stands beside.
+        and for an additive disturbance its course over time.
     plausible : callable, optional
         Returns by how much what was identified is what the name says, above zero where it is. It is
         called with the operator, the samples of its output, or of its input where several forces
@@ -413,14 +413,47 @@ def register_effect(effect) -> None:
 
 
 def unregister_effect(name) -> None:
-    """Forget an effect that was registered."""
+    """Forget an effect that was registered.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+
+    Raises
+    ------
+    ValueError
+        If no effect has this name.
+
+    Examples
+    --------
+    >>> from skhyst.diagnosis import Effect, effect_names, register_effect, unregister_effect
+    >>> from skhyst.linear import TransferFunction
+    >>> variants = lambda: [TransferFunction(n_poles=3)]
+    >>> register_effect(Effect("third_order", variants, "A mode and a lag.", "Sweep further."))
+    >>> unregister_effect("third_order")
+    >>> "third_order" in effect_names()
+    False
+    """
     if name not in EFFECTS:
         raise ValueError(f"No effect is named '{name}'. There are: {', '.join(EFFECTS)}.")
     del EFFECTS[name]
 
 
 def effect_names() -> list[str]:
-    """Return the names of all effects that a search tries."""
+    """Return the names of all effects that a search tries.
+
+    Returns
+    -------
+    list of str
+        Those of skhyst, then those that were registered.
+
+    Examples
+    --------
+    >>> from skhyst.diagnosis import effect_names
+    >>> "creep" in effect_names()
+    True
+    """
     return list(EFFECTS)
 
 

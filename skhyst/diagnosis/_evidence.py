@@ -1,4 +1,4 @@
-"""What a claim rests on: a sentence, numbers with their errors, and a picture."""
+"""The evidence of a claim: a sentence, numbers with their errors, and a picture."""
 
 import re
 import warnings
@@ -25,9 +25,18 @@ _UNTOLD = re.compile("(weight|coefficient|compliance|numerator)s? ")
 
 @dataclass(frozen=True)
 class Evidence:
-    """What a claim rests on.
+    """The evidence of a claim.
 
-    ``numbers`` maps a name to (value, standard error or NaN, unit).
+    Parameters
+    ----------
+    effect : str
+        Name of the effect.
+    statement : str
+        The evidence in one sentence.
+    numbers : dict of str to (float, float, str)
+        Value, standard error or NaN, and unit, by name.
+    picture : Picture
+        Curves that show it.
     """
 
     effect: str
@@ -58,9 +67,9 @@ def gather_evidence(claim, before, after):
 
 
 def _tried(what, make, claim, instead):
-    """Return what a function makes of a claim; where that fails, for whatever reason, a warning.
+    """Return the result of a function of a claim; if it raises any error, warn instead.
 
-    A law of the user's own may fail at values that no fit has come by, and the search is done.
+    A law of the user's own may fail at values that no fit has visited, and the search is complete.
     """
     try:
         return make(claim)
@@ -78,10 +87,10 @@ def _numbers(claim):
 
 
 def _of_parts(claim):
-    """Return name -> (value, standard error, unit): what characterises a part, its parameters.
+    """Return name -> (value, standard error, unit) of the parameters and characteristics of a part.
 
-    Parameters that the part had before the effect are left out. Of levels, of either sign, the
-    part of half the range that was seen is given too, which for widths is that of the range.
+    Parameters that the part had before the effect are left out. Levels are also given as a fraction
+    of half the range that was recorded, widths as a fraction of the range.
     """
     keys, entries = list(claim.keys), claim.operator.entries()
     free = [[name for name, _ in entries].index(key) for key in keys]
@@ -116,7 +125,7 @@ def _of_parts(claim):
 
 
 def _characteristics(operator, seen):
-    """Return name -> (value, unit) of what characterises an operator, where it has that."""
+    """Return name -> (value, unit) of the characteristics of an operator that are defined."""
     found = {}
     for name, (values, unit) in characteristics(operator, seen).items():
         values = np.ravel(values)

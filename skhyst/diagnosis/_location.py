@@ -1,4 +1,4 @@
-"""Where what is left stands: in which record, when, at which drive, at which frequency."""
+"""Location of the residual: by record, time, drive, rate and frequency."""
 
 from itertools import pairwise
 
@@ -9,13 +9,14 @@ _COLUMNS = ["by", "record", "low", "high", "unit", "share", "concentration"]
 
 
 def locate(slices, drive, residual, units):
-    """Return how the power of a residual is spread over the records of a drive, in these units.
+    """Return how the power of a residual is distributed over the records, in these units.
 
-    One row a record, a tenth of a record's time, of the drive, of the drive's rate (tenths by
-    number of samples), and an octave of frequency: ``by``, ``record`` (of its time only), ``low``,
-    ``high``, ``unit``, ``share`` of the residual's power, and ``concentration``, the mean power
-    there over that of the whole, sorted by that within each ``by``. White noise has a concentration
-    of one everywhere. The residual is NaN where nothing counts.
+    There is one row per record, per tenth of the time of a record, of the drive and of the rate of
+    the drive (by number of samples), and per octave of frequency: ``by``, ``record`` (for times
+    only), ``low``, ``high``, ``unit``, ``share``, the fraction of the power of the residual, and
+    ``concentration``, the mean power there relative to that of all samples, by which rows are
+    sorted within each ``by``. White noise has a concentration of one everywhere. The residual is
+    NaN where it does not count.
     """
     residuals, drives = ([signal[s.rows] for s in slices] for signal in (residual, drive))
     known = [np.isfinite(r) for r in residuals]
@@ -56,7 +57,7 @@ def _parts(edges, values, power):
 
 
 def _octaves(slices, residuals):
-    """Yield low, high (Hz), share and concentration of the residual's spectrum, by octaves."""
+    """Yield low, high (Hz), fraction and concentration of the power of the residual by octaves."""
     top = 0.5 / min(s.dt for s in slices)
     longest = max(s.dt * s.n_samples for s in slices)
     count = max(int(np.floor(np.log2(top * longest))), 1)

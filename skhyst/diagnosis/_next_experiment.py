@@ -1,4 +1,4 @@
-"""What to record next: the drive from which a search would learn most, as a file."""
+"""The next experiment: the drive from which a search would learn most, as a file."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,14 +20,15 @@ from ._reference import column_of
 class Experiment:
     """A drive to record next.
 
-    Attributes
+    Parameters
     ----------
     drive : Series of shape (n_samples,)
-        Units of the drive; the index is the time in s. The device rests at the first value before.
+        Units of the drive; the index is the time in s. The device rests at the first value at
+        first.
     signal : str
         What the drive is.
     reason : str
-        What it is good for, with numbers: one sentence, and another where something is assumed.
+        The purpose, with numbers: one sentence, and another if something is assumed.
     expected_gain : float
         Information in nats, see :func:`next_experiment`.
     """
@@ -43,13 +44,14 @@ class Experiment:
         Parameters
         ----------
         path : str or Path
+            File that is written.
         force : bool, default=False
-            Whether a file that is there is written over.
+            Whether an existing file is overwritten.
 
         Raises
         ------
         OSError
-            If the file is there already, or cannot be written.
+            If the file exists already, or cannot be written.
         """
         check_outputs([Path(path)], force=force)
         with replacing(path) as (part,):
@@ -57,19 +59,20 @@ class Experiment:
 
 
 def next_experiment(search, drive_limits, rate_limit=None, duration=None, dt=None) -> Experiment:
-    """Propose the drive that tells most of what a search has left open.
+    """Propose the drive that is most informative about what a search has left open.
 
-    Where claims are ambiguous, it tells them from their rivals. Otherwise, where the verdict is not
-    ``"noise"``, it tells the model from those with one of the effects that came nearest to a claim,
-    and else it makes intervals of parameters narrower. It is the best of the signals of
-    :func:`skhyst.datasets.signals_within`, predicted by the models and weighed against the noise.
+    If claims are ambiguous, it discriminates between them and their rivals. Otherwise, if the
+    verdict is not ``"noise"``, it discriminates between the model and those with one of the effects
+    that came nearest to a claim, and else it reduces confidence intervals of parameters. It is the
+    best of the signals of :func:`skhyst.datasets.signals_within`, by the predictions of the models
+    relative to the noise.
 
     Parameters
     ----------
     search : EffectSearchCV
         Fitted.
     drive_limits : (float, float)
-        Lowest and highest drive, its units. Beyond what was recorded the models extrapolate.
+        Lowest and highest drive, its units. Beyond the recorded range the models extrapolate.
     rate_limit : float or None, default=None
         Largest slope, units of the drive over s. None: any.
     duration, dt : float or None, default=None
@@ -86,11 +89,11 @@ def next_experiment(search, drive_limits, rate_limit=None, duration=None, dt=Non
     NotFittedError
         If the search is not fitted.
     ValueError
-        If limits, rate, duration and interval do not go together.
+        If limits, rate, duration and interval are inconsistent.
 
     Notes
     -----
-    Further columns of X are taken to stay at their means, and a loop, where there was one, to be
+    Further columns of X are assumed constant at their means, and a feedback loop, if there was one,
     open. Search the new record together with the old ones.
 
     Examples

@@ -1,4 +1,4 @@
-"""Whether a drive repeats itself: exactly, roughly, and how often it turns round."""
+"""Periodicity of a drive: exact, approximate, and the number of its turning points."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ def repeats(a, b):
 
 
 def turns(u):
-    """Return the samples at which a signal turns round by more than a twentieth of its range."""
+    """Return the samples at which a signal reverses by more than a twentieth of its range."""
     r = 0.5 * NOTICEABLE * np.ptp(u)
     if not r > 0.0:
         return np.empty(0, dtype=int)
@@ -41,7 +41,7 @@ def drive_period(u):
 
 
 def _autocorrelation(u):
-    """Return the signal about its mean, and its products with itself, summed, by lag."""
+    """Return the signal minus its mean, and its autocovariance sums by lag."""
     v = u - u.mean()
     return v, np.fft.irfft(np.abs(np.fft.rfft(v, 2 * len(u))) ** 2, 2 * len(u))[: len(u)]
 
@@ -74,7 +74,7 @@ def near_period(u):
 
 
 def _between_samples(difference, lag):
-    """Return where a difference is least near a lag, from its multiples, which tell it finer."""
+    """Return the lag of least difference near a lag, refined by means of its multiples."""
     period, multiple = float(lag), 1
     while True:
         at = round(multiple * period)

@@ -13,9 +13,18 @@ from ..records import by_interval, stack_records
 
 @dataclass(frozen=True)
 class Picture:
-    """Curves to draw: each is (label, x, y, style), style "line", "points" or "dashed".
+    """Curves to draw.
 
-    ``below`` is a second picture that belongs under it, such as the phase under the gain.
+    Parameters
+    ----------
+    title, x_label, y_label : str
+        With units in brackets.
+    curves : tuple of (str, ndarray, ndarray, str)
+        Label, x, y and style of each: "line", "points" or "dashed".
+    x_log, y_log : bool, default=False
+        Whether an axis is logarithmic.
+    below : Picture, default=None
+        A second picture that belongs under it, such as the phase under the gain.
     """
 
     title: str

@@ -1,11 +1,10 @@
-"""Whether what was identified for an effect still is what its name says.
+"""Whether an identified effect has the property that its name states.
 
-A margin is a number above zero where it is: how far a mode is below the damping at which it no
-longer overshoots, how flat a saturation is at its end, and so on. It is a function of the part's
-own parameters, so their covariance gives its standard error. A name is refused where the margin is
-below zero with confidence, that is, where its one-sided confidence interval holds no value above
-zero. Where the data leave it open, the name stays, and the simpler effect that does as well is
-claimed.
+A margin is a number that is above zero if it has: how far a mode is below critical damping, how
+flat a saturation is at its end, and so on. It is a function of the parameters of the part, so their
+covariance gives its standard error. A name is refused if the margin is significantly below zero,
+that is, if its one-sided confidence interval contains no value above zero. If the data do not
+decide, the name is accepted, and the simpler effect that fits as well is claimed.
 """
 
 import numpy as np
@@ -18,7 +17,7 @@ from ._traits import n_ringing, presliding_displacement
 
 
 def is_plausible(margin, candidate, before, records, alpha):
-    """Tell whether the effect that a candidate has last may have its name.
+    """Return whether the last effect of a candidate may have its name.
 
     Parameters
     ----------
@@ -39,7 +38,7 @@ def is_plausible(margin, candidate, before, records, alpha):
 
 
 def has_its_name(name, margin, tree, records, alpha):
-    """Tell whether an effect of a tree is what its name says; see :func:`is_plausible`."""
+    """Return whether an effect of a tree has the property of its name; see :func:`is_plausible`."""
     if margin is None:
         return True
     problem = tree.problem(records)
@@ -59,7 +58,7 @@ def has_its_name(name, margin, tree, records, alpha):
 
 
 def _standard_error(problem, x, slopes):
-    """Return that of a function of the parameters with these derivatives."""
+    """Return the standard error of a function of the parameters from its derivatives."""
     gram = problem.total(problem.evaluate(x))
     free = (x > problem.lower) & (x < problem.upper) & (np.diag(gram)[:-1] > 0.0)
     hessian, slopes = gram[:-1, :-1][np.ix_(free, free)], slopes[free]
@@ -70,7 +69,7 @@ def _standard_error(problem, x, slopes):
 
 
 def _motion(tree, name, records):
-    """Return the output of an effect, or the input of a force; nothing for what stands beside."""
+    """Return the output of an effect, or the input of a force; None for an additive disturbance."""
     if tree.label(name) in tree.disturbance_names:
         return np.array([])
     last = tree.place(name) + (not tree.is_part(name))  # a force is driven by the motion
@@ -78,9 +77,9 @@ def _motion(tree, name, records):
 
 
 def _have_changed_places(before, tree, name):
-    """Tell whether a stage was added that rings, in the place of one that no longer does.
+    """Return whether an added stage rings and one that rang before no longer does.
 
-    It is then the mode that was there before, and what is new is what that one has become.
+    The added stage is then the mode of before, and the other one is the new effect.
     """
     if tree.label(name) not in tree.names or not n_ringing(tree.part(name)):
         return False
@@ -92,9 +91,9 @@ def _have_changed_places(before, tree, name):
 
 
 def rings(operator, motion, records):
-    """Return how far a mode is below critical damping, how high its peak, and if it was sampled.
+    """Return margins of a mode: below critical damping, height of its peak, resolved by sampling.
 
-    It was if the upper end of its half-power band is below half the sampling rate.
+    It is resolved if the upper end of its half-power band is below half the sampling rate.
     """
     ratios = np.ravel(getattr(operator, "damping_ratios", getattr(operator, "damping_ratio", ())))
     if not ratios.size:
@@ -115,9 +114,9 @@ def rings(operator, motion, records):
 
 
 def responds_promptly(operator, motion, records):
-    """Return how noticeable the prompt response is beside the creep that a record can show.
+    """Return how large the prompt response is relative to the creep within a record.
 
-    Creep without one is a lag.
+    Creep without a prompt response is a lag.
     """
     longest = max(len(record.u) * record.dt for record in records)
     shown = -np.expm1(-longest / np.ravel(operator.time_constants))
@@ -125,21 +124,21 @@ def responds_promptly(operator, motion, records):
 
 
 def comes_later(operator, motion, records):
-    """Return by how much a delay is longer than an interval: a shorter one may be the reading's."""
+    """Return by how much a delay exceeds an interval: a shorter one may be due to sampling."""
     return operator.delay / min(record.dt for record in records) - 1.0
 
 
 def is_between_samples(operator, motion, records):
-    """Return by how much a shift is below an interval, of either sign where it looks ahead."""
+    """Return by how much a shift is below an interval; in magnitude if it may be noncausal."""
     shift = getattr(operator, "shift", None)
     return np.inf if shift is None else 1.0 - shift / min(record.dt for record in records)
 
 
 def is_wider_than_noise(operator, motion, records):
-    """Return by how much a play is wider than white noise on the recorded drive goes.
+    """Return by how much a play is wider than the white noise of the recorded drive.
 
-    A narrower one smooths that noise, which the device has not seen. Both are parts of the range
-    there. Of n normal values the largest is about sqrt(2 log(n)) standard deviations away.
+    A narrower one only smooths that noise, which did not act on the device. Both are fractions of
+    the range. The largest of n normal values is about sqrt(2 log(n)) standard deviations away.
     """
     drives = [record.drive for record in records]
     reach = min(largest_noise(u) * np.sqrt(2.0 * np.log(len(u))) for u in drives)
@@ -148,9 +147,9 @@ def is_wider_than_noise(operator, motion, records):
 
 
 def varies_in_rate(operator, motion, records):
-    """Tell whether ways from turn to turn differ in duration, by more than a sample at each end.
+    """Return whether the times between turning points differ by more than a sample at each end.
 
-    At one frequency the rate follows from the amplitude, whatever depends on either.
+    At one frequency, rate and amplitude of the drive cannot be distinguished.
     """
     durations = [record.dt * np.diff(turns(record.drive)) for record in records]
     ends = np.array([np.quantile(own, (0.1, 0.9)) for own in durations if len(own)])
@@ -162,7 +161,7 @@ def varies_in_rate(operator, motion, records):
 
 
 def levels_off(operator, motion, records):
-    """Return by how much a rounded curve is flatter than it must be at an end of the motion."""
+    """Return by how much a rounded curve is flatter than required at an end of the motion."""
     if not hasattr(operator, "knee"):
         return np.inf
     reached = min(np.abs(motion - operator.center).max() / operator.level, 1.0)
@@ -170,9 +169,9 @@ def levels_off(operator, motion, records):
 
 
 def goes_on(operator, motion, records):
-    """Return by how much the response to a dead zone goes on beyond the nearer end of it.
+    """Return how far the input of a dead zone goes beyond its nearer end.
 
-    Where it does not, the band is where the drive saturates.
+    If it does not, the band is where the drive saturates.
     """
     return min(motion.max(), -motion.min()) / np.ptp(motion) - NOTICEABLE
 
@@ -183,7 +182,7 @@ def bends(operator, motion, records):
 
 
 def has_own_lines(operator, motion, records):
-    """Tell whether sinusoids repeat, are apart, and no harmonics of the drive in some record."""
+    """Return whether sinusoids repeat, are resolved, and are no harmonics of the drive."""
     frequencies = np.sort(operator.frequencies)
     longest = max(len(record.u) * record.dt for record in records)
     repeat = frequencies[0] * longest >= REPEATS
@@ -193,11 +192,12 @@ def has_own_lines(operator, motion, records):
 
 
 def _are_no_harmonics(frequencies, record):
-    r"""Tell whether at least half of the power of each sinusoid does not repeat with the drive.
+    r"""Return whether at least half of the power of each sinusoid does not repeat with the drive.
 
-    What repeats is the mean of the turns. A sinusoid that is :math:`\delta` of a harmonic's number
-    beside it keeps the amplitude :math:`\sin(\pi k \delta) / (k \sin(\pi \delta))` in the mean
-    of :math:`k` turns.
+    The mean over the periods of the drive repeats. A sinusoid whose frequency is :math:`\delta`
+    drive frequencies from a harmonic keeps the fraction
+    :math:`\sin(\pi k \delta) / (k \sin(\pi \delta))` of its amplitude in the mean of :math:`k`
+    periods.
     """
     period = near_period(record.drive)
     if not period:
@@ -209,22 +209,22 @@ def _are_no_harmonics(frequencies, record):
 
 
 def slides(operator, motion, records):
-    """Return how soon a force saturates after the motion turns round: of friction, soon."""
+    """Return how soon a force saturates after a reversal of the motion; friction does soon."""
     way = presliding_displacement(operator)
     return np.inf if way is None else np.log(NOTICEABLE * np.ptp(motion) / way)
 
 
 def remembers(operator, motion, records):
-    """Return how visible the way is over which a force builds up, unless as a hard spring does."""
+    """Return how well the displacement over which a force builds up is resolved."""
     soft = HARD - abs(getattr(operator, "shape", 0.0))
     way = presliding_displacement(operator)
     return soft if way is None else min(soft, np.log(way / (0.2 * NOTICEABLE * np.ptp(motion))))
 
 
 def stops(operator, motion, records):
-    """Return how stiff stops are, over the spring, how far motion is beyond one and free of them.
+    """Return margins of stops: stiffness over that of the spring, motion beyond and free of them.
 
-    A stop that is softer than the spring is a spring, and so is one that is always touched.
+    A stop that is softer than the spring, or always touched, is a spring.
     """
     place = (motion - operator.intercept) / operator.gain
     way = np.ptp(place)

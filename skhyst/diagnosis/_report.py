@@ -97,11 +97,13 @@ class Report:
         ``"declared"`` and ``"augmented"``: name, value, standard error, unit ("" where it has none
         or is not known), and a note where it has no error: at a bound, or not determined by the
         data.
-    data, settings, versions, seconds : dict
+    data, settings : dict
         The recording, its faults, the part of it that folds extrapolate to and the reference of its
-        loop, parameters of the search, packages, time by stage in s.
+        loop; parameters of the search.
     held_out : dict or None
-        Errors on data that was kept from the search altogether.
+        Errors on data that the search has not used at all.
+    versions, seconds : dict
+        Packages; time by stage in s.
     command : str or None
         The command that made the report.
     spectra : dict of str to list of float
@@ -110,6 +112,8 @@ class Report:
     location, declared_location : list of dict
         Where what is left, and what the declared model leaves, stands out: the record, time, drive,
         rate and frequency at which its mean power is above that of the whole by a half.
+    dropped : list of str
+        Effects that later claims made needless.
     failed : list of dict
         Candidates that raised an error: round, effect, error.
     dropped, next_steps : list of str
@@ -237,7 +241,25 @@ class Report:
         return _written(_rendered(self, "html"), path)
 
     def to_markdown(self, path=None) -> str:
-        """Return the text and the tables without pictures; otherwise as :meth:`to_html`."""
+        """Return the text and the tables without pictures.
+
+        Parameters
+        ----------
+        path : str, Path or None, default=None
+            File to write as well.
+
+        Returns
+        -------
+        str
+            Markdown.
+
+        Raises
+        ------
+        ImportError
+            Where Jinja2 is not installed.
+        OSError
+            If the file cannot be written, or is a link; what was there is left as it was.
+        """
         text = _rendered(self, "markdown")
         return _written(re.sub(r"\n{3,}", "\n\n", text).strip() + "\n", path)
 

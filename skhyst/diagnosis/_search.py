@@ -514,10 +514,18 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         return judge_residual(*seen, rng, contest.criterion, in_loop=in_loop)
 
     def predict(self, X) -> np.ndarray:
-        """Return the free run of the augmented model, shape (n_samples,).
+        """Return the free run of the augmented model.
 
-        Of a drive that is sampled unevenly, with ``resample``: that on even grids,
-        interpolated at the instants of ``X``.
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+            As for :meth:`fit`. A drive that is sampled unevenly is, with ``resample``, simulated on
+            even grids.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+            Units of the response; interpolated at the instants of ``X`` where the grids are others.
         """
         check_is_fitted(self)
         own = even = self._even(X)[0]
@@ -538,7 +546,9 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         Parameters
         ----------
         X : DataFrame or array-like of shape (n_samples, n_inputs)
+            As for :meth:`fit`.
         y : array-like of shape (n_samples,)
+            Response.
         declared : bool, default=False
             Whether the error is that of the declared model instead of the augmented one.
 
@@ -551,7 +561,18 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         return held_out_error(self, *self._even(X, y), declared)
 
     def report(self, command=None) -> Report:
-        """Return the :class:`Report`: HTML, Markdown, JSON."""
+        """Return the report of the search: HTML, Markdown, JSON.
+
+        Parameters
+        ----------
+        command : str, default=None
+            The command that made it, which it then shows.
+
+        Returns
+        -------
+        Report
+            Of the fitted search.
+        """
         check_is_fitted(self)
         return Report.from_search(self, command=command)
 

@@ -18,10 +18,34 @@ class DisturbanceOperator(Operator):
 
     @abstractmethod
     def basis(self, time):
-        """Return the basis, shape (n_samples, n_coefficients), at ``time`` (s)."""
+        """Return the basis, whose combination by the coefficients is the disturbance.
+
+        Parameters
+        ----------
+        time : ndarray of shape (n_samples,)
+            Time since the start of the record, s.
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_coefficients)
+            A column for each coefficient.
+        """
 
     def basis_tangents(self, time, coefficients):
-        """Return the derivatives (n, p) of ``basis @ coefficients`` by the other parameters."""
+        """Return the derivatives of ``basis(time) @ coefficients`` by the other parameters.
+
+        Parameters
+        ----------
+        time : ndarray of shape (n_samples,)
+            Time since the start of the record, s.
+        coefficients : ndarray of shape (n_coefficients,)
+            Of the record.
+
+        Returns
+        -------
+        ndarray of shape (n_samples, p)
+            A column for each of the p parameters that are no coefficients.
+        """
         return np.empty((len(time), 0))
 
     def init(self, u0, initial_state="rest"):

@@ -28,7 +28,22 @@ def drift_step(u, c, s):
 
 @dataclass(frozen=True)
 class DriftOperator(DisturbanceOperator):
-    """Legendre polynomials of time over ``duration`` (s), from degree 0; constant afterwards."""
+    """Legendre polynomials of time over ``duration``, from degree 0; constant afterwards.
+
+    Parameters
+    ----------
+    coefficients : ndarray of shape (degree + 1,)
+        Units of the response.
+    duration : float
+        Of the polynomials, s. Fixed structure.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.disturbance import DriftOperator
+    >>> DriftOperator(np.array([0.5, 0.5]), duration=2.0).run(np.zeros(4), dt=1.0)[0]
+    array([0. , 0.5, 1. , 1. ])
+    """
 
     has_constant = True
 
@@ -60,6 +75,11 @@ class Drift(Disturbance):
     ----------
     record_coefficients_ : ndarray of shape (n_records, degree + 1)
         Units of the response; :meth:`predict` gives the mean over the records.
+
+    See Also
+    --------
+    Offset : One constant per record.
+    skhyst.linear.LogCreep : Slow motion that the drive causes.
 
     Examples
     --------

@@ -17,7 +17,20 @@ def offset_step(u, c, s):
 
 @dataclass(frozen=True)
 class OffsetOperator(DisturbanceOperator):
-    """A constant."""
+    """A constant.
+
+    Parameters
+    ----------
+    coefficients : ndarray of shape (1,)
+        The constant, units of the response.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.disturbance import OffsetOperator
+    >>> OffsetOperator(np.array([0.2])).run(np.zeros(3), dt=1.0)[0]
+    array([0.2, 0.2, 0.2])
+    """
 
     has_constant = True
 
@@ -43,6 +56,10 @@ class Offset(Disturbance):
     ----------
     record_coefficients_ : ndarray of shape (n_records, 1)
         Units of the response.
+
+    See Also
+    --------
+    Drift : A slow function of time.
 
     Examples
     --------

@@ -35,7 +35,23 @@ def sinusoid_step(u, c, s):
 
 @dataclass(frozen=True)
 class SinusoidOperator(DisturbanceOperator):
-    """Sum of cosines and sines at ``frequencies`` (Hz)."""
+    """Sum of cosines and sines of the time since the start of the record.
+
+    Parameters
+    ----------
+    coefficients : ndarray of shape (2 * n_frequencies,)
+        Amplitudes of the cosines, then of the sines, units of the response.
+    frequencies : ndarray of shape (n_frequencies,)
+        Hz.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.disturbance import SinusoidOperator
+    >>> hum = SinusoidOperator(np.array([1.0, 0.0]), np.array([0.25]))
+    >>> hum.run(np.zeros(4), dt=1.0)[0].round(6) + 0.0
+    array([ 1.,  0., -1.,  0.])
+    """
 
     coefficients: np.ndarray = parameter(linear=True, unit="response")
     frequencies: np.ndarray = parameter(lower=0.0, unit="Hz")
@@ -69,6 +85,10 @@ class PeriodicDisturbance(Disturbance):
     ----------
     record_coefficients_ : ndarray of shape (n_records, 2 * n_frequencies)
         Cosine, then sine amplitudes, units of the response.
+
+    See Also
+    --------
+    Drift : A slow function of time.
 
     Examples
     --------

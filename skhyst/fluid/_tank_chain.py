@@ -225,7 +225,7 @@ class TankChainOperator(Operator):
     time_constants, exponents : array-like of shape (n_tanks,)
         :math:`\tau` in s, and p, no unit: 1/2 by Torricelli, 1 for a linear stage.
     ceilings : array-like of shape (n_tanks,), optional
-        c, finite levels; None: no limits, and none are identified.
+        Finite levels c; None: no limits, and none are identified.
     shares : array-like of shape (n_tanks - 1,), optional
         :math:`\kappa`: fraction of its overflow that a tank passes on, 0 to 1.
     drive_offset : float, default=0.0
@@ -234,7 +234,7 @@ class TankChainOperator(Operator):
         Change of the response from level 0 to 1 of the last tank, and response if it is empty,
         units of the response.
     scale : float, default=1.0
-        s, units of the drive. Fixed structure.
+        Scale s, units of the drive. Fixed structure.
     limit : {"level", "reading"}, default="level"
         Whether the ceiling of the last tank limits its level, or only the reading.
     hold : {"foh", "zoh"}, default="foh"
@@ -470,6 +470,10 @@ class TankChain(ParametricModel):
         ``time_constants``, ``exponents``, ``ceilings``, ``shares``, ``drive_offset``, ``gain``,
         ``intercept`` and ``scale``.
 
+    See Also
+    --------
+    skhyst.linear.FirstOrderLag : The tank with a linear outflow.
+
     References
     ----------
     Schoukens and Noël, *IFAC-PapersOnLine*, 2017: the cascaded tanks.
@@ -537,9 +541,19 @@ class TankChain(ParametricModel):
         return [start for rates in sets for start in self.starts_of(rates, records)]
 
     def starts_of(self, rates, records):
-        """Return starting operators whose small-signal rates are ``rates`` (1/s), in any order.
+        """Return starting operators with given small-signal rates, in any order of the tanks.
 
-        ``records`` are ``RecordData``.
+        Parameters
+        ----------
+        rates : sequence of float
+            In 1/s, one per tank.
+        records : sequence of RecordData
+            Records of the fit.
+
+        Returns
+        -------
+        list of TankChainOperator
+            Of one structure.
         """
         low = min(float(r.u.min()) for r in records)
         span = max(float(r.u.max()) for r in records) - low

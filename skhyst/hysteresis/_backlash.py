@@ -73,6 +73,11 @@ class Backlash(ParametricModel):
     operator_ : BacklashOperator
         ``half_gap`` r, units of the drive.
 
+    See Also
+    --------
+    PrandtlIshlinskii : Many plays of different widths, added.
+    skhyst.static.DeadBand : No response within a band, without memory.
+
     Examples
     --------
     >>> import numpy as np

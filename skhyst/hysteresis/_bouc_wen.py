@@ -577,6 +577,7 @@ class BoucWenOperator(Operator):
 
     @property
     def presliding_displacement(self):
+        """Displacement over which the force builds up, units of the drive."""
         return float(self.limit)
 
     def characteristics(self, seen):
@@ -692,6 +693,12 @@ class BoucWen(ParametricModel):
     params_, params_std_ : dict
         ``gain`` (``k``), ``alpha``, ``limit`` (``D``), ``ratio`` (``r``), ``exponent``,
         ``asymmetry``, ``intercept``, those that are fitted, and their standard errors.
+
+    See Also
+    --------
+    BoucWenStage : The same force on a mass with a spring and a damper.
+    Duhem : Branches whose shapes are polynomials of the drive.
+    Dahl : Friction, with a shape of its transition of another kind.
 
     References
     ----------

@@ -549,6 +549,11 @@ class BoucWenStage(OscillatorModel):
         spring), ``level`` (units of the drive), ``shape`` (:math:`\gamma / \beta`), ``exponent``,
         ``gain``, ``intercept``.
 
+    See Also
+    --------
+    BoucWen : The hysteresis alone, without mass.
+    RestoringForce : Polynomial spring and damper, and a bilinear hysteretic force.
+
     Notes
     -----
     Starting values are found as for :class:`FrictionStage`. Records should contain motions both

@@ -200,6 +200,11 @@ class CoulombFriction(FrictionModel):
         ``stribeck_force`` F_d, ``asymmetry`` a and ``intercept`` in units of the response;
         ``stiffness`` in response/drive, ``damping`` in response s/drive.
 
+    See Also
+    --------
+    LuGre : Friction with presliding and the Stribeck effect.
+    FrictionStage : A mass whose motion friction resists.
+
     Notes
     -----
     The transition velocity is at least three standard errors of the velocity, or a tenth of the

@@ -130,6 +130,11 @@ class Dahl(FrictionModel):
         ``presliding_displacement`` in units of the drive, ``coulomb_force`` and ``intercept`` in
         units of the response, ``stiffness`` in response/drive, ``damping`` in response s/drive.
 
+    See Also
+    --------
+    LuGre : Bristles, with the Stribeck effect.
+    MaxwellSlip : Presliding in straight pieces, by elements that slip.
+
     Notes
     -----
     Without damping the model is rate-independent. A force that acts against the direction in which

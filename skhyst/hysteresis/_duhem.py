@@ -290,6 +290,12 @@ class Duhem(ParametricModel):
         units of the response. At degree 1 ``t = u``; otherwise ``t`` is -1 to 1 over the range of
         the drive in the records of the fit (``center``, ``scale``).
 
+    See Also
+    --------
+    Dahl : The same loop at degree 1, in the parameters of friction.
+    BoucWen : Another shape of the branches.
+    JilesAtherton : The law of magnetic materials.
+
     References
     ----------
     Coleman and Hodgdon, *International Journal of Engineering Science*, 1986.

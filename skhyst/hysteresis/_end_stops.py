@@ -222,6 +222,7 @@ class EndStopsOperator(OscillatorOperator, loops=(*loops(impact), end_stops_tang
 
     @property
     def presliding_displacement(self):
+        """None: a stop is no friction."""
         return None
 
     def fastest_rate(self):
@@ -282,6 +283,11 @@ class EndStops(OscillatorModel):
         ``natural_frequency`` (rad/s), ``damping_ratio``, ``stop_stiffness`` (relative to the
         spring), ``stop_damping`` (a damping ratio), ``lower`` and ``upper`` (units of the drive),
         ``gain``, ``intercept``.
+
+    See Also
+    --------
+    RestoringForce : A spring that hardens smoothly.
+    skhyst.linear.SecondOrderMode : The stage without stops.
 
     Notes
     -----

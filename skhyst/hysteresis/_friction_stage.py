@@ -327,6 +327,11 @@ class FrictionStage(OscillatorModel):
         ``coulomb_ratio``, ``stribeck_velocity`` (drive/s), ``bristle_stiffness`` (relative to the
         spring), ``bristle_damping`` (a damping ratio), ``gain``, ``intercept``.
 
+    See Also
+    --------
+    LuGre : The friction force alone, of a given motion.
+    CoulombFriction : Friction that depends on the velocity alone.
+
     Notes
     -----
     Starting values come from the force balance, in which the friction follows from the measured

@@ -303,6 +303,11 @@ class JilesAtherton(ParametricModel):
         ``pinning`` (k) in units of the drive, ``coupling`` (:math:`\alpha M_s / (3 a)`, from 0 to
         below 1), ``reversibility`` (c, from 0 to 1), ``gain`` in response/drive.
 
+    See Also
+    --------
+    Preisach : Any rate-independent loops with return-point memory.
+    skhyst.static.SoftSaturation : Saturation alone.
+
     Notes
     -----
     Starting values come from the coercive field of the data. The equation is integrated in steps

@@ -195,6 +195,11 @@ class KrasnoselskiiPokrovskii(RelayGridModel):
     number of kernels, one per cell; that of :class:`~skhyst.hysteresis.Preisach`, whose relays have
     a density over the cells, does not depend on it.
 
+    See Also
+    --------
+    Preisach : The same plane, with relays.
+    PrandtlIshlinskii : Plays of one slope each.
+
     References
     ----------
     Banks, Kurdila and Webb, *Mathematical Problems in Engineering*, 1997, equations (2) to (6).

@@ -180,6 +180,12 @@ class LuGre(FrictionModel):
         ``bristle_damping`` sigma_1 and ``damping`` sigma_2 in response s/drive;
         ``bristle_stiffness`` sigma_0 and ``coulomb_force`` F_c follow from these.
 
+    See Also
+    --------
+    Dahl : Without the Stribeck effect.
+    CoulombFriction : Without presliding.
+    FrictionStage : A mass whose motion this friction resists.
+
     References
     ----------
     Canudas de Wit et al., *IEEE Transactions on Automatic Control*, 1995. Amor, Kaddouri and

@@ -135,11 +135,34 @@ class MaxwellSlipOperator(PlaySum):
         return self._moved_plays(as_signal(u)) * -self.weights
 
     def elements(self, state):
-        """Return the deflections of the elements in a state, shape (n_elements,)."""
+        """Return the deflections of the elements in a state.
+
+        Parameters
+        ----------
+        state : tuple
+            As :meth:`init` and :meth:`run` return it.
+
+        Returns
+        -------
+        ndarray of shape (n_elements,)
+            Units of the drive.
+        """
         return state[1] - self._plays.plays(state)[1:]
 
     def state_from_elements(self, deflections, u):
-        """Return the state in which :meth:`elements` are ``deflections`` at the drive ``u``.
+        """Return the state in which the elements have given deflections.
+
+        Parameters
+        ----------
+        deflections : array-like of shape (n_elements,)
+            As :meth:`elements` returns them.
+        u : float
+            Drive.
+
+        Returns
+        -------
+        tuple
+            The state.
 
         Raises
         ------
@@ -185,6 +208,11 @@ class MaxwellSlip(FrictionModel):
         ``k_i r_i``, units of the response.
     intercept_ : float
         Units of the response.
+
+    See Also
+    --------
+    PrandtlIshlinskii : The superposition of play operators.
+    skhyst.preprocessing.StopOperators : The elements as features for any regressor.
 
     References
     ----------

@@ -47,6 +47,11 @@ class ModifiedPrandtlIshlinskii(PlayModel):
     operator_ : Series
         The stages ``plays`` (PrandtlIshlinskiiOperator) and ``zones`` (MonotoneDeadZoneOperator).
 
+    See Also
+    --------
+    PrandtlIshlinskii : The part in front, whose loops are symmetric.
+    skhyst.static.DeadZones : The part behind.
+
     References
     ----------
     Kuhnen, *European Journal of Control*, 2003.

@@ -33,7 +33,6 @@ from numbers import Integral, Real
 
 import numpy as np
 
-from .._documentation import inherit_documentation
 from .._jit import bind, jit
 from .._sklearn import Interval
 from ..base import ParametricModel, refine
@@ -265,7 +264,6 @@ class OscillatorOperator(Operator):
 
     def __init_subclass__(cls, loops, **options):
         super().__init_subclass__(**options)
-        inherit_documentation(cls)
         cls._loop, cls._compiled_step, cls._tangent_loop = map(staticmethod, loops)
 
     def __post_init__(self):
@@ -302,6 +300,7 @@ class OscillatorOperator(Operator):
         Parameters
         ----------
         mass : float, default=1.0
+            Unit of your choice, such as kg.
 
         Returns
         -------
@@ -335,6 +334,7 @@ class OscillatorOperator(Operator):
 
     @property
     def presliding_displacement(self):
+        """Displacement over which the hysteretic force builds up, units of the response."""
         level, stiffness = (getattr(self, name) for name in self._force)
         return float(abs(self.gain) * level / stiffness) if stiffness else None
 
@@ -346,8 +346,17 @@ class OscillatorOperator(Operator):
     def with_feedback(self, feedback, origin=0.0):
         """Return the operator that maps ``u + feedback (y - origin)`` to the y of this one for u.
 
-        ``feedback`` is in drive/response, with ``feedback gain > -1``; ``origin`` is in units of
-        the response.
+        Parameters
+        ----------
+        feedback : float
+            In drive/response; ``feedback gain > -1``.
+        origin : float, default=0.0
+            Units of the response.
+
+        Returns
+        -------
+        OscillatorOperator
+            Of the same class.
         """
         s = 1.0 + feedback * self.gain
         both = {
@@ -528,7 +537,10 @@ class OscillatorModel(ParametricModel):
     def starting_values(self, records, mode=None):
         """Return at most a dozen operators, with fine substeps.
 
-        One of them is almost linear; its linear part is ``mode`` if given.
+        Parameters
+        ----------
+        mode : SecondOrderModeOperator, default=None
+            Linear part of one of them, which is almost linear.
         """
         stages = self._stages(records, mode)
         return [self._divided(stage, records, _FINE, _MOST_COARSE) for stage in stages]

@@ -194,7 +194,18 @@ class PrandtlIshlinskiiOperator(PlaySum):
         return {"loop width over the range": (width, "%")}
 
     def plays(self, state):
-        """Return the values of the plays in a state, shape (n_plays,), less the drive's offset."""
+        """Return the values of the plays in a state, less the offset of the drive.
+
+        Parameters
+        ----------
+        state : tuple
+            As :meth:`init` and :meth:`run` return it.
+
+        Returns
+        -------
+        ndarray of shape (n_plays,)
+            Units of the drive.
+        """
         return self._played(self.thresholds, state)
 
     @staticmethod
@@ -205,7 +216,19 @@ class PrandtlIshlinskiiOperator(PlaySum):
         return plays
 
     def state_from_plays(self, plays, u):
-        """Return the state in which :meth:`plays` are ``plays`` (n_plays,) at the drive ``u``.
+        """Return the state in which the plays have given values.
+
+        Parameters
+        ----------
+        plays : array-like of shape (n_plays,)
+            As :meth:`plays` returns them.
+        u : float
+            Drive.
+
+        Returns
+        -------
+        tuple
+            The state.
 
         Raises
         ------
@@ -264,7 +287,18 @@ class PrandtlIshlinskiiOperator(PlaySum):
         )
 
     def inverse_state(self, state):
-        """Return the state of :meth:`inverse` that belongs to a state of this operator."""
+        """Return the state of :meth:`inverse` that belongs to a state of this operator.
+
+        Parameters
+        ----------
+        state : tuple
+            Of this operator.
+
+        Returns
+        -------
+        tuple
+            Of the inverse.
+        """
         path = np.append(*state) + self.drive_offset
         y = self.run(path, 1.0, (np.empty(0), 0.0))[0] - self.intercept
         return y[:-1], float(y[-1])
@@ -377,6 +411,12 @@ class PrandtlIshlinskii(PlayModel):
         then give counter-clockwise loops (displacement over voltage), stops clockwise ones (force
         over displacement). "auto": of plays, unless the data show the other loops; the ``form`` of
         ``operator_`` says which. Without ``non_negative`` "auto" is "play".
+
+    See Also
+    --------
+    ModifiedPrandtlIshlinskii : Loops that are asymmetric or saturate.
+    RateDependentPrandtlIshlinskii : Loops that grow with the rate of the drive.
+    skhyst.preprocessing.PlayOperators : The plays as features for any regressor.
 
     References
     ----------

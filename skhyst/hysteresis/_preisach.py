@@ -593,9 +593,19 @@ class PreisachOperator(RelayGridOperator):
         everett_tangents(u, du, self._center, *self._tables, points, last, out)
 
     def everett(self, alpha, beta):
-        """Return the Everett function: half the response's change from ``beta`` up to ``alpha``.
+        """Return the Everett function: half the change of the response over an ascending branch.
 
-        Beyond the levels it stays constant.
+        The branch goes from ``beta`` up to ``alpha``. Beyond the levels the function is constant.
+
+        Parameters
+        ----------
+        alpha, beta : float
+            Upper and lower drive.
+
+        Returns
+        -------
+        float
+            Units of the response.
         """
         high, low = np.clip([alpha, beta], *self.levels[[0, -1]])
         levels, everett, diagonal, _, *bins = self._tables
@@ -631,6 +641,11 @@ class Preisach(RelayGridModel):
         those of the drive squared.
     reversible_ : ndarray of shape (n_levels - 1,) or (0,)
         Weights of the reversible part, units of the response.
+
+    See Also
+    --------
+    KrasnoselskiiPokrovskii : Continuous elements in place of relays.
+    PrandtlIshlinskii : Fewer weights, with an inverse in closed form.
 
     References
     ----------

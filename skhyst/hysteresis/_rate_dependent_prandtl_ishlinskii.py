@@ -344,7 +344,7 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         return self.thresholds, growth, self.weights, rate_weights
 
     def paces(self, velocities, dt, before=0.0):
-        """Return the rates v (n_samples,) in drive/s and the last output of the low-pass.
+        """Return the rates of the drive that the thresholds depend on.
 
         Parameters
         ----------
@@ -354,6 +354,13 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
             Sampling interval in s.
         before : float, default=0.0
             Output of the low-pass before the first sample.
+
+        Returns
+        -------
+        rates : ndarray of shape (n_samples,)
+            In drive/s.
+        last : float
+            Last output of the low-pass.
         """
         smooth = self._low_pass(self._passed(velocities), dt, before)
         return np.abs(smooth), float(smooth[-1]) if smooth.size else before
@@ -459,14 +466,19 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
         return {"growth at fast motion": (growth, "%"), "fast motion": (fast, "drive/s")}
 
     def drive_at_rates(self, y, rates, plays=None):
-        """Return the drive (n_samples,) whose response is ``y``, for known rates.
+        """Return the drive of a response, for known rates.
 
         Parameters
         ----------
         y, rates : array-like of shape (n_samples,)
             Response, and the rates of the drive as :meth:`paces` returns them, in drive/s.
-        plays : ndarray of shape (n_plays,), optional
+        plays : ndarray of shape (n_plays,), default=None
             Plays before the first sample; by default zero.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+            Drive.
 
         Raises
         ------
@@ -557,6 +569,11 @@ class RateDependentPrandtlIshlinskii(PlayModel):
         Relative growth, in s/drive; 0 unless ``variant="proportional"``.
     time_constant_ : float
         Time constant of the low-pass, in s; 0 without one.
+
+    See Also
+    --------
+    PrandtlIshlinskii : Loops that do not depend on the rate.
+    TanhHysteresis : Another model with a term in the rate of the drive.
 
     References
     ----------

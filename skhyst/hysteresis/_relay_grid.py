@@ -68,10 +68,24 @@ class RelayGridOperator(Superposition):
         return self.init(u[0] if u.size else self._center, initial_state)
 
     def basis(self, u, state=None):
-        """Return the derivatives (n_samples, n_parameters) of the response, and the state.
+        """Return the derivatives of the response by the parameters.
 
         They are the mean states of the relays of each cell, or of the ramps, between -1 and 1, and
-        1 for the intercept, in the order of ``pack``. Drive and state are those of :meth:`run`.
+        1 for the intercept.
+
+        Parameters
+        ----------
+        u : array-like of shape (n_samples,)
+            Drive, as for :meth:`run`.
+        state : tuple, default=None
+            State before, as for :meth:`run`.
+
+        Returns
+        -------
+        basis : ndarray of shape (n_samples, n_parameters)
+            In the order of :meth:`pack`.
+        state : tuple
+            State behind the last sample.
         """
         u = as_signal(u)
         rows = np.ones((u.size, self.n_parameters))

@@ -460,6 +460,12 @@ class RestoringForce(OscillatorModel):
         peak-to-peak drive), ``hysteresis_stiffness`` (relative to the spring), ``slip_level`` and
         ``preload`` (units of the drive), ``gain``, ``intercept``.
 
+    See Also
+    --------
+    BoucWenStage : A hysteretic force with a smooth transition.
+    EndStops : Stops at the ends of the travel.
+    skhyst.linear.SecondOrderMode : Linear spring and damper.
+
     Notes
     -----
     Starting values are found as for :class:`FrictionStage`. If the spring is almost linear, the

@@ -85,6 +85,11 @@ class SlewLimit(ParametricModel):
     operator_ : SlewLimitOperator
         ``rate`` R, units of the drive over s.
 
+    See Also
+    --------
+    skhyst.static.Saturation : Limits of the level.
+    skhyst.linear.FirstOrderLag : Slow at every amplitude.
+
     Examples
     --------
     >>> import numpy as np

@@ -282,6 +282,10 @@ class SystemLevelHysteresis(ParametricModel):
     operator_ : SystemLevelOperator
         ``slope`` p, ``curvature`` kappa, ``decay`` lambda and, as printed, ``rate_gain`` h_s.
 
+    See Also
+    --------
+    skhyst.neural.GrayBoxHysteresis : With a model of the dynamics behind it.
+
     Notes
     -----
     In terms of Ahmed and Yan (2021), ``slope = d_o + Delta d (1 - gamma)``,

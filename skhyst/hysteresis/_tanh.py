@@ -202,6 +202,11 @@ class TanhHysteresis(ParametricModel):
         ``undetermined`` names ``gamma`` if the data do not reject (at 5 %) that the hyperbolic
         tangent is a step, as it is for any large ``gamma``.
 
+    See Also
+    --------
+    RateDependentPrandtlIshlinskii : Plays that depend on the rate of the drive.
+    BoucWen : Rate-independent loops.
+
     Notes
     -----
     With a drive that is never negative and a large ``gamma``, as published, the hyperbolic tangent

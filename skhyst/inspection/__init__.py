@@ -8,13 +8,15 @@ from ._bode import FrequencyResponseDisplay
 from ._evidence_display import EvidenceDisplay
 from ._fleet import FleetDisplay
 from ._hysteresis_loop import HysteresisLoopDisplay
-from ._plot_data import binned_statistics, branch, spectrum
+from ._plot_data import binned_statistics as binned_statistics
+from ._plot_data import branch as branch
+from ._plot_data import spectrum as spectrum
 from ._pole_zero import PoleZeroDisplay
 from ._prediction import PredictionDisplay
 from ._ranking import EffectRankingDisplay
 from ._recording import RecordingDisplay
 from ._residual import ResidualDisplay
-from ._svg import svg_text
+from ._svg import svg_text as svg_text
 
 __all__ = [
     "EffectRankingDisplay",
@@ -26,8 +28,4 @@ __all__ = [
     "PredictionDisplay",
     "RecordingDisplay",
     "ResidualDisplay",
-    "binned_statistics",
-    "branch",
-    "spectrum",
-    "svg_text",
 ]

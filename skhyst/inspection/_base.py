@@ -1,4 +1,4 @@
-"""The parts that displays share."""
+"""Base classes of the displays."""
 
 from abc import ABC, abstractmethod
 from itertools import pairwise
@@ -45,7 +45,7 @@ class Display(ABC):
 
 
 class SignalDisplay(Display):
-    """Base of the displays that show a recording beside the predictions of models.
+    """Base of the displays of a recording and the predictions of models.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ class SignalDisplay(Display):
 
     @classmethod
     def from_estimator(cls, estimator, X, y, *, ax=None, **plot_options) -> Self:
-        """Draw a fitted estimator's free run beside the measured response.
+        """Draw the free run of a fitted estimator and the measured response.
 
         Parameters
         ----------
@@ -113,7 +113,7 @@ class SignalDisplay(Display):
     @classmethod
     @documented_like(from_estimator)
     def from_predictions(cls, X, y, y_pred, *, dt=1.0, ax=None, **plot_options) -> Self:
-        """Draw predictions beside the measured response.
+        """Draw predictions and the measured response.
 
         Parameters
         ----------

@@ -12,13 +12,13 @@ from ._base import Display, SignalDisplay
 from ._drawing import COLORS, FLOOR, INK, MUTED, legend_beside, new_axes, plain, tidy
 from ._plot_data import log_average
 
-_POINTS = 1000  # at which the curve of a model is drawn, beside the measured lines
+_POINTS = 1000  # of the curve of a model, in addition to the measured lines
 _DISTORTION = COLORS[2]
 _MODELS = (COLORS[0], COLORS[1], COLORS[3])
 
 
 class FrequencyResponseDisplay(Display):
-    """Bode diagram of a frequency response: magnitude, phase, and what is known of its errors.
+    """Bode diagram of a frequency response: magnitude, phase, coherence and confidence bands.
 
     Make one with :meth:`from_response` or :meth:`from_recording`. All parameters are kept as
     attributes. Each input has a column. The bands hold the true value with the probability
@@ -177,7 +177,7 @@ class FrequencyResponseDisplay(Display):
         if radius is not None:
             ratio = np.divide(radius, np.abs(g), out=np.ones_like(radius), where=g != 0)
             error = np.where(ratio < 1.0, np.rad2deg(np.arcsin(np.minimum(ratio, 1.0))), 180.0)
-            for turn in (-360.0, 0.0, 360.0):  # what leaves at the top enters at the bottom
+            for turn in (-360.0, 0.0, 360.0):  # a band that leaves at the top enters at the bottom
                 low, high = (np.clip(phase + turn + s * error, -180, 180) for s in (-1, 1))
                 ax.vlines(frequency, low, high, color=MUTED, alpha=0.35, linewidth=0.8)
         ax.plot(frequency, phase, ".", color=INK, markersize=2.0)

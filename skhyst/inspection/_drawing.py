@@ -1,6 +1,6 @@
-"""What all pictures share: the import of matplotlib, colours, axes.
+"""Common to all pictures: the import of matplotlib, colours, axes.
 
-The colours are told apart with any form of colour blindness and stand out on white and on black
+The colours are distinguishable with any form of colour blindness and visible on white and on black
 paper (after Okabe and Ito, *Color Universal Design*, 2008, slightly lightened).
 """
 
@@ -52,14 +52,14 @@ def new_axes(ax, n_rows, n_columns, caller, *, size, **options):
 
 
 def plain(text, width=48):
-    """Return text that matplotlib draws as it stands: no formula, no more than a line."""
+    """Return text that matplotlib draws literally: no formula, at most one line."""
     text = " ".join(str(text).split())
     text = text if len(text) <= width else text[: width - 1] + "…"
     return text.replace("$", r"\$")
 
 
 def legend_beside(ax, handles=None, labels=None):
-    """Put the legend beside the data, on its right, where the figure makes room for it."""
+    """Put the legend to the right of the data if the layout of the figure makes room for it."""
     if handles is None:
         handles, labels = ax.get_legend_handles_labels()
     style = {"fontsize": "small", "handlelength": 1.4}

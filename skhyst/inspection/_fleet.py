@@ -1,4 +1,4 @@
-"""Which parameter moved on which device when."""
+"""Parameters of many devices over time."""
 
 from typing import Self
 
@@ -10,7 +10,7 @@ from .._documentation import documented_like
 from ._base import Display
 from ._drawing import INK, MUTED, new_axes, plain, tidy
 
-_MOST_LABELS = 24  # that can be read beside one another
+_MOST_LABELS = 24  # that are readable next to each other
 _BAR = {"extend": "both", "aspect": 40, "shrink": 0.6}
 
 
@@ -18,7 +18,7 @@ class FleetDisplay(Display):
     """Parameters of many devices over time: which one moved on which device when.
 
     Make one with :meth:`from_estimator` or :meth:`from_summary`. Each value is compared with the
-    first of its device, in standard errors of the difference. What is not known is hatched.
+    first of its device, in standard errors of the difference. Unknown values are hatched.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ class FleetDisplay(Display):
         Raises
         ------
         ValueError
-            If the devices are not told apart by two levels.
+            If the index does not have two levels.
         """
         if estimator.params_.index.nlevels != 2:
             raise ValueError(
@@ -84,7 +84,7 @@ class FleetDisplay(Display):
         Parameters
         ----------
         table : DataFrame
-            One row a recording.
+            One row per recording.
         devices, times : sequence of length n_rows
             Which device each recording is of, and when it was made.
         """
@@ -102,7 +102,7 @@ class FleetDisplay(Display):
         Returns
         -------
         DataFrame
-            As ``params``, in the order of device and time; NaN where one of both, or its error, is
+            As ``params``, sorted by device and time; NaN if one of the two values, or its error, is
             not known, and 0 for the first.
         """
         params, std = self.params.sort_index(), self.params_std.sort_index()
@@ -119,7 +119,7 @@ class FleetDisplay(Display):
         Parameters
         ----------
         alpha : float, default=0.01
-            Probability that any of all values is said to have moved where none has (Bonferroni).
+            Probability that any value is reported to have moved although none has (Bonferroni).
 
         Returns
         -------
@@ -155,7 +155,7 @@ class FleetDisplay(Display):
 
     @documented_like(Display.plot)
     def plot(self, ax=None, *, alpha=0.01, max_parameters=6) -> Self:
-        """Draw one panel a parameter: a row for each device, a column for each time.
+        """Draw one panel per parameter: a row for each device, a column for each time.
 
         Parameters
         ----------

@@ -6,10 +6,10 @@ from scipy.signal import welch
 
 
 def envelope(values, n_bins):
-    """Return the rows that keep the outline of long signals, (n_samples,) or one a column.
+    """Return the rows that keep the outline of long signals, (n_samples,) or one per column.
 
-    Of each of ``n_bins`` stretches of equal length, the rows of the smallest and of the largest
-    value stay, so that no peak is lost. NaN is passed over.
+    The rows of the smallest and of the largest value of each of ``n_bins`` stretches of equal
+    length are kept, so that no peak is lost. NaN is ignored.
     """
     values = np.asarray(values, dtype=float)
     signals = values[:, None] if values.ndim == 1 else values
@@ -29,10 +29,10 @@ def envelope(values, n_bins):
 
 
 def cycle_length(drive):
-    """Return the mean length of a cycle in samples: two half cycles, each beside a passage.
+    """Return the mean length of a cycle in samples, from the crossings of the middle of the range.
 
-    Only passages that go on to a tenth of the range beyond the middle count, so sensor noise
-    makes no cycles. A drive that never returns is one cycle.
+    Only crossings that go on to a tenth of the range beyond the middle count, so sensor noise makes
+    no cycles. A drive that never returns is one cycle.
     """
     low, high = np.min(drive), np.max(drive)
     offset = np.asarray(drive, dtype=float) - 0.5 * (low + high)
@@ -43,7 +43,7 @@ def cycle_length(drive):
 
 
 def branch(drive) -> np.ndarray:
-    """Return +1 where the drive rises and -1 where it falls, past sensor noise.
+    """Return +1 where the drive rises and -1 where it falls, with sensor noise smoothed out.
 
     Parameters
     ----------
@@ -66,16 +66,16 @@ def branch(drive) -> np.ndarray:
 
 
 def thin_path(x, y, n_points):
-    """Return the rows that keep the outline of a path, ``n_points`` and two at the most."""
+    """Return the rows that keep the outline of a path, at most ``n_points`` + 2."""
     return envelope(np.column_stack([x, y]), max(1, n_points // 4))
 
 
 def loop_spans(drive, spans, max_cycles):
     """Choose the stretches of a recording to draw as loops; return (slice, cycles in it) of each.
 
-    Few cycles can be told apart in one picture. Where there are more, every record (or, of very
-    many, records at even distances) gives one stretch of whole cycles around its largest
-    excursion, never single samples.
+    Only a few cycles are distinguishable in one picture. If there are more, every record (or of
+    very many records some at even distances) gives one stretch of complete cycles around its
+    largest excursion.
     """
     if len(spans) > max_cycles:
         spans = [spans[k] for k in np.linspace(0, len(spans) - 1, max_cycles).astype(int)]
@@ -102,7 +102,9 @@ def binned_statistics(
     Parameters
     ----------
     x, values : ndarray of shape (n_samples,)
+        The signal along which bins are formed, and the values.
     n_bins : int, default=40
+        Number of bins over the range of ``x``.
     min_count : int, default=5
         Fewest finite values of a bin that is returned.
 
@@ -156,7 +158,7 @@ def spectrum(values, spans, dt, max_segment=8192, per_decade=None) -> tuple[np.n
 
     Welch's method (Welch, *IEEE Transactions on Audio and Electroacoustics*, 1967) with Hann
     windows, every run weighted by its number of samples. A run that is shorter than the window is
-    one window, filled up with zeros to the same frequencies.
+    one window, padded with zeros to the same frequencies.
 
     Parameters
     ----------
@@ -204,8 +206,8 @@ def spectrum(values, spans, dt, max_segment=8192, per_decade=None) -> tuple[np.n
 def log_average(frequency, density, per_decade=40):
     """Average a spectral density over bands of equal width on a logarithmic axis.
 
-    Narrow lines stay where the bands are narrower than the frequency resolution; the ragged high
-    end becomes readable. Power is averaged, so the area is kept.
+    Narrow lines are kept where the bands are narrower than the frequency resolution; the high end
+    becomes smooth. Power is averaged, so the area is kept.
     """
     if frequency.size == 0:
         return frequency, density

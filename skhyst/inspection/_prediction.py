@@ -10,7 +10,7 @@ from ._drawing import COLORS, MEASURED, legend_beside, new_axes, tidy
 
 
 class PredictionDisplay(SignalDisplay):
-    """Measured and predicted response over time: the whole, and where it is furthest off.
+    """Measured and predicted response over time: all of it, and around the largest error.
 
     Make one with :meth:`from_estimator`, :meth:`from_predictions` or :meth:`from_search`. All
     parameters are kept as attributes.
@@ -32,7 +32,18 @@ class PredictionDisplay(SignalDisplay):
     """
 
     def furthest_off(self, n_samples) -> slice:
-        """Return the rows around the largest error of the first model, within one record."""
+        """Return the rows around the largest error of the first model, within one record.
+
+        Parameters
+        ----------
+        n_samples : int
+            Number of rows, fewer in a shorter record.
+
+        Returns
+        -------
+        slice
+            The rows.
+        """
         error = np.abs(self.response - next(iter(self.predictions.values())))
         worst = int(np.argmax(np.nan_to_num(error)))
         span = next(own for own in self.spans if own.start <= worst < own.stop)

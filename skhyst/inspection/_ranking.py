@@ -15,18 +15,18 @@ class EffectRankingDisplay(Display):
     Make one with :meth:`from_search`. All parameters are kept as attributes. A filled mark is an
     effect that was claimed, an open mark one that was contested (refitted jointly and compared on
     held-out data) and not claimed. Effects below them explained too little of the residual to be
-    contested: only the share of the residual's power that they explain to first order stands
-    there.
+    contested: only the fraction of the power of the residual that they explain to first order is
+    given.
 
     Parameters
     ----------
     ranking : DataFrame
         Columns ``effect``, ``screen``, ``error_before``, ``error_after``, ``p_value``,
-        ``claimed``; one row a candidate.
+        ``claimed``; one row per candidate.
     noise_floor : float or None, default=None
         Error that no model can beat, unit of the response.
     ambiguous_with : sequence of str, default=()
-        Contested effects that the data cannot tell from the one claimed.
+        Contested effects that the data cannot distinguish from the one claimed.
     response_name : str, default="response"
         Name for the axis.
 
@@ -115,7 +115,7 @@ class EffectRankingDisplay(Display):
         return self
 
     def _limits(self, table, baseline):
-        """Return the ends of the error axis: from zero, unless all that happens is far from it."""
+        """Return the ends of the error axis: from zero, unless all errors are far above it."""
         shown = [baseline, *table["error_after"].dropna()]
         if self.noise_floor is not None and np.isfinite(self.noise_floor):
             shown.append(self.noise_floor)

@@ -1,4 +1,4 @@
-"""A recording as it was read: its signals over time, and its loop."""
+"""A recording: its signals over time, and its loop."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""What a model leaves over: in time, against drive and prediction, and its spectrum."""
+"""Residuals of models: in time, against drive and prediction, and their spectra."""
 
 from typing import Self
 
@@ -20,8 +20,8 @@ class ResidualDisplay(SignalDisplay):
     parameters are kept as attributes.
 
     Four pictures: the residual in time; its mean against the drive and against the prediction,
-    with the rising and the falling branch apart; and its amplitude spectral density. Noise is
-    flat in all of them. What remains of hysteresis or asymmetry parts the branches, a memoryless
+    separately for the rising and the falling branch; and its amplitude spectral density. Noise is
+    flat in all of them. Remaining hysteresis or asymmetry separates the branches, a memoryless
     nonlinearity bends both alike against the prediction, and a missing mode is a peak in the
     spectrum.
 

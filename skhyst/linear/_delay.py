@@ -49,6 +49,13 @@ def _delayed(signal, past, delay):
 class DelayOperator(Operator):
     """``y(t) = u(t - delay)``, exact for an input that is a cubic polynomial between samples.
 
+    Parameters
+    ----------
+    delay : float
+        In s, not negative.
+    stage_order : int, default=5
+        Place in a series. Fixed structure.
+
     Examples
     --------
     >>> from skhyst.linear import DelayOperator
@@ -87,7 +94,22 @@ class DelayOperator(Operator):
         return TimeShiftOperator(-self.delay)
 
     def read_at(self, n, dt):
-        """Return the first of the four samples that each output reads (n,), and weights (n, 4)."""
+        """Return the samples that each output reads.
+
+        Parameters
+        ----------
+        n : int
+            Number of samples.
+        dt : float
+            Sampling interval in s.
+
+        Returns
+        -------
+        first : ndarray of shape (n,)
+            The first of the four samples.
+        weights : ndarray of shape (n, 4)
+            Their weights.
+        """
         delay = min(self.delay / dt, float(n + 4))  # a longer delay gives the same constant
         back = max(math.ceil(delay) + 1, 3)
         return np.arange(n) - back, np.tile(cubic_weights(back - delay)[0], (n, 1))

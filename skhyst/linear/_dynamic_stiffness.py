@@ -175,6 +175,10 @@ class DynamicStiffness(ParametricModel):
     operator_ : DynamicStiffnessOperator
         ``mass``, ``damping``, ``stiffness`` and ``intercept``.
 
+    See Also
+    --------
+    SecondOrderMode : The motion under a force.
+
     Notes
     -----
     Derivatives are causal: the velocity lags by ``smoothing / 2`` intervals and the acceleration

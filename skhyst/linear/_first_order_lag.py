@@ -10,7 +10,19 @@ from ._linear import LinearModel, LinearOperator, log_grid, time_span
 
 @dataclass(frozen=True)
 class FirstOrderLagOperator(LinearOperator):
-    """First-order low-pass ``1 / (time_constant s + 1)``; the time constant is in s."""
+    """First-order low-pass ``1 / (time_constant s + 1)``.
+
+    Parameters
+    ----------
+    time_constant : float
+        In s.
+
+    Examples
+    --------
+    >>> from skhyst.linear import FirstOrderLagOperator
+    >>> FirstOrderLagOperator(1.0).run([0.0, 1.0, 1.0], dt=1.0)[0].round(3).tolist()
+    [0.0, 0.368, 0.767]
+    """
 
     time_constant: float = parameter(log=True, lower=0.0, unit="s")
     gain: float = parameter(linear=True, gauge=1.0, unit="response/drive", default=1.0)
@@ -41,6 +53,11 @@ class FirstOrderLag(LinearModel):
     ----------
     operator_ : FirstOrderLagOperator
         ``time_constant`` in s, ``gain`` in response units over drive units.
+
+    See Also
+    --------
+    SecondOrderMode : Two poles, which may ring.
+    TransferFunction : Any number of poles and zeros.
 
     Examples
     --------

@@ -18,7 +18,21 @@ def gain_step(u, c, s):
 
 @dataclass(frozen=True)
 class GainOperator(Operator):
-    """``y = gain u + intercept``; the gain is in response/drive."""
+    """``y = gain u + intercept``.
+
+    Parameters
+    ----------
+    gain : float, default=1.0
+        Static gain, response/drive.
+    intercept : float, default=0.0
+        Units of the response.
+
+    Examples
+    --------
+    >>> from skhyst.linear import GainOperator
+    >>> GainOperator(2.0, 1.0).run([0.0, 1.0], dt=1.0)[0]
+    array([1., 3.])
+    """
 
     gain: float = parameter(default=1.0, linear=True, gauge=1.0, unit="response/drive")
     intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
@@ -36,7 +50,18 @@ class GainOperator(Operator):
         return CompiledLaw(gain_step, (self.gain, self.intercept), ())
 
     def discrete(self, dt):
-        """Return the matrices of a system without states; see ``LinearOperator.discrete``."""
+        """Return the matrices of a system without states.
+
+        Parameters
+        ----------
+        dt : float
+            Sampling interval in s.
+
+        Returns
+        -------
+        tuple
+            As :meth:`LinearOperator.discrete` returns it.
+        """
         return np.empty((0, 0)), np.empty(0), np.empty(0), np.empty(0), self.gain
 
     def inverse(self):
@@ -65,6 +90,10 @@ class Gain(LinearModel):
     ----------
     operator_ : GainOperator
         ``gain`` in response units over drive units, ``intercept`` in units of the response.
+
+    See Also
+    --------
+    skhyst.static.SmoothCurve : A curve in place of a straight line.
 
     Examples
     --------

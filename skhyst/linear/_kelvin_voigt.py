@@ -30,7 +30,20 @@ _TOUCHED = 1e-3  # largest fraction of the gain's gradient in directions without
 class KelvinVoigtOperator(LinearOperator):
     """Creep: ``gain (1 + sum_i c_i / (tau_i s + 1))``.
 
-    ``compliances`` c_i are relative to the prompt response, ``time_constants`` tau_i in s.
+    Parameters
+    ----------
+    compliances : ndarray of shape (n_units,)
+        Coefficients c_i, relative to the prompt response.
+    time_constants : ndarray of shape (n_units,)
+        Times tau_i in s.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.linear import KelvinVoigtOperator
+    >>> creep = KelvinVoigtOperator(np.array([0.1]), np.array([1.0]))
+    >>> creep.run([0.0, 1.0, 1.0], dt=1.0)[0].round(3).tolist()
+    [0.0, 1.037, 1.077]
     """
 
     compliances: np.ndarray = parameter(linear=True, lower=0.0)
@@ -97,6 +110,11 @@ class KelvinVoigt(LinearModel):
         ``compliances`` (n_units,), ``time_constants`` (n_units,) in s, ``gain``.
     static_gain_, static_gain_std_ : float
         Gain at rest and its standard error, units of the response over those of the drive.
+
+    See Also
+    --------
+    LogCreep : Creep over decades of time with one parameter.
+    skhyst.disturbance.Drift : Slow motion whatever the drive.
 
     Examples
     --------

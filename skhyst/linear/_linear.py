@@ -93,8 +93,16 @@ class DiscretizedOperator(Operator):
 class LinearOperator(DiscretizedOperator):
     """Base of the linear operators; a subclass gives ``_matrices`` and may set ``hold``.
 
-    ``n_poles`` is the number of real poles and of pairs; ``with_poles(rates, pairs)`` replaces
-    them: rates in rad/s, pairs as (natural frequency in rad/s, damping ratio).
+    ``n_poles`` is the number of real poles and of pairs; :meth:`with_poles` replaces them.
+
+    Parameters
+    ----------
+    gain : float, default=1.0
+        Static gain, response/drive.
+    intercept : float, default=0.0
+        Units of the response.
+    hold : {"foh", "zoh"}, default="foh"
+        Input between samples: a straight line, or constant. Fixed structure.
     """
 
     hold = "foh"
@@ -103,7 +111,20 @@ class LinearOperator(DiscretizedOperator):
 
     @abstractmethod
     def with_poles(self, rates, pairs):
-        """Return a copy with other poles."""
+        """Return a copy with other poles.
+
+        Parameters
+        ----------
+        rates : sequence of float
+            Of the real poles, rad/s.
+        pairs : sequence of (float, float)
+            Natural frequency, rad/s, and damping ratio of each pair.
+
+        Returns
+        -------
+        LinearOperator
+            As many poles of each kind as ``n_poles`` says.
+        """
 
     @abstractmethod
     def _matrices(self, p):
@@ -118,16 +139,37 @@ class LinearOperator(DiscretizedOperator):
         return (*(np.ascontiguousarray(np.real(part)) for part in (a, b, c)), float(np.real(d)))
 
     def frequency_response(self, frequency):
-        """Return the complex gain at ``frequency`` (Hz), shape of ``frequency``."""
+        """Return the complex gain.
+
+        Parameters
+        ----------
+        frequency : float or ndarray
+            Hz.
+
+        Returns
+        -------
+        complex or ndarray
+            Shape of ``frequency``.
+        """
         frequency = np.asarray(frequency, dtype=float)
         a, b, c, d = self.state_space()
         gain = complex_gain(a, b[:, None], c[None], d, 2j * np.pi * frequency.ravel())
         return gain.reshape(frequency.shape)[()]
 
     def frequency_tangents(self, frequency):
-        """Return the complex gain (n, 1) at ``frequency`` (n,) in Hz and its derivatives.
+        """Return the complex gain and its derivatives by the parameters.
 
-        Derivatives by the parameters are (n, 1, n_parameters), in the order of :meth:`pack`.
+        Parameters
+        ----------
+        frequency : ndarray of shape (n,)
+            Hz.
+
+        Returns
+        -------
+        gain : ndarray of shape (n, n_inputs)
+            The complex gain of each input; one for a signal.
+        tangents : ndarray of shape (n, n_inputs, n_parameters)
+            Derivatives in the order of :meth:`pack`.
         """
         a, b, c, d = self.state_space()
         da, db, dc, dd = [part.imag / _STEP for part in self._stepped()]
@@ -150,7 +192,22 @@ class LinearOperator(DiscretizedOperator):
         return self._memory["rest"]
 
     def discrete(self, dt):
-        """Return Ad (n, n), B0, B1, C (n,), D of :func:`state_space_run`; ``dt`` in s."""
+        """Return the discrete form, for :func:`state_space_run`.
+
+        Parameters
+        ----------
+        dt : float
+            Sampling interval in s.
+
+        Returns
+        -------
+        Ad : ndarray of shape (n_states, n_states)
+            Of the state.
+        B0, B1, C : ndarray of shape (n_states,)
+            Of the last and of the present input; of the output.
+        D : float
+            From the present input to the output.
+        """
         if dt not in self._memory:
             a, b, c, d = self.state_space()
             self._memory[dt] = (*discretize(a, b, dt, self.hold), c, float(d))
@@ -278,6 +335,7 @@ class LinearModel(ParametricModel):
 
     @property
     def any_interval(self):
+        """Whether the response to a straight drive is the same at any sampling interval."""
         return getattr(self, "hold", "foh") == "foh"  # Gain has no hold
 
 

@@ -81,10 +81,33 @@ def _creep_bank(decay, b0, b1, weights, u, v, u_previous):
 class LogCreepOperator(Operator):
     """Creep: the response to a unit step is ``gain (1 + creep log10(1 + t / time_constant))``.
 
-    For "rest" see :class:`LogCreep`. ``creep`` is the fraction of the prompt response that is added
-    per decade of time, ``time_constant`` in s. The law holds to 3e-4 of the creep from ``shortest``
-    to ``longest`` (both s, fixed) after a change of the drive, and earlier too where the time
-    constant exceeds ``shortest``; after ``longest`` the creep ends.
+    For "rest" see :class:`LogCreep`. The law holds to 3e-4 of the creep from ``shortest`` to
+    ``longest`` after a change of the drive, and earlier too where the time constant exceeds
+    ``shortest``; after ``longest`` the creep ends.
+
+    Parameters
+    ----------
+    creep : float
+        Fraction of the prompt response that is added per decade of time.
+    time_constant : float
+        In s.
+    gain : float, default=1.0
+        Gain of the prompt response, response/drive.
+    intercept : float, default=0.0
+        Units of the response.
+    shortest, longest : float, default=1e-3, 1e3
+        Times between which the law holds, s. Fixed structure.
+    hold : {"foh", "zoh"}, default="foh"
+        Input between samples: a straight line, or constant. Fixed structure.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.linear import LogCreepOperator
+    >>> creep = LogCreepOperator(0.1, time_constant=0.1)
+    >>> y, _ = creep.run(np.append(0.0, np.ones(1000)), dt=0.1)
+    >>> bool(np.isclose(y[1000] - y[100], 0.1, atol=2e-3))  # a decade later
+    True
     """
 
     creep: float = parameter(linear=True, lower=0.0)
@@ -124,7 +147,18 @@ class LogCreepOperator(Operator):
         return 1.0 - gone, gone - now, now
 
     def frequency_response(self, frequency):
-        """Return the complex gain at ``frequency`` (Hz), of changes of the drive."""
+        """Return the complex gain of changes of the drive.
+
+        Parameters
+        ----------
+        frequency : ndarray of shape (n,)
+            Hz.
+
+        Returns
+        -------
+        ndarray of shape (n,)
+            Response over drive.
+        """
         s = 2j * np.pi * np.asarray(frequency, dtype=float)
         units = 1.0 / (s[..., None] / self._rates + 1.0)
         return self.gain * (1.0 + self.creep * _DECADE * (units @ self._weights()[0]))
@@ -191,6 +225,11 @@ class LogCreep(LinearModel):
     operator_ : LogCreepOperator
         ``creep`` (:math:`\gamma`, fraction per decade), ``time_constant`` in s, ``gain``. It
         follows the law to 3e-4 of the creep, for ten times the longest record of the fit.
+
+    See Also
+    --------
+    KelvinVoigt : Creep by single units, each with its time constant.
+    skhyst.disturbance.Drift : Slow motion whatever the drive.
 
     References
     ----------

@@ -50,13 +50,26 @@ class SampledStateSpace:
     Parameters
     ----------
     a : ndarray of shape (n_states, n_states)
+        From a state to the next.
     b : ndarray of shape (n_states, n_inputs)
+        From the inputs to the next state.
     c : ndarray of shape (n_outputs, n_states)
+        From the state to the responses.
     d : ndarray of shape (n_outputs, n_inputs)
+        From the inputs to the responses of the same sample.
     dt : float
         Sampling interval in s.
     intercept : ndarray of shape (n_outputs,)
         Units of the responses.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.linear import SampledStateSpace
+    >>> one = np.ones((1, 1))
+    >>> system = SampledStateSpace(0.5 * one, one, 0.5 * one, 0.0 * one, 0.1, np.zeros(1))
+    >>> system.run([[0.0], [1.0], [1.0]], dt=0.1)[0].ravel()
+    array([0.  , 0.  , 0.5])
     """
 
     a: np.ndarray
@@ -67,9 +80,19 @@ class SampledStateSpace:
     intercept: np.ndarray
 
     def init(self, u0, initial_state="rest"):
-        """Return the state before the first sample ``u0`` (n_inputs,): at rest at ``u0``, or zero.
+        """Return the state before the first sample.
 
-        It is (state vector, last inputs).
+        Parameters
+        ----------
+        u0 : array-like of shape (n_inputs,)
+            Inputs at the first sample.
+        initial_state : {"rest", "zero"}, default="rest"
+            At rest at ``u0``, or zero.
+
+        Returns
+        -------
+        tuple of (ndarray, ndarray)
+            State vector (n_states,) and last inputs (n_inputs,).
         """
         u0 = np.asarray(u0, dtype=float)
         if initial_state == "zero":
@@ -77,7 +100,23 @@ class SampledStateSpace:
         return np.linalg.solve(np.eye(len(self.a)) - self.a, self.b @ u0), u0
 
     def run(self, u, dt, state=None):
-        """Map inputs (n_samples, n_inputs); return the responses and the state after them.
+        """Map the inputs to the responses.
+
+        Parameters
+        ----------
+        u : array-like of shape (n_samples, n_inputs)
+            Inputs.
+        dt : float
+            Sampling interval in s.
+        state : tuple, default=None
+            State before; None: at rest at the first inputs.
+
+        Returns
+        -------
+        y : ndarray of shape (n_samples, n_outputs)
+            Responses.
+        state : tuple
+            State behind the last sample.
 
         Raises
         ------
@@ -98,12 +137,41 @@ class SampledStateSpace:
             )
 
     def step(self, state, u, dt):
-        """Advance by one sample ``u`` (n_inputs,); return the state and the responses."""
+        """Advance by one sample.
+
+        Parameters
+        ----------
+        state : tuple
+            As :meth:`init` returns it.
+        u : array-like of shape (n_inputs,)
+            Inputs at the sample.
+        dt : float
+            Sampling interval in s.
+
+        Returns
+        -------
+        state : tuple
+            State behind the sample.
+        y : ndarray of shape (n_outputs,)
+            Responses.
+        """
         y, state = self.run(np.asarray(u, dtype=float)[None], dt, state)
         return state, y[0]
 
     def compiled_step(self, dt, state):
         """Return the compiled step, see :class:`~skhyst.operators.Operator`.
+
+        Parameters
+        ----------
+        dt : float
+            Sampling interval in s.
+        state : tuple
+            As :meth:`init` returns it.
+
+        Returns
+        -------
+        CompiledLaw
+            The step.
 
         Raises
         ------
@@ -132,7 +200,18 @@ class SampledStateSpace:
         return np.linalg.eigvals(self.a)
 
     def frequency_response(self, frequency):
-        """Return the complex gains at ``frequency`` (n,) in Hz, (n, n_outputs, n_inputs)."""
+        """Return the complex gains.
+
+        Parameters
+        ----------
+        frequency : ndarray of shape (n,)
+            Hz.
+
+        Returns
+        -------
+        ndarray of shape (n, n_outputs, n_inputs)
+            From each input to each response.
+        """
         z = np.exp(2j * np.pi * self.dt * np.asarray(frequency, dtype=float))
         return complex_gain(self.a, self.b, self.c, self.d, z)
 
@@ -190,6 +269,11 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
     ------
     ValueError
         If no record has 3 samples.
+
+    See Also
+    --------
+    TransferFunction : One response, each input with zeros of its own.
+    SecondOrderMode : A single mode.
 
     References
     ----------

@@ -30,7 +30,23 @@ def rates_of_sections(time_constants, frequencies, damping_ratios):
 
 @dataclass(frozen=True)
 class SecondOrderModeOperator(LinearOperator):
-    """Second-order mode ``1 / (s^2/w^2 + 2 damping_ratio s/w + 1)``, w in rad/s."""
+    """Second-order mode ``1 / (s^2/w^2 + 2 damping_ratio s/w + 1)``.
+
+    Parameters
+    ----------
+    natural_frequency : float
+        Undamped frequency w, rad/s.
+    damping_ratio : float
+        Relative to critical damping.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.linear import SecondOrderModeOperator
+    >>> y, _ = SecondOrderModeOperator(2.0 * np.pi, 0.1).run(np.append(0.0, np.ones(50)), dt=0.01)
+    >>> print(f"{y.max():.2f}")  # 1 + exp(-pi zeta / sqrt(1 - zeta^2))
+    1.73
+    """
 
     natural_frequency: float = parameter(log=True, lower=0.0, unit="rad/s")
     damping_ratio: float = parameter(log=True, lower=0.0)
@@ -66,6 +82,11 @@ class SecondOrderMode(LinearModel):
     ----------
     operator_ : SecondOrderModeOperator
         ``natural_frequency`` in rad/s, ``damping_ratio``, ``gain``.
+
+    See Also
+    --------
+    TransferFunction : Any number of modes.
+    skhyst.hysteresis.RestoringForce : Spring and damper that are not linear.
 
     Examples
     --------

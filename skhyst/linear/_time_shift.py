@@ -58,6 +58,23 @@ class TimeShiftOperator(Operator):
     The output reads the input up to two samples beyond the shifted time. After the end of a signal
     its last value is used, so that a record run in pieces differs at the cuts. A constant shift can
     be stepped with a preview.
+
+    Parameters
+    ----------
+    shift : float
+        In s, of either sign.
+    skew : float, default=0.0
+        Relative difference of two clocks.
+    between : {"curve", "line"}, default="curve"
+        Signal between samples: a cubic polynomial or a straight line. Fixed structure.
+    stage_order : int, default=60
+        Place in a series. Fixed structure.
+
+    Examples
+    --------
+    >>> from skhyst.linear import TimeShiftOperator
+    >>> TimeShiftOperator(-1.0).run([0.0, 1.0, 2.0, 3.0], dt=1.0)[0].round(6).tolist()
+    [1.0, 2.0, 3.0, 3.0]
     """
 
     shift: float = parameter(unit="s")
@@ -88,7 +105,22 @@ class TimeShiftOperator(Operator):
         return InverseShiftOperator(self)
 
     def read_at(self, n, dt):
-        """Return the first of the four samples that each output reads (n,), and weights (n, 4)."""
+        """Return the samples that each output reads.
+
+        Parameters
+        ----------
+        n : int
+            Number of samples.
+        dt : float
+            Sampling interval in s.
+
+        Returns
+        -------
+        first : ndarray of shape (n,)
+            The first of the four samples.
+        weights : ndarray of shape (n, 4)
+            Their weights.
+        """
         places = np.clip(np.arange(n) - self._delay_at(dt * np.arange(n)) / dt, -4.0, n + 3.0)
         first = np.floor(places).astype(int) - 1
         weights = _line_weights if self.between == "line" else cubic_weights

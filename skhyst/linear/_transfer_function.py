@@ -102,10 +102,28 @@ def state_space_run_many(ad, b0, b1, c, d, u, x, u_previous):
 class TransferFunctionOperator(LinearOperator):
     """Rational transfer function, poles as stable sections in series, numerator linear.
 
-    The sections are first-order lags (``time_constants``, s), then second-order ones
-    (``natural_frequencies`` in rad/s, ``damping_ratios``, above 1 for two real poles). The
-    ``numerator`` weighs slopes and differences of their outputs, last section first, which vanish
-    at rest and are added to ``gain`` times the last output.
+    The sections are first-order lags, then second-order ones. The numerator weighs slopes and
+    differences of their outputs, last section first, which vanish at rest and are added to ``gain``
+    times the last output.
+
+    Parameters
+    ----------
+    time_constants : ndarray of shape (n_real,)
+        In s.
+    natural_frequencies : ndarray of shape (n_pairs,)
+        In rad/s.
+    damping_ratios : ndarray of shape (n_pairs,)
+        Above 1 for two real poles.
+    numerator : ndarray of shape (n_zeros,)
+        Weights, at most one per pole.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.linear import TransferFunctionOperator
+    >>> lag = TransferFunctionOperator(np.array([1.0]), np.empty(0), np.empty(0), np.empty(0))
+    >>> lag.run([0.0, 1.0, 1.0], dt=1.0)[0].round(3).tolist()
+    [0.0, 0.368, 0.767]
     """
 
     time_constants: np.ndarray = parameter(log=True, lower=0.0, unit="s")
@@ -238,11 +256,38 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
 
     .. math:: y = \sum_i e^{-\theta_i s} \frac{N_i(s)}{D(s)} u_i + \text{intercept}
 
-    Poles and numerators are those of :class:`TransferFunctionOperator`, one row of ``numerators``
-    and one value of ``gains`` (the static gain) per input; ``delays`` has one value per input (s)
-    or none. There are as many states as poles, for any number of inputs.
+    Poles and numerators are those of :class:`TransferFunctionOperator`. There are as many states as
+    poles, for any number of inputs. Inputs are ``(n_samples, n_inputs)``. In a series it must be
+    the first stage.
 
-    Inputs are ``(n_samples, n_inputs)``. In a series it must be the first stage.
+    Parameters
+    ----------
+    time_constants : ndarray of shape (n_real,)
+        In s.
+    natural_frequencies : ndarray of shape (n_pairs,)
+        In rad/s.
+    damping_ratios : ndarray of shape (n_pairs,)
+        Above 1 for two real poles.
+    numerators : ndarray of shape (n_inputs, n_zeros)
+        One row per input.
+    gains : ndarray of shape (n_inputs,)
+        Static gains, response/drive.
+    delays : ndarray of shape (n_inputs,), default=()
+        In s; empty where there are none.
+    intercept : float, default=0.0
+        Units of the response.
+    hold : {"foh", "zoh"}, default="foh"
+        Inputs between samples: straight lines, or constant. Fixed structure.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.linear import MultiInputTransferFunctionOperator
+    >>> lag = MultiInputTransferFunctionOperator(
+    ...     np.array([1.0]), np.empty(0), np.empty(0), np.empty((2, 0)), np.array([1.0, 2.0])
+    ... )
+    >>> lag.run(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.0]]), dt=1.0)[0].round(3).tolist()
+    [0.0, 0.368, 0.767]
     """
 
     time_constants: np.ndarray = parameter(log=True, lower=0.0, unit="s")
@@ -280,7 +325,18 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
         return replace(moved, numerators=moved.numerators.reshape(np.shape(self.numerators)))
 
     def part(self, i):
-        """Return the transfer function of input ``i``, without its delay and the intercept."""
+        """Return the transfer function of one input, without its delay and the intercept.
+
+        Parameters
+        ----------
+        i : int
+            Number of the input.
+
+        Returns
+        -------
+        TransferFunctionOperator
+            With the common poles.
+        """
         return TransferFunctionOperator(
             self.time_constants,
             self.natural_frequencies,
@@ -314,7 +370,18 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
         return scipy_system(self, self.delays)
 
     def frequency_response(self, frequency):
-        """Return the complex gains at ``frequency`` (n,) in Hz, shape (n, n_inputs)."""
+        """Return the complex gains of the inputs.
+
+        Parameters
+        ----------
+        frequency : ndarray of shape (n,)
+            Hz.
+
+        Returns
+        -------
+        ndarray of shape (n, n_inputs)
+            A column for each input.
+        """
         frequency = np.asarray(frequency, dtype=float)
         gains = [part.frequency_response(frequency) for part in self._parts()]
         return np.stack(gains, axis=-1) * self._shift(frequency)
@@ -325,9 +392,19 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
         return np.exp(-2j * np.pi * frequency[:, None] * self.delays)
 
     def frequency_tangents(self, frequency):
-        """Return the complex gains (n, n_inputs) at ``frequency`` (n,) in Hz and their derivatives.
+        """Return the complex gains of the inputs and their derivatives by the parameters.
 
-        Derivatives by the parameters are (n, n_inputs, n_parameters), in the order of :meth:`pack`.
+        Parameters
+        ----------
+        frequency : ndarray of shape (n,)
+            Hz.
+
+        Returns
+        -------
+        gain : ndarray of shape (n, n_inputs)
+            The complex gain of each input.
+        tangents : ndarray of shape (n, n_inputs, n_parameters)
+            Derivatives in the order of :meth:`pack`.
         """
         tangents = np.zeros((len(frequency), self.n_inputs, self.n_parameters), dtype=complex)
         gain = np.empty(tangents.shape[:2], dtype=complex)
@@ -632,6 +709,12 @@ class TransferFunction(ModesMixin, LinearModel):
     ValueError
         If ``n_zeros`` exceeds ``n_poles``, or an input does not exist.
 
+    See Also
+    --------
+    ModalModel : Several inputs and responses with common modes.
+    SecondOrderMode : A single mode.
+    frequency_response : The response without a model.
+
     References
     ----------
     .. [1] Steiglitz and McBride, *IEEE Transactions on Automatic Control*, 1965.
@@ -690,6 +773,7 @@ class TransferFunction(ModesMixin, LinearModel):
 
     @property
     def reads_columns(self):
+        """Whether further columns of X are read."""
         return not (isinstance(self.inputs, str) and self.inputs == "drive")
 
     def operator_input(self, X, slices):

@@ -103,7 +103,7 @@ def nrmse(
 def fit_percent(
     y_true, y_pred, *, sample_weight=None, multioutput="uniform_average"
 ) -> float | np.ndarray:
-    r"""Part of the response that the model reproduces, in percent.
+    r"""Fit in percent: 100 for an exact prediction, 0 for the mean of the response.
 
     .. math:: \mathrm{fit} = 100 \left(1 - \frac{\lVert y - \hat y \rVert_2}
        {\lVert y - \bar y \rVert_2}\right)
@@ -146,7 +146,7 @@ def mape(
 
     .. math:: \mathrm{MAPE} = \frac{100}{n} \sum_t \left| \frac{\hat y_t - y_t}{y_t} \right|
 
-    Samples near zero dominate it: of a response that passes through zero, :func:`nrmse` says more.
+    Samples near zero dominate it: for a response that passes through zero, use :func:`nrmse`.
 
     Returns
     -------

@@ -1,7 +1,7 @@
-"""Folds for what is fitted to whole records at a time: records in segments, folds as masks of them.
+"""Folds for models that are fitted to complete records: segments, and folds as masks of segments.
 
-A segment lies wholly inside or outside of the training and of the test rows of every fold, so that
-sums over a segment serve all folds: they are computed once, and a fold selects.
+A segment lies completely inside or outside the training and the test rows of every fold, so that
+sums over segments are computed once, and a fold selects among them.
 """
 
 from itertools import chain, pairwise
@@ -15,9 +15,10 @@ _WASHOUT = 0.05  # of a block of a single record
 
 
 def by_content(records, X=None, y=None) -> np.ndarray:
-    """Return the numbers of the records in an order that their place in the data has no part in.
+    """Return the numbers of the records in an order that does not depend on that of the data.
 
-    By length, then by the mean of the response and of the drive: no choice of units changes it.
+    They are sorted by length, then by the mean of the response and of the drive, which no choice of
+    units changes.
 
     Parameters
     ----------
@@ -48,16 +49,16 @@ def by_content(records, X=None, y=None) -> np.ndarray:
 
 
 def stretches(start, stop, most=32, shortest=16) -> list[tuple[int, int]]:
-    """Cut rows into stretches of one length; the last takes what is over.
+    """Cut rows into stretches of one length; the last takes the remainder.
 
     Parameters
     ----------
     start, stop : int
         The rows.
     most : int, default=32
-        Stretches at the most.
+        Largest number of stretches.
     shortest : int, default=16
-        Samples that a stretch has at least, where there are that many.
+        Least number of samples of a stretch, if there are that many.
 
     Returns
     -------

@@ -67,7 +67,18 @@ class _RecordSplitter(BaseCrossValidator):
         return self._row_numbers(records, labelled, self._folds(records, labelled, X, y))
 
     def get_n_splits(self, X=None, y=None, groups=None) -> int:
-        """Return the number of folds, an int; the parameters are ignored."""
+        """Return the number of folds.
+
+        Parameters
+        ----------
+        X, y, groups : object, default=None
+            Ignored.
+
+        Returns
+        -------
+        int
+            The number of folds.
+        """
         return self.n_splits
 
     def _row_numbers(self, records, labelled, folds):

@@ -229,7 +229,20 @@ class GrayBoxOperator(Operator):
 
     @classmethod
     def at_rest(cls, static, **structure):
-        """Return an operator with zero weights; ``structure`` are its other parameters."""
+        """Return an operator with zero weights.
+
+        Parameters
+        ----------
+        static : SystemLevelOperator
+            The hysteresis.
+        **structure : object
+            Its other parameters.
+
+        Returns
+        -------
+        GrayBoxOperator
+            Whose response is that of the static part.
+        """
         fields = [field for field in dataclasses.fields(cls) if not field.kw_only]
         given = {field.name: field.default for field in fields[2:]} | structure
         return cls(static, np.zeros(len(_terms(**given))), **given)
@@ -511,6 +524,11 @@ class GrayBoxHysteresis(ParametricModel):
     ------
     RecordError
         If ``predict`` gets records of another sampling interval than ``fit``: lags are in samples.
+
+    See Also
+    --------
+    skhyst.hysteresis.SystemLevelHysteresis : The hysteresis alone.
+    skhyst.autoregressive.NARMAXRegressor : The dynamics alone.
 
     References
     ----------

@@ -283,6 +283,11 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         No candidate satisfied the inequality before the tolerance was reached: draw more
         candidates, widen ``scopes``, or bring ``contraction`` closer to 1.
 
+    See Also
+    --------
+    skhyst.autoregressive.NARXRegressor : Lagged signals for this network.
+    skhyst.preprocessing.PlayOperators : Hysteretic features for it.
+
     Notes
     -----
     Candidates that vanish almost everywhere are not admitted, nor, with SC-III, those that are
@@ -529,6 +534,7 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         Parameters
         ----------
         X : array-like of shape (n_samples, n_features)
+            Inputs of the network.
 
         Returns
         -------
@@ -547,7 +553,10 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
     def stepper(self, dt=None, u0=0.0, initial_state=None) -> Stepper:
         """Return the fitted network as a simulated device that is stepped sample by sample.
 
-        The network has no memory: the parameters, which are common to all models, have no effect.
+        Parameters
+        ----------
+        dt, u0, initial_state : float, float or array-like, str, default=None, 0.0, None
+            Those of all models. They have no effect: the network has no memory.
 
         Returns
         -------

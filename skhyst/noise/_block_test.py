@@ -1,10 +1,10 @@
-r"""Whether chance alone has made a sum of a series whose neighbours depend on each other.
+r"""Test of whether the mean of an autocorrelated series is zero.
 
-The series has a mean of zero if so. It is summed over blocks, :math:`Q_i`, of the length that
-Politis and White [1]_ derive from its autocovariances: where it is slow, blocks are long and few.
-The part :math:`\eta` of the variance that blocks of that length leave out (Künsch [2]_) is put
-back, and the total over :math:`\sqrt{\sum Q_i^2 / (1 - \eta)}` follows Student's law with as many
-degrees of freedom as there are blocks.
+The series is summed over blocks, :math:`Q_i`, of the length that Politis and White [1]_ derive from
+its autocovariances: where it is slow, blocks are long and few. Blocks of that length miss a
+fraction :math:`\eta` of the variance of the sum (Künsch [2]_), which is corrected for: if the mean
+is zero, the total over :math:`\sqrt{\sum Q_i^2 / (1 - \eta)}` follows Student's t distribution with
+as many degrees of freedom as there are blocks.
 
 References
 ----------
@@ -18,13 +18,14 @@ from scipy.stats import t as student
 
 
 def block_p_value(total, chances):
-    """Return the p-value against a total that chance alone has made.
+    """Return the p-value of a total under the hypothesis that its series has a mean of zero.
 
     Parameters
     ----------
     total : float
+        Tested against values above zero.
     chances : sequence of ndarray
-        Stretches of the series whose sum is what chance does to the total.
+        Stretches of a series whose sum varies by chance as the total does.
 
     Returns
     -------
@@ -39,7 +40,7 @@ def block_p_value(total, chances):
 
 
 def block_length(series):
-    """Return the length of blocks whose sums are about independent, and the variance they miss.
+    """Return the length of blocks whose sums are nearly independent, and the variance they miss.
 
     Parameters
     ----------
@@ -50,7 +51,7 @@ def block_length(series):
     -------
     length : int
     missing : float
-        Part of the variance of the sum that blocks of this length leave out, below one half.
+        Fraction of the variance of the sum that blocks of this length miss, at most one half.
     """
     n = sum(map(len, series))
     longest = max(map(len, series))
@@ -59,16 +60,16 @@ def block_length(series):
     if not covariance[0] > 0.0:
         return 1, 0.0
     rho = covariance / covariance[0]
-    # the smallest lag behind which a window of correlations is within chance
+    # the smallest lag after which a window of autocorrelations is insignificant
     within = np.abs(rho[1:]) < 2.0 * np.sqrt(np.log10(n) / n)
     window = max(5, int(np.ceil(np.sqrt(np.log10(n)))))
-    within = np.append(within, np.ones(window, dtype=bool))  # what lies beyond the longest lag
+    within = np.append(within, np.ones(window, dtype=bool))  # lags beyond the longest count as zero
     m = int(np.argmax(np.convolve(within, np.ones(window), mode="valid") >= window))
     lags = np.arange(min(2 * m, size) + 1)
     taper = np.clip(2.0 * (1.0 - lags / max(2 * m, 1)), 0.0, 1.0)  # flat, then falling to zero
     own = taper * rho[: len(lags)]
     g, moment = own[0] + 2.0 * own[1:].sum(), 2.0 * (lags * own).sum()
-    if g <= 0.0:  # what is left of an oscillation: the whole range of correlation is one block
+    if g <= 0.0:  # an oscillation cancels: one block spans the range of correlation
         return min(2 * m + 1, longest), 0.0
     length = int(np.ceil((1.5 * (moment / g) ** 2 * n) ** (1.0 / 3.0)))
     length = min(max(length, 1), longest)
@@ -76,14 +77,14 @@ def block_length(series):
 
 
 def _autocovariance(values, size):
-    """Return the sums of products of values up to ``size`` apart, (size + 1,)."""
+    """Return the sums of products of values 0 to ``size`` samples apart, (size + 1,)."""
     spectrum = np.abs(np.fft.rfft(values, 2 * max(len(values), 1))) ** 2
     products = np.fft.irfft(spectrum)[: min(size + 1, len(values))]
     return np.pad(products, (0, size + 1 - len(products)))
 
 
 def _block_sums(values, length):
-    """Return the sums over blocks of about one length, none shorter."""
+    """Return the sums over blocks of nearly equal length, none shorter than ``length``."""
     count = max(len(values) // length, 1)
     edges = np.linspace(0, len(values), count + 1).astype(int)[:-1]
     return np.add.reduceat(values, edges) if len(values) else np.empty(0)

@@ -41,7 +41,7 @@ def difference_noise(series):
     Examples
     --------
     >>> import numpy as np
-    >>> from skhyst.noise import difference_noise
+    >>> from skhyst.noise._differences import difference_noise
     >>> noise = 0.1 * np.random.default_rng(0).standard_normal(4000)
     >>> round(difference_noise([np.sin(np.arange(4000) / 50.0) + noise]), 2)
     0.1

@@ -63,7 +63,18 @@ class NoiseModel:
     quantisation: float = 0.0
 
     def spectrum(self, frequency):
-        """Return the power at frequencies in cycles a sample, one on average."""
+        """Return the spectrum of the noise, whose mean is one.
+
+        Parameters
+        ----------
+        frequency : ndarray of shape (n,)
+            In cycles per sample, 0 to 0.5.
+
+        Returns
+        -------
+        ndarray of shape (n,)
+            Power, relative to its mean over the frequencies.
+        """
         return _spectrum(self.law, frequency, self.coefficient, self.share)
 
     @cached_property
@@ -75,7 +86,18 @@ class NoiseModel:
         return solve_toeplitz(correlations[:-1], correlations[1:])
 
     def innovations(self, series):
-        """Return what its own past does not predict of each series, stretch by stretch."""
+        """Return what its own past does not predict of each series, stretch by stretch.
+
+        Parameters
+        ----------
+        series : sequence of ndarray of shape (n_samples,)
+            One per record; NaN where there is no value.
+
+        Returns
+        -------
+        list of ndarray of shape (n_samples,)
+            One per record; NaN where there is no value.
+        """
         if self.law == "white":
             return list(series)
         found = [np.full(len(own), np.nan) for own in series]
@@ -122,6 +144,14 @@ def fit_noise(series, readings=()):
     Returns
     -------
     NoiseModel
+        Of the law that Schwarz's criterion selects.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.noise import fit_noise
+    >>> fit_noise([np.random.default_rng(0).normal(size=1000)]).law
+    'white'
     """
     series = [own[rows] for own in series for rows in stretches(own)]
     series = [own - own.mean() for own in series if len(own) > 1]

@@ -1,19 +1,14 @@
 """The protocol of operators, series and sums of them, and loops that several models share."""
 
 from ._check_operator import check_operator
-from ._compiled_step import (
-    CompiledCall,
-    CompiledColumn,
-    CompiledColumnSeries,
-    CompiledLaw,
-    CompiledParts,
-    CompiledProduct,
-    CompiledSeries,
-    CompiledStep,
-    CompiledSum,
-    Stepper,
-    in_ring,
-)
+from ._compiled_step import CompiledCall as CompiledCall
+from ._compiled_step import CompiledColumn as CompiledColumn
+from ._compiled_step import CompiledColumnSeries as CompiledColumnSeries
+from ._compiled_step import CompiledLaw, CompiledStep, Stepper
+from ._compiled_step import CompiledParts as CompiledParts
+from ._compiled_step import CompiledSeries as CompiledSeries
+from ._compiled_step import CompiledSum as CompiledSum
+from ._compiled_step import in_ring as in_ring
 from ._composition import (
     FrozenOperator,
     OnColumnOperator,
@@ -21,71 +16,65 @@ from ._composition import (
     Scheduled,
     Series,
     SumOperator,
-    WrappedOperator,
-    add_disturbances,
-    split_disturbances,
 )
-from ._differences import latest, samples_before, slope_step, slopes, stepped_slopes
-from ._edits import (
-    modulated,
-    on_column,
-    put_beside_series,
-    scheduled,
-    series_stages,
-    stage_values,
-    with_series_stages,
-    with_stage_values,
-)
-from ._linear_inverse import InverseLinearOperator, in_weights, preview_step
+from ._composition import add_disturbances as add_disturbances
+from ._composition import split_disturbances as split_disturbances
+from ._differences import latest as latest
+from ._differences import samples_before as samples_before
+from ._differences import slope_step as slope_step
+from ._differences import slopes as slopes
+from ._differences import stepped_slopes as stepped_slopes
+from ._edits import modulated as modulated
+from ._edits import on_column as on_column
+from ._edits import put_beside_series as put_beside_series
+from ._edits import scheduled as scheduled
+from ._edits import series_stages as series_stages
+from ._edits import stage_values as stage_values
+from ._edits import with_series_stages as with_series_stages
+from ._edits import with_stage_values as with_stage_values
+from ._linear_inverse import InverseLinearOperator
+from ._linear_inverse import in_weights as in_weights
+from ._linear_inverse import preview_step as preview_step
 from ._one_state import OneStateOperator
-from ._part import Factor, Stage, snake_case
-from ._plays import (
-    Superposition,
-    clip_play,
-    play_basis,
-    play_sum_run,
-    play_sum_step,
-    play_sum_table,
-    play_tangents,
-    play_thresholds,
-    stop_basis,
-    threshold_tangents,
-    turning_points,
-)
-from ._products import sum_of_products
-from ._protocol import Operator, ParameterSpec, as_constant, as_signal, by_fields, parameter
-from ._records import run_records
-from ._resolution import (
-    MovableOperator,
-    Resolution,
-    has_weight,
-    parts_with_resolution,
-    same_places,
-    with_terms,
-    with_terms_kept,
-)
+from ._part import Factor
+from ._part import Stage as Stage
+from ._part import snake_case as snake_case
+from ._plays import Superposition as Superposition
+from ._plays import clip_play as clip_play
+from ._plays import play_basis as play_basis
+from ._plays import play_sum_run as play_sum_run
+from ._plays import play_sum_step as play_sum_step
+from ._plays import play_sum_table as play_sum_table
+from ._plays import play_tangents as play_tangents
+from ._plays import play_thresholds, turning_points
+from ._plays import stop_basis as stop_basis
+from ._plays import threshold_tangents as threshold_tangents
+from ._products import sum_of_products as sum_of_products
+from ._protocol import Operator, ParameterSpec, parameter
+from ._protocol import as_constant as as_constant
+from ._protocol import as_signal as as_signal
+from ._protocol import by_fields as by_fields
+from ._records import run_records as run_records
+from ._resolution import MovableOperator as MovableOperator
+from ._resolution import Resolution
+from ._resolution import has_weight as has_weight
+from ._resolution import parts_with_resolution as parts_with_resolution
+from ._resolution import same_places as same_places
+from ._resolution import with_terms as with_terms
+from ._resolution import with_terms_kept as with_terms_kept
 from ._root_inverse import InverseOperator, RootInverseOperator, inverse_of
-from ._state_space import (
-    block_run,
-    block_table,
-    first_order_run,
-    second_order_run,
-    state_space_run,
-    state_space_step,
-    state_space_tangents,
-)
+from ._state_space import block_run as block_run
+from ._state_space import block_table as block_table
+from ._state_space import first_order_run as first_order_run
+from ._state_space import second_order_run as second_order_run
+from ._state_space import state_space_run as state_space_run
+from ._state_space import state_space_step as state_space_step
+from ._state_space import state_space_tangents as state_space_tangents
 from ._window_inverse import WindowInverseOperator
 
 __all__ = [
-    "CompiledCall",
-    "CompiledColumn",
-    "CompiledColumnSeries",
     "CompiledLaw",
-    "CompiledParts",
-    "CompiledProduct",
-    "CompiledSeries",
     "CompiledStep",
-    "CompiledSum",
     "Factor",
     "FrozenOperator",
     "InverseLinearOperator",
@@ -100,59 +89,12 @@ __all__ = [
     "Scaled",
     "Scheduled",
     "Series",
-    "Stage",
     "Stepper",
     "SumOperator",
-    "Superposition",
     "WindowInverseOperator",
-    "WrappedOperator",
-    "add_disturbances",
-    "as_constant",
-    "as_signal",
-    "block_run",
-    "block_table",
-    "by_fields",
     "check_operator",
-    "clip_play",
-    "first_order_run",
-    "has_weight",
-    "in_ring",
-    "in_weights",
     "inverse_of",
-    "latest",
-    "modulated",
-    "on_column",
     "parameter",
-    "parts_with_resolution",
-    "play_basis",
-    "play_sum_run",
-    "play_sum_step",
-    "play_sum_table",
-    "play_tangents",
     "play_thresholds",
-    "preview_step",
-    "put_beside_series",
-    "run_records",
-    "same_places",
-    "samples_before",
-    "scheduled",
-    "second_order_run",
-    "series_stages",
-    "slope_step",
-    "slopes",
-    "snake_case",
-    "split_disturbances",
-    "stage_values",
-    "state_space_run",
-    "state_space_step",
-    "state_space_tangents",
-    "stepped_slopes",
-    "stop_basis",
-    "sum_of_products",
-    "threshold_tangents",
     "turning_points",
-    "with_series_stages",
-    "with_stage_values",
-    "with_terms",
-    "with_terms_kept",
 ]

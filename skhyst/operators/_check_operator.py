@@ -1,18 +1,18 @@
-"""A check of what every operator promises, for the author of one."""
+"""A check of the protocol of operators, for the author of one."""
 
 import numpy as np
 
-_STEP = 1e-6  # of a difference, relative to what is moved
+_STEP = 1e-6  # of a difference, relative to the value
 _TOLERANCE = 1e-6  # relative to the largest derivative, or to 1
 _ROUNDING = 1e-9
-_PLACES = (1.0, 2.0, -1.0, -2.0)  # of differences to either side, of second order:
+_PLACES = (1.0, 2.0, -1.0, -2.0)  # of one-sided differences of second order, with weights
 _FORWARD = np.array([-1.5, 2.0, -0.5])
 
 
 def check_operator(operator, u, dt):
-    """Check an operator's derivatives against differences, and a run in pieces against the whole.
+    """Check an operator's derivatives against differences, and a run in pieces against one run.
 
-    An operator that looks ahead cannot be run in pieces.
+    A noncausal operator is not run in pieces.
 
     Parameters
     ----------
@@ -20,15 +20,15 @@ def check_operator(operator, u, dt):
         With parameters inside their bounds. Where the law has a kink, its derivatives lie between
         those to either side.
     u : ndarray of shape (n_samples,) or (n_samples, n_inputs)
-        Input, of three samples at least.
+        Input, of at least three samples.
     dt : float
         Sampling interval in s.
 
     Raises
     ------
     AssertionError
-        If ``sensitivities``, ``run``, ``step`` and ``unpack`` do not agree; the message says which,
-        and of a derivative the name of the parameter.
+        If ``sensitivities``, ``run``, ``step`` and ``unpack`` do not agree; the message names
+        which, and the parameter of a wrong derivative.
 
     Examples
     --------
@@ -84,7 +84,7 @@ def _check_derivatives(operator, u, dt, initial_state):
             near = [output(vector + k * size * move, u) for k in _PLACES]
         sides = [_FORWARD @ [y, *near[:2]] / size, _FORWARD @ [y, *near[2:]] / -size]
         sides.append((near[0] - near[2]) / (2.0 * size))
-        # at a kink, as where a drive turns before it has moved, whatever is between is a slope
+        # at a kink, as where a drive turns, any value between the one-sided derivatives is right
         between = np.clip(dy[:, j], np.min(sides, axis=0), np.max(sides, axis=0))
         _agree(dy[:, j], between, f"The derivative by {name} and its difference", _TOLERANCE)
 

@@ -1,13 +1,12 @@
-"""One step of an operator in plain arithmetic: what streams, control loops, C and FMUs share.
+"""One step of an operator in plain arithmetic, shared by streaming, control loops, C and FMUs.
 
 A step is a function ``step(u, c, s) -> y`` of the input at one sample, of constants and of a state.
 ``c`` is a tuple of numbers and arrays, ``s`` one array of numbers, which the step changes. It is
-written in a small part of Python that Numba compiles and that reads the same in C: numbers, tuples
-of a known length, elements of arrays, ``math``, ``abs``, ``min``, ``max``, ``int``, ``float``,
-``if``, ``for ... in range``, ``while`` with an end that is known, and functions of this kind. It
-allocates nothing.
+written in a subset of Python that Numba compiles and that is translated to C: numbers, tuples of a
+known length, elements of arrays, ``math``, ``abs``, ``min``, ``max``, ``int``, ``float``, ``if``,
+``for ... in range``, ``while`` with a known bound, and such functions. It allocates nothing.
 
-Operators are taken together as they are: a series hands the output of one step to the next.
+Steps are composed as their operators are: a series passes the output of one step to the next.
 """
 
 import math
@@ -22,7 +21,7 @@ from ._protocol import as_constant, as_signal
 
 
 def step(u, c, s):
-    """Stand for the step of an operator."""
+    """Stand for the step of an operator, which ``bind`` puts here."""
     raise NotImplementedError
 
 
@@ -44,7 +43,7 @@ def _loop(law):
 
 
 def in_ring(s, c):
-    """Whether a state begins with a place among its other numbers: `CompiledLaw.possible`."""
+    """Whether a state begins with an index of its other numbers: `CompiledLaw.possible`."""
     return s[0] in range(len(s) - 1)
 
 
@@ -76,10 +75,10 @@ class CompiledStep:
     n_inputs : int or None
         Columns of the input that are read; None for a signal.
     double_only : str
-        What of it needs the digits of double precision, in words; empty where nothing does.
+        What needs double precision, in words; empty if nothing does.
     flags : tuple of (str, int)
-        Conditions of the last sample that the state tells: their names, and the place in the state
-        of a number that is 0 where the condition does not hold. Numbers with one name are one flag.
+        Conditions of the last sample: name, and index in the state of a number that is 0 if the
+        condition does not hold. Entries with the same name are one flag.
     """
 
     n_inputs = None
@@ -87,9 +86,19 @@ class CompiledStep:
     flags = ()
 
     def is_possible(self, s):
-        """Whether a step can go on from the finite state ``s``: places in it are those of its law.
+        """Return whether a step can continue from a state: indices in it are within range.
 
-        Compiled code looks nothing up a second time: a place out of range ends the interpreter.
+        Compiled code does not check indices: one out of range crashes the interpreter.
+
+        Parameters
+        ----------
+        s : ndarray of shape (n_states,)
+            State, finite.
+
+        Returns
+        -------
+        bool
+            Whether it can.
         """
         return True
 
@@ -98,19 +107,48 @@ class CompiledStep:
 
         Parameters
         ----------
-        s : array of shape (n_states,)
+        s : ndarray of shape (n_states,)
+            State, which the function changes.
         binding : callable
             ``binding(step, constants, s)`` returns a function of the input for one compiled step;
             ``s`` is the part of the state that belongs to it.
+
+        Returns
+        -------
+        callable
+            Function of the input.
         """
         raise NotImplementedError
 
     def stepping(self, s):
-        """Return a function of the input at a sample that returns the output and changes ``s``."""
+        """Return a function of the input at one sample.
+
+        Parameters
+        ----------
+        s : ndarray of shape (n_states,)
+            State, which the function changes.
+
+        Returns
+        -------
+        callable
+            ``u -> y``: the output at the sample.
+        """
         return self.bound(s, _stepping)
 
     def streaming(self, s):
-        """Return a function of the input (n_samples,) or (n_samples, n_inputs) that does so too."""
+        """Return a function of the input at many samples.
+
+        Parameters
+        ----------
+        s : ndarray of shape (n_states,)
+            State, which the function changes.
+
+        Returns
+        -------
+        callable
+            ``u -> y`` of the input (n_samples,) or (n_samples, n_inputs), with the output
+            (n_samples,).
+        """
         return self.bound(s, _streaming)
 
 
@@ -123,14 +161,18 @@ class CompiledLaw(CompiledStep):
     step : callable
         Compiled ``step(u, c, s) -> y``.
     constants : tuple of float and ndarray
+        Constants ``c`` of the step.
     state : array-like of shape (n_states,)
+        State before the first sample.
     n_inputs : int, default=None
         Columns of the input that are read; None for a signal.
     double_only : str, default=""
-        What needs the digits of double precision, such as differences of nearly equal numbers.
+        What needs double precision, such as differences of nearly equal numbers.
     possible : callable, default=None
-        ``possible(s, c) -> bool`` where the state holds places in tables or in itself: whether
-        they are in range. None: the step takes any finite state.
+        ``possible(s, c) -> bool``, if the state holds indices of tables or of itself: whether they
+        are in range. None: the step takes any finite state.
+    flags : tuple of (str, int), default=()
+        As of :class:`CompiledStep`.
 
     Examples
     --------
@@ -157,7 +199,18 @@ class CompiledLaw(CompiledStep):
         object.__setattr__(self, "state", as_constant(self.state))
 
     def behind(self, u):
-        """Return the step that has seen the input (n_samples,)."""
+        """Return the step with the state that an input leaves.
+
+        Parameters
+        ----------
+        u : array-like of shape (n_samples,)
+            The input.
+
+        Returns
+        -------
+        CompiledLaw
+            A copy.
+        """
         s = self.state.copy()
         step = self.stepping(s)
         for value in u:
@@ -173,7 +226,7 @@ class CompiledLaw(CompiledStep):
 
 @dataclass(frozen=True)
 class CompiledParts(CompiledStep):
-    """Base of what is made of other compiled steps; a subclass gives ``_joined``.
+    """Base of the steps composed of others; a subclass gives ``_joined``.
 
     Parameters
     ----------
@@ -194,12 +247,12 @@ class CompiledParts(CompiledStep):
 
     @property
     def double_only(self):
-        """What of the parts needs the digits of double precision."""
+        """What needs double precision in one of the parts."""
         return next((part.double_only for part in self.parts if part.double_only), "")
 
     @property
     def flags(self):
-        """Conditions that the states of the parts tell."""
+        """Conditions of the parts, with their indices in the joint state."""
         places = self._each(range(len(self.state)))
         return tuple((name, int(own[at])) for part, own in places for name, at in part.flags)
 
@@ -221,7 +274,7 @@ class CompiledParts(CompiledStep):
 
 @dataclass(frozen=True)
 class CompiledCall(CompiledStep):
-    """A step that calls what is no plain arithmetic: it streams, and cannot be written in C.
+    """A step that calls Python: it can be stepped, but not translated to C.
 
     Parameters
     ----------
@@ -229,7 +282,7 @@ class CompiledCall(CompiledStep):
         ``function(u, s) -> y`` of the input at one sample and of the state, which it changes.
     state : array-like of shape (n_states,)
     name : str
-        What it calls, for the error of whoever needs plain arithmetic.
+        What it calls, for the error message where plain arithmetic is needed.
     n_inputs : int, default=None
         Columns of the input that are read; None for a signal.
 
@@ -268,7 +321,7 @@ class CompiledCall(CompiledStep):
 
 
 class CompiledSeries(CompiledParts):
-    """Steps of which each takes the output of the one before."""
+    """Steps in series: each takes the output of the one before."""
 
     def _joined(self, functions):
         def series(u):
@@ -280,7 +333,7 @@ class CompiledSeries(CompiledParts):
 
 
 class CompiledSum(CompiledParts):
-    """Steps whose outputs are added, one at least."""
+    """At least one step; the outputs are added."""
 
     def _joined(self, functions):
         first, *others = functions
@@ -289,7 +342,7 @@ class CompiledSum(CompiledParts):
 
 @dataclass(frozen=True)
 class CompiledColumn(CompiledParts):
-    """A step that takes one column of the input, less a reference.
+    """A step whose input is one column, minus a reference.
 
     Parameters
     ----------
@@ -339,7 +392,7 @@ class CompiledProduct(CompiledParts):
 
 
 class _Replaced:
-    """Rows of an input, with other values in the place of column 0."""
+    """Rows of an input with other values in place of column 0."""
 
     def __init__(self, first, u):
         self.first, self.u = first, u
@@ -349,7 +402,7 @@ class _Replaced:
 
 
 class CompiledColumnSeries(CompiledParts):
-    """Two steps: the second one reads the output of the first in the place of column 0."""
+    """Two steps: the second reads the output of the first in place of column 0."""
 
     def _joined(self, functions):
         first, second = functions
@@ -366,17 +419,12 @@ class Stepper:
     dt : float, default=None
         That interval in s, where it is known.
 
-    Raises
-    ------
-    ValueError
-        If ``dt`` is no interval.
-
     Attributes
     ----------
     dt : float or None
         Sampling interval in s, where it is known.
     state : ndarray of shape (n_states,)
-        All that is remembered: a copy, which may be kept and assigned again.
+        Complete state: a copy, which may be stored and assigned again.
     output : float or None
         At the last sample that was not refused; None before the first, and after ``state`` is set.
     status : frozenset of str
@@ -384,6 +432,11 @@ class Stepper:
         ``"refused"``, the last input was refused, see :meth:`step`.
     compiled_step : CompiledStep
         What is stepped, with the state that it began from.
+
+    Raises
+    ------
+    ValueError
+        If ``dt`` is not a positive number.
 
     Examples
     --------
@@ -462,11 +515,12 @@ class Stepper:
         return self.output
 
     def run(self, u):
-        """Return the response to many samples, and stand behind the last.
+        """Return the response to many samples; the state is then that after the last.
 
         Parameters
         ----------
         u : array-like of shape (n_samples,) or (n_samples, n_inputs)
+            Drives, as of :meth:`step`.
 
         Returns
         -------
@@ -497,7 +551,7 @@ class Stepper:
         return rows
 
     def copy(self):
-        """Return another one in the same state, which goes its own way."""
+        """Return an independent copy in the same state."""
         other = Stepper(self.compiled_step, self.dt)
         other._begin(self._state)
         other.output, other._refused = self.output, self._refused

@@ -29,32 +29,39 @@ _DRIVEN = "model"  # name of the driven part, where something stands beside it
 _SENSITIVITY = ParameterSpec(unit="1/column")
 
 
+def _forwarded(path):
+    """Return the property whose value is that of another operator."""
+    name = path.rpartition(".")[2]
+    return property(attrgetter(path), doc=f"The ``{name}`` of the operator within.")
+
+
 class _ByEntries(Operator):
-    """An operator that is told by its entries, not by fields of its own."""
+    """An operator whose entries are not fields of its own."""
 
     def parameter_specs(self):
         return dict(self.entries())
 
     @cached_property
     def n_parameters(self):
+        """Number of values in :meth:`pack`."""
         return len(self.entries())
 
 
 class WrappedOperator(_ByEntries):
-    """Base of what wraps one operator, the field ``operator``, and is like it by default."""
+    """Base of the nodes around one operator, the field ``operator``, whose members they forward."""
 
-    signal_linear = property(attrgetter("_like.signal_linear"))
-    owns_gain = property(attrgetter("_like.owns_gain"))
-    stage_order = property(attrgetter("_like.stage_order"))
-    n_poles = property(attrgetter("_like.n_poles"))
-    memoryless = property(attrgetter("_like.memoryless"))
-    causal = property(attrgetter("_like.causal"))
-    at_once = property(attrgetter("_like.at_once"))
-    reads_columns = property(attrgetter("_like.reads_columns"))
-    linear_mode = property(attrgetter("_like.linear_mode"))
-    entries = property(attrgetter("_like.entries"))
-    pack = property(attrgetter("_like.pack"))
-    parameter_units = property(attrgetter("_like.parameter_units"))
+    signal_linear = _forwarded("_like.signal_linear")
+    owns_gain = _forwarded("_like.owns_gain")
+    stage_order = _forwarded("_like.stage_order")
+    n_poles = _forwarded("_like.n_poles")
+    memoryless = _forwarded("_like.memoryless")
+    causal = _forwarded("_like.causal")
+    at_once = _forwarded("_like.at_once")
+    reads_columns = _forwarded("_like.reads_columns")
+    linear_mode = _forwarded("_like.linear_mode")
+    entries = _forwarded("_like.entries")
+    pack = _forwarded("_like.pack")
+    parameter_units = _forwarded("_like.parameter_units")
 
     @property
     def _like(self):
@@ -80,6 +87,7 @@ class WrappedOperator(_ByEntries):
         return self.operator.compiled_step(dt, state)
 
     def inverse(self):
+        """Return the inverse of the operator within."""
         return inverse_of(self.operator)
 
     def released(self):
@@ -115,6 +123,7 @@ class FrozenOperator(WrappedOperator):
     Parameters
     ----------
     operator : Operator
+        With its parameters.
 
     Examples
     --------
@@ -161,7 +170,9 @@ class OnColumnOperator(WrappedOperator):
     Parameters
     ----------
     operator : Operator
+        Of one input.
     column : int
+        Number of the column.
     reference : float, default=0.0
         Value of the column at which the input of the operator is zero. Fixed structure.
 
@@ -346,17 +357,27 @@ class Scheduled(WrappedOperator):
     the parameter stays between the least and the largest of them, so that a bound of the parameter
     is a bound of each coefficient, and those at the ends are the parameter's values there.
 
-    Attributes
+    Parameters
     ----------
     base : Operator
         Gives everything but the scheduled values.
     degrees : tuple of int
-        Of each value of ``base.pack()``.
+        Degree of the polynomial of each value of ``base.pack()``.
     coefficients : ndarray of shape (sum(degrees) + len(degrees),)
+        Bernstein coefficients, those of one value after the other.
     low, high : float
         Range of the schedule.
-    schedule : float or None
-        The record's number; :meth:`at` sets it.
+    schedule : float, default=None
+        Schedule of the record, which :meth:`at` sets.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.linear import GainOperator
+    >>> from skhyst.operators import Scheduled
+    >>> gain = Scheduled(GainOperator(), (1, 0), np.array([1.0, 3.0, 0.0]), low=0.0, high=2.0)
+    >>> gain.at(1.0).run(np.array([0.0, 1.0]), dt=1.0)[0]
+    array([0., 2.])
     """
 
     base: Operator
@@ -382,16 +403,44 @@ class Scheduled(WrappedOperator):
 
     @classmethod
     def constant(cls, base, degrees, low, high):
-        """Return the operator whose parameters do not depend on the schedule yet."""
+        """Return the operator whose parameters do not depend on the schedule yet.
+
+        Parameters
+        ----------
+        base : Operator
+            With the values that all schedules have.
+        degrees : sequence of int
+            Degree of the polynomial of each value of ``base.pack()``.
+        low, high : float
+            Range of the schedule.
+
+        Returns
+        -------
+        Scheduled
+            With equal coefficients of each value.
+        """
         coefficients = np.repeat(base.pack(), np.asarray(degrees, dtype=int) + 1)
         return cls(base, tuple(degrees), coefficients, low, high)
 
     @classmethod
     def along(cls, stage, low, high, lines, model=None):
-        """Return the operator of a stage some of whose entries are straight lines.
+        """Return the operator of a stage with some entries that are linear in the schedule.
 
-        ``lines`` are the values at ``low`` and at ``high`` by key, see ``keys``; ``model`` gets the
-        names of the entries as its ``parameters``.
+        Parameters
+        ----------
+        stage : Stage
+            The stage; its other entries are constant.
+        low, high : float
+            Range of the schedule.
+        lines : dict of (str, str) to array-like of shape (2,)
+            Values at ``low`` and at ``high`` by key, see :meth:`keys`.
+        model : ScheduledParameters, default=None
+            Unfitted estimator; it gets the names of these entries as its ``parameters``.
+
+        Returns
+        -------
+        Scheduled
+            Of degrees 0 and 1.
         """
         base = stage.operator
         values = zip(base.keys(stage.name), base.pack(), strict=True)
@@ -631,7 +680,23 @@ class _Composition(_ByEntries):
 
 
 class Series(_Composition):
-    """Operators in series: the output of one is the input of the next."""
+    """Operators in series: the output of one is the input of the next.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Names of the stages.
+    stages : tuple of Operator
+        In the order of the series.
+
+    Examples
+    --------
+    >>> from skhyst.linear import FirstOrderLagOperator, GainOperator
+    >>> from skhyst.operators import Series
+    >>> series = Series(("gain", "lag"), (GainOperator(2.0), FirstOrderLagOperator(1.0)))
+    >>> series.run([0.0, 1.0, 1.0], dt=1.0)[0].round(3).tolist()
+    [0.0, 0.736, 1.535]
+    """
 
     structure_of = "Cascade"
 
@@ -684,6 +749,16 @@ class Series(_Composition):
 
     def without(self, name):
         """Return the series without a stage; linear ones take over its static gain and intercept.
+
+        Parameters
+        ----------
+        name : str
+            Of the stage.
+
+        Returns
+        -------
+        Series
+            A copy.
 
         Examples
         --------
@@ -752,7 +827,23 @@ class Series(_Composition):
 
 
 class SumOperator(_Composition):
-    """Operators in parallel: their outputs are added."""
+    """Operators in parallel: their outputs are added.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Names of the branches.
+    stages : tuple of Operator
+        The branches.
+
+    Examples
+    --------
+    >>> from skhyst.linear import FirstOrderLagOperator, GainOperator
+    >>> from skhyst.operators import SumOperator
+    >>> total = SumOperator(("gain", "lag"), (GainOperator(2.0), FirstOrderLagOperator(1.0)))
+    >>> total.run([0.0, 1.0, 1.0], dt=1.0)[0].round(3).tolist()
+    [0.0, 2.368, 2.767]
+    """
 
     structure_of = "Sum"
 
@@ -786,7 +877,18 @@ class SumOperator(_Composition):
         return sum(stage.intercept for stage in self.stages)
 
     def discrete(self, dt):
-        """Return the matrices of the parts side by side; see ``LinearOperator.discrete``."""
+        """Return the matrices of the parts side by side.
+
+        Parameters
+        ----------
+        dt : float
+            Sampling interval in s.
+
+        Returns
+        -------
+        tuple
+            As :meth:`skhyst.linear.LinearOperator.discrete` returns it.
+        """
         ad, b0, b1, c, d = zip(*(stage.discrete(dt) for stage in self.stages), strict=True)
         return block_diag(*ad), *map(np.concatenate, (b0, b1, c)), sum(d)
 
@@ -837,7 +939,22 @@ class SumOperator(_Composition):
 
     @classmethod
     def of_parts(cls, parts, model=None):
-        """Return the sum of stages, disturbances last; beside one that reads columns others do."""
+        """Return the sum of stages, disturbances last.
+
+        If one of them reads columns of the input, the others are given its first column.
+
+        Parameters
+        ----------
+        parts : sequence of Stage
+            The branches.
+        model : Sum, default=None
+            Unfitted estimator of the node.
+
+        Returns
+        -------
+        SumOperator
+            Of all parts.
+        """
         parts = sorted(parts, key=lambda part: part.operator.is_disturbance)
         names, stages = zip(*parts, strict=True)
         if any(stage.reads_columns for stage in stages):

@@ -1,9 +1,9 @@
-"""Slopes of a sampled motion, from its past alone.
+"""Velocity of a sampled motion from past samples.
 
 The least-squares slope of the last ``n + 1`` samples is a mean of the last ``n`` backward
 differences whose weights are a parabola, ``6 (i + 1) (n - i) / (n (n + 1) (n + 2))`` for
-``i = 0 ... n - 1``; with ``n = 1`` it is the backward difference. So a drive that stands still has
-no velocity, to the last digit, whatever its level.
+``i = 0 ... n - 1``; with ``n = 1`` it is the backward difference. So the velocity of a drive at
+rest is exactly zero, whatever its level.
 """
 
 from functools import cache
@@ -22,7 +22,7 @@ def _weights(n):
 
 
 def slopes(values, dt, n):
-    """Return the slopes of a signal over ``n`` intervals, those where it has gone on so long.
+    """Return the slopes of a signal over ``n`` intervals, from its sample ``n`` on.
 
     Parameters
     ----------
@@ -30,16 +30,17 @@ def slopes(values, dt, n):
     dt : float
         Sampling interval in s.
     n : int
+        Intervals of each slope.
 
     Returns
     -------
     ndarray of shape (max(n_samples - n, 0), ...)
-        At the last samples.
+        At the samples from ``n`` on.
     """
     changes = np.diff(values, axis=0)
     size = max(len(values) - n, 0)
     total = np.zeros((size, *values.shape[1:]))
-    # term by term: the sum of a sample is the same wherever a signal is cut
+    # term by term, so that rounding does not depend on where a signal is cut
     for i, weight in enumerate(_weights(n)):
         total += (weight / dt) * changes[i : i + size]
     return total
@@ -47,10 +48,10 @@ def slopes(values, dt, n):
 
 @jit
 def slope_step(value, weights, s, at):
-    """Return a slope of :func:`slopes` at one sample, zero before there is one.
+    """Return the slope of :func:`slopes` at one sample, zero before sample n.
 
-    ``weights`` (n,) are those of the last differences over the interval. ``s[at]`` is the number of
-    samples that are missing, n + 1 at first, then come the last value and the last n differences.
+    ``weights`` (n,) are those of the last differences, divided by the interval. ``s[at]`` is the
+    number of samples still needed, n + 1 at first; then the last value and the last n differences.
     """
     n = weights.size
     change = value - s[at + 1]
@@ -64,21 +65,21 @@ def slope_step(value, weights, s, at):
 
 
 def stepped_slopes(dt, n):
-    """Return weights and state of :func:`slope_step` before the first sample, (n,) and (n + 2,)."""
+    """Return weights (n,) and initial state (n + 2,) of :func:`slope_step`."""
     return _weights(n) / dt, np.append(n + 1.0, np.zeros(n + 1))
 
 
 def samples_before(shape, n, initial_state):
-    """Return the samples before a record, (n or 0, ...): zeros, or none that is known.
+    """Return the samples before a record: n zeros for "zero", none for "rest".
 
-    A record often begins in motion. Taken for a rest, what is before would be a jump of the
-    velocity, and its derivative the largest value of the record.
+    A record often begins in motion. If a rest before it were assumed, the velocity would jump at
+    its first sample, and the acceleration there would be the largest of the record.
     """
     return np.zeros((n if initial_state == "zero" else 0, *shape))
 
 
 def latest(values, n):
-    """Return the last ``n`` values, (n, ...), with zeros in front where there are fewer."""
+    """Return the last ``n`` values, (n, ...), with zeros in front if there are fewer."""
     missing = n - len(values)
     if missing <= 0:
         return values[len(values) - n :]

@@ -1,9 +1,8 @@
 """Edits: functions from the tree of a model to a tree.
 
-However deep it is nested, one part of a tree follows the drive: a series of named stages. What
-follows reads that series, or puts another one in its place, and leaves everything around it as it
-is. A tree is given as a :class:`Stage`: its operator, and the name that it goes by where it is a
-single stage.
+However deep it is nested, one part of a tree follows the drive: a series of named stages. These
+functions read that series, or replace it, and leave the nodes around it unchanged. A tree is given
+as a :class:`Stage`: its operator, and its name if it is a single stage.
 """
 
 import numpy as np
@@ -52,8 +51,8 @@ def series_stages(whole):
 def with_series_stages(whole, stages):
     """Return a tree with other stages in the series that follows the drive.
 
-    A single model becomes a series where there are several. Parameters that follow a number of the
-    record do so by their names.
+    A single model becomes a series if there are several. Scheduled parameters stay scheduled, by
+    their names.
     """
     return _changed(whole, lambda part: _in_series(part, stages))
 
@@ -69,9 +68,9 @@ def _in_series(part, stages):
 
 
 def put_beside_series(whole, name, operator):
-    """Return a tree with another operator beside what follows the drive.
+    """Return a tree with another operator in parallel to the driven part.
 
-    That is a disturbance, or what a further column of the input drives, see :func:`on_column`.
+    It is a disturbance, or driven by a further column of the input, see :func:`on_column`.
     """
     total = whole.operator
     if not (isinstance(total, SumOperator) and total.inner() is not None):
@@ -86,7 +85,7 @@ def put_beside_series(whole, name, operator):
 
 
 def on_column(whole, operator, column):
-    """Return an operator that a column of the input drives, of a tree."""
+    """Return an operator as a branch of a tree that a column of the input drives."""
     return OnColumnOperator(
         operator, column, model=_node(OnColumnOperator, None, whole, column=column)
     )
@@ -110,7 +109,7 @@ def modulated(whole, column, reference, sensitivity=0.0, lag=None):
 
 
 def scheduled(whole, by, low, high, lines):
-    """Return a tree with entries that are straight lines in a number of the record.
+    """Return a tree with entries that are linear in a number of the record.
 
     ``lines`` are the values at ``low`` and at ``high``, by name of the stage and of the entry;
     ``by`` is what :class:`skhyst.compose.ScheduledParameters` calls so.
@@ -126,8 +125,8 @@ def scheduled(whole, by, low, high, lines):
 def stage_values(whole, *, held=True):
     """Return the values of the operator by (name of the stage, name of the entry).
 
-    Each is an array of one value, or of several where it follows a number of the record. Without
-    ``held``, those of entries that are held because another stage has their freedom are left out.
+    Each is an array of one value, or of several if it is scheduled. Without ``held``, entries that
+    are held because another stage carries their freedom are left out.
     """
     driven, _ = split_disturbances(whole.operator)
     found, keys = {}, whole.operator.keys(whole.name)
@@ -140,7 +139,7 @@ def stage_values(whole, *, held=True):
 def with_stage_values(whole, values):
     """Return what is driven with values by (stage, name of the entry), where it has any.
 
-    What follows a number of the record in one of both only has its mean in the other.
+    An entry that is scheduled in one of both only gets its mean in the other.
     """
     driven, _ = split_disturbances(whole.operator)
     keys, vector, entries = whole.operator.keys(whole.name), driven.pack(), driven.entries()

@@ -1,29 +1,29 @@
-r"""Stable inversion of linear dynamics, over whole records or with a preview.
+r"""Stable inversion of linear dynamics, over complete records or with a preview.
 
 A discrete system ``w[k+1] = A w[k] + B u[k]``, ``y[k] = C w[k] + D u[k]`` is solved for its input:
 
     u[k] = (y[k] - C w[k]) / D,    w[k+1] = (A - B C / D) w[k] + (B / D) y[k].
 
-Where D is zero the input shows one sample later, and ``y[k+1] = C A w[k] + C B u[k]`` takes its
-place; and so on. The eigenvalues of the matrix are the zeros of the system. Those outside the unit
-circle, as sampling itself makes them of a mass, would let the input grow without bound. So the
-states are split by an ordered Schur form and a Sylvester equation: those of zeros inside run
-forwards, those of zeros outside run backwards, from a rest behind the record, which makes the drive
-move before the response has to (Devasia, Chen and Paden, *IEEE Transactions on Automatic Control*,
-1996). The response then follows exactly where it rests for a while at the start of a record: a few
-samples for zeros that sampling has made.
+Where D is zero the input acts one sample later, and ``y[k+1] = C A w[k] + C B u[k]`` is used
+instead; and so on. The eigenvalues of ``A - B C / D`` are the zeros of the system. Those outside
+the unit circle, such as the sampling zeros of a mass, would let the input grow without bound. So
+the states are split by an ordered Schur form and a Sylvester equation: those of zeros inside run
+forwards, those of zeros outside run backwards, from a rest after the record, so that the drive
+moves before the response has to (Devasia, Chen and Paden, *IEEE Transactions on Automatic Control*,
+1996). The response then follows exactly if it rests for a while at the start of the record: a few
+samples for sampling zeros.
 
-Where it moves earlier, what the drive should have done before the record is missing, and a mode
-rings on. So the first samples of the drive, as many as it looks ahead and one for each state, are
-changed by those ``w`` of least ``|e + G w|^2 + (s g |w|)^2``: ``e`` is the error over the record,
-from rest, ``G w`` the response to the change, ``g`` the gain at rest. A change that follows exactly
-would grow by the zeros from sample to sample; the penalty keeps out what the response shows less
-than the part ``s`` of (regularisation: Tikhonov, *Soviet Mathematics Doklady*, 1963). Columns of
-``G`` are one response to a pulse, shifted: ``R = G' G`` has ``R[i+1, j+1] = R[i, j] - h[n-1-i]
+If it moves earlier, the drive that should have come before the record is missing, and a mode rings.
+So the first samples of the drive, as many as the preview and one for each state, are changed by the
+``w`` of least ``|e + G w|^2 + (s g |w|)^2``: ``e`` is the error over the record, from rest, ``G w``
+the response to the change, ``g`` the static gain. A change that follows exactly would grow by the
+zeros from sample to sample; the penalty suppresses directions whose gain is less than the fraction
+``s`` of the static gain (regularisation: Tikhonov, *Soviet Mathematics Doklady*, 1963). The columns
+of ``G`` are one pulse response, shifted: ``R = G' G`` has ``R[i+1, j+1] = R[i, j] - h[n-1-i]
 h[n-1-j]``.
 
-What comes matters the less the later it is: k samples ahead by the k-th power of the zeros'
-inverses. So a preview of ``log(1/tol) / log |zero|`` samples leaves out the part ``tol``.
+The response k samples ahead enters with the k-th power of the inverse zeros. So a preview of
+``log(1/tol) / log |zero|`` samples neglects a fraction ``tol``.
 """
 
 import math
@@ -38,15 +38,15 @@ from ._protocol import as_signal
 from ._root_inverse import InverseOperator
 from ._state_space import state_space_run
 
-_NEAR = 1e-9  # to the unit circle: such a part neither dies out forwards nor backwards
-_NOTHING = 1e-13  # relative to the largest term: rounding
-_SEEN = 0.1  # part of a drive, times the gain at rest, that must be seen in the response
+_NEAR = 1e-9  # distance from the unit circle: closer zeros decay neither forwards nor backwards
+_NOTHING = 1e-13  # rounding error, relative to the largest term
+_SEEN = 0.1  # least gain of a change of the drive, relative to the static gain
 _LONGEST = 256  # samples at the start that are changed
 
 
 @dataclass(frozen=True)
 class InverseLinearOperator(InverseOperator):
-    """From the response of a linear operator to its drive; it looks ahead.
+    """Inverse of a linear operator, from its response to its drive; it needs a preview.
 
     Parameters
     ----------
@@ -69,11 +69,11 @@ class InverseLinearOperator(InverseOperator):
     causal = False
 
     def init(self, u0, initial_state="rest"):
-        """Return nothing: a record is inverted as a whole; see the base."""
+        """Return None: a record is inverted as a whole."""
         return None
 
     def run(self, u, dt, state=None):
-        """Return the drive that gives a response (n_samples,) from rest to rest; see the base."""
+        """Return the drive that gives a response ``u`` (n_samples,) from rest to rest."""
         y = as_signal(np.asarray(u, dtype=float) - self.operator.intercept)
         direct, late, forth, back = self._parts(dt)
         held = np.append(y, np.full(late, y[-1]))
@@ -87,7 +87,7 @@ class InverseLinearOperator(InverseOperator):
         return drive, None
 
     def _begin(self, drive, y, dt, rest, samples):
-        """Change the first samples of a drive, from rest, for the response ``y`` (n_samples,)."""
+        """Correct the first samples of a drive that starts at rest, for the response ``y``."""
         samples = min(samples, len(y) - 1, _LONGEST)
         if samples < 1 or rest == 0.0:
             return
@@ -109,11 +109,10 @@ class InverseLinearOperator(InverseOperator):
         drive[1 : samples + 1] += np.linalg.solve(r + penalty, seen)
 
     def ahead(self, dt, u0, tol=1e-9):
-        """Return one step that is fed the response some samples ahead, and their number.
+        """Return a step with preview: its input is the response some samples later.
 
-        See :meth:`Operator.ahead`. The part that runs backwards becomes a sum over what comes,
-        behind which the response rests (Zou and Devasia, *Journal of Dynamic Systems, Measurement,
-        and Control*, 1999).
+        The part that runs backwards becomes a sum over the previewed response, after which it rests
+        (Zou and Devasia, *Journal of Dynamic Systems, Measurement, and Control*, 1999).
         """
         direct, late, (a, b, c), (back, given, read) = self._parts(dt)
         length = self._length((back, given, read), tol)
@@ -130,19 +129,30 @@ class InverseLinearOperator(InverseOperator):
         return CompiledLaw(preview_step, constants, state, possible=in_weights), length + late
 
     def decay(self, dt):
-        """Return the rate, per sample, at which the drive forgets what comes, or infinity."""
+        """Return the rate, per sample, at which the effect of the later response decays.
+
+        Parameters
+        ----------
+        dt : float
+            Sampling interval in s.
+
+        Returns
+        -------
+        float
+            Infinite where the drive does not depend on it.
+        """
         *_, back = self._parts(dt)
         return _decay(back)
 
     def _length(self, back, tol):
-        """Return how many samples ahead matter, but for the part ``tol``."""
+        """Return the number of samples of preview that neglects the fraction ``tol``."""
         return math.ceil(-math.log(tol) / _decay(back)) if len(back[1]) else 0
 
     def _parts(self, dt):
-        """Return what makes the drive: a factor, samples ahead, and a part each way, (a, b, c).
+        """Return a factor, samples of preview, and forward and backward parts, each (a, b, c).
 
         The drive is ``factor y[k] + p[k] + q[k]`` with ``p[k] = c x[k]``, ``x[k+1] = a x[k] +
-        b y[k]``, and ``q[k] = c z[k]``, ``z[k] = a z[k+1] + b y[k]``, y being read ahead.
+        b y[k]``, and ``q[k] = c z[k]``, ``z[k] = a z[k+1] + b y[k]``, with the previewed y.
         """
         ad, b0, b1, c, d = self.operator.discrete(dt)
         b, c, d = b0 + ad @ b1, c, d + c @ b1  # of states that need one sample of the input
@@ -156,10 +166,11 @@ class InverseLinearOperator(InverseOperator):
 
 @jit
 def preview_step(u, c, s):
-    """Return the drive for a response ``u`` some samples later.
+    """Return the drive some samples before the response ``u``.
 
-    ``c`` is (weights of the oldest response to the latest, a, b, c of the part that runs forwards,
-    intercept). ``s`` is the place of the oldest response, responses, state of that part, and room.
+    ``c`` is (weights of the responses, oldest first, a, b, c of the part that runs forwards,
+    intercept). ``s`` is the index of the oldest response, a ring of responses, the state of that
+    part, and workspace.
     """
     weights, a, b, output, intercept = c
     length, n = weights.size, b.size
@@ -182,12 +193,12 @@ def preview_step(u, c, s):
 
 
 def in_weights(s, c):
-    """Whether the place in a state of :func:`preview_step` is one: ``CompiledLaw.possible``."""
+    """Whether the index in a state of :func:`preview_step` is valid: ``CompiledLaw.possible``."""
     return s[0] in range(len(c[0]))
 
 
 def _both_ways(a, b, c):
-    """Return the parts, each way, of the bounded ``c x`` with ``x[k+1] = a x[k] + b y[k]``."""
+    """Return the forward and backward parts of the bounded ``c x``, ``x[k+1] = a x[k] + b y``."""
     sizes = np.abs(np.linalg.eigvals(a))
     if np.any(np.abs(sizes - 1.0) < _NEAR):
         raise ValueError(
@@ -204,13 +215,13 @@ def _both_ways(a, b, c):
 
 
 def _decay(part):
-    """Return the rate, per sample, at which a part dies out, or infinity."""
+    """Return the rate of decay of a part, per sample; infinite if it has no states."""
     a, _, _ = part
     return -math.log(np.abs(np.linalg.eigvals(a)).max()) if len(a) else math.inf
 
 
 def _at_rest(a, b, c):
-    """Return the gain of a part at rest."""
+    """Return the static gain of a part."""
     return float(c @ np.linalg.solve(np.eye(len(b)) - a, b)) if len(b) else 0.0
 
 

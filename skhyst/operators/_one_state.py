@@ -1,4 +1,4 @@
-"""Operators of one state: a law is a step, and loops, derivatives and protocol are the same.
+"""Operators of one state: a law is one step, all else is common to them.
 
 The loops of this file are compiled for each law, see :func:`skhyst._jit.bind`.
 """
@@ -13,12 +13,12 @@ from ._protocol import Operator, as_signal
 
 
 def step(x, u0, u1, dt, values):
-    """Stand for the step of a law, see :class:`OneStateOperator`."""
+    """Stand for the step of a law that ``bind`` puts here, see :class:`OneStateOperator`."""
     raise NotImplementedError
 
 
 def run(u, x, last, dt, values, y):
-    """Write the output to ``y`` (n,) and return the last state; ``last`` is the drive before."""
+    """Write the output to ``y`` (n,) and return the final state; ``last`` is the drive before."""
     for k in range(u.size):
         x, y[k], _, _ = step(x, last, u[k], dt, values)
         last = u[k]
@@ -26,10 +26,10 @@ def run(u, x, last, dt, values, y):
 
 
 def tangents(u, du, x, dx, last, dlast, dt, values, y, dy):
-    """Write the output (n,) and its tangents (n, m + p): those of ``du``, by the p parameters.
+    """Write the output (n,) and its tangents (n, m + p): those of ``du``, then by p parameters.
 
-    ``dx`` (m + s,), the tangents of a state that s parameters act on, and ``dlast`` (m,), those of
-    the last drive, are overwritten.
+    ``dx`` (m + s,), the tangents of the state, which depends on s parameters, and ``dlast`` (m,),
+    those of the last drive, are overwritten.
     """
     m = du.shape[1]
     for k in range(u.size):
@@ -56,7 +56,7 @@ def compiled_step(u, c, s):
 
 
 class OneStateOperator(Operator):
-    """Base of the operators with one number for a state, beside the last drive.
+    """Base of the operators whose state is one number and the last drive.
 
     A subclass is a frozen dataclass whose parameters are all single numbers. It names its law,
     ``class MyOperator(OneStateOperator, step=my_step)``, a function of numbers in the subset of
@@ -64,11 +64,11 @@ class OneStateOperator(Operator):
 
         my_step(x, u0, u1, dt, values) -> x1, y, x1_by, y_by
 
-    It takes the state ``x`` over the straight line of the drive from ``u0`` to ``u1`` to the state
-    ``x1`` and the output ``y``. ``values`` is the tuple of the parameters in the order of ``pack``
-    and then of the fields that ``structure`` names. ``x1_by`` and ``y_by`` are the tuples of the
-    derivatives by ``x``, ``u0``, ``u1`` and the parameters; the former ends with the last parameter
-    that the state depends on.
+    While the drive goes along a straight line from ``u0`` to ``u1``, the state goes from ``x`` to
+    ``x1``, with the output ``y`` at the end. ``values`` is the tuple of the parameters in the order
+    of ``pack``, then of the fields that ``structure`` names. ``x1_by`` and ``y_by`` are the tuples
+    of the derivatives by ``x``, ``u0``, ``u1`` and the parameters; the former ends with the last
+    parameter that the state depends on.
 
     Attributes
     ----------
@@ -77,9 +77,9 @@ class OneStateOperator(Operator):
 
     Notes
     -----
-    The state is the tuple ``(x, last drive)``, in ``"zero"`` both are zero. ``"rest"`` is the step
-    from there to the first sample, as suits a law that does not depend on the rate; others say in
-    :meth:`rest` where they rest.
+    The state is the tuple ``(x, last drive)``; in ``"zero"`` both are zero. ``"rest"`` is the step
+    from there to the first sample, which is right for a rate-independent law; others define their
+    state at rest in :meth:`rest`.
 
     Examples
     --------
@@ -112,14 +112,27 @@ class OneStateOperator(Operator):
     @staticmethod
     @abstractmethod
     def _law(x, u0, u1, dt, values):
-        """Step: what the subclass was given."""
+        """The step that the subclass names."""
 
     def _values(self):
         names = (*self.parameter_specs(), *self.structure)
         return tuple(float(getattr(self, name)) for name in names)
 
     def rest(self, u0):
-        """Return the state at rest at ``u0`` and its derivatives by u0 and the parameters."""
+        """Return the state at rest.
+
+        Parameters
+        ----------
+        u0 : float
+            Drive.
+
+        Returns
+        -------
+        state : float
+            State at rest at ``u0``.
+        derivatives : tuple of float
+            By ``u0`` and by the parameters.
+        """
         x, _, by, _ = self._law(0.0, 0.0, u0, 1.0, self._values())
         return x, by[2:]
 

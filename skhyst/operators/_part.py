@@ -16,6 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from sklearn.base import clone
 
+from .._documentation import inherit_documentation
+
 JOIN = {}  # symbol -> function of two operands, filled where the nodes are defined
 _COMPOSE = f"{__package__.partition('.')[0]}.compose"  # which imports operators: found when asked
 
@@ -71,7 +73,7 @@ class Part:
     Parameters
     ----------
     model : estimator, default=None
-        The unfitted estimator that it belongs to; keyword only. None: it is not said.
+        The unfitted estimator that it belongs to; None if it is not known.
 
     Attributes
     ----------
@@ -110,6 +112,10 @@ class Part:
 
     model: Any = dataclasses.field(default=None, kw_only=True, compare=False, repr=False)
 
+    def __init_subclass__(cls, **options):
+        super().__init_subclass__(**options)
+        inherit_documentation(cls, attributes=False)
+
     signal_linear = False
     owns_gain = False
     stage_order = 30
@@ -124,11 +130,22 @@ class Part:
     structure_of = None  # of a node: name of the estimator in skhyst.compose
 
     def linear_mode(self):
-        """Return the second-order mode that is left without what bends it, None without one."""
+        """Return the second-order mode without hysteresis and nonlinearity, or None."""
         return None
 
     def at(self, schedule):
-        """Return the operator of a record, where parameters depend on a number of it."""
+        """Return the operator of a record, whose parameters may depend on a number of it.
+
+        Parameters
+        ----------
+        schedule : float
+            Number of the record, such as its amplitude.
+
+        Returns
+        -------
+        Operator
+            A copy, or the operator itself if nothing depends on it.
+        """
         return self
 
     def parameter_units(self) -> dict[str, str]:
@@ -136,7 +153,7 @@ class Part:
         return {name: spec.unit for name, spec in self.entries()}
 
     def ahead(self, dt: float, u0: float, tol: float = 1e-9):
-        """Return one step that is fed the input some samples ahead, and their number.
+        """Return a step with preview: its input lies some samples after its output.
 
         Parameters
         ----------
@@ -145,13 +162,15 @@ class Part:
         u0 : float
             Input at which the device rests before.
         tol : float, default=1e-9
-            Part of what comes later that may be left out, where all of it matters.
+            Fraction of the effect of later input that may be neglected, where all of it has an
+            effect.
 
         Returns
         -------
         compiled_step : CompiledStep
+            The step.
         samples : int
-            By which the output lags behind the input; 0 where the operator does not look ahead.
+            Samples by which its output lags behind its input; 0 if the operator is causal.
 
         Raises
         ------
@@ -176,7 +195,7 @@ class Part:
 
     @property
     def label(self) -> str:
-        """Name of a part that has none: that of its estimator, or of its own class."""
+        """Default name of a part: that of its estimator, or of its own class."""
         own = self.structure_of or type(self).__name__.removesuffix("Operator")
         return snake_case(own if self.model is None else type(self.model).__name__)
 
@@ -186,12 +205,17 @@ class Part:
         Parameters
         ----------
         **params : object
-            Parameters in place of those that the estimator has, such as ``dt``.
+            Parameters in place of those of the estimator, such as ``dt``.
+
+        Returns
+        -------
+        estimator
+            Unfitted.
 
         Raises
         ------
         ValueError
-            If a part does not say which estimator it belongs to.
+            If a part does not know the estimator that it belongs to.
         """
         return clone(self.unfitted()).set_params(**params)
 
@@ -216,18 +240,18 @@ class Part:
         return frozenset() if self.model is None else self.model.held_parameters()
 
     def free_mask(self) -> np.ndarray:
-        """Mark the values of ``pack`` that are free: neither held, nor another's freedom."""
+        """Mark the values of ``pack`` that are free: neither held, nor fixed by the gauge."""
         held = self.held_entries()
         return np.array([not (s.held or name in held) for name, s in self.entries()], dtype=bool)
 
     def released(self):
-        """Return a copy that belongs to no estimator, and of which no part is held."""
+        """Return a copy without estimators and without held entries."""
         return self if self.model is None else dataclasses.replace(self, model=None)
 
     # ------------------------------------------------------------------ its parts
 
     def split(self):
-        """Return what is driven, and a tuple of the additive disturbances."""
+        """Return the driven part, or None, and a tuple of the additive disturbances."""
         return (None, (self,)) if self.is_disturbance else (self, ())
 
     @property
@@ -236,17 +260,63 @@ class Part:
         return ()
 
     def inner(self, name=None):
-        """Return the :class:`Stage` within that follows the drive, None where that is all of it."""
+        """Return the stage within that follows the drive.
+
+        Parameters
+        ----------
+        name : str, default=None
+            Name of this part.
+
+        Returns
+        -------
+        Stage or None
+            None if nothing is around the driven part.
+        """
         return None
 
     def with_inner(self, stage, name=None):
-        """Return the tree with another stage in place of that of :meth:`inner` of this name."""
+        """Return the tree with another stage in place of that of :meth:`inner`.
+
+        Parameters
+        ----------
+        stage : Stage
+            The other stage.
+        name : str, default=None
+            Name of the one that it replaces.
+
+        Returns
+        -------
+        Operator
+            A copy.
+        """
         raise NotImplementedError
 
     def series(self, name=None):
-        """Return the stages of a series; a part by itself is one."""
+        """Return the stages of a series; any other part is the only one.
+
+        Parameters
+        ----------
+        name : str, default=None
+            Name of this part; None: its :attr:`label`.
+
+        Returns
+        -------
+        list of Stage
+            In the order of the series.
+        """
         return [Stage(name or self.label, self)]
 
     def keys(self, name=None):
-        """Return (name of the stage, name of the entry) for each value of what is driven."""
+        """Return the keys of the values of the driven part.
+
+        Parameters
+        ----------
+        name : str, default=None
+            Name of this part; None: its :attr:`label`.
+
+        Returns
+        -------
+        list of (str, str)
+            Name of the stage and name of the entry, for each value.
+        """
         return [(name or self.label, entry) for entry, _ in self.entries()]

@@ -1,4 +1,4 @@
-"""A polynomial of several signals at one sample."""
+"""Polynomial of several signals at one sample."""
 
 from .._jit import jit
 

@@ -4,7 +4,7 @@ An operator is a frozen dataclass whose fields are physical parameters. It knows
 estimator. Fields made with :func:`parameter` can be identified; all others are fixed structure
 (thresholds, orders). ``pack`` lists the parameters as one vector, ``unpack`` puts such a vector
 back, ``sensitivities`` returns the output together with its exact derivatives (forward mode), so
-that a series or a sum of operators, which is an operator again, is differentiated by handing
+that a series or a sum of operators, which is an operator again, is differentiated by propagating
 tangents from one to the next.
 
 Between two samples the input is a straight line (first-order hold) unless an operator says
@@ -12,8 +12,8 @@ otherwise. The state before sample ``k`` holds everything that the operator reme
 samples before ``k``, the last input included, so a signal may be cut anywhere:
 ``run(u)`` equals ``run(u[:m])`` followed by ``run(u[m:], state=...)``.
 
-An operator has the members on this page. What a tree asks of its parts besides is declared in
-``_part``, as an attribute or a method with a default; nothing asks for a class.
+The members of an operator are those of this module. What a tree needs of its parts beyond these is
+declared in ``_part``, as attributes and methods with defaults; no code checks for a class.
 """
 
 import dataclasses
@@ -31,8 +31,8 @@ from ._part import Part
 def as_signal(values):
     """Return a contiguous read-only view of floats, copied only where needed.
 
-    A kernel is compiled once for each kind of array; a column of a frame is read-only, an array
-    mostly is not.
+    A loop is compiled once per array type, and read-only arrays, such as columns of a frame, are a
+    type of their own.
     """
     signal = np.ascontiguousarray(values, dtype=float).view()
     signal.flags.writeable = False
@@ -53,8 +53,7 @@ class ParameterSpec:
     Parameters
     ----------
     linear : bool
-        The output is an affine function of the field while all other fields stand still; of all
-        such fields together.
+        The output is an affine function of all such fields together, the others being constant.
     lower, upper : float
         Bounds in the field's own unit.
     log : bool
@@ -65,9 +64,9 @@ class ParameterSpec:
     unit : str
         Unit in terms of ``s``, ``drive`` and ``response``, for reports.
     held : bool
-        Another part of the tree carries the freedom. Nodes set this and what follows.
+        Another part of the tree carries the freedom. Nodes set this and the next two.
     movable : bool
-        Another stage of a series can carry the freedom, where there is a gauge.
+        Another stage of a series can carry the freedom, if there is a gauge.
     additive : bool
         A field of gauge 0 only adds a constant to the output.
     """
@@ -94,7 +93,38 @@ class ParameterSpec:
 
 
 def parameter(*, default=dataclasses.MISSING, **options):
-    """Declare a dataclass field as an identifiable parameter; see :class:`ParameterSpec`."""
+    """Declare a dataclass field as an identifiable parameter.
+
+    Parameters
+    ----------
+    default : object, default=MISSING
+        Default of the field; by default it has none.
+    **options : object
+        Fields of :class:`ParameterSpec`, such as ``linear``, ``lower``, ``upper``, ``log``,
+        ``unit``.
+
+    Returns
+    -------
+    dataclasses.Field
+        For a field of an operator.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> import numpy as np
+    >>> from skhyst.operators import Operator, parameter
+    >>> @dataclass(frozen=True)
+    ... class Doubler(Operator):
+    ...     gain: float = parameter(linear=True, unit="response/drive", default=2.0)
+    ...     def init(self, u0, initial_state="rest"):
+    ...         return None
+    ...     def run(self, u, dt, state=None):
+    ...         return self.gain * u, None
+    ...     def sensitivities(self, u, du, dt, initial_state="rest"):
+    ...         return self.gain * u, np.column_stack([self.gain * du, u])
+    >>> Doubler().parameter_units()
+    {'gain': 'response/drive'}
+    """
     return dataclasses.field(default=default, metadata={"parameter": ParameterSpec(**options)})
 
 
@@ -120,7 +150,7 @@ class Operator(Part, ABC):
         return dict(_declared(type(self)))
 
     def entries(self) -> list[tuple[str, ParameterSpec]]:
-        """Return one (name, spec) a value of :meth:`pack`; array fields are numbered."""
+        """Return (name, spec) for each value of :meth:`pack`; array fields are numbered."""
         sizes = self._sizes
         return [
             (name if np.ndim(getattr(self, name)) == 0 else f"{name}[{i}]", spec)
@@ -147,7 +177,18 @@ class Operator(Part, ABC):
         return np.concatenate(values).astype(float) if values else np.empty(0)
 
     def unpack(self, vector) -> "Operator":
-        """Return a copy with the identifiable values taken from ``vector``."""
+        """Return a copy with other values of the identifiable parameters.
+
+        Parameters
+        ----------
+        vector : array-like of shape (n_parameters,)
+            As :meth:`pack` returns it.
+
+        Returns
+        -------
+        Operator
+            A copy.
+        """
         vector = np.asarray(vector, dtype=float)
         changes, start = {}, 0
         for name, size in self._sizes.items():
@@ -158,19 +199,43 @@ class Operator(Part, ABC):
 
     @abstractmethod
     def init(self, u0: float, initial_state: str = "rest") -> Any:
-        """Return the state before the first sample ``u0``.
+        """Return the state before the first sample.
 
-        ``"rest"``: the device has rested at ``u0`` until all dynamics settled, and its hysteresis
-        memory is that of a first loading from zero to ``u0``. ``"zero"``: every state is zero and
-        so was the input.
+        Parameters
+        ----------
+        u0 : float
+            Input at the first sample.
+        initial_state : {"rest", "zero"}, default="rest"
+            ``"rest"``: the device has rested at ``u0`` until all dynamics settled, and its
+            hysteresis memory is that of a first loading from zero to ``u0``. ``"zero"``: every
+            state is zero and so was the input.
+
+        Returns
+        -------
+        object
+            The state: a value that is never changed in place.
         """
 
     @abstractmethod
     def run(self, u, dt: float, state=None) -> tuple[np.ndarray, Any]:
-        """Map a signal of shape (n_samples,), interval ``dt`` in s; ``state=None`` means at rest.
+        """Map an input to the output.
 
-        Returns the output, shape (n_samples,), and the state after the last sample. The state
-        passed in is left as it was.
+        Parameters
+        ----------
+        u : array-like of shape (n_samples,)
+            Input; (n_samples, n_inputs) if :attr:`reads_columns`.
+        dt : float
+            Sampling interval in s.
+        state : object, default=None
+            State before the first sample, as :meth:`init` and :meth:`run` return it; None: at rest
+            at the first input. It is not changed.
+
+        Returns
+        -------
+        y : ndarray of shape (n_samples,)
+            Output.
+        state : object
+            State after the last sample.
         """
 
     @abstractmethod
@@ -185,7 +250,7 @@ class Operator(Part, ABC):
             Derivatives of the input with respect to ``m`` parameters upstream; ``m`` may be 0.
         dt : float
             Sampling interval in s.
-        initial_state : {"rest", "zero"}
+        initial_state : {"rest", "zero"}, default="rest"
             As in :meth:`init`.
 
         Returns
@@ -193,15 +258,33 @@ class Operator(Part, ABC):
         y : ndarray of shape (n_samples,)
             The same as :meth:`run` returns.
         dy : ndarray of shape (n_samples, m + n_parameters), C-contiguous
-            The ``m`` tangents carried through, then the derivatives with respect to the
+            The ``m`` tangents propagated to the output, then the derivatives with respect to the
             operator's own parameters in the order of :meth:`pack`.
         """
 
     def propagate(self, u, du, dt: float, initial_state: str = "rest"):
-        """Return the output and the tangents carried through, (n_samples, m), of no own parameter.
+        """Return the output and the tangents of the input propagated to it.
 
-        The first columns of :meth:`sensitivities`, which they are taken from unless an operator
-        knows a shorter way.
+        The tangents are the first columns of :meth:`sensitivities`, from which they are taken
+        unless an operator has a shorter way; those by its own parameters are left out.
+
+        Parameters
+        ----------
+        u : ndarray of shape (n_samples,)
+            Input.
+        du : ndarray of shape (n_samples, m)
+            Derivatives of the input with respect to ``m`` parameters upstream; ``m`` may be 0.
+        dt : float
+            Sampling interval in s.
+        initial_state : {"rest", "zero"}, default="rest"
+            As in :meth:`init`.
+
+        Returns
+        -------
+        y : ndarray of shape (n_samples,)
+            The same as :meth:`run` returns.
+        dy : ndarray of shape (n_samples, m)
+            Derivatives of the output.
         """
         m = du.shape[1]
         if m == 0:
@@ -210,14 +293,19 @@ class Operator(Part, ABC):
         return y, np.ascontiguousarray(dy[:, :m])
 
     def compiled_step(self, dt: float, state):
-        """Return one step in plain arithmetic: a :class:`~skhyst.operators.CompiledStep`.
+        """Return one step in plain arithmetic.
 
         Parameters
         ----------
         dt : float
             Sampling interval in s.
         state : object
-            The state before the first sample, as :meth:`init` and :meth:`run` return it.
+            State before the first sample, as :meth:`init` and :meth:`run` return it.
+
+        Returns
+        -------
+        CompiledStep
+            The step, for Python, control loops, C and FMUs.
 
         Raises
         ------
@@ -229,7 +317,24 @@ class Operator(Part, ABC):
         raise NotImplementedError(f"{type(self).__name__} cannot be stepped: {why}.")
 
     def step(self, state, u: float, dt: float) -> tuple[Any, float]:
-        """Advance by one sample: return the new state and the output."""
+        """Advance by one sample.
+
+        Parameters
+        ----------
+        state : object
+            As :meth:`init`, :meth:`run` and :meth:`step` return it.
+        u : float
+            Input at the sample.
+        dt : float
+            Sampling interval in s.
+
+        Returns
+        -------
+        state : object
+            State after the sample.
+        y : float
+            Output at the sample.
+        """
         y, state = self.run(np.array([u], dtype=float), dt, state)
         return state, float(y[0])
 

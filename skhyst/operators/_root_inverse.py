@@ -1,9 +1,9 @@
-"""The inverse of an operator whose output depends on the input of the same sample, by its root.
+"""The inverse of an operator whose output depends on the input of the same sample, by root finding.
 
-Sample by sample the input is sought for which a step gives the output that is wanted: outwards from
-the last one, in steps that double, until two inputs enclose it, then by false position with the
-weights of the Illinois method, and by bisection every third time, so that the bracket shrinks
-whatever the law. The step that is found is taken; all others are tried on a copy of the state.
+At each sample the input is found for which a step gives the wanted output. The search starts at the
+last input and doubles its steps until the root is bracketed, then uses false position with the
+weights of the Illinois method, and bisection every third time, so that the bracket shrinks whatever
+the law. Trials use a copy of the state; the step with the input that is found is then taken.
 """
 
 import math
@@ -16,20 +16,21 @@ from .._jit import bind
 from ._compiled_step import CompiledLaw, CompiledStep
 from ._protocol import Operator, as_signal
 
-_TRIALS = 300  # doublings up to any number, and three times the halvings of its digits
-_LEAST = 2.0**-100  # first step of a search, which doublings bring to any drive within the trials
+_TRIALS = 300  # enough doublings to reach any number, and bisections to resolve its digits
+_LEAST = 2.0**-100  # least first step of a search: doublings still bring it to any drive
 
 
 def step(u, c, s):
-    """Stand for the step of the operator that is undone."""
+    """Stand for the step of the operator that is inverted, which ``bind`` puts here."""
     raise NotImplementedError
 
 
 def root_step(y, c, s):
-    """Return the input that gives ``y``, the limit before it, or the last one if nothing does.
+    """Return the input that gives ``y``, a limit if that lies beyond, or else the last input.
 
-    ``c`` is (lower limit, upper limit, 1 or -1 as the output rises or falls with the input, *those
-    of the step); ``s`` is the last input, its last change, room for a state, and the state.
+    ``c`` is (lower limit, upper limit, 1 or -1 if the output rises or falls with the input,
+    *constants of the step); ``s`` is the last input, its last change, workspace for a state, and
+    the state.
     """
     low, high, sign = c[0], c[1], c[2]
     n = (s.size - 2) // 2
@@ -72,7 +73,7 @@ def root_step(y, c, s):
                 u = middle
     if (math.isinf(above) and u < high) or (math.isinf(below) and u > low):
         u = s[0]  # no input gives it
-    s[1] = max(abs(u - s[0]), 0.5 * s[1], _LEAST)  # however long it rests
+    s[1] = max(abs(u - s[0]), 0.5 * s[1], _LEAST)  # never zero, however long the rest
     s[0] = u
     step(u, c[3:], s[2 + n :])
     return u
@@ -80,22 +81,22 @@ def root_step(y, c, s):
 
 @dataclass(frozen=True)
 class InverseOperator(Operator):
-    """Base of the operators from the output of another one to its input.
+    """Base of the inverses: operators from the output of another one to its input.
 
     Parameters
     ----------
     operator : Operator
-        The other one.
+        The operator that is inverted.
     """
 
     operator: Operator
 
     def inverse(self):
-        """Return the operator that this one undoes."""
+        """Return the operator that is inverted."""
         return self.operator
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
-        """Refuse; an inverse is not identified."""
+        """Raise an error: an inverse is not identified."""
         raise NotImplementedError("An inverse is not identified.")
 
 
@@ -108,7 +109,7 @@ class RootInverseOperator(InverseOperator):
     operator : Operator
         Causal, of one input.
     low, high : float
-        Limits of its input. An output beyond what they give has the limit.
+        Limits of its input. An output outside the range that they allow gives the limit.
 
     Notes
     -----
@@ -130,7 +131,13 @@ class RootInverseOperator(InverseOperator):
     high: float = math.inf
 
     def init(self, y0, initial_state="rest"):
-        """Return the state in which the operator has come to rest at ``y0``; see the base."""
+        """Return the state in which the operator rests with the output ``y0``.
+
+        Parameters
+        ----------
+        y0 : float
+            Output at the first sample.
+        """
         start = min(max(0.0, self.low), self.high)
         if initial_state == "zero":
             return start, 1.0, self.operator.init(start, "zero")
@@ -144,7 +151,7 @@ class RootInverseOperator(InverseOperator):
         return u0, abs(u0 - start) or 1.0, self.operator.init(u0)
 
     def run(self, u, dt, state=None):
-        """Return the inputs that give outputs (n_samples,); see the base."""
+        """Return the inputs that give the outputs ``u`` (n_samples,), and the final state."""
         y = as_signal(u)
         state = state or self.init(y[0])
         compiled_step = self.compiled_step(dt, state)
@@ -154,7 +161,7 @@ class RootInverseOperator(InverseOperator):
         return found, (float(s[0]), float(s[1]), own)
 
     def compiled_step(self, dt, state):
-        """Return one step in plain arithmetic; see the base."""
+        """Return one step in plain arithmetic."""
         u, reach, own = state
         forward = self.operator.compiled_step(dt, own)
         ends = []
@@ -162,7 +169,7 @@ class RootInverseOperator(InverseOperator):
             ends.append(forward.stepping(forward.state.copy())(end))
         sign = 1.0 if ends[1] >= ends[0] else -1.0
         constants, start = (self.low, self.high, sign), [u, reach, *forward.state, *forward.state]
-        law = _plain(_Composed(forward))  # of several steps, which nothing compiles
+        law = _plain(_Composed(forward))  # plain Python: several steps are not compiled together
         if isinstance(forward, CompiledLaw):
             law = bind(root_step, forward.step)
             constants += forward.constants
@@ -174,7 +181,7 @@ class RootInverseOperator(InverseOperator):
 
 @dataclass(frozen=True)
 class _Composed:
-    """Several steps in the place of one, without constants of their own."""
+    """Several steps called as one, without constants."""
 
     compiled_step: CompiledStep
 
@@ -183,25 +190,31 @@ class _Composed:
 
 
 def _plain(law):
-    """Return the root of a step that is not compiled."""
+    """Return :func:`root_step` of a step that is not compiled."""
     root = FunctionType(root_step.__code__, {**root_step.__globals__, "step": law})
     root.py_func = root
     return root
 
 
 def inverse_of(operator, low=-math.inf, high=math.inf):
-    """Return the inverse of an operator: its own, or the one by the root of each sample.
+    """Return the inverse of an operator: its own, or one by root finding at each sample.
 
     Parameters
     ----------
     operator : Operator
-    low, high : float
-        Limits of its input, for the root.
+        From a drive to a response.
+    low, high : float, default=-inf, inf
+        Limits of the drive, for root finding.
+
+    Returns
+    -------
+    Operator
+        From the response to the drive.
 
     Raises
     ------
     ValueError
-        If the output does not follow the input at once and the operator knows no inverse.
+        If the output does not follow the input at once and the operator has no inverse of its own.
 
     Examples
     --------

@@ -7,7 +7,7 @@ from .._jit import jit
 
 @jit
 def state_space_run(ad, b0, b1, c, d, u, x, u_previous):
-    """Return the output and the last state; ``x`` (n_states,) is left as it was."""
+    """Return the output (n,) and the final state; ``x`` (n_states,) is not changed."""
     n_states = ad.shape[0]
     old = x.copy()
     new = np.empty(n_states)
@@ -60,8 +60,8 @@ def second_order_run(ad, b0, b1, c, d, u, x, u_previous):
 def state_space_step(u, c, s):
     """Do one sample of :func:`state_space_run`.
 
-    ``c`` is its matrices and the intercept, ``s`` the states, the last input, and room for the
-    states.
+    ``c`` is its matrices and the intercept, ``s`` the states, the last input, and workspace for
+    the new states.
     """
     ad, b0, b1, output, d, intercept = c
     n_states = output.size
@@ -79,10 +79,10 @@ def state_space_step(u, c, s):
 
 
 def block_table(ad, b0, b1, c, d, length):
-    """Return what ``length`` samples at once do, for :func:`block_run`.
+    """Return the matrix that advances ``length`` samples at once, for :func:`block_run`.
 
-    The table (1 + length + n_states, length + n_states) takes the row vector of the last input,
-    the inputs of the block and the state before it to that of the outputs and the state after.
+    The matrix (1 + length + n_states, length + n_states) maps the row vector of the last input, the
+    inputs of the block and the state before it to that of the outputs and the state after it.
     """
     n_states = len(b0)
     reached = np.zeros((1 + length + n_states, n_states))
@@ -100,11 +100,11 @@ def block_table(ad, b0, b1, c, d, length):
 
 @jit
 def block_run(table, u, x, u_previous):
-    """Do :func:`state_space_run` block by block, for the whole blocks of ``u``.
+    """Do :func:`state_space_run` block by block, for the complete blocks of ``u``.
 
-    A step of one sample is a chain of ``n_states**2`` products; that of a block has as many and
-    the outputs' in loops that are vectorised. A value that is not finite would reach the outputs
-    before it in its block.
+    A step of one sample is a chain of ``n_states**2`` dependent products; a block has as many, and
+    those of the outputs, in loops that are vectorised. A value that is not finite also spoils the
+    earlier outputs of its block.
     """
     n_in, n_out = table.shape
     n_states = x.shape[0]
@@ -153,7 +153,7 @@ def state_space_tangents(ad, b0, b1, c, d, dad, db0, db1, dc, dd, u, du, x, dx, 
     """
     m = du.shape[1]
     b, direct = b0 + ad @ b1, d + c @ b1
-    # derivatives by w and, last, by u; one column a parameter
+    # derivatives of the coefficients of w and, last, of u; one column per parameter
     db = db0 + dad @ b1 + db1 @ ad.T
     by = np.concatenate([dad, db[:, :, None]], axis=2).transpose(1, 2, 0)
     output_by = np.concatenate([dc, (dd + dc @ b1 + db1 @ c)[:, None]], axis=1).T
@@ -167,12 +167,12 @@ def state_space_tangents(ad, b0, b1, c, d, dad, db0, db1, dc, dd, u, du, x, dx, 
 
 @jit
 def _second_order_tangents(ad, b, c, direct, by, output_by, w_first, dw_first, u, du):
-    """Do :func:`_tangent_loop` for two states, whose values at a column stay in registers."""
+    """Do :func:`_tangent_loop` for two states, whose tangents of a column stay in registers."""
     n_samples, m = du.shape
     p = output_by.shape[1]
     a00, a01, a10, a11 = ad[0, 0], ad[0, 1], ad[1, 0], ad[1, 1]
     b0, b1, c0, c1 = b[0], b[1], c[0], c[1]
-    # a row of each array as one of its own: the compiler sees that none is written through another
+    # copies of the rows: the compiler then knows that they do not alias the arrays written to
     by00, by01, by0u = by[0, 0].copy(), by[0, 1].copy(), by[0, 2].copy()
     by10, by11, by1u = by[1, 0].copy(), by[1, 1].copy(), by[1, 2].copy()
     out0, out1, outu = output_by[0].copy(), output_by[1].copy(), output_by[2].copy()

@@ -1,20 +1,20 @@
-r"""The inverse of motion with hysteresis inside: the drive over a window of what is to come.
+r"""The inverse of a mass with hysteresis: the drive from a window of the response to come.
 
-Between samples the drive is a straight line, and a mass that is pushed along it answers at a sample
-with a sixth of what it answers one and with four times that in between: the zeros of a double
-integrator are those of ``z^2 + 4 z + 1``, -0.27 and -3.73 (Åström, Hagander and Sternby,
-*Automatica*, 1984). A drive that were found sample by sample would grow by 3.73 from each to the
-next. With hysteresis inside that is no other, and nothing can be split by eigenvalues. So at each
-sample the drives of a whole window are found together, which give the response at all of its
-samples but the first; the place of that is taken by a drive that goes straight on at the end. The
-first drive is kept, and the window moves on. What the end has wrong dies out towards the beginning
-by the same 3.73 a sample (Devasia, Chen and Paden, *IEEE Transactions on Automatic Control*, 1996;
-for windows Zou and Devasia, *Journal of Dynamic Systems, Measurement, and Control*, 1999). The
-first sample is not asked for, but met, because the window before has asked for it.
+The drive is a straight line between samples. The zeros of a mass sampled so are those of ``z^2 + 4
+z + 1``, -0.27 and -3.73 (Åström, Hagander and Sternby, *Automatica*, 1984): a drive found sample by
+sample would grow by the factor 3.73 from each sample to the next. With hysteresis in the equation
+of motion the same holds, but the states cannot be split by eigenvalues. So at each sample the
+drives of a window are solved for together, such that the response is met at all of its samples but
+the first; the equation of that one is replaced by a straight drive at the end of the window. The
+first drive is kept, and the window moves on by one sample. The error due to the end of the window
+decays towards its beginning by the same factor 3.73 per sample (Devasia, Chen and Paden, *IEEE
+Transactions on Automatic Control*, 1996; for windows Zou and Devasia, *Journal of Dynamic Systems,
+Measurement, and Control*, 1999). The response at the first sample is met by the window before.
 
-Newton's method finds the drives; all but the last are known from the window before. Derivatives are
-differences. A sample answers no later drive, so the matrix has one diagonal above the main one,
-which is taken away from the end to the beginning: the direction in which errors die out.
+Newton's method solves for the drives; it starts from those of the window before. Derivatives are
+finite differences. A response does not depend on later drives, so the matrix has one diagonal above
+the main one, which is eliminated from the end to the beginning: the direction in which errors
+decay.
 """
 
 import math
@@ -28,22 +28,22 @@ from ._protocol import as_signal
 from ._root_inverse import InverseOperator, RootInverseOperator
 
 _ENOUGH = 1e-11  # error, relative to the largest response so far
-_DIFFERENCE = 1e-7  # of the drive that answers the largest response: some roots of rounding
-_TRIALS, _HALVES = 12, 10  # of Newton's method; of a step of it
-_LONGEST = 64  # samples of a window: of what its end has wrong a zero at 4/3 leaves 1e-8
+_DIFFERENCE = 1e-7  # step of a difference, relative to the drive for the largest response
+_TRIALS, _HALVES = 12, 10  # iterations of Newton's method; halvings of a step
+_LONGEST = 64  # samples of a window: a zero at 4/3 reduces the error of its end to 1e-8
 
 
 def step(u, c, s):
-    """Stand for the step of the operator that is undone."""
+    """Stand for the step of the operator that is inverted, which ``bind`` puts here."""
     raise NotImplementedError
 
 
 def answers(c, u, r, e, x, z, first):
-    """Write what is missing of the response ``r`` (p,) to ``e``; return the largest.
+    """Write the errors of the response ``r`` (p,) to ``e`` (p,); return the largest.
 
     The drives ``u`` (p,) are applied from the sample ``first`` on. ``x`` are the states (n,) before
-    and behind each sample, of which those up to ``first`` are given; ``z`` is room for one.
-    ``e[i]`` is for the sample ``i + 1``, the last one for the bend of the drive at its end.
+    and after each sample, of which those up to ``first`` are given; ``z`` is workspace for one.
+    ``e[i]`` is the error at sample ``i + 1``, the last one that of a straight drive at the end.
     """
     p, n = u.size, z.size
     worst = 0.0
@@ -56,14 +56,14 @@ def answers(c, u, r, e, x, z, first):
         if i > 0:
             e[i - 1] = r[i] - y
             size = abs(e[i - 1])
-            worst = max(worst, size if size < math.inf else math.inf)  # one that is no number, too
+            worst = max(worst, size if size < math.inf else math.inf)  # NaN counts as infinite
     e[p - 1] = 2.0 * u[p - 2] - u[p - 1] - u[p - 3]
     return worst
 
 
 @jit
 def take(values, to):
-    """Write values to the beginning of an array."""
+    """Copy values to the beginning of an array."""
     for i in range(values.size):
         to[i] = values[i]
     return 0.0
@@ -96,11 +96,11 @@ def solve(m, e, d):
 
 
 def window_step(y, c, s):
-    """Return the drive at the beginning of the window at whose end ``y`` is wanted.
+    """Return the drive at the beginning of the window whose last response is ``y``.
 
-    ``c`` is (weights of the bend at the end of the drives, drive that answers a response
-    of 1, *those of the step). ``s`` is the largest response so far, drives, responses, errors and
-    states of the window, and room.
+    ``c`` is (weights of the equation at the end of the drives, drive for a response of 1 at rest,
+    *constants of the step). ``s`` is the largest response so far, drives, responses, errors and
+    states of the window, and workspace.
     """
     p = c[0].size
     n = (s.size - 1 - 6 * p - p * p) // (2 * p + 3)
@@ -157,7 +157,7 @@ def window_step(y, c, s):
 
 @dataclass(frozen=True)
 class WindowInverseOperator(InverseOperator):
-    """The inverse of motion under a drive with hysteresis inside; it looks ahead.
+    """The inverse of a mass with a hysteretic force; it needs a preview.
 
     Parameters
     ----------
@@ -166,10 +166,10 @@ class WindowInverseOperator(InverseOperator):
 
     Notes
     -----
-    The response is met to about 1e-9 of its size where a small motion before sliding is sampled:
-    ``dt fastest_rate() < 3``. Beyond, zeros come to the unit circle, and the errors of the end of a
-    window hardly die out. The response should rest at the start of a record for some samples. A
-    sample takes a fraction of a millisecond.
+    The response is met to about 1e-9 of its magnitude where presliding motion is resolved by the
+    sampling: ``dt fastest_rate() < 3``. Above that, zeros approach the unit circle, and the error
+    due to the end of a window hardly decays. The response should rest at the start of a record for
+    some samples. A sample takes a fraction of a millisecond.
 
     Examples
     --------
@@ -186,11 +186,11 @@ class WindowInverseOperator(InverseOperator):
     causal = False
 
     def init(self, u0, initial_state="rest"):
-        """Return nothing: a record is inverted as a whole; see the base."""
+        """Return None: a record is inverted as a whole."""
         return None
 
     def run(self, u, dt, state=None):
-        """Return the drive that gives a response (n_samples,) from rest; see the base."""
+        """Return the drive that gives a response ``u`` (n_samples,) from rest, and None."""
         y = as_signal(u)
         compiled_step, ahead = self.ahead(dt, y[0])
         y = np.append(y, np.full(ahead, y[-1]))
@@ -200,7 +200,7 @@ class WindowInverseOperator(InverseOperator):
         return compiled_step.streaming(s)(y[ahead:]), None
 
     def ahead(self, dt, u0, tol=1e-9):
-        """Return one step that is fed the response some samples ahead, and their number."""
+        """Return a step with preview: its input is the response some samples later."""
         mode, fastest = self.operator.linear_mode(), self.operator.fastest_rate()
         damping = mode.damping_ratio * mode.natural_frequency / fastest
         stiff = replace(mode, natural_frequency=fastest, damping_ratio=damping)

@@ -1,77 +1,59 @@
 """Identification: least squares over operators. Knows no estimator."""
 
-from ._bounded_step import bounded_step
-from ._exchange import Alone, block_folds, exchanged, whole_record_folds
-from ._frequency_problem import FrequencyProblem, identify_response
-from ._identify import METHODS, IdentificationResult, constant_entries, identify
-from ._input_history import estimate_input_history, input_history_of, with_input_history
+from ._bounded_step import bounded_step as bounded_step
+from ._exchange import Alone as Alone
+from ._exchange import block_folds as block_folds
+from ._exchange import exchanged
+from ._exchange import whole_record_folds as whole_record_folds
+from ._frequency_problem import FrequencyProblem as FrequencyProblem
+from ._frequency_problem import identify_response as identify_response
+from ._identify import METHODS as METHODS
+from ._identify import IdentificationResult, identify
+from ._identify import constant_entries as constant_entries
+from ._input_history import estimate_input_history as estimate_input_history
+from ._input_history import input_history_of as input_history_of
+from ._input_history import with_input_history as with_input_history
 from ._levenberg_marquardt import LevenbergMarquardt
-from ._modal_problem import ModalProblem, modal_start
-from ._nonnegative import nonnegative_minimum
-from ._pole_starts import distribute_poles, pole_starts, record_poles, sections, warp
+from ._modal_problem import ModalProblem as ModalProblem
+from ._modal_problem import modal_start as modal_start
+from ._nonnegative import nonnegative_minimum as nonnegative_minimum
+from ._pole_starts import distribute_poles as distribute_poles
+from ._pole_starts import pole_starts as pole_starts
+from ._pole_starts import record_poles as record_poles
+from ._pole_starts import sections as sections
+from ._pole_starts import warp as warp
 from ._population import (
     CuckooSearch,
     DifferentialEvolution,
     ModifiedCuckooSearch,
     ParticleSwarm,
-    PopulationMethod,
 )
-from ._problem import OperatorProblem, RecordData, ages, path_of
-from ._single_step import predicted_cost, single_step
-from ._standard_errors import coloured_covariance
-from ._variable_projection import (
-    Method,
-    VariableProjection,
-    restrict,
-    search_box,
-    solve_linear,
-    variable_projection,
-)
-from ._vector_fitting import RationalBlock, rational_residues, vector_fit
+from ._problem import OperatorProblem as OperatorProblem
+from ._problem import RecordData
+from ._problem import ages as ages
+from ._problem import path_of as path_of
+from ._single_step import predicted_cost as predicted_cost
+from ._single_step import single_step as single_step
+from ._standard_errors import coloured_covariance as coloured_covariance
+from ._variable_projection import Method, VariableProjection
+from ._variable_projection import restrict as restrict
+from ._variable_projection import search_box as search_box
+from ._variable_projection import solve_linear as solve_linear
+from ._variable_projection import variable_projection as variable_projection
+from ._vector_fitting import RationalBlock as RationalBlock
+from ._vector_fitting import rational_residues as rational_residues
+from ._vector_fitting import vector_fit as vector_fit
 
 __all__ = [
-    "METHODS",
-    "Alone",
     "CuckooSearch",
     "DifferentialEvolution",
-    "FrequencyProblem",
     "IdentificationResult",
     "LevenbergMarquardt",
     "Method",
-    "ModalProblem",
     "ModifiedCuckooSearch",
-    "OperatorProblem",
     "ParticleSwarm",
-    "PopulationMethod",
-    "RationalBlock",
     "RecordData",
     "VariableProjection",
-    "ages",
-    "block_folds",
-    "bounded_step",
-    "coloured_covariance",
-    "constant_entries",
-    "distribute_poles",
-    "estimate_input_history",
     "exchanged",
     "identify",
-    "identify_response",
-    "input_history_of",
-    "modal_start",
-    "nonnegative_minimum",
-    "path_of",
-    "pole_starts",
-    "predicted_cost",
-    "rational_residues",
-    "record_poles",
-    "restrict",
-    "search_box",
-    "sections",
-    "single_step",
-    "solve_linear",
-    "variable_projection",
-    "vector_fit",
-    "warp",
-    "whole_record_folds",
-    "with_input_history",
 ]

@@ -5,7 +5,7 @@ from scipy.linalg import eigvalsh, norm
 from scipy.linalg.lapack import dposv, dpotrf, dtrtri
 from scipy.optimize import nnls
 
-_LEAST = np.sqrt(np.finfo(float).tiny)  # of a column that is no rounding error of nothing
+_LEAST = np.sqrt(np.finfo(float).tiny)  # norm of a column; below it, a column counts as zero
 _RIDGE = 1e-13  # relative to the scaled diagonal; keeps exactly collinear columns solvable
 _ROUNDING = 1e-12  # part of the largest unknown
 
@@ -24,14 +24,16 @@ def bounded_step(hessian, gradient, lower, upper):
     hessian : ndarray of shape (n, n)
         Positive semidefinite.
     gradient : ndarray of shape (n,)
+        At ``s = 0``.
     lower, upper : ndarray of shape (n,)
         ``lower <= 0 <= upper``, possibly infinite.
 
     Returns
     -------
     ndarray of shape (n,)
+        The step; zero where the column of an entry is zero.
     """
-    scale = np.sqrt(np.maximum(np.diag(hessian), 0.0))  # rounding may leave less than nothing
+    scale = np.sqrt(np.maximum(np.diag(hessian), 0.0))  # rounding may make it negative
     moves = scale > _LEAST
     if not moves.any():
         return np.zeros(len(scale))
@@ -76,7 +78,7 @@ def _held(h, s0, low, high):
 
 
 def solve_definite(h, g):
-    """Solve ``h x = g`` by Cholesky factors, or as least squares where h is not definite."""
+    """Solve ``h x = g`` by a Cholesky factorisation, or least squares if h is not definite."""
     if not len(g):
         return g
     # LAPACK itself: the checks of scipy.linalg cost more than these few unknowns

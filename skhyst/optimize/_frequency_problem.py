@@ -9,9 +9,9 @@ from ._problem import Unknowns
 class FrequencyProblem(Unknowns):
     """Weighted least squares of an operator's frequency response.
 
-    It has what the solver of :mod:`skhyst.optimize` asks of an ``OperatorProblem``. A parameter
-    that is searched as a logarithm keeps the sign of its starting value, so that a section of the
-    right half plane stays there.
+    It has the interface of an ``OperatorProblem`` that the solver needs. A parameter that is
+    searched as a logarithm keeps the sign of its starting value, so that a section with poles in
+    the right half plane keeps them there.
 
     Parameters
     ----------
@@ -20,6 +20,7 @@ class FrequencyProblem(Unknowns):
     frequency : ndarray of shape (n,)
         Hz.
     response : ndarray of shape (n, n_inputs), complex
+        Measured.
     weight : ndarray of shape (n, n_inputs)
         Reciprocal standard deviation.
     fixed : collection of str, default=()
@@ -65,7 +66,7 @@ class FrequencyProblem(Unknowns):
         return np.diag(blocks[0])[:-1]
 
     def rows(self, x):
-        """Return nothing: the noise of one frequency does not depend on that of another."""
+        """Return no rows: the noise at different frequencies is independent."""
         return ()
 
     def coefficients(self, blocks, select=None):

@@ -29,13 +29,14 @@ _SINGULAR = 1e-11  # relative eigenvalue of the scaled normal equations
 
 @dataclass(frozen=True)
 class IdentificationResult:
-    """What identification found.
+    """Result of identification.
 
-    Attributes
+    Parameters
     ----------
     operator : Operator
+        The driven part, identified.
     disturbances : tuple of DisturbanceOperator
-        Coefficients are the mean over records.
+        Additive disturbances; coefficients are the mean over records.
     params, params_std : dict of str to float
         Values in their own units and standard errors, whatever the colour of the noise; NaN for a
         value at its bound.
@@ -44,28 +45,32 @@ class IdentificationResult:
     condition_number : float
         Of the scaled normal equations.
     record_coefficients : ndarray of shape (n_records, n_coefficients)
+        Of the disturbances.
     error : float
         Root mean square of the residual, samples counted by their weights; units of the response.
     n_evaluations : int
+        Simulations of all records.
     seconds : float
+        Time that it took.
     converged : bool
+        Whether it ended before its budget was used up.
     message : str
+        Why it ended.
     history : list of (int, float)
         Evaluations and sum of squares after each accepted step.
     x : ndarray
         The solution in the coordinates of the problem.
-    covariance : ndarray of shape (n_parameters, n_parameters) or None
+    covariance : ndarray of shape (n_parameters, n_parameters), default=None
         Of the values of ``params``, in that order and in their own units; NaN where the data do
         not determine a value or it is at a bound. None where it was not computed.
-    params_std_white : dict of str to float
+    params_std_white : dict of str to float, default={}
         Standard errors if the noise is white.
-    short : tuple of str
-        Parameters for which the records are worth fewer than ``FEWEST`` independent samples, see
-        ``_standard_errors``.
-    damping : tuple of float
-        One value an entry of ``history``, where steps were damped; else empty.
-    input_history : ndarray of shape (n_records, n_values) or None
-        Drive 1, 2, 4, ... samples before each record, in its units, where it was estimated too.
+    short : tuple of str, default=()
+        Parameters for which the records are worth fewer than two independent samples.
+    damping : tuple of float, default=()
+        One value per entry of ``history``, if steps were damped.
+    input_history : ndarray of shape (n_records, n_values), default=None
+        Drive 1, 2, 4, ... samples before each record, in its units, if it was estimated.
     """
 
     operator: object
@@ -94,7 +99,20 @@ class IdentificationResult:
         return replace(self, operator=self.operator.released(), disturbances=beside)
 
     def outputs(self, records, initial_state="rest"):
-        """Return the fitted response of each record, its own disturbance coefficients included."""
+        """Return the fitted responses, each with the disturbances of its record.
+
+        Parameters
+        ----------
+        records : sequence of RecordData
+            Those of the fit.
+        initial_state : {"rest", "zero"}, default="rest"
+            State before each record.
+
+        Returns
+        -------
+        list of ndarray of shape (n_samples,)
+            One per record.
+        """
         problem = OperatorProblem(
             self.operator, records, disturbances=self.disturbances, initial_state=initial_state
         )
@@ -149,27 +167,45 @@ def _errors(problem, x, covariance, marks):
 
 
 def identify(starts, records, *, fixed=(), initial_state="rest", method="variable_projection"):
-    """Identify an operator from records, starting from each of several candidates.
+    """Identify an operator from records, from several starts.
 
-    Beside disturbances that have a constant for each record, the constants of what is driven are
-    held at zero.
+    If an additive disturbance has a constant for each record, constants of the driven part are held
+    at zero.
 
     Parameters
     ----------
     starts : sequence of Operator
-        Starting values of one structure; see :func:`skhyst.operators.split_disturbances` for what
-        may stand beside what is driven.
+        Starting values of one structure. A start may be a sum of a driven part and additive
+        disturbances, or a tuple of the two.
     records : sequence of RecordData
         Some of their samples must have a weight above zero.
-    fixed : collection of str
+    fixed : collection of str, default=()
         Names of entries that are held.
-    initial_state : {"rest", "zero"}
+    initial_state : {"rest", "zero"}, default="rest"
+        State before each record.
     method : str or Method, default="variable_projection"
-        A name among those of ``METHODS`` or a configured method.
+        Name of a method, such as ``"differential_evolution"``, or a configured one.
 
     Returns
     -------
     IdentificationResult
+        Of the best start.
+
+    Raises
+    ------
+    ValueError
+        If the method is unknown, or no sample has a weight above zero.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.linear import FirstOrderLagOperator
+    >>> from skhyst.optimize import RecordData, identify
+    >>> u = np.random.default_rng(0).normal(size=200)
+    >>> y, _ = FirstOrderLagOperator(0.05).run(u, dt=0.01)
+    >>> result = identify([FirstOrderLagOperator(0.1)], [RecordData(u, y, dt=0.01)])
+    >>> round(result.operator.time_constant, 6)
+    0.05
     """
     if not any(record.segment_weights().any() for record in records):
         raise ValueError(

@@ -1,24 +1,25 @@
-"""What the drive did before a record, where a device had not rested at its first value.
+"""The drive before a record, where the device had not rested at its first value.
 
-What a device remembers of its drive it remembers the more coarsely the longer it is ago: a mode
-knows the last few periods, creep the decades before, a hysteresis its largest turns. So the drive
+A device remembers its drive more coarsely the further it lies back: a mode depends on the last few
+periods, creep on the decades before, a hysteresis on its largest turning points. So the drive
 before a record is a straight line between values at 1, 2, 4, ... samples before it, up to half of
-the record, with a rest at the first of them. With the parameters held, each record has its own
-least-squares problem.
+the record, and a rest before the first of them. With the parameters held, each record is a
+least-squares problem of its own.
 
-The output depends on these values piecewise smoothly at best: plays that did not move do not tell
-where they would have turned. So the search begins with the best few of a rest and pasts that the
-record itself has seen, or with the best one where one of them is known from before. In turn it
-steps in one value after the other, the longest ago first, and descends along the derivatives, which
-the operator carries from its input. What the record does not tell is kept at rest: to change by the
-whole range from one value to the next costs as much as the mean sample leaves.
+The output is at best a piecewise smooth function of these values: plays that did not move do not
+depend on them. So the search starts from the best few among a rest and sections of the record's own
+drive, or from the best one if the values are known from a fit before. It alternates between steps
+in one value after the other, the oldest first, and a descent along the derivatives that the
+operator propagates from its input. Values that the record does not determine are kept at rest by a
+penalty: a change by the full range from one value to the next costs as much as the mean squared
+residual of a sample.
 
-The parameters come first from the later half of each record, of which its start tells least. Then
-both are identified in turn, the parameters with what a change of these values would add to each
-record taken out.
+The parameters are identified first from the later half of each record, which depends least on its
+start. Then the values and the parameters are identified in turn; while the parameters are, the
+response to a small change of the values is eliminated as an additive disturbance.
 
-Each of these goes on while the sum of squares falls by more than chance would let it: of n samples
-of noise, k values are expected to take the part k / n.
+Each loop goes on while the sum of squares falls by more than by chance: k values are expected to
+remove the fraction k / n of n samples of noise.
 """
 
 from dataclasses import replace
@@ -31,10 +32,10 @@ from ._problem import OperatorProblem, ages, scheduled
 
 _THIRDS = 3.0 ** -np.arange(1, 5)  # of the limits: the range of the drive, to a few per cent of it
 _STEPS = np.outer(_THIRDS, (1.0, -1.0)).ravel()
-_DEPTH = 3  # evaluations a value, of a descent: with one, one record of 30 misses its minimum
+_DEPTH = 3  # evaluations per value of a descent: with one, one record of 30 misses its minimum
 # of 25 records of plays, one start misses the minimum in 3, and three starts in none
-_STARTS = 3  # where nothing is known
-_FAR = 1e10  # what a run that diverges leaves, relative to the response
+_STARTS = 3  # where no values are known
+_FAR = 1e10  # residual of a run that diverges, relative to the response
 
 
 def estimate_input_history(
@@ -45,9 +46,11 @@ def estimate_input_history(
     Parameters
     ----------
     operator, disturbances : Operator, sequence of DisturbanceOperator
-        A fit from rest at each record's first value, or from known input_history.
+        Fitted from rest at each record's first value, or from a known drive before it.
     records : sequence of RecordData
-    fixed : collection of str
+        Those of the fit.
+    fixed : collection of str, default=()
+        Names of entries that are held.
     method : str or Method, default="variable_projection"
 
     Returns
@@ -97,13 +100,13 @@ def with_input_history(result, records, method="variable_projection"):
 
 
 def _count(records):
-    """Return how many values of the drive before a record are asked for."""
+    """Return the number of values of the drive before a record."""
     longest = max(len(record.u) for record in records)
     return int(np.log2(max(longest // 2, 1))) + 1
 
 
 def _is_known(record, count):
-    """Whether so many values of the drive before a record are given."""
+    """Whether this number of values of the drive before a record is given."""
     return record.before is not None and np.size(record.before) == count
 
 
@@ -113,13 +116,13 @@ def _rest(record, count):
 
 
 def input_history_of(operator, disturbances, records):
-    """Return the drive before each record with the parameters held, and how often all were run.
+    """Return the drive before each record with the parameters held, and the number of runs.
 
-    ``input_history`` is (n_records, n_values).
+    The drive is (n_records, n_values); a run is one of all records.
     """
     drives = [record.drive for record in records]
     low, high = min(u.min() for u in drives), max(u.max() for u in drives)
-    # what came before may have gone as far again
+    # the drive before may exceed its range in the records by as much on either side
     limits, count = (2.0 * low - high, 2.0 * high - low), _count(records)
     problem = OperatorProblem(operator, records, disturbances=disturbances)
     found = [_history(problem, record, limits, count) for record in problem.records]
@@ -136,7 +139,7 @@ def _history(problem, record, limits, count):
     starts = _starts(record, low, size, count)
     left = np.array([misfit.cost(start) for start in starts])
     misfit.hold(left.min())
-    # many pasts leave the same: what their changes cost tells them apart
+    # many pasts have the same residual: the penalty of their changes distinguishes them
     left += [np.square(misfit.changes(start)).sum() for start in starts]
     order = np.argsort(left)[: 1 if _is_known(record, count) else _STARTS]
     chance = count / max(record.counts().sum(), 1.0)
@@ -145,12 +148,12 @@ def _history(problem, record, limits, count):
 
 
 def _starts(record, low, size, count):
-    """Return what may have come before a record, relative to the limits."""
+    """Return candidates of the drive before a record, relative to the limits."""
     drive, back = (record.drive - low) / size, ages(np.empty(count))
     starts = [np.full(count, drive[0])]
     if _is_known(record, count):
         starts.append(np.clip((record.before - low) / size, 0.0, 1.0))
-    # pasts of its own, as many as there are steps in all values
+    # sections of its own drive, as many as there are steps in all values
     for now in np.linspace(back[-1], len(drive), count * len(_STEPS)).astype(int):
         starts.append(drive[np.clip(now - back, 0, len(drive) - 1)])
     return starts
@@ -166,7 +169,7 @@ def _searched(misfit, values, chance):
 
 
 class _Misfit:
-    """What a record leaves as a function of the drive before it, relative to the limits."""
+    """Residual of a record as a function of the drive before it, relative to the limits."""
 
     def __init__(self, problem, record, low, size):
         self._problem, self._low, self._size = problem, low, size
@@ -182,11 +185,11 @@ class _Misfit:
         self.runs = 0
 
     def hold(self, least):
-        """Let changes from value to value cost as much as the mean sample leaves of the least."""
+        """Set the penalty of changes from value to value: the mean square of the residual."""
         self._stiffness = np.sqrt(least / len(self._root))
 
     def changes(self, values):
-        """Return what changes from value to value count beside what the response leaves."""
+        """Return the penalties of the changes from value to value, as residuals."""
         return self._stiffness * np.diff(values, prepend=self._last)
 
     def __call__(self, values):
@@ -199,7 +202,7 @@ class _Misfit:
         return replace(self._record, before=self._low + self._size * values)
 
     def _left(self, part):
-        """Return what is left of columns of the response, relative to it."""
+        """Return columns relative to the response, weighted, with the disturbances eliminated."""
         part = (part.T * (self._root / self._scale)).T
         return part if self._basis is None else part - self._basis @ (self._basis.T @ part)
 
@@ -216,7 +219,7 @@ class _Misfit:
         return left @ left
 
     def stepped(self, values, least):
-        """Return the best that steps in one value after the other reach, and its sum of squares."""
+        """Return the best values after steps in one after the other, and the sum of squares."""
         for place in range(len(values))[::-1]:
             for step in _STEPS:
                 trial = values.copy()
@@ -227,7 +230,7 @@ class _Misfit:
         return values, least
 
     def descended(self, values, least):
-        """Return the minimum that a trust-region search reaches, and its sum of squares."""
+        """Return the minimum that a trust-region search finds, and its sum of squares."""
         inside = np.clip(values, 1e-6, 1.0 - 1e-6)
         found = least_squares(
             self, inside, jac=self._derivatives, bounds=(0.0, 1.0), max_nfev=_DEPTH * len(values)

@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt with a damping that moves by factors, as Ahmed and Yan (2021) train."""
+"""Levenberg-Marquardt with a damping that changes by factors, as Ahmed and Yan (2021) train."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from ._variable_projection import Method, restrict, variable_projection
 
-_FULL_RUNS = 2  # of many starts, so many are followed to the end
+_FULL_RUNS = 2  # starts that are followed to the end
 _TRIAL_EPOCHS = 3
 
 
@@ -26,6 +26,7 @@ class LevenbergMarquardt(Method):
     Parameters
     ----------
     max_epochs : int, default=1000
+        Budget of a run.
     goal : float, default=0.0
         Ends at this mean square of the error over that of the response.
     tolerance : float, default=1e-8
@@ -92,13 +93,13 @@ class LevenbergMarquardt(Method):
 
 @dataclass
 class _Factors:
-    """Damping that moves by factors."""
+    """Damping that changes by constant factors."""
 
     value: float
     decrease: float
     increase: float
     largest: float
-    shorter = np.inf  # the factors alone decide
+    shorter = np.inf  # no limit to the length of a step but by the factors
 
     def accepted(self, ratio):
         self.value = max(self.value * self.decrease, np.finfo(float).tiny)

@@ -4,9 +4,9 @@ With the sections of :mod:`skhyst.linear`, one after the other on the diagonal o
 
 .. math:: Y_o(k) = \bigl(C_o (s_k I - A)^{-1} B + D_o\bigr) U(k)
 
-has residues of rank one: each mode has one row of participation factors (of B) and one shape (of
-C), so that there are as many states as poles. C and D are linear, the poles and B are searched;
-the two scales that B and C of a section share are left to the damping of the solver.
+has residues of rank one: each mode has one row of participation factors (in B) and one shape (in
+C), so that there are as many states as poles. C and D are linear, the poles and B are searched; a
+factor that B and C of a section can exchange is fixed by the damping of the solver alone.
 """
 
 import numpy as np
@@ -23,12 +23,12 @@ def _resolvent(s, time_constants, w, zeta):
 
 
 class ModalProblem:
-    """Least squares of a modal model, as the solver of :mod:`skhyst.optimize` wants it.
+    """Least squares of a modal model, with the interface that the solver needs.
 
     Parameters
     ----------
     s : ndarray of shape (n_rows,), complex
-        rad/s, one a row; rows of several drives may have the same.
+        rad/s, one per row; rows of different excitations may have the same.
     drives : ndarray of shape (n_rows, n_inputs), complex
     responses : ndarray of shape (n_rows, n_outputs), complex
     weights : ndarray of shape (n_rows, n_outputs)
@@ -117,14 +117,14 @@ class ModalProblem:
         hessian = solution.gram[:-1, :-1]
         scale = np.sqrt(np.maximum(np.diag(hessian), np.finfo(float).tiny))
         hessian = hessian / np.outer(scale, scale)
-        # scales that B and C share are not determined, and leave the poles alone
+        # factors that B and C can exchange are not determined, but do not affect the poles
         rest = np.linalg.pinv(hessian[k:, k:], rcond=1e-10, hermitian=True)
         own = hessian[:k, :k] - hessian[:k, k:] @ rest @ hessian[k:, :k]
         n_unknowns = np.linalg.matrix_rank(hessian, tol=1e-10, hermitian=True)
         n_rows = 2 * self.responses.size
         variance = solution.cost / max(n_rows - n_unknowns, 1)
         chain = np.exp(solution.x[:k]) / scale[:k]
-        with np.errstate(over="ignore", invalid="ignore"):  # of what data do not determine
+        with np.errstate(over="ignore", invalid="ignore"):  # of poles that are not determined
             return variance * np.linalg.pinv(own, hermitian=True) * np.outer(chain, chain)
 
 
@@ -165,7 +165,7 @@ def modal_start(poles, residues, n_poles):
     scale = 1.0 / np.sqrt(np.where(kept, size[:n_poles], np.inf))
     left, right = scale[:, None] * (u[:, :n_poles].T @ watch_root.T), reach_root @ vh[:n_poles].T
     small, b = left @ a @ (right * scale), left @ b
-    small[~kept, ~kept] = -1.0  # a state that nothing reaches, or that shows nowhere
+    small[~kept, ~kept] = -1.0  # a state that is not controllable or not observable
     values, vectors = np.linalg.eig(small)
     values = -np.maximum(np.abs(values.real), 1e-6 * np.abs(values)) + 1j * values.imag
     return _sections_of(unit * values, np.linalg.solve(vectors, b.astype(complex)))
@@ -177,13 +177,13 @@ def _root(gramian):
 
 
 def _realize(poles, residues):
-    """Return A, B, C with a copy of the poles an input."""
+    """Return A, B, C with a copy of the poles per input."""
     n, n_outputs, n_inputs = residues.shape
     first = np.flatnonzero(poles.imag > 0.0)
     a, b = np.diag(poles.real), np.ones((n, 1))
     a[first, first + 1], a[first + 1, first] = poles.imag[first], -poles.imag[first]
     b[first], b[first + 1] = 2.0, 0.0
-    # a pair's two fractions are the first state, and the second one with its sign
+    # the two fractions of a pair are the first state, and the second one with its sign
     eye = np.eye(n_inputs)
     c = residues.transpose(1, 2, 0).reshape(n_outputs, n_inputs * n)
     return np.kron(eye, a), np.kron(eye, b), c

@@ -1,4 +1,4 @@
-"""Quadratic programs of many unknowns that must not be negative.
+"""Quadratic programs with many nonnegative unknowns.
 
 ``scipy.optimize.nnls`` changes one unknown at a time: on the programs of Preisach models of 200 to
 2,000 unknowns it finds the same to thirteen digits in two to eight times the seconds, as
@@ -17,15 +17,17 @@ def nonnegative_minimum(hessian, gradient, bounded=None):
     """Minimise ``0.5 x' H x + g' x`` subject to ``x >= 0``.
 
     Block principal pivoting (Portugal, Júdice and Vicente, *Mathematics of Computation*, 1994; Kim
-    and Park, *SIAM Journal on Scientific Computing*, 2011): all unknowns on the wrong side change
-    sides at once. Where that makes no progress, only the last one does, which ends after a finite
-    number of exchanges. A few Cholesky factors suffice for thousands of unknowns.
+    and Park, *SIAM Journal on Scientific Computing*, 2011): all unknowns that violate their
+    condition, a value or a slope below zero, are exchanged at once. Where that makes no progress,
+    only the last one is, which ends after a finite number of exchanges. A few Cholesky
+    factorisations suffice for thousands of unknowns.
 
     Parameters
     ----------
     hessian : ndarray of shape (n, n)
-        Positive definite, of a diagonal near 1.
+        Positive definite, with a diagonal near 1.
     gradient : ndarray of shape (n,)
+        At ``x = 0``.
     bounded : ndarray of bool of shape (n,), optional
         Unknowns that must not be negative; all by default.
 
@@ -33,7 +35,7 @@ def nonnegative_minimum(hessian, gradient, bounded=None):
     -------
     x : ndarray of shape (n,)
     free : ndarray of bool of shape (n,)
-        Unknowns that do not stand at zero.
+        Unknowns that are not held at zero.
     """
     n = len(gradient)
     bounded = np.ones(n, dtype=bool) if bounded is None else bounded

@@ -9,8 +9,8 @@ from ._vector_fitting import RationalBlock, vector_fit
 
 _ITERATIONS = 5
 _DECIMATIONS = (1, 3, 9, 27)
-_MIN_SAMPLES = 30  # a parameter
-_MOST_LINES = 3000  # that vector fitting of records looks at
+_MIN_SAMPLES = 30  # per parameter
+_MOST_LINES = 3000  # frequencies that vector fitting of records uses
 _MOST_RECORDS = 4
 _FASTEST = 3.0  # rate of a pole that the sampling does not resolve, over the sampling rate
 
@@ -19,14 +19,15 @@ def pole_starts(records, n_poles):
     """Return candidate pole sets (rad/s) of a transfer function from input to response.
 
     The iteration of Steiglitz and McBride, *IEEE Transactions on Automatic Control*, 1965, at
-    several decimations, since the least squares of an oversampled signal sees noise only.
+    several decimations, since noise dominates the least squares of an oversampled signal.
 
     Parameters
     ----------
     records : sequence of (u, y, dt)
-        Input and response, (n_samples,) each; interval in s. Records at each interval give sets of
-        their own: slow poles show at long ones.
+        Input and response, (n_samples,) each; interval in s. Records at each interval give
+        separate sets: slow poles are identified at long intervals.
     n_poles : int
+        Of each set.
 
     Returns
     -------
@@ -72,7 +73,7 @@ def _poles_at(interval, signals, n_poles):
             roots = np.where(np.abs(roots) > 0.9999, roots * 0.9999, roots)
             denominator = np.real(np.poly(roots))
             dt = interval * q
-            # a pole near zero or on the negative axis is faster than the sampling resolves
+            # a root near zero or on the negative real axis is faster than the sampling resolves
             fast = (np.abs(roots) < 1e-3) | ((np.abs(roots.imag) < 1e-12) & (roots.real <= 0.0))
             poles = np.where(fast, -_FASTEST / dt, np.log(np.where(fast, 0.5, roots)) / dt)
             if iteration in (1, _ITERATIONS - 1):
@@ -96,21 +97,22 @@ def record_poles(records, n_poles):
     """Return poles (rad/s) that fit the transforms of records, of any number of inputs.
 
     The transform of a record of a sampled system obeys ``Y = sum_i N_i / D U_i + T / D`` exactly,
-    where T is a polynomial that its ends leave (Pintelon and Schoukens, *System Identification*,
-    2012, section 6.3): vector fitting finds D.
+    where T is a polynomial due to its ends (Pintelon and Schoukens, *System Identification*, 2012,
+    section 6.3): vector fitting finds D.
 
     Parameters
     ----------
     records : sequence of (u, y, dt)
         Inputs (n_samples,) or (n_samples, n_inputs), response (n_samples,), interval in s.
     n_poles : int
+        Of the system.
 
     Returns
     -------
     ndarray of shape (n_poles,) or None
         Stable poles, complex; None where the records are too short.
     """
-    # of equally long ones, the choice does not depend on the order in which they come
+    # sorted also by the mean, so that the choice among equally long ones ignores their order
     records = sorted(records, key=lambda record: (-len(record[1]), record[1].mean()))
     dt = records[0][2]
     records = [record for record in records if record[2] == dt][:_MOST_RECORDS]
@@ -140,7 +142,7 @@ def record_poles(records, n_poles):
 
 
 def distribute_poles(stages, poles):
-    """Return the ways to give poles (rad/s) to linear operators in series.
+    """Return the assignments of poles (rad/s) to linear operators in series.
 
     Complex pairs go to stages that take pairs, and real ones to either kind; pairs that no stage
     can take become two equal real poles.
@@ -149,11 +151,12 @@ def distribute_poles(stages, poles):
     ----------
     stages : sequence of LinearOperator
     poles : ndarray
-        As many as the stages have together.
+        As many as the stages have in total.
 
     Returns
     -------
     list of tuple of LinearOperator
+        The stages with the poles of one assignment each.
     """
     n_rates = sum(stage.n_poles[0] for stage in stages)
     n_pairs = sum(stage.n_poles[1] for stage in stages)

@@ -27,18 +27,19 @@ _SIGMA = (
 
 
 class _Finished(Exception):
-    """The budget is used up, or the callback has ended the search."""
+    """Raised when the budget is used up, or the callback has ended the search."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PopulationMethod(Method):
-    """Base of the methods that move a population of candidates at random.
+    """Base of the stochastic methods with a population of candidates.
 
     Parameters
     ----------
     population : int, default=50
         Number of candidates.
     max_iterations : int, default=300
+        Budget of iterations.
     max_evaluations : int or None, default=None
         Budget of simulations of all records; the iterations alone limit them by default.
     project : bool, default=True
@@ -59,9 +60,9 @@ class PopulationMethod(Method):
 
     @abstractmethod
     def _search(self, objective, lower, upper, rng):
-        """Call ``objective`` with candidates (n, d) within the box until the iterations are over.
+        """Call ``objective`` with candidates (n, d) within the box until the iterations are done.
 
-        It returns their sums of squares and remembers the best candidate.
+        ``objective`` returns their sums of squares and remembers the best candidate.
         """
 
     def solve(self, problems):
@@ -111,7 +112,7 @@ class _Objective:
             self.n_evaluations >= self.method.max_evaluations
         ):
             raise _Finished
-        x = self.best.copy()  # whose linear part has the size of the solution's
+        x = self.best.copy()  # its linear part has the magnitude of the solution
         x[self.searched] = candidate
         gram = self.problem.total(self.problem.evaluate(x, jacobian=self.method.project))
         self.n_evaluations += 1
@@ -138,7 +139,9 @@ class DifferentialEvolution(PopulationMethod):
     Parameters
     ----------
     strategy : str, default="best1bin"
+        See :func:`scipy.optimize.differential_evolution`.
     mutation : float or (float, float), default=(0.5, 1.0)
+        See :func:`scipy.optimize.differential_evolution`.
     recombination : float, default=0.7
         See :func:`scipy.optimize.differential_evolution`.
     tolerance : float, default=0.0
@@ -181,7 +184,7 @@ class ParticleSwarm(PopulationMethod):
     inertia : (float, float), default=(0.9, 0.1)
         At the first and at the last iteration; linear between.
     acceleration : float, default=1.5
-        Towards a particle's own best place, and towards the swarm's.
+        Towards the best position of the particle, and towards that of the swarm.
     """
 
     inertia: tuple = (0.9, 0.1)
@@ -200,7 +203,7 @@ class ParticleSwarm(PopulationMethod):
                 + self.acceleration * rng.random(shape) * (best - x)
             )
             inside = np.clip(x + velocity, lower, upper)
-            velocity[inside != x + velocity] = 0.0  # a wall stops a particle
+            velocity[inside != x + velocity] = 0.0  # the boundary stops a particle
             x = inside
             cost = objective(x)
             better = cost < least
@@ -209,7 +212,7 @@ class ParticleSwarm(PopulationMethod):
 
 @dataclass(frozen=True, kw_only=True)
 class _Cuckoos(PopulationMethod):
-    """The search itself; a subclass gives the probability and the step by progress, 0 to 1."""
+    """The cuckoo searches; a subclass gives probability and step by the progress, 0 to 1."""
 
     renewal: str = "walk"
 

@@ -11,22 +11,49 @@ _LARGE = 1 << 18  # values of a Jacobian that is not copied, where its products 
 
 @dataclass(frozen=True)
 class RecordData:
-    """One record: drive and response (n_samples,), interval in s, stretches to fit.
+    """One record, as identification sees it.
 
-    The drive is (n_samples, n_inputs) for an operator of several inputs.
-    ``segments`` are (start, stop) rows that count, in order; by default the whole record. With
-    ``before``, the drive 1, 2, 4, ... samples before the record, the record is simulated from rest
-    at the last of these instead of from rest at its first value. ``schedule`` is the number that
-    scheduled parameters depend on. ``auxiliary`` are further columns (n_samples, n_auxiliary), and
-    ``explained`` (n_samples,) is the drive as far as the reference of a loop explains it; nothing
-    here reads them.
+    Parameters
+    ----------
+    u : ndarray of shape (n_samples,) or (n_samples, n_inputs)
+        Drive; several columns for an operator of several inputs.
+    y : ndarray of shape (n_samples,)
+        Response.
+    dt : float
+        Sampling interval in s.
+    segments : tuple of (int, int), default=()
+        Rows (start, stop) that count, in order; empty: the whole record.
+    before : ndarray of shape (n_values,), float or None, default=None
+        Drive 1, 2, 4, ... samples before the record. The record is simulated from rest at the last
+        of these instead of from rest at its first value.
+    schedule : float, default=None
+        Number that scheduled parameters depend on.
+    auxiliary : ndarray of shape (n_samples, n_auxiliary), default=None
+        Further columns, which identification does not read.
+    weights : ndarray of shape (n_samples,), default=None
+        Finite and not negative: the squared error of each sample counts so much, as if the sample
+        were there so many times. The record is simulated over all samples, but one of weight zero
+        is no reading: its response is replaced by a straight line between its neighbours, so that
+        starting values do not see it either. None: each counts once.
+    beside : ndarray of shape (n_samples, n_columns), default=None
+        Signals that may be in the response in any proportion, as additive disturbances.
+    explained : ndarray of shape (n_samples,), default=None
+        The drive as far as the reference of a closed loop explains it; not read either.
 
-    ``weights`` (n_samples,), finite and not negative: the squared error of each sample counts so
-    much, as if the sample were there so many times. The record is simulated over all samples, but
-    one of weight zero is no reading: its response is replaced by a straight line between its
-    neighbours, so that starting values do not see it either.
+    Raises
+    ------
+    ValueError
+        If the weights are not one finite value per sample, none below zero.
 
-    ``beside`` (n_samples, n_columns) may be in the response in any proportion, as a disturbance.
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.linear import GainOperator
+    >>> from skhyst.optimize import RecordData, identify
+    >>> u = np.array([0.0, 1.0, 2.0, 1.0])
+    >>> result = identify([GainOperator()], [RecordData(u, 2.0 * u + 1.0, dt=0.1)])
+    >>> round(result.operator.gain, 6), round(result.operator.intercept, 6)
+    (2.0, 1.0)
     """
 
     u: np.ndarray
@@ -63,9 +90,16 @@ class RecordData:
         return self.u if self.u.ndim == 1 else self.u[:, 0]
 
     def with_history(self):
-        """Return the drive with what came before it in front, and how many samples that is.
+        """Return the drive with what came before it in front.
 
         Of several inputs this is the first one's, the others have rested at their first values.
+
+        Returns
+        -------
+        u : ndarray of shape (n_before + n_samples,) or (n_before + n_samples, n_inputs)
+            The drive.
+        n_before : int
+            Samples before the record.
         """
         if self.before is None:
             return self.u, 0

@@ -1,4 +1,4 @@
-"""What one Gauss-Newton step promises, and what it makes of a solution."""
+"""One Gauss-Newton step: the cost that it predicts, and the solution that it reaches."""
 
 import numpy as np
 
@@ -8,9 +8,9 @@ _PARTS_OF_STEP = (1.0, 0.25, 0.06)
 
 
 def predicted_cost(problem, x):
-    """Return the sum of squares that one Gauss-Newton step from ``x`` promises.
+    """Return the sum of squares that one Gauss-Newton step from ``x`` is predicted to reach.
 
-    The linear parameters are solved first; the promise is infinite where the model is not finite.
+    The linear parameters are solved first; it is infinite where the model is not finite.
     """
     gram = problem.total(problem.evaluate(x))
     if not np.isfinite(gram).all():
@@ -22,10 +22,10 @@ def predicted_cost(problem, x):
 
 
 def single_step(problem, x, blocks, select):
-    """Return what one Gauss-Newton step for some segments makes of the solution for all.
+    """Return the solution for some segments after one Gauss-Newton step from that for all.
 
-    Nothing is differentiated again: a step that does not reduce the sum of squares is shortened,
-    and where that does not help either the solution for all is returned.
+    No derivatives are evaluated: a step that does not reduce the sum of squares is shortened, and
+    if that does not help either the solution for all is returned.
 
     Parameters
     ----------
@@ -36,6 +36,10 @@ def single_step(problem, x, blocks, select):
         ``problem.evaluate(x)``, or of the selected segments.
     select : ndarray of bool of shape (n_segments,)
         The segments to fit.
+
+    Returns
+    -------
+    ndarray of shape (n,)
     """
     gram = problem.total(blocks, select)
     if not np.isfinite(gram).all():

@@ -1,4 +1,4 @@
-r"""What the colour of the noise does to standard errors.
+r"""Standard errors under coloured noise.
 
 With the Jacobian :math:`J` of what a model predicts, :math:`H = J^T J` and noise whose covariance
 matrix is :math:`\Gamma`, the error of least squares has the covariance
@@ -6,26 +6,27 @@ matrix is :math:`\Gamma`, the error of least squares has the covariance
 .. math:: H^{-1} \Omega H^{-1}, \qquad \Omega = J^T \Gamma J = \frac{1}{2 \pi}
    \int S(\omega) \, \tilde J(\omega)^* \tilde J(\omega)^T \, d\omega ,
 
-where :math:`S` is the noise's spectrum and tildes are Fourier transforms [1]_; records add up,
-their noise is independent. It is :math:`\sigma^2 H^{-1}` for white noise. The Jacobian of a free
-run depends on the drive, not on the noise, so nothing but :math:`S` has to be estimated. Estimates
-of :math:`\Omega` from products of the scores :math:`J_t r_t` with a kernel over their lags
-(Newey and West [2]_), which do not make use of that, need far longer records where the drive is
-slow.
+where :math:`S` is the spectrum of the noise and tildes are Fourier transforms [1]_; records add up,
+since their noise is independent. For white noise it is :math:`\sigma^2 H^{-1}`. The Jacobian of a
+free run depends on the drive, not on the noise, so only :math:`S` has to be estimated. Estimates of
+:math:`\Omega` from products of the scores :math:`J_t r_t` with a kernel over their lags (Newey and
+West [2]_), which do not use that, need far longer records where the drive is slow.
 
-**The spectrum** is that of an autoregression of the residual, a kernel whose shape and width
-the residual chooses (:func:`skhyst.noise.autoregression`).
+**The spectrum** is that of an autoregression of the residual, whose order and kind Akaike's
+criterion selects (:func:`skhyst.noise.autoregression`).
 
-**How much the records are worth.** For a parameter, n samples of such noise tell as much as
-:math:`n` times its variance for white noise over its variance, independent ones. The spectrum
-at the frequencies that matter is then the mean of about as few numbers, and intervals are somewhat
-too narrow, as those of the normal law in the place of Student's are.
+**Effective sample size.** For a parameter, n samples of coloured noise are worth as many
+independent samples as n times the ratio of its variance under white noise to its variance. The
+spectrum at the frequencies that matter is the mean of about as few numbers, so that intervals are
+somewhat too narrow where it is small, as those of the normal distribution are in place of
+Student's.
 
-**What the fit has taken.** The residual is :math:`r = (I - P) e`, and the projection :math:`P` on
-the Jacobian takes most where the drive has its power, which is where the spectrum matters. Its part
-of the periodogram is on average about :math:`h S` with :math:`h = \tilde J^* H^{-1} \tilde J`. With
-the last estimate of the spectrum it is put back, as the expectation step of Dempster, Laird and
-Rubin [3]_ does with what is missing; for white noise this is the division by n - p.
+**Degrees of freedom of the fit.** The residual is :math:`r = (I - P) e`, and the projection
+:math:`P` on the Jacobian removes most noise where the drive has its power, which is where the
+spectrum matters. It removes on average about :math:`h S` of the periodogram, with
+:math:`h = \tilde J^* H^{-1} \tilde J`. With the last estimate of the spectrum this is added again,
+as the expectation step of Dempster, Laird and Rubin [3]_ does with missing data; for white noise
+this amounts to the division by n - p.
 
 References
 ----------
@@ -41,8 +42,8 @@ from scipy.fft import irfft, next_fast_len, rfft
 
 from ..noise import autoregression
 
-_STEPS = 3  # of what the fit has taken
-FEWEST = 2  # independent samples, from which a standard error can be found at all
+_STEPS = 3  # expectation steps for the noise that the fit has removed
+FEWEST = 2  # independent samples, below which no standard error can be estimated
 
 
 def coloured_covariance(rows, root, n_samples):
@@ -52,12 +53,12 @@ def coloured_covariance(rows, root, n_samples):
     ----------
     rows : callable
         Returns an iterator over the records: Jacobian (n, p), residual (n,), an orthonormal basis
-        (n, d) of what else was fitted to the record and is in neither, which samples count (n,),
-        and the interval in s. Rows that do not count are zero.
+        (n, d) of what else was fitted to the record and projected out of both, which samples count
+        (n,), and the interval in s. Rows that do not count are zero.
     root : ndarray of shape (p, k)
-        Makes the columns of the Jacobian orthonormal, those that are determined.
+        ``J @ root`` has orthonormal columns, for the k directions that are determined.
     n_samples : float
-        Samples of all records, a sample of weight 2 counted twice.
+        Number of samples of all records, a sample of weight 2 counted twice.
 
     Returns
     -------
@@ -88,10 +89,10 @@ def coloured_covariance(rows, root, n_samples):
 
 @dataclass(frozen=True)
 class _Spectrum:
-    """That of an autoregression, (order + 1,), seen through a part of the pairs of neighbours.
+    """Spectrum of an autoregression with ``weights`` (order + 1,).
 
-    Where samples are missing, products of neighbours are fewer than squares, a ``share`` of all, so
-    that the noise is seen with ``extra`` white noise, which is taken off again.
+    Where samples are missing, only a fraction ``share`` of the products of neighbours exists, so
+    that the autoregression fits the noise and ``extra`` white noise, which is subtracted again.
     """
 
     weights: np.ndarray
@@ -101,11 +102,11 @@ class _Spectrum:
 
     @property
     def is_white(self):
-        """Whether nothing is predicted."""
+        """Whether there are no lags."""
         return len(self.weights) == 1
 
     def at(self, size):
-        """Return it at the frequencies of a transform."""
+        """Return the spectrum at the frequencies of a transform of this size."""
         folded = np.zeros(-(-len(self.weights) // size) * size)
         folded[: len(self.weights)] = self.weights
         seen = self.power / np.abs(rfft(folded.reshape(-1, size).sum(axis=0))) ** 2
@@ -113,13 +114,13 @@ class _Spectrum:
 
 
 class _Residual:
-    """Sums of the power of records of one interval, by the lengths of their transforms."""
+    """Sums of periodograms of records of one interval, by the lengths of their transforms."""
 
     def __init__(self):
         self._powers, self._lengths = {}, []
 
     def powers(self, size, length):
-        """Return the sums of the residual's, of what was taken and of what counts, to add to."""
+        """Return the sums, to be added to: of the residual, of the fit, and of what counts."""
         self._lengths.append(length)
         return self._powers.setdefault(size, np.zeros((3, size // 2 + 1)))
 
@@ -129,14 +130,14 @@ class _Residual:
         return sum(irfft(own[2], size)[0] for size, own in self._powers.items())
 
     def spectrum(self, weight):
-        """Return the noise's spectrum; ``weight`` is that of a sample on average."""
+        """Return the spectrum of the noise; ``weight`` is the mean weight of a sample."""
         lags = np.arange(max(*self._lengths, 2))
         whole = np.maximum(np.array(self._lengths)[:, None] - lags, 0).sum(axis=0)
         pairs = self._lags(2, 2) / np.maximum(whole[:2], 1)
         found, taken = self._lags(0, len(lags)), self._lags(1, 1)[0]
         n = weight * self.n_counted
         noise = _Spectrum(np.ones(1), found[0] / max(n - taken, 1.0))
-        for _ in range(_STEPS if pairs[1] > 0.0 else 0):  # or there are no neighbours
+        for _ in range(_STEPS if pairs[1] > 0.0 else 0):  # 0: no two neighbours both count
             read = (found + self._lags(1, len(lags), noise)) / (weight * whole[0])
             if not read[0] > 0.0:
                 break
@@ -145,7 +146,7 @@ class _Residual:
         return noise
 
     def _lags(self, row, count, noise=None):
-        """Return sums of products over the lags, (count,), of powers times a spectrum."""
+        """Return the autocovariances (count,) of a row of powers, times a spectrum if given."""
         total = np.zeros(count)
         for size, own in self._powers.items():
             power = own[row] if noise is None else own[row] * noise.at(size)
@@ -163,7 +164,7 @@ def _power(columns, size):
 
 
 def _both_sides(size):
-    """Return how often the frequencies of a transform are in the whole one."""
+    """Return how often each frequency of a real transform is in the two-sided one."""
     often = np.full(size // 2 + 1, 2.0)
     often[0] = 1.0
     if size % 2 == 0:

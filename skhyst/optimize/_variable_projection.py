@@ -7,10 +7,10 @@ the exact solution for c (Ruhe and Wedin, *SIAM Review*, 1980, algorithm 3). Tha
 here, damped as by Levenberg and Marquardt with the update of Nielsen, *Damping Parameter in
 Marquardt's Method*, 1999, within bounds that an active-set method keeps.
 
-Everything that an iteration needs, and that a fold of a cross-validation needs, stands in the Gram
-matrix of the columns ``[J, r]``, summed over stretches of the data. One pass over the
-records yields it, so memory does not grow with their length and a fold costs no further pass. This
-is why SciPy's ``least_squares`` is not used here: it wants the Jacobian itself, row by row.
+All that an iteration, or a fold of a cross-validation, needs is the Gram matrix of the columns
+``[J, r]``, summed over segments of the data. One pass over the records gives it, so memory does not
+grow with their length and a fold costs no further pass. This is why SciPy's ``least_squares`` is
+not used here: it needs the Jacobian itself.
 """
 
 import sys
@@ -24,16 +24,16 @@ from joblib import Parallel, delayed
 from .._documentation import inherit_documentation
 from ._bounded_step import bounded_step
 
-_LARGEST_LOG_STEP = 1.5  # a positive parameter changes by at most a factor e^1.5 a step
-CANCELLED = 1e-10  # part that an exact solution may leave before rounding shows in it
-STALE = 0.1  # part by which the exact solution of the start may reduce the sum of squares
-_DECADES = 1.5  # beyond the starting values of a positive parameter without bounds
-_REACH = 2.0  # beyond those of any other, in their own size
-_FULL_RUNS = 2  # of many starts, so many are followed to the end
+_LARGEST_LOG_STEP = 1.5  # a positive parameter changes by at most a factor e^1.5 per step
+CANCELLED = 1e-10  # fraction of the sum of squares below which rounding errors matter
+STALE = 0.1  # reduction by the linear solution at which the Jacobian is evaluated again
+_DECADES = 1.5  # of the search box beyond the starting values of a positive parameter
+_REACH = 2.0  # of the search box beyond the starting values of any other, in their magnitude
+_FULL_RUNS = 2  # starts that are followed to the end
 _TRIAL_EVALUATIONS = 4
-_TRIALS = 4  # of the starts on long records, those that fit best as they are
+_TRIALS = 4  # starts that are followed on long records: those that fit best
 _LONG = 50_000  # samples
-_KEPT = 0.5  # part of the unknowns that a random start takes from the best solution so far
+_KEPT = 0.5  # fraction of the unknowns that a random start takes from the best solution so far
 
 
 @dataclass
@@ -47,12 +47,12 @@ class Solution:
     converged: bool
     message: str
     history: list = field(default_factory=list)
-    damping: list = field(default_factory=list)  # one value an entry of the history, if recorded
+    damping: list = field(default_factory=list)  # one value per entry of the history, if recorded
     predicted_cost: float = np.inf  # cost that the next step is predicted to reach, if there is one
 
 
 class _Nielsen:
-    """Damping that follows how well the last step was predicted."""
+    """Damping by the ratio of the actual to the predicted reduction of the last step."""
 
     value, largest = 1e-4, 1e12
     shorter = 0.5  # length of a step relative to a refused one: damping grows until it is that
@@ -93,7 +93,8 @@ def variable_projection(
     blocks : ndarray, optional
         ``problem.evaluate(x0, select=select)`` where it is known already.
     tolerance : float, default=1e-8
-        Stops when a step would reduce, or has reduced, the sum of squares by less than this part.
+        Stops when a step is predicted to reduce, or has reduced, the sum of squares by less than
+        this fraction.
     max_evaluations : int, default=100
         Budget of simulations of all records.
     callback : callable, optional
@@ -102,10 +103,10 @@ def variable_projection(
     project : bool, default=True
         Solve the linear parameters exactly after each step, not at the start alone.
     **options
-        ``damping``, with a ``value``, its ``largest`` and what becomes of it after a step
-        (``accepted``, ``refused``) and the part of its length (``shorter``) that a refused step may
-        keep, by default Nielsen's; ``max_steps`` that reduce the cost; ``goal``, part of the power
-        of the response at which to stop.
+        ``damping``, an object with a ``value``, its ``largest``, methods ``accepted`` and
+        ``refused`` that change it after a step, and the fraction ``shorter`` of its length that the
+        step after a refused one may have, by default Nielsen's; ``max_steps`` that reduce the cost;
+        ``goal``, fraction of the power of the response at which to stop.
 
     Returns
     -------
@@ -118,7 +119,7 @@ def variable_projection(
         solution.cost, solution.n_evaluations = np.inf, 1
         solution.message = "The model is not finite at the starting values."
     else:
-        # the other columns were taken at the old linear part
+        # the columns of the other parameters were evaluated with the linear ones of the start
         solution.x, gram, more = eliminate(problem, x, gram, 1.0 - STALE, select)
         solution.n_evaluations += more
         solution.gram, solution.cost = gram, gram[-1, -1]
@@ -191,7 +192,7 @@ def _tried(problem, x, select, project):
 
 
 def damped_step(problem, x, gram, damping=0.0):
-    """Return the damped step from ``x`` and the reduction of squares that it promises."""
+    """Return the damped step from ``x`` and the predicted reduction of the sum of squares."""
     hessian, gradient = gram[:-1, :-1], gram[:-1, -1]
     reach = np.where(problem.log, _LARGEST_LOG_STEP, np.inf)
     step = bounded_step(
@@ -204,7 +205,7 @@ def damped_step(problem, x, gram, damping=0.0):
 
 
 def solve_linear(problem, x, gram):
-    """Solve the linear parameters exactly and carry the Gram matrix along."""
+    """Solve the linear parameters exactly; return the solution and the Gram matrix there."""
     if not problem.linear.any():
         return x, gram
     index = np.flatnonzero(problem.linear)
@@ -224,9 +225,9 @@ def solve_linear(problem, x, gram):
 
 
 def eliminate(problem, x, gram, part, select=None):
-    """Solve the linear parameters exactly, and evaluate where that leaves less than a part.
+    """Solve the linear parameters exactly; evaluate again if less than ``part`` is left.
 
-    From far away, as 1 is from a gain in other units, rounding errors may be larger than the
+    From a distant start, as 1 is for a gain in other units, rounding errors may exceed the
     response: then it is solved again.
     """
     n_evaluations = 0
@@ -274,6 +275,7 @@ class Method(ABC):
         Parameters
         ----------
         problems : sequence of OperatorProblem
+            What is minimised: ``evaluate``, ``total``, ``x0``, ``lower``, ``upper``, ``linear``.
 
         Returns
         -------
@@ -341,11 +343,14 @@ def search_box(problems):
 
 @dataclass(frozen=True, kw_only=True)
 class VariableProjection(Method):
-    """Separable least squares with exact derivatives; see :func:`variable_projection`.
+    """Separable least squares with exact derivatives: variable projection.
+
+    Each step is a Gauss-Newton step in all parameters, damped and within their bounds, followed by
+    the exact solution for those that enter linearly.
 
     Every start is followed for a few evaluations, the best two to the end. On long records (more
     than 50,000 samples) only those are followed that fit best once their linear parameters are
-    solved, and starts go side by side in threads, as many as there are processors.
+    solved, in parallel threads, as many as there are processors.
 
     Parameters
     ----------
@@ -354,8 +359,13 @@ class VariableProjection(Method):
     max_evaluations : int, default=100
         Budget of a run.
     n_random_starts : int, default=0
-        Starts drawn at random within the bounds, in about half of the unknowns each, from the best
-        solution that the starts from the data have led to.
+        Further starts from the best solution that the starts from the data lead to, with about half
+        of the unknowns drawn at random within the bounds.
+
+    References
+    ----------
+    Golub and Pereyra, *SIAM Journal on Numerical Analysis*, 1973; Ruhe and Wedin, *SIAM Review*,
+    1980, algorithm 3; damping: Nielsen, *Damping Parameter in Marquardt's Method*, 1999.
 
     Examples
     --------
@@ -385,7 +395,7 @@ class VariableProjection(Method):
         lower, upper = search_box([problem, *(p for p in problems if p is not problem)])
         shape = self.n_random_starts, len(lower)
         drawn = rng.uniform(lower, upper, shape)
-        # where a part of the solution is right already, a start that keeps it is worth most
+        # part of the solution may be right already: starts that keep it succeed most often
         kept = rng.random(shape) < _KEPT
         starts = [(problem, x) for x in np.where(kept, solution.x, drawn)]
         other, more = self._best_of(starts)
@@ -410,7 +420,7 @@ class VariableProjection(Method):
             order = np.argsort([trial.cost for trial in trials], kind="stable")[:_FULL_RUNS]
             starts = [(starts[i][0], trials[i].x) for i in order]
         if self.callback is not None or self.verbose:
-            parallel = Parallel(n_jobs=1)  # what is reported comes in order
+            parallel = Parallel(n_jobs=1)  # reports come in order
         solutions = parallel(
             delayed(variable_projection)(
                 problem,

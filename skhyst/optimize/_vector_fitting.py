@@ -1,9 +1,9 @@
 r"""Poles of a rational function from values at complex frequencies: relaxed vector fitting.
 
 Data are blocks of equations ``target(s) = sum_i N_i(s) / D(s) regressor_i(s)`` with one
-denominator D for all blocks and numerators of each block's own. A frequency response is such a
-block, with the regressor 1; so are the transforms of records, whose regressors are those of the
-inputs and, for what a record's ends leave, 1.
+denominator D for all blocks and separate numerators for each block. A frequency response is such a
+block, with the regressor 1; so are the transforms of records, with the transforms of the inputs
+and, for the transient due to the ends of a record, 1 as regressors.
 
 With poles a_k, the functions ``sigma(s) = d + sum_k c_k / (s - a_k)`` and ``sigma N_i / D`` with
 the same poles solve a linear least-squares problem; the zeros of sigma are the next poles
@@ -11,7 +11,7 @@ the same poles solve a linear least-squares problem; the zeros of sigma are the 
 Transactions on Power Delivery*, 2006). It is the iteration of Sanathanan and Koerner, *IEEE
 Transactions on Automatic Control*, 1963, in a basis that stays well conditioned (Deschrijver et
 al., *IEEE Microwave and Wireless Components Letters*, 2008). Each block is condensed by a QR
-factorisation before they are put together.
+factorisation before they are stacked.
 """
 
 from dataclasses import dataclass
@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 
 _ITERATIONS = 10
-_DAMPING = 0.02  # of the first poles
-_SLOWEST = 1e-9  # part of its size that a stable pole keeps from the imaginary axis
+_DAMPING = 0.02  # ratio of the initial poles
+_SLOWEST = 1e-9  # least distance of a stable pole from the imaginary axis, relative to its size
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,9 @@ def vector_fit(s, blocks, n_poles, *, feedthrough=True, stable=True):
     s : ndarray of shape (n,), complex
         Points on the imaginary axis, rad/s; the same for all blocks.
     blocks : sequence of RationalBlock
+        With the same denominator.
     n_poles : int
+        Degree of the denominator.
     feedthrough : bool, default=True
         Whether numerators may have the degree of the denominator; otherwise one less.
     stable : bool, default=True
@@ -51,7 +53,7 @@ def vector_fit(s, blocks, n_poles, *, feedthrough=True, stable=True):
     poles : ndarray of shape (n_poles,), complex
         rad/s; each pole with positive imaginary part is followed by its conjugate.
     cost : float
-        Weighted sum of squares that is left.
+        Weighted sum of squares of the residual.
     """
     size = np.abs(s)
     unit = np.exp(np.mean(np.log(size[size > 0.0])))
@@ -75,13 +77,16 @@ def vector_fit(s, blocks, n_poles, *, feedthrough=True, stable=True):
 
 
 def rational_residues(s, blocks, poles, *, feedthrough=True):
-    """Return the coefficients of each block in the basis of :func:`_basis`, and what is left.
+    """Return the coefficients of each block in the basis of :func:`_basis`, and the cost.
+
+    Parameters are those of :func:`vector_fit`; ``poles`` are as it returns them.
 
     Returns
     -------
     coefficients : list of ndarray of shape (n_poles [+ 1], q)
         Real; the last row is the feed-through.
     cost : float
+        Weighted sum of squares of the residual.
     """
     basis = _basis(s, poles, feedthrough)
     found, cost = [], 0.0
@@ -105,7 +110,7 @@ def _products(basis, regressors):
 
 
 def _basis(s, poles, feedthrough):
-    """Return real-coefficient partial fractions (n, n_poles [+ 1]): a pair makes two columns."""
+    """Return partial fractions (n, n_poles [+ 1]) for real coefficients: two columns per pair."""
     columns = np.empty((len(s), len(poles) + feedthrough), dtype=complex)
     columns[:, -1] = 1.0
     with np.errstate(divide="ignore", invalid="ignore"):

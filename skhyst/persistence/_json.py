@@ -70,6 +70,7 @@ def from_json(text) -> BaseEstimator:
     Parameters
     ----------
     text : str
+        JSON.
 
     Returns
     -------
@@ -80,6 +81,14 @@ def from_json(text) -> BaseEstimator:
     ValueError
         If the text is not such a model, has a later format, names a class that skhyst lacks, or
         holds parameters of other types, sizes or ranges than their class takes.
+
+    Examples
+    --------
+    >>> from skhyst.linear import Gain
+    >>> from skhyst.persistence import from_json, to_json
+    >>> model = Gain().fit([[0.0], [1.0], [2.0]], [0.0, 2.0, 4.0])
+    >>> from_json(to_json(model)).predict([[3.0]])
+    array([6.])
     """
     try:
         content = json.loads(text)

@@ -32,6 +32,7 @@ def save_model(model, path) -> None:
     Parameters
     ----------
     model : estimator
+        Fitted.
     path : path-like
         By skops if it ends in ``.skops``, which :func:`load_model` reads without executing code;
         otherwise by joblib, a pickle.
@@ -86,6 +87,7 @@ def load_model(path, trust=False) -> BaseEstimator:
     Parameters
     ----------
     path : path-like
+        File that :func:`save_model` has written.
     trust : bool, default=False
         Whether a pickle is loaded too, and types that are neither of skhyst nor known to skops:
         both can run any code.
@@ -107,6 +109,10 @@ def load_model(path, trust=False) -> BaseEstimator:
     -----
     UserWarning
         If another version of skhyst has written the file.
+
+    Examples
+    --------
+    See :func:`save_model`.
     """
     path = Path(path)
     check_input(path)

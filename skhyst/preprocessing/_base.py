@@ -63,6 +63,11 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
         dt : float
             Sampling interval in s.
 
+        Returns
+        -------
+        list of (int, int)
+            Position in the row, and lag in samples, of each feature.
+
         Raises
         ------
         NotImplementedError

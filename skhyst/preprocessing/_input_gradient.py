@@ -40,6 +40,11 @@ class GeneralizedInputGradient(RecordTransformer):
     dt : float, default=1.0
         Sampling interval in s of data without a time index.
 
+    See Also
+    --------
+    PlayOperators : Features that hold the whole history of extrema.
+    skhyst.neural.GrayBoxHysteresis : A model that uses this rate.
+
     Notes
     -----
     The rate is in the drive's unit per second. While the drive rests it is 0: at a flat top the

@@ -29,6 +29,11 @@ class LaggedFeatures(RecordTransformer):
     lags_ : tuple of (int, int)
         Position of the column and lag of each feature.
 
+    See Also
+    --------
+    skhyst.autoregressive.NARXRegressor : Past values of the response, too.
+    PlayOperators : Features with a memory of any length.
+
     Examples
     --------
     >>> import numpy as np

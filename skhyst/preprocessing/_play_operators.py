@@ -99,6 +99,11 @@ class PlayOperators(_OperatorBasis):
     include_drive : bool, default=False
         Whether the drive itself is a feature, before its plays.
 
+    See Also
+    --------
+    StopOperators : What the plays leave of the drive.
+    skhyst.hysteresis.PrandtlIshlinskii : A linear model of these features.
+
     Examples
     --------
     >>> import numpy as np
@@ -136,6 +141,11 @@ class StopOperators(_OperatorBasis):
         0, for which the feature would be zero.
     include_drive : bool, default=True
         Whether the drive itself is a feature, before its stops.
+
+    See Also
+    --------
+    PlayOperators : The other part of the drive.
+    skhyst.hysteresis.MaxwellSlip : A linear model of these features.
 
     Examples
     --------

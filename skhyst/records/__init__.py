@@ -4,7 +4,9 @@ from ._data_quality import data_quality
 from ._data_quality import lost_readings as lost_readings
 from ._data_quality import with_reactions as with_reactions
 from ._frames import iter_records, stack_records
-from ._index import RecordSlice, by_interval, chosen_interval, record_slices, sampling_interval
+from ._index import RecordSlice, record_slices, sampling_interval
+from ._index import by_interval as by_interval
+from ._index import chosen_interval as chosen_interval
 from ._index import first_of_equals as first_of_equals
 from ._read_records import read_records
 from ._recording_overview import RecordingOverview, inspect_recording
@@ -15,8 +17,6 @@ __all__ = [
     "RecordSlice",
     "RecordingOverview",
     "Units",
-    "by_interval",
-    "chosen_interval",
     "data_quality",
     "inspect_recording",
     "iter_records",

@@ -38,6 +38,7 @@ def data_quality(X, y, records) -> pd.DataFrame:
     y : ndarray of shape (n_samples,)
         Response.
     records : sequence of RecordSlice
+        Rows and sampling interval of each record.
 
     Returns
     -------
@@ -47,7 +48,8 @@ def data_quality(X, y, records) -> pd.DataFrame:
         ``lost_samples``, ``swapped_channels``, ``noisy_drive``, ``repeated_record``), ``record``,
         ``n_samples``, ``rows`` (the first few), ``value`` (reading at which it was stuck, clipped
         or lost; jump of a wrapped reading; relative standard deviation of the interval; number of
-        samples lost before each row; standard deviation of the drive's noise; NaN for others), ``advice``.
+        samples lost before each row; standard deviation of the drive's noise; NaN for others),
+        ``advice``.
 
     Notes
     -----

@@ -21,6 +21,7 @@ class RecordingOverview:
     name : str
         Name of the file.
     columns : tuple of ColumnOverview
+        In the order of the file.
     records : tuple of RecordSlice
         Empty where the sampling of the rows is not known.
     faults : tuple of str

@@ -36,13 +36,35 @@ class Units:
     time: str = "s"
 
     def in_time(self, text) -> str:
-        """Return a text with "s" and "Hz" replaced if time counts samples."""
+        """Return a text with "s" and "Hz" replaced if time counts samples.
+
+        Parameters
+        ----------
+        text : str
+            In s and Hz.
+
+        Returns
+        -------
+        str
+            In samples and cycles/sample, or as it was.
+        """
         for pattern, words in _PER_SAMPLE if self.time == "sample" else ():
             text = pattern.sub(words, text)
         return text
 
     def of(self, unit) -> str:
-        """Return a unit written in terms of drive, response, s and Hz; "" if it cancels."""
+        """Return a unit in those of the recording.
+
+        Parameters
+        ----------
+        unit : str
+            In terms of drive, response, s and Hz, such as ``"response/drive"``.
+
+        Returns
+        -------
+        str
+            The unit, "" if it cancels.
+        """
         words = {"drive": self.drive, "response": self.response}
         unit = re.sub(
             r"\b(drive|response)\b", lambda w: words[w.group()] or w.group(), self.in_time(unit)
@@ -50,5 +72,16 @@ class Units:
         return re.sub(r"^(\S+)/\1$", "", unit)
 
     def label(self, text) -> str:
-        """Return an axis label with the unit in brackets at its end in these units."""
+        """Return an axis label in the units of the recording.
+
+        Parameters
+        ----------
+        text : str
+            Label with a unit in brackets at its end, in terms of drive, response, s and Hz.
+
+        Returns
+        -------
+        str
+            The label.
+        """
         return re.sub(r"\(([^()]+)\)$", lambda found: f"({self.of(found.group(1))})", text)

@@ -17,6 +17,10 @@ class StaticOperator(Operator):
     curve : callable or None
         Compiled ``curve(u, c, s) -> y``, see :class:`~skhyst.operators.CompiledLaw`; ``s`` is
         empty.
+
+    Examples
+    --------
+    See :class:`DeadBandOperator`, :class:`SaturationOperator`.
     """
 
     stage_order = 40
@@ -46,7 +50,18 @@ class StaticOperator(Operator):
         return y, np.concatenate([du * slope[:, None], own], axis=1)
 
     def bend(self, seen):
-        """Return how far the curve departs from a straight line over the range of its input."""
+        """Return how far the curve departs from a straight line over the range of its input.
+
+        Parameters
+        ----------
+        seen : object
+            As for :meth:`characteristics`; of it the ``ends`` of the input.
+
+        Returns
+        -------
+        dict of str to (float, str)
+            Largest departure as a percentage of the range, by its name.
+        """
         v = np.linspace(*seen.ends, 300)
         departure = self.run(v, 1.0)[0] - v
         departure -= np.polyval(np.polyfit(v, departure, 1), v)
@@ -58,7 +73,7 @@ class StaticModel(ParametricModel):
 
     Parameters
     ----------
-    initial_state, dt, method
+    initial_state, dt, method : str, float, str or Method
         As for every model; a memoryless model depends on neither.
     """
 

@@ -21,7 +21,23 @@ def dead_band(u, c, s):
 
 @dataclass(frozen=True)
 class DeadBandOperator(StaticOperator):
-    """No response within a band: ``y = v - clip(v, center - half_width, center + half_width)``."""
+    """No response within a band: ``y = v - clip(v, center - half_width, center + half_width)``.
+
+    Parameters
+    ----------
+    half_width : float
+        Units of the drive.
+    center : float, default=0.0
+        Units of the drive.
+    stage_order : int, default=0
+        Place in a series. Fixed structure.
+
+    Examples
+    --------
+    >>> from skhyst.static import DeadBandOperator
+    >>> DeadBandOperator(1.0).run([-2.0, 0.5, 2.0], dt=1.0)[0]
+    array([-1.,  0.,  1.])
+    """
 
     half_width: float = parameter(log=True, lower=0.0, unit="drive")
     center: float = parameter(unit="drive", default=0.0)
@@ -50,6 +66,11 @@ class DeadBand(StaticModel):
     ----------
     operator_ : DeadBandOperator
         ``center`` (a + b) / 2 and ``half_width`` (b - a) / 2, units of the signal.
+
+    See Also
+    --------
+    skhyst.hysteresis.Backlash : A gap with memory.
+    DeadZones : One-sided dead zones, added.
 
     Examples
     --------

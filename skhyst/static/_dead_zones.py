@@ -38,6 +38,25 @@ class DeadZoneOperator(StaticOperator):
 
     ``y = v + sum_j weights_j D_j(v)`` with ``D_j(v) = max(v - thresholds_j, 0)`` where ``side`` is
     +1 and ``min(v - thresholds_j, 0)`` where it is -1.
+
+    Parameters
+    ----------
+    weights : ndarray of shape (n_zones,)
+        Change of the slope at each threshold.
+    thresholds : ndarray of shape (n_zones,)
+        Units of the drive. Fixed structure.
+    side : ndarray of shape (n_zones,)
+        1 or -1. Fixed structure.
+    stage_order : int, default=20
+        Place in a series. Fixed structure.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.static import DeadZoneOperator
+    >>> zones = DeadZoneOperator(np.array([0.5]), np.array([1.0]), np.array([1]))
+    >>> zones.run([-2.0, 0.5, 2.0], dt=1.0)[0]
+    array([-2. ,  0.5,  2.5])
     """
 
     weights: np.ndarray = parameter(linear=True)
@@ -121,9 +140,20 @@ class MonotoneDeadZoneOperator(StaticOperator):
         return np.concatenate([-np.diff(below, append=1.0), np.diff(above, prepend=1.0)])
 
     def parts(self, v):
-        """Split ``v`` (n,) by segments: return the central part (n,) and the others (n, n_zones).
+        """Split values by the segments of the curve.
 
-        The parts add up to ``v``; weighted by the slopes of the segments, to the output.
+        Parameters
+        ----------
+        v : ndarray of shape (n,)
+            Values of the input.
+
+        Returns
+        -------
+        central : ndarray of shape (n,)
+            Their part in the central segment.
+        others : ndarray of shape (n, n_zones)
+            Their parts in the others. All parts add up to ``v``; weighted by the slopes of the
+            segments, to the output.
         """
         t, k = np.asarray(self.thresholds, dtype=float), self.n_lower
         gaps = np.diff(t, prepend=-np.inf, append=np.inf)
@@ -195,6 +225,11 @@ class DeadZones(StaticModel):
     ----------
     operator_ : DeadZoneOperator
         ``weights``, ``thresholds`` (units of the signal), ``side``.
+
+    See Also
+    --------
+    skhyst.hysteresis.ModifiedPrandtlIshlinskii : Plays with this curve behind them.
+    SmoothCurve : A curve without kinks.
 
     Examples
     --------

@@ -29,6 +29,12 @@ class FoldOperator(StaticOperator):
         ``a``, units of the drive.
     side : {1, -1}, default=1
         ``s``: values below the level are mirrored up (1), or values above it down (-1).
+
+    Examples
+    --------
+    >>> from skhyst.static import FoldOperator
+    >>> FoldOperator(0.0).run([-2.0, 0.5, 2.0], dt=1.0)[0]
+    array([2. , 0.5, 2. ])
     """
 
     level: float = parameter(unit="drive")
@@ -45,11 +51,21 @@ class FoldOperator(StaticOperator):
         return self.level + slope * (v - self.level), slope, (1.0 - slope)[:, None]
 
     def unfolded(self, y):
-        """Return a smooth signal (n_samples,) that the fold maps to ``y``.
+        """Return a smooth signal that the fold maps to ``y``.
 
         Of the two values that each sample can come from, the one nearer to the straight line
         through the two previous samples is taken; the first two samples are kept. The sign about
         the level is not identifiable: the mirror image of the signal has the same fold.
+
+        Parameters
+        ----------
+        y : ndarray of shape (n_samples,)
+            Folded signal.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+            The signal.
         """
         away = np.asarray(y, dtype=float) - self.level
         found = away.copy()
@@ -76,6 +92,10 @@ class Fold(StaticModel):
     ----------
     operator_ : FoldOperator
         ``level`` a, units of the drive.
+
+    See Also
+    --------
+    SmoothCurve : Curves that do not turn round.
 
     Examples
     --------

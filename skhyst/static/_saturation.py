@@ -20,7 +20,21 @@ def clip(u, c, s):
 
 @dataclass(frozen=True)
 class SaturationOperator(StaticOperator):
-    """Clipping to ``lower <= y <= upper``; an infinite level is no limit and is not identified."""
+    """Clipping to ``lower <= y <= upper``; an infinite level is no limit and is not identified.
+
+    Parameters
+    ----------
+    lower, upper : float, default=-inf, inf
+        Levels, units of the drive.
+    stage_order : int, default=0
+        Place in a series: 0 for a limit of the drive, 50 for one of a sensor. Fixed structure.
+
+    Examples
+    --------
+    >>> from skhyst.static import SaturationOperator
+    >>> SaturationOperator(upper=1.0).run([-2.0, 0.5, 2.0], dt=1.0)[0]
+    array([-2. ,  0.5,  1. ])
+    """
 
     lower: float = parameter(unit="drive", default=-np.inf)
     upper: float = parameter(unit="drive", default=np.inf)
@@ -53,6 +67,11 @@ class Saturation(SaturationModel):
     ----------
     operator_ : SaturationOperator
         ``lower`` and ``upper``, units of the signal.
+
+    See Also
+    --------
+    SoftSaturation : With a rounded knee.
+    skhyst.hysteresis.SlewLimit : Limits of the rate.
 
     Examples
     --------

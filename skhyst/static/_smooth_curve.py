@@ -44,6 +44,23 @@ class PolynomialCurveOperator(StaticOperator):
     straight line with the slope that its terms up to degree 3 have at the end. These two suffice
     for any slope at either end, and an error of a coefficient is amplified by the slope of P_d
     there, d (d + 1) / 2, which grows with the degree.
+
+    Parameters
+    ----------
+    coefficients : ndarray of shape (degree - 1,)
+        From degree 2 on.
+    center, scale : float
+        Middle and half of the range of the polynomials, units of the drive. Fixed structure.
+    stage_order : int, default=40
+        Place in a series. Fixed structure.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.static import PolynomialCurveOperator
+    >>> curve = PolynomialCurveOperator(np.array([0.1]), center=0.0, scale=1.0)
+    >>> curve.run([-1.0, 0.0, 1.0], dt=1.0)[0].round(2).tolist()
+    [-0.9, -0.05, 1.1]
     """
 
     coefficients: np.ndarray = parameter(linear=True)
@@ -96,6 +113,11 @@ class SmoothCurve(StaticModel):
     ----------
     operator_ : PolynomialCurveOperator
         ``coefficients``, from degree 2 on, relative to ``scale``.
+
+    See Also
+    --------
+    DeadZones : A curve in straight pieces.
+    SoftSaturation : A curve with two limits.
 
     Examples
     --------

@@ -39,13 +39,19 @@ class SoftSaturationOperator(StaticOperator):
     level : float
         L, units of the drive.
     knee : float, default=2.0
-        n, from 0.3 to 50.
+        Exponent n, from 0.3 to 50.
     center : float, default=0.0
-        c, units of the drive.
+        Centre c, units of the drive.
     side : {0, 1, -1}, default=0
         Saturates on both sides of the centre, above it or below it; the other side is straight.
     stage_order : int, default=50
-        Position in a series: 50 for a sensor, 0 for a limit of the drive.
+        Place in a series: 50 for a sensor, 0 for a limit of the drive.
+
+    Examples
+    --------
+    >>> from skhyst.static import SoftSaturationOperator
+    >>> SoftSaturationOperator(1.0).run([0.0, 1.0, 1e6], dt=1.0)[0].round(3).tolist()
+    [0.0, 0.707, 1.0]
     """
 
     level: float = parameter(log=True, lower=0.0, unit="drive")
@@ -81,7 +87,18 @@ class SoftSaturationOperator(StaticOperator):
         return {"reduction at the ends of the range": (reduction, "response")}
 
     def unsaturated(self, y):
-        """Return the drive (n_samples,) of a response (n_samples,), infinite beyond saturation."""
+        """Return the drive of a response.
+
+        Parameters
+        ----------
+        y : ndarray of shape (n_samples,)
+            Response.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+            Drive, infinite beyond saturation.
+        """
         distance = np.asarray(y, dtype=float) - self.center
         with np.errstate(divide="ignore"):
             part = np.log(np.abs(distance)) - np.log(self.level)
@@ -118,6 +135,11 @@ class SoftSaturation(SaturationModel):
     operator_ : SoftSaturationOperator
         ``level`` L and ``center`` c, units of the signal; ``knee`` n, from 0.3 to 50;
         ``unsaturated(y)``.
+
+    See Also
+    --------
+    Saturation : With sharp limits.
+    skhyst.hysteresis.JilesAtherton : Magnetic saturation with hysteresis.
 
     References
     ----------

@@ -10,7 +10,8 @@ import pandas as pd
 import pytest
 
 import skhyst
-from skhyst.app import DEVICES, suggest_model
+from skhyst.app import suggest_model
+from skhyst.app._suggestion import DEVICES
 from skhyst.cli import main
 from skhyst.discovery import parse_model
 

@@ -70,7 +70,7 @@ def test_next_writes_the_drive_that_python_proposes(recording, tmp_path, capsys)
     np.testing.assert_allclose(table["time"], experiment.drive.index)
     assert f"record next: {experiment.reason}" in capsys.readouterr().out
     assert main(command) == 1
-    assert "drive.csv is there already: add --force" in capsys.readouterr().err
+    assert "drive.csv exists already: add --force" in capsys.readouterr().err
     assert main([*command, "--force"]) == 0
     path.unlink()
     command[command.index("--limits") + 1] = "50"
@@ -230,10 +230,10 @@ def test_no_input_and_no_other_file_is_written_over(recording, tmp_path, capsys)
     os.link(recording, tmp_path / "hard.json")
     (tmp_path / "mine.json").write_text("mine")
     for output, message, path in (
-        (recording, "is what is read", recording),
-        (tmp_path / "new" / ".." / "hard.json", "is what is read", recording),
-        (tmp_path / "link.json", "is what is read", recording),
-        (tmp_path / "mine.json", "is there already: add --force", tmp_path / "mine.json"),
+        (recording, "is an input", recording),
+        (tmp_path / "new" / ".." / "hard.json", "is an input", recording),
+        (tmp_path / "link.json", "is an input", recording),
+        (tmp_path / "mine.json", "exists already: add --force", tmp_path / "mine.json"),
     ):
         old, force = path.read_bytes(), ["--force"] if path == recording else []
         assert main(arguments(recording, "--json", str(output), *force)) == 1
@@ -246,8 +246,8 @@ def test_no_input_and_no_other_file_is_written_over(recording, tmp_path, capsys)
     assert "two outputs" in capsys.readouterr().err
     (tmp_path / "protected").write_text("")
     for checkpoint, message in (
-        (tmp_path / "one", "is what is read"),  # of the checkpoint, by the output of that name
-        (recording, "is what is read"),
+        (tmp_path / "one", "is an input"),  # of the checkpoint, by the output of that name
+        (recording, "is an input"),
         (tmp_path / "protected" / "search.skops", "search.skops cannot be written"),
     ):
         more = ["--json", str(tmp_path / "one"), "--checkpoint", str(checkpoint)]
@@ -265,7 +265,7 @@ def test_a_file_that_comes_during_the_search_is_kept(recording, tmp_path, capsys
 
     monkeypatch.setattr(EffectSearchCV, "fit", slow)
     assert main(arguments(recording, "--json", str(path))) == 1
-    assert "is there already" in capsys.readouterr().err
+    assert "exists already" in capsys.readouterr().err
     assert path.read_text() == "mine"
 
 

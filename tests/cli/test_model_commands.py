@@ -159,7 +159,7 @@ def test_what_is_there_is_kept(model_file, tmp_path, capsys):
         (tmp_path / file).write_text("mine")
         call = ["export", str(model_file), *map(str, out)]
         assert main(call) == 1
-        assert f"{file} is there already: add --force" in capsys.readouterr().err
+        assert f"{file} exists already: add --force" in capsys.readouterr().err
         assert (tmp_path / file).read_text() == "mine"
         assert not (tmp_path / "stage.c").exists()
 
@@ -200,7 +200,7 @@ def test_no_model_and_no_reference_is_written_over(model_file, reference, tmp_pa
         old = path.read_bytes()
         assert main([*call, "--force"]) == 1
         printed = capsys.readouterr().err
-        assert "is what is read" in printed
+        assert "is an input" in printed
         assert printed.count("\n") == 1
         assert path.read_bytes() == old
 

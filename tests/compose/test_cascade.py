@@ -8,7 +8,8 @@ from sklearn.frozen import FrozenEstimator
 from sklearn.linear_model import Ridge
 from sklearn.utils.validation import check_is_fitted
 
-from skhyst.compose import Cascade, Sum, thin_records
+from skhyst.compose import Cascade, Sum
+from skhyst.compose._cascade import thin_records
 from skhyst.disturbance import Drift
 from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
 from skhyst.linear import (

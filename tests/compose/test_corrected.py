@@ -18,9 +18,8 @@ from skhyst.compose import (
     Modulated,
     Sum,
     Turn,
-    explained_change,
-    fold_of_rows,
 )
+from skhyst.compose._backfitting import explained_change, fold_of_rows
 from skhyst.disturbance import Offset
 from skhyst.linear import (
     FirstOrderLag,

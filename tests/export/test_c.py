@@ -16,13 +16,8 @@ from skhyst.hysteresis import (
     TanhHysteresisOperator,
 )
 from skhyst.linear import FirstOrderLag
-from skhyst.operators import (
-    CompiledColumn,
-    CompiledLaw,
-    CompiledProduct,
-    CompiledSeries,
-    Stepper,
-)
+from skhyst.operators import CompiledColumn, CompiledLaw, CompiledSeries, Stepper
+from skhyst.operators._compiled_step import CompiledProduct
 
 FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror", "-pedantic") + (
     "-fsanitize=address,undefined",

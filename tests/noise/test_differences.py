@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from skhyst.noise import difference_noise, largest_noise, white_noise_floor
+from skhyst.noise import largest_noise, white_noise_floor
+from skhyst.noise._differences import difference_noise
 
 N = 4000
 

@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from skhyst.noise import NoiseModel, fit_noise, quantisation_step
+from skhyst.noise import NoiseModel, fit_noise
+from skhyst.noise._model import quantisation_step
 
 N = 2000
 

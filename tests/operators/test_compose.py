@@ -14,6 +14,7 @@ from skhyst.linear import (
     SecondOrderModeOperator,
 )
 from skhyst.operators import (
+    Factor,
     FrozenOperator,
     Series,
     SumOperator,
@@ -189,6 +190,12 @@ def test_a_composition_declares_what_its_stages_do(kind):
     for motion in (FrozenOperator(stage), kind(stage=stage), kind(lag=LAG, stage=stage)):
         assert not motion.at_once
     assert whole.at_once
+    for plays in (
+        FrozenOperator(PLAYS),
+        PLAYS * Factor(1),
+        kind(limit=SaturationOperator(), p=PLAYS),
+    ):
+        assert plays.stage_order == PLAYS.stage_order == 10
 
 
 class Wrong(FirstOrderLagOperator):

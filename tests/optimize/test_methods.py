@@ -24,13 +24,12 @@ from skhyst.optimize import (
     ModifiedCuckooSearch,
     OperatorProblem,
     ParticleSwarm,
-    PopulationMethod,
     RecordData,
     VariableProjection,
     identify,
-    restrict,
-    search_box,
 )
+from skhyst.optimize._population import PopulationMethod
+from skhyst.optimize._variable_projection import restrict, search_box
 
 DT = 0.01
 TRUTH = SecondOrderModeOperator(60.0, 0.05, gain=2.0, intercept=0.3)
