@@ -21,7 +21,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 LAYERS = (  # from the bottom: a module imports from its own layer and those before it
-    ("__init__", "_block_test", "_documentation", "_files", "_jit", "_sklearn", "exceptions"),
+    ("__init__", "_documentation", "_files", "_jit", "_sklearn", "exceptions"),
+    ("noise",),
     ("io",),
     ("records", "_validation"),
     ("operators",),
@@ -41,7 +42,6 @@ LAYERS = (  # from the bottom: a module imports from its own layer and those bef
 )
 # underscored, and there for every package
 SHARED = (
-    "skhyst._block_test",
     "skhyst._documentation",
     "skhyst._files",
     "skhyst._jit",

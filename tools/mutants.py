@@ -62,7 +62,6 @@ _DECISIONS = {  # module, of the diagnosis where no folder is named: tests, the 
     "_location": "test_location",
     "_next_experiment": "test_next_experiment",
     "_noise_floor": "test_noise test_reference",
-    "_noise_model": "test_noise_model",
     "_open_questions": "test_next_experiment test_evidence",
     "_periods": "test_noise test_plausibility",
     "_plausibility": "test_plausibility test_effects test_moved_modes",
@@ -74,7 +73,9 @@ _DECISIONS = {  # module, of the diagnosis where no folder is named: tests, the 
     "_tree": "test_tree test_candidates test_starts",
     "records/_channels": "test_channels test_data_quality test_reference",
     "records/_data_quality": "test_data_quality test_robust",
-    "skhyst/_block_test": "test_small_decisions test_criterion",
+    "noise/_model": "test_model",
+    "noise/_block_test": "test_small_decisions test_block_test",
+    "noise/_differences": "test_differences test_channels",
 }
 _KERNELS = {  # module: tests beside those of the same name, names in the suite of all operators
     "hysteresis/_bouc_wen": ("", "Bouc-Wen and not stage"),

@@ -54,35 +54,10 @@ one alarm.
 """
 
 import numpy as np
-from scipy.linalg import solve_toeplitz
 from scipy.stats import f as f_distribution
 
 _SEEN = 1e-9  # fraction of the largest information; below it, rounding of differences prevails
 _LEVEL = 0.05  # family-wise level of the tests whether the sums of the fit are those of noise
-
-
-def whitening(series):
-    """Return the autoregressive filter (order + 1,) that whitens a list of noise series.
-
-    Its coefficients follow from the autocovariance (Yule, *Philosophical Transactions of the Royal
-    Society A*, 1927). Its order, up to 10 log10 n, minimises the Bayesian information criterion
-    (Schwarz, *Annals of Statistics*, 1978).
-    """
-    n = sum(map(len, series))
-    orders = range(min(int(10.0 * np.log10(n)), min(map(len, series)) - 1) + 1)
-    covariance = np.array([sum(e[lag:] @ e[: len(e) - lag] for e in series) / n for lag in orders])
-    if covariance[0] == 0.0:
-        return np.ones(1)
-    best, least = np.ones(1), n * np.log(covariance[0])
-    for order in orders[1:]:
-        weights = solve_toeplitz(covariance[:order], covariance[1 : order + 1])
-        variance = covariance[0] - weights @ covariance[1 : order + 1]  # of the prediction error
-        if variance <= 0.0:
-            break
-        criterion = n * np.log(variance) + order * np.log(n)
-        if criterion < least:
-            best, least = np.append(1.0, -weights), criterion
-    return best
 
 
 class LocalTests:

@@ -22,8 +22,9 @@ from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import HasMethods, Interval, fit_context
 from ..base import read_data
+from ..noise import whitening_filter
 from ..operators import add_disturbances, split_disturbances
-from ._local_tests import LocalTests, whitening
+from ._local_tests import LocalTests
 from ._suspects import likely, smallest_squares, squares_after_step
 
 _EXACT = 1e-12  # rounding error of a run, as a fraction of the response
@@ -154,7 +155,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         runs = [(_Columns(self, dt, u[0]), rows) for rows, u, dt in read]
         motion = np.concatenate([columns.motion(rows) for columns, rows in runs])
         records = [columns.run(rows) for columns, rows in runs]
-        self.whitening_ = whitening([record[:, 0] for record in records])
+        self.whitening_ = whitening_filter([record[:, 0] for record in records])
         white = np.concatenate([lfilter(self.whitening_, 1.0, own, axis=0) for own in records])
         scales = np.sqrt(np.einsum("ki,ki->i", white, white))
         steps = np.array([step for *_, step, _ in self._changed])

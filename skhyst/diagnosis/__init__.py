@@ -3,7 +3,6 @@
 from ._effects import EFFECTS, Effect, effect_names, register_effect, unregister_effect
 from ._evidence import Evidence
 from ._next_experiment import Experiment, next_experiment
-from ._noise_model import NoiseModel
 from ._pictures import Picture
 from ._progress import Progress
 from ._report import Report
@@ -15,7 +14,6 @@ __all__ = [
     "EffectSearchCV",
     "Evidence",
     "Experiment",
-    "NoiseModel",
     "Picture",
     "Progress",
     "Report",

@@ -17,10 +17,10 @@ from functools import cached_property
 import numpy as np
 from joblib import delayed
 
+from ..noise import fit_noise
 from ..optimize import predicted_cost, single_step, variable_projection
 from ._constants import FACTOR, NOTICEABLE, TOLERANCE
 from ._criterion import weighted
-from ._noise_model import noise_model
 from ._shortened import are_long
 from ._starts import starting_trees
 
@@ -67,7 +67,7 @@ class Candidate:
     @cached_property
     def noise(self):
         """NoiseModel of what is left held out, as it counts."""
-        return noise_model(weighted(self.residuals, self.weights))
+        return fit_noise(weighted(self.residuals, self.weights))
 
 
 def screened(effect, structure, records):

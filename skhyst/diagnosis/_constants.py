@@ -35,7 +35,6 @@ PROBES = 64  # samples that rule out most lags
 LAGS = 2 ** np.arange(9)  # samples that it looks back, logarithmically spaced
 STRETCHES = 60  # of consecutive samples, which folds take in turn
 DRAWS = 100  # of noise on the drive: its power to a seventh
-STEEPEST = 4.0  # exponent of a noise's spectrum: of white noise that is summed up twice
 
 # ---- repetitions
 BLOCKS = 16  # of the difference between two of them

@@ -41,7 +41,8 @@ from scipy.fft import dct
 from scipy.optimize import minimize
 from scipy.stats import norm
 
-from ._constants import DRAWS, STEEPEST
+from ..noise import STEEPEST
+from ._constants import DRAWS
 
 
 def course_p_values(tree, records):

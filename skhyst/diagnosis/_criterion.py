@@ -32,7 +32,7 @@ are enough where the gain is far beyond chance.
 **Coloured noise.** Slow noise hides a quick gain only where both are summed up as they are: with
 the noise's own forecast taken off both residuals, what is left of each is white and the gain stands
 beside noise of its own band. So the same test is made a second time, with the innovations of
-:math:`a` and :math:`b` under the rival's noise model (``_noise_model``), each record in units of
+:math:`a` and :math:`b` under the rival's noise model (``skhyst.noise``), each record in units of
 what both leave of it. Either is a test of its own at the level; the smaller p-value counts twice
 (Bonferroni). A linear filter and a factor that treats both alike leave equal models equal, so the
 second keeps its level whether the law is right or not.
@@ -73,7 +73,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._block_test import block_p_value
+from ..noise import block_p_value
 
 
 @dataclass(frozen=True)

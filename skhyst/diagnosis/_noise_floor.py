@@ -5,7 +5,7 @@ has not is noise, whatever its colour. Where nothing repeats, noise is what noth
 own law: a flexible black box sees the drive's past, which a model could have used, and the
 residual's own past, which shows structure that is no function of the drive (an oscillation or a
 chaotic motion of its own, a gain that switches). Coloured noise has a past, too, but not of the
-drive; so where the residual has the spectrum of a sensor's noise, see ``_noise_model``, the black
+drive; so where the residual has the spectrum of a sensor's noise, see ``skhyst.noise``, the black
 box first sees the drive alone, and then has to predict what that law does not. In a closed loop
 the drive knows the noise: the reference of the loop takes its place, see ``_reference``.
 """
@@ -17,11 +17,10 @@ import numpy as np
 from sklearn.ensemble import HistGradientBoostingRegressor
 from sklearn.linear_model import Ridge
 
-from .._block_test import block_length, block_p_value
+from ..noise import NoiseModel, block_length, block_p_value, fit_noise, stretches
 from ..records import by_interval
 from ._constants import BLOCKS, ENOUGH, FACTOR, LAGS, SLOW, STRETCHES, TRANSIENT
 from ._criterion import paired_p_value
-from ._noise_model import NoiseModel, noise_model, stretches
 from ._periods import drive_period, repeats
 
 
@@ -88,7 +87,7 @@ def judge_residual(records, residuals, predictions, rng, criterion, *, in_loop=F
     power = sum(map(np.nansum, map(np.square, residuals)))
     power /= max(sum(np.isfinite(r).sum() for r in residuals), 1)
     if not power > 0.0:
-        return Judgement(False, False, 0.0, 1.0, 0.0, False, noise_model(residuals, readings))
+        return Judgement(False, False, 0.0, 1.0, 0.0, False, fit_noise(residuals, readings))
     pairs = list(_repetitions(records))
     floor = repeatability(records, pairs=pairs)
     repeated = floor is not None
@@ -102,7 +101,7 @@ def judge_residual(records, residuals, predictions, rng, criterion, *, in_loop=F
     structured = trial.is_structure(criterion)
     if in_loop or not repeated:
         floor = float(np.sqrt(power * (trial.share if structured else 1.0)))
-    noise = noise_model(trial.left if structured else residuals, readings)
+    noise = fit_noise(trial.left if structured else residuals, readings)
     if structured:
         noise = replace(noise, standard_deviation=floor)
     unsure = not structured and trial.matters(criterion)
@@ -228,7 +227,7 @@ def black_box_gain(records, residuals, predictions, rng, criterion):
     -------
     Trial
     """
-    noise = noise_model(residuals)
+    noise = fit_noise(residuals)
     x, n_driven, y, new, block = _seen(records, residuals, predictions, rng, noise)
     ends = np.flatnonzero(np.diff(block)) + 1
 

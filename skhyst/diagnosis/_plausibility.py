@@ -11,7 +11,7 @@ claimed.
 import numpy as np
 from scipy.stats import norm
 
-from ..records import largest_noise
+from ..noise import largest_noise
 from ._constants import FLAT, HARD, NOTICEABLE, REPEATS
 from ._periods import near_period, turns
 from ._traits import n_ringing, presliding_displacement

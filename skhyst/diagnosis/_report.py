@@ -32,7 +32,8 @@ class Report:
     error_before, error_after, noise_floor, response_range : float
         Held-out errors of both models, the error that no model can beat, and the range.
     noise_model : dict
-        The fields of the search's :class:`NoiseModel`, and ``text``, which puts them into words.
+        The fields of the search's :class:`~skhyst.noise.NoiseModel`, and ``text``, which puts
+        them into words.
     drive_name, response_name : str
         Names of the columns.
     units : dict of str to str

@@ -16,6 +16,7 @@ from threadpoolctl import threadpool_limits
 from .._sklearn import HasMethods, Interval, StrOptions, fit_context
 from ..base import read_data
 from ..model_selection import by_content, segment_folds
+from ..noise import NoiseModel
 from ..records import (
     data_quality,
     lost_readings,
@@ -43,7 +44,6 @@ from ._inputs import (
 )
 from ._location import locate
 from ._noise_floor import judge_residual, repeatability
-from ._noise_model import NoiseModel
 from ._progress import watched
 from ._reference import column_of, reference_of, without_column
 from ._report import Report

@@ -14,13 +14,7 @@ of :math:`\Omega` from products of the scores :math:`J_t r_t` with a kernel over
 slow.
 
 **The spectrum** is that of an autoregression of the residual, a kernel whose shape and width
-the residual chooses. Three families are tried: the coefficients of the first lags are free; those
-of the lags 1, 2, 3-4, 5-8, 9-16, ... are equal within each octave (Corsi [4]_ has such averages),
-so that noise that remembers long takes a handful of numbers; or they are those of a fractional
-difference (Hosking [7]_), which has one, the power of the frequency that flicker noise falls with,
-and which remembers no longer than the record. Akaike's criterion, corrected for short samples [5]_,
-decides, which is efficient for the spectrum [3]_; of no lags, noise is white and the standard
-errors are those of the textbook.
+the residual chooses (:func:`skhyst.noise.autoregression`).
 
 **How much the records are worth.** For a parameter, n samples of such noise tell as much as
 :math:`n` times its variance for white noise over its variance, independent ones. The spectrum
@@ -31,27 +25,23 @@ too narrow, as those of the normal law in the place of Student's are.
 the Jacobian takes most where the drive has its power, which is where the spectrum matters. Its part
 of the periodogram is on average about :math:`h S` with :math:`h = \tilde J^* H^{-1} \tilde J`. With
 the last estimate of the spectrum it is put back, as the expectation step of Dempster, Laird and
-Rubin [6]_ does with what is missing; for white noise this is the division by n - p.
+Rubin [3]_ does with what is missing; for white noise this is the division by n - p.
 
 References
 ----------
 .. [1] Grenander and Rosenblatt, *Statistical Analysis of Stationary Time Series*, 1957, chapter 7.
 .. [2] Newey and West, *Review of Economic Studies*, 1994.
-.. [3] Shibata, *Annals of Statistics*, 1981.
-.. [4] Corsi, *Journal of Financial Econometrics*, 2009.
-.. [5] Hurvich and Tsai, *Biometrika*, 1989.
-.. [6] Dempster, Laird and Rubin, *Journal of the Royal Statistical Society B*, 1977.
-.. [7] Hosking, *Biometrika*, 1981.
+.. [3] Dempster, Laird and Rubin, *Journal of the Royal Statistical Society B*, 1977.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
-from scipy.optimize import minimize_scalar
+
+from ..noise import autoregression
 
 _STEPS = 3  # of what the fit has taken
-_ROUNDING = 1e-12  # part of the power that counts as predicted without an error
 FEWEST = 2  # independent samples, from which a standard error can be found at all
 
 
@@ -162,62 +152,6 @@ class _Residual:
             products = irfft(power, size)[:count]
             total[: len(products)] += products
         return total
-
-
-def autoregression(covariance, n):
-    """Return the filter (order + 1,) that makes noise white, and the power of what it leaves.
-
-    ``covariance`` (n_lags,) is the noise's, estimated from ``n`` samples.
-    """
-    best = np.ones(1), covariance[0]
-    least = n * np.log(covariance[0])
-    for weights, left, count in _candidates(covariance, int(10.0 * np.log10(n))):
-        if not left > _ROUNDING * covariance[0] or count > n - 3:
-            continue
-        criterion = n * np.log(left) + 2.0 * count * n / (n - count - 2.0)
-        if criterion < least:
-            best, least = (np.append(1.0, -weights), left), criterion
-    return best
-
-
-def _candidates(covariance, longest):
-    """Yield weights of the past, the last sample first, what they leave, and how many are free."""
-    weights, left = np.empty(0), covariance[0]
-    for order in range(1, min(longest, len(covariance) - 1) + 1):  # Levinson's recursion
-        reflection = (covariance[order] - weights @ covariance[order - 1 : 0 : -1]) / left
-        weights = np.append(weights - reflection * weights[::-1], reflection)
-        left *= 1.0 - reflection**2
-        if not left > _ROUNDING * covariance[0]:
-            break
-        yield weights, left, order
-    # sums of the covariance over rectangles of lags from its second integral
-    integral = np.cumsum(np.append(0.5 * covariance[0], covariance[1:]))
-    integral = np.append(0.0, np.cumsum(integral))
-    sums = np.cumsum(covariance)
-    edges = [0, 1, 2]
-    while 2 * edges[-1] < len(covariance):
-        edges.append(2 * edges[-1])
-        at = integral[np.abs(np.subtract.outer(edges, edges))]
-        inner = at[1:, :-1] + at[:-1, 1:] - at[1:, 1:] - at[:-1, :-1]
-        right = np.diff(sums[edges])
-        weights = np.linalg.lstsq(inner, right, rcond=None)[0]
-        yield np.repeat(weights, np.diff(edges)), covariance[0] - weights @ right, len(weights)
-    yield _fractional(covariance)
-
-
-def _fractional(covariance):
-    """Return the weights of a fractional difference, what they leave, and one: its order."""
-    size = 2 * len(covariance) - 1
-    power = rfft(np.append(covariance, covariance[:0:-1])).real
-    power *= _both_sides(size) / size
-    factor = 2.0 * np.sin(np.pi * np.arange(len(power)) / size)
-
-    def left(order):
-        return float(power @ factor ** (2.0 * order))
-
-    order = minimize_scalar(left, bounds=(0.0, 1.0), method="bounded").x
-    lags = np.arange(1.0, len(covariance))
-    return -np.cumprod((lags - 1.0 - order) / lags), left(order), 1
 
 
 def _power(columns, size):

@@ -1,6 +1,5 @@
 """Records: the index of record and time, recordings in files, resampling, measurement faults."""
 
-from ._channels import largest_noise as largest_noise
 from ._data_quality import data_quality
 from ._data_quality import lost_readings as lost_readings
 from ._data_quality import with_reactions as with_reactions

@@ -1,10 +1,7 @@
 r"""Faults of a recording that show in the relation of drive and response.
 
-**Noise floor.** The difference of order p multiplies white noise by :math:`\sqrt{\binom{2p}{p}}`
-and a sine of period T by :math:`(2 \sin(\pi / T))^p`. Divided by the former, the scatter of
-differences falls from order to order where the signal is smooth, and stays where it is noise.
-
-**A noisy drive.** Above the band of a smooth drive, the spectrum of its recording is that floor.
+**A noisy drive.** Above the band of a smooth drive, the spectrum of its recording is the floor that
+its differences show (:func:`skhyst.noise.white_noise_floor`).
 Measurement noise on the drive is recognised by two properties. *The response does not follow it.*
 If the noise has driven the device, the phase between both channels is the same in all stretches;
 otherwise the squared length of the mean of m random unit vectors, times m, is exponential
@@ -35,43 +32,18 @@ References
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.special import comb
 from scipy.stats import chi2, norm
 from scipy.stats import f as fisher
 
-from .._block_test import block_p_value
+from ..noise import block_p_value, white_noise_floor
 
 _ENOUGH = 10_000  # samples used at once: windows of 2 sqrt(n) lags of them take 16 MB
-
-
-def noise_floor(signal):
-    """Return the standard deviation of white noise on a smooth signal, 0 where none is seen."""
-    order, n = 10, len(signal)  # reduces a sine of 30 samples per period to 1e-6
-    if n < 8 * order:
-        return 0.0
-    before, last = _scatter(signal, order), _scatter(signal, order + 1)
-    # for simulated noise, last / before is 1 with a standard deviation of 0.57 / sqrt(n)
-    grid = np.min(np.diff(np.unique(signal)), initial=np.inf)
-    rounding = n * np.finfo(float).eps * np.abs(signal).max()
-    least = max((1.0 - 2.0 / np.sqrt(n)) * before, grid, rounding)
-    return float(before) if last > least else 0.0
-
-
-def largest_noise(signal):
-    """Return an upper bound of the standard deviation of white noise on a signal."""
-    return float(min(_scatter(signal, p) for p in range(1, min(len(signal), 12))))
-
-
-def _scatter(signal, order):
-    """Return the robust standard deviation of differences, relative to that of white noise."""
-    size = np.median(np.abs(np.diff(signal, order))) / norm.ppf(0.75)
-    return size / np.sqrt(comb(2 * order, order))
 
 
 def noise_on_drive(u, y, alpha=0.001):
     """Return the standard deviation of noise that only the recording of the drive has, else 0."""
     u, y = u[:_ENOUGH], y[:_ENOUGH]
-    floor = noise_floor(u)
+    floor = white_noise_floor(u)
     if not (floor > 0.0 and np.ptp(y) > 0.0) or _is_followed(u, y, floor):
         return 0.0
     return floor if _predicted(u, y) < alpha else 0.0
@@ -161,7 +133,7 @@ def _p_value(target, columns, used):
 
 def are_exchanged(u, y, alpha=0.01):
     """Whether the response is a command without noise that leads a noisy drive."""
-    if noise_floor(y) > 0.0:
+    if white_noise_floor(y) > 0.0:
         return False
     u, y = ((signal - signal.mean()) / np.ptp(signal) for signal in (u, y))
     area = np.sign(u @ y) * (y[:-1] * u[1:] - y[1:] * u[:-1])

@@ -9,7 +9,7 @@ from scipy.stats import chi2, kstest
 
 from skhyst.compose import Cascade
 from skhyst.control import Monitor, Observer
-from skhyst.control._local_tests import LocalTests, statistics, whitening
+from skhyst.control._local_tests import LocalTests, statistics
 from skhyst.control._monitor import _Columns
 from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
 from skhyst.linear import (
@@ -260,12 +260,6 @@ def test_beyond_the_drives_of_the_fit_there_is_no_suspicion(monitor):
     assert not found.any()
     assert not judged.any()
     assert monitor.suspect_ == ()
-
-
-def test_whitening_finds_the_filter():
-    noise = lfilter([1.0], [1.0, -1.2, 0.5], np.random.default_rng(0).normal(size=(3, 5000)))
-    np.testing.assert_allclose(whitening(list(noise)), [1.0, -1.2, 0.5], atol=0.03)
-    assert len(whitening([np.random.default_rng(0).normal(size=5000)])) == 1
 
 
 def test_sensitivities_are_tangents(monitor):

@@ -21,7 +21,6 @@ from skhyst.compose import Cascade
 from skhyst.diagnosis import (
     Effect,
     EffectSearchCV,
-    NoiseModel,
     effect_names,
     register_effect,
     unregister_effect,
@@ -30,6 +29,7 @@ from skhyst.diagnosis._noise_floor import Judgement
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import Gain, TransferFunction
 from skhyst.model_selection import RecordKFold
+from skhyst.noise import NoiseModel
 from skhyst.operators import parameter
 from skhyst.records import stack_records
 from skhyst.static import SaturationOperator, SmoothCurve, StaticOperator

@@ -7,7 +7,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from skhyst._block_test import _autocovariance
 from skhyst.diagnosis import EFFECTS, _changes, _open_questions
 from skhyst.diagnosis._candidates import Candidate
 from skhyst.diagnosis._changes import SlowerThanDrive, _before, _differ
@@ -25,6 +24,7 @@ from skhyst.diagnosis._starts import starting_trees
 from skhyst.diagnosis._tree import Tree
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import Gain, GainOperator
+from skhyst.noise._block_test import _autocovariance
 from skhyst.optimize import RecordData
 from skhyst.records import RecordSlice, Units
 from skhyst.static import SoftSaturationOperator

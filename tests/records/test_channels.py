@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from skhyst.records._channels import _is_followed, _Stretches, noise_floor, reaction_p_value
+from skhyst.noise import white_noise_floor
+from skhyst.records._channels import _is_followed, _Stretches, reaction_p_value
 
 SIDE = 8
 
@@ -32,7 +33,7 @@ def test_noise_of_the_response_hides_whether_it_follows():
     for seed in range(5):
         rng = np.random.default_rng(seed)
         u = smooth + 0.01 * rng.normal(size=n)
-        floor = noise_floor(u)
+        floor = white_noise_floor(u)
         assert floor > 0.0
         assert not _is_followed(u, slow, floor)
         assert _is_followed(u, slow + 0.1 * rng.normal(size=n), floor)

@@ -6,8 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from skhyst.diagnosis import NoiseModel
-from skhyst.diagnosis._noise_model import noise_model, quantisation_step
+from skhyst.noise import NoiseModel, fit_noise, quantisation_step
 
 N = 2000
 
@@ -27,7 +26,7 @@ def flicker(exponent, rng, n=N):
 
 def test_white_noise_is_white():
     laws = [
-        noise_model([np.random.default_rng([4100, k]).standard_normal(500)]).law for k in range(100)
+        fit_noise([np.random.default_rng([4100, k]).standard_normal(500)]).law for k in range(100)
     ]
     assert laws.count("white") >= 97  # two more parameters have to pay
 
@@ -35,7 +34,7 @@ def test_white_noise_is_white():
 @pytest.mark.parametrize("coefficient", [0.5, 0.9, 0.97])
 def test_a_first_order_process_is_found(coefficient):
     rng = np.random.default_rng(4101)
-    found = noise_model([first_order(coefficient, rng) for _ in range(4)])
+    found = fit_noise([first_order(coefficient, rng) for _ in range(4)])
     assert found.law == "autoregressive"
     assert found.coefficient == pytest.approx(coefficient, abs=0.03)
     assert found.standard_deviation == pytest.approx(1.0, rel=0.15)
@@ -45,19 +44,19 @@ def test_a_first_order_process_is_found(coefficient):
 @pytest.mark.parametrize("exponent", [0.7, 1.0, 1.5])
 def test_a_power_law_is_found(exponent):
     rng = np.random.default_rng(4102)
-    found = noise_model([flicker(exponent, rng) for _ in range(4)])
+    found = fit_noise([flicker(exponent, rng) for _ in range(4)])
     assert found.law == "power_law"
     assert found.coefficient == pytest.approx(exponent, abs=0.1)
 
 
 def test_pairs_of_readings_tell_the_size():
-    assert noise_model([np.array([5.0, 3.0])] * 50).standard_deviation == pytest.approx(1.0)
+    assert fit_noise([np.array([5.0, 3.0])] * 50).standard_deviation == pytest.approx(1.0)
 
 
 def test_white_noise_below_a_colour_is_told_apart():
     rng = np.random.default_rng(4103)
     series = [first_order(0.95, rng) + 0.5 * rng.standard_normal(N) for _ in range(4)]
-    found = noise_model(series)
+    found = fit_noise(series)
     assert found.share == pytest.approx(0.8, abs=0.06)
     assert found.coefficient == pytest.approx(0.95, abs=0.02)
 
@@ -93,7 +92,7 @@ def test_a_gap_ends_what_the_past_tells():
 def test_units_and_offsets_do_not_matter(exponent, offset):
     rng, scale = np.random.default_rng(4105), 2.0**exponent
     series = [first_order(0.8, rng, 500)]
-    plain, other = noise_model(series), noise_model([scale * (series[0] + offset)])
+    plain, other = fit_noise(series), fit_noise([scale * (series[0] + offset)])
     assert other.law == plain.law
     assert other.coefficient == pytest.approx(plain.coefficient, rel=1e-3)
     assert other.standard_deviation == pytest.approx(scale * plain.standard_deviation)
@@ -102,9 +101,9 @@ def test_units_and_offsets_do_not_matter(exponent, offset):
 def test_outliers_are_counted():
     rng = np.random.default_rng(4106)
     noise = rng.standard_normal(N)
-    assert noise_model([noise]).outliers == 0.0
+    assert fit_noise([noise]).outliers == 0.0
     noise[::100] += 12.0
-    assert noise_model([noise]).outliers == pytest.approx(0.01, abs=1e-3)
+    assert fit_noise([noise]).outliers == pytest.approx(0.01, abs=1e-3)
 
 
 @settings(max_examples=20, deadline=None)
@@ -117,8 +116,8 @@ def test_the_step_of_a_converter_is_found(step, offset):
 
 
 def test_nothing_has_no_law():
-    assert noise_model([np.zeros(50)]).standard_deviation == 0.0
-    assert noise_model([]).law == "white"
+    assert fit_noise([np.zeros(50)]).standard_deviation == 0.0
+    assert fit_noise([]).law == "white"
 
 
 def test_it_is_put_into_words():

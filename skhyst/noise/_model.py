@@ -28,7 +28,9 @@ from scipy.optimize import minimize
 from scipy.signal import lfilter
 from scipy.stats import norm
 
-from ._constants import LAGS, NOTICEABLE, STEEPEST
+STEEPEST = 4.0  # exponent of the spectrum: of white noise that is summed up twice
+_MEMORY = 256  # past samples that predict the next
+_WIDTH = 0.05  # of a bin of the spectrum, relative to its frequency
 
 
 @dataclass(frozen=True)
@@ -67,9 +69,9 @@ class NoiseModel:
     @cached_property
     def _forecast(self):
         """Weights of the past samples, the last one first, that predict the next."""
-        n = 8 * (LAGS[-1] + 1)  # fine enough for these lags
+        n = 8 * (_MEMORY + 1)  # fine enough for these lags
         power = self.spectrum(np.arange(0.5, n) / (2 * n))
-        correlations = dct(power)[: LAGS[-1] + 1] / (2 * n)
+        correlations = dct(power)[: _MEMORY + 1] / (2 * n)
         return solve_toeplitz(correlations[:-1], correlations[1:])
 
     def innovations(self, series):
@@ -107,7 +109,7 @@ def stretches(values):
     return [slice(rows[0], rows[-1] + 1) for rows in np.split(known, ends) if len(rows)]
 
 
-def noise_model(series, readings=()):
+def fit_noise(series, readings=()):
     """Return the noise model that series of noise have.
 
     Parameters
@@ -176,7 +178,7 @@ def _binned(series, power):
     """Return frequencies, mean squares and numbers of coefficients within a few per cent."""
     frequency = np.concatenate([np.arange(1, len(own)) / (2.0 * len(own)) for own in series])
     powers = np.concatenate([np.square(dct(own, norm="ortho")[1:]) for own in series]) / power
-    _, bins = np.unique(np.log(frequency) // NOTICEABLE, return_inverse=True)
+    _, bins = np.unique(np.log(frequency) // _WIDTH, return_inverse=True)
     counts = np.bincount(bins)
     return np.bincount(bins, frequency) / counts, np.bincount(bins, powers) / counts, counts
 

@@ -1,0 +1,121 @@
+r"""Autoregressions: filters that make noise white, from its autocovariance.
+
+A filter of finite length whose order the Bayesian criterion [1]_ chooses is for what runs sample by
+sample. For the spectrum, Akaike's criterion, corrected for short samples [2]_, is efficient [3]_,
+and three families are tried: the coefficients of the first lags are free; those of the lags 1, 2,
+3-4, 5-8, 9-16, ... are equal within each octave (Corsi [4]_ has such averages), so that noise that
+remembers long takes a handful of numbers; or they are those of a fractional difference
+(Hosking [5]_), which has one, the power of the frequency that flicker noise falls with, and which
+remembers no longer than the record.
+
+References
+----------
+.. [1] Schwarz, *Annals of Statistics*, 1978.
+.. [2] Hurvich and Tsai, *Biometrika*, 1989.
+.. [3] Shibata, *Annals of Statistics*, 1981.
+.. [4] Corsi, *Journal of Financial Econometrics*, 2009.
+.. [5] Hosking, *Biometrika*, 1981.
+"""
+
+import numpy as np
+from scipy.fft import rfft
+from scipy.optimize import minimize_scalar
+
+_ROUNDING = 1e-12  # part of the power that counts as predicted without an error
+
+
+def levinson(covariance, longest):
+    """Yield the best linear predictors from 1, 2, ... past samples (Levinson's recursion).
+
+    Parameters
+    ----------
+    covariance : ndarray of shape (n_lags,)
+    longest : int
+
+    Yields
+    ------
+    weights : ndarray of shape (order,)
+        Of the past samples, the last one first.
+    left : float
+        Variance of what they do not predict.
+    """
+    weights, left = np.empty(0), covariance[0]
+    for order in range(1, min(longest, len(covariance) - 1) + 1):
+        reflection = (covariance[order] - weights @ covariance[order - 1 : 0 : -1]) / left
+        weights = np.append(weights - reflection * weights[::-1], reflection)
+        left *= 1.0 - reflection**2
+        if not left > _ROUNDING * covariance[0]:
+            return
+        yield weights, left
+
+
+def whitening_filter(series):
+    """Return the autoregressive filter (order + 1,) that whitens a list of noise series.
+
+    Its coefficients follow from the autocovariance (Yule, *Philosophical Transactions of the Royal
+    Society A*, 1927). Its order, up to 10 log10 n, minimises the Bayesian information criterion.
+    """
+    n = sum(map(len, series))
+    longest = min(int(10.0 * np.log10(n)), min(map(len, series)) - 1)
+    covariance = np.array(
+        [sum(e[lag:] @ e[: len(e) - lag] for e in series) / n for lag in range(longest + 1)]
+    )
+    best = np.ones(1)
+    if covariance[0] == 0.0:
+        return best
+    least = n * np.log(covariance[0])
+    for weights, left in levinson(covariance, longest):
+        criterion = n * np.log(left) + len(weights) * np.log(n)
+        if criterion < least:
+            best, least = np.append(1.0, -weights), criterion
+    return best
+
+
+def autoregression(covariance, n):
+    """Return the filter (order + 1,) that makes noise white, and the power of what it leaves.
+
+    ``covariance`` (n_lags,) is the noise's, estimated from ``n`` samples.
+    """
+    best = np.ones(1), covariance[0]
+    least = n * np.log(covariance[0])
+    for weights, left, count in _candidates(covariance, int(10.0 * np.log10(n))):
+        if not left > _ROUNDING * covariance[0] or count > n - 3:
+            continue
+        criterion = n * np.log(left) + 2.0 * count * n / (n - count - 2.0)
+        if criterion < least:
+            best, least = (np.append(1.0, -weights), left), criterion
+    return best
+
+
+def _candidates(covariance, longest):
+    """Yield weights of the past, the last sample first, what they leave, and how many are free."""
+    for weights, left in levinson(covariance, longest):
+        yield weights, left, len(weights)
+    # sums of the covariance over rectangles of lags from its second integral
+    integral = np.cumsum(np.append(0.5 * covariance[0], covariance[1:]))
+    integral = np.append(0.0, np.cumsum(integral))
+    sums = np.cumsum(covariance)
+    edges = [0, 1, 2]
+    while 2 * edges[-1] < len(covariance):
+        edges.append(2 * edges[-1])
+        at = integral[np.abs(np.subtract.outer(edges, edges))]
+        inner = at[1:, :-1] + at[:-1, 1:] - at[1:, 1:] - at[:-1, :-1]
+        right = np.diff(sums[edges])
+        weights = np.linalg.lstsq(inner, right, rcond=None)[0]
+        yield np.repeat(weights, np.diff(edges)), covariance[0] - weights @ right, len(weights)
+    yield _fractional(covariance)
+
+
+def _fractional(covariance):
+    """Return the weights of a fractional difference, what they leave, and one: its order."""
+    size = 2 * len(covariance) - 1  # odd: all but the first frequency are there twice
+    power = rfft(np.append(covariance, covariance[:0:-1])).real * 2.0 / size
+    power[0] *= 0.5
+    factor = 2.0 * np.sin(np.pi * np.arange(len(power)) / size)
+
+    def left(order):
+        return float(power @ factor ** (2.0 * order))
+
+    order = minimize_scalar(left, bounds=(0.0, 1.0), method="bounded").x
+    lags = np.arange(1.0, len(covariance))
+    return -np.cumprod((lags - 1.0 - order) / lags), left(order), 1

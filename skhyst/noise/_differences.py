@@ -1,0 +1,103 @@
+r"""The size of noise on a smooth signal, from differences of neighbouring samples.
+
+The difference of order p multiplies the variance of white noise by :math:`\binom{2p}{p}` and the
+amplitude of a sine of the period T by :math:`(2 \sin(\pi / T))^p`. Divided by the root of the
+former, differences show the noise, and of what is smooth less from order to order (von Neumann [1]_
+has the first order, Gasser, Sroka and Jennen-Steinmetz [2]_ the second). Noise whose neighbours
+resemble each other shows less than its size: of stationary noise of the spectrum S, the mean of S
+with a weight that rises with the frequency.
+
+References
+----------
+.. [1] von Neumann, Kent, Bellinson and Hart, *Annals of Mathematical Statistics*, 1941.
+.. [2] Gasser, Sroka and Jennen-Steinmetz, *Biometrika*, 1986.
+"""
+
+import numpy as np
+from scipy.special import comb
+from scipy.stats import norm
+
+from ._model import stretches
+
+_ORDERS = (2, 3, 4)  # a straight line is no noise; more multiply what rounding has done
+
+
+def difference_noise(series):
+    """Return the standard deviation of noise on smooth series, at most that of coloured noise.
+
+    The least of the second, third and fourth differences. An edge of the signal is in few
+    differences: those that are further off than normal noise goes once in as many do not count.
+
+    Parameters
+    ----------
+    series : sequence of ndarray of shape (n_samples,)
+        NaN where a sample is not known.
+
+    Returns
+    -------
+    float
+        Units of the series; NaN where no four neighbours are known.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.noise import difference_noise
+    >>> noise = 0.1 * np.random.default_rng(0).standard_normal(4000)
+    >>> round(difference_noise([np.sin(np.arange(4000) / 50.0) + noise]), 2)
+    0.1
+    """
+    parts = [own[rows] for own in series for rows in stretches(own)]
+    sizes = []
+    for order in _ORDERS:
+        found = np.concatenate([np.zeros(0), *(np.diff(own, order) for own in parts)])
+        if len(found):
+            sizes.append(_without_edges(found) / np.sqrt(comb(2 * order, order)))
+    return float(min(sizes, default=np.nan))
+
+
+def _without_edges(values):
+    """Return the root mean square of values but those that stick out."""
+    most = norm.isf(0.5 / len(values))
+    while True:
+        size = np.sqrt(np.mean(np.square(values)))
+        inside = np.abs(values) <= most * size
+        if inside.all() or not inside.any():
+            return size
+        values = values[inside]
+
+
+def white_noise_floor(signal):
+    """Return the standard deviation of white noise on a smooth signal, 0 where none is seen.
+
+    Where the signal is smooth, differences shrink from order to order, and where it is noise they
+    stay.
+
+    Parameters
+    ----------
+    signal : ndarray of shape (n_samples,)
+
+    Returns
+    -------
+    float
+        Units of the signal.
+    """
+    order, n = 10, len(signal)  # reduces a sine of 30 samples per period to 1e-6
+    if n < 8 * order:
+        return 0.0
+    before, last = _scatter(signal, order), _scatter(signal, order + 1)
+    # for simulated noise, last / before is 1 with a standard deviation of 0.57 / sqrt(n)
+    grid = np.min(np.diff(np.unique(signal)), initial=np.inf)
+    rounding = n * np.finfo(float).eps * np.abs(signal).max()
+    least = max((1.0 - 2.0 / np.sqrt(n)) * before, grid, rounding)
+    return float(before) if last > least else 0.0
+
+
+def largest_noise(signal):
+    """Return an upper bound of the standard deviation of white noise on a signal (n_samples,)."""
+    return float(min(_scatter(signal, p) for p in range(1, min(len(signal), 12))))
+
+
+def _scatter(signal, order):
+    """Return the robust standard deviation of differences, relative to that of white noise."""
+    size = np.median(np.abs(np.diff(signal, order))) / norm.ppf(0.75)
+    return size / np.sqrt(comb(2 * order, order))

@@ -1,0 +1,60 @@
+"""Sums of a series whose neighbours depend on each other."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+from scipy.stats import t as student
+
+from skhyst.noise import block_length, block_p_value
+
+N, RECORDS = 600, 4
+
+
+def coloured(rng, correlation, n=N):
+    """Draw AR(1) noise of unit variance."""
+    white = np.sqrt(1.0 - correlation**2) * rng.standard_normal(n + 2000)
+    return lfilter([1.0], [1.0, -correlation], white)[2000:]
+
+
+@pytest.mark.parametrize(("correlation", "least", "most"), [(0.0, 1, 3), (0.9, 20, 400)])
+def test_blocks_are_as_long_as_the_memory_asks_for(correlation, least, most):
+    rng = np.random.default_rng(9007)
+    lengths = [
+        block_length([coloured(rng, correlation) for _ in range(RECORDS)])[0] for _ in range(20)
+    ]
+    assert least <= np.median(lengths) <= most
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.8, 0.95])
+def test_the_variance_that_blocks_miss_is_put_back(correlation):
+    """Block sums and what they leave out add up to the variance of the whole sum."""
+    rng = np.random.default_rng(9008)
+    found, totals = [], []
+    for _ in range(400):
+        series = coloured(rng, correlation, 4000)
+        length, missing = block_length([series])
+        edges = np.arange(0, 4000, length)
+        sums = np.add.reduceat(series, edges)
+        found.append(sums @ sums / (1.0 - missing))
+        totals.append(series.sum() ** 2)
+    # 400 squares of normal numbers are known to 7 %
+    assert np.mean(found) == pytest.approx(np.mean(totals), rel=0.25)
+
+
+def test_what_blocks_miss_widens_the_law_of_chance():
+    series = coloured(np.random.default_rng(9010), 0.95, 4000)
+    length, missing = block_length([series])
+    edges = np.linspace(0, 4000, 4000 // length + 1).astype(int)[:-1]
+    sums, total = np.add.reduceat(series, edges), 500.0
+    spread = total / student.isf(block_p_value(total, [series]), len(sums))
+    assert missing > 0.05
+    assert spread**2 * (1.0 - missing) == pytest.approx(sums @ sums, rel=1e-6)
+
+
+def test_a_total_that_chance_makes_often_is_not_significant():
+    rng = np.random.default_rng(9009)
+    p = []
+    for _ in range(1000):
+        series = coloured(rng, 0.8)
+        p.append(block_p_value(series.sum(), [series]))
+    assert np.mean(np.array(p) < 0.01) <= 0.02
