@@ -62,7 +62,7 @@ class LowPassOperator(OneStateOperator, step=low_pass):
     tau: float = parameter(log=True)
     gain: float = parameter(default=1.0, linear=True)
 
-    def _rest(self, u0):
+    def rest(self, u0):
         return u0, (1.0, 0.0)
 
 
