@@ -113,18 +113,18 @@ def as_node(model, **parts):
     return with_params(model, **parts) if parts else model
 
 
-def refine(model, starts, records, method=None, fixed=frozenset()):
+def refine(model, starts, records, method=None, *, with_errors=True):
     """Return what identification finds for a model from operators of one structure.
 
-    ``fixed`` are names of entries that are held, beside those that the model holds; ``method`` is
-    in place of that of the model.
+    ``method`` is in place of that of the model; see :func:`skhyst.optimize.identify`.
     """
     return identify(
         starts,
         records,
-        fixed=model.held_parameters() | fixed,
+        fixed=model.held_parameters(),
         initial_state=model.free_run_state,
         method=method or model.method,
+        with_errors=with_errors,
     )
 
 

@@ -214,7 +214,8 @@ class Composition(ParametricModel, BaseComposition):
             own["covariance"] = result.covariance[np.ix_(at, at)]
         shared = {"records_": self.records_, "dt": self.dt, "initial_state": self.initial_state}
         model = with_params(model, **shared)
-        return model.adopt(replace(result, operator=stage, disturbances=(), **own))
+        result = replace(result, operator=stage, disturbances=(), input_history=None, **own)
+        return model.adopt(result)
 
 
 class Cascade(Composition):
@@ -416,7 +417,8 @@ class Cascade(Composition):
                     "beside a model, in a Sum."
                 )
             last = len(names) == len(self.steps)
-            result = refine(self, candidates, data, method if last else _ALONG_THE_WAY)
+            how = {"method": method if last else _ALONG_THE_WAY, "with_errors": last}
+            result = refine(self, candidates, data, **how)
             stages = dict(zip(places, result.operator.stages, strict=True))
             evaluations += result.n_evaluations
         return replace(result, n_evaluations=evaluations)

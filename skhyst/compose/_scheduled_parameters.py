@@ -200,7 +200,8 @@ class ScheduledParameters(AroundModel):
 def _from_each_record(scheduled, records, plain, model):
     """Return the operator whose polynomials fit the parameters of single records best."""
     fixed = model.held_parameters()
-    alone = [refine(model, [scheduled.base], [record], _ROUGH) for record in plain]
+    start = [scheduled.base]
+    alone = [refine(model, start, [record], _ROUGH, with_errors=False) for record in plain]
     values = np.array([result.operator.pack() for result in alone])
     specs = [spec for _, spec in scheduled.entries()]
     coefficients, start = scheduled.pack(), 0

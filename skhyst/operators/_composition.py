@@ -701,29 +701,28 @@ class Series(_Composition):
     structure_of = "Cascade"
 
     def _marked(self, parts):
-        owners, behind, found = self._owners(parts), True, []
+        owners, n = self._owners(parts), len(parts)
         held = [
-            [s.held or (s.is_shared and i not in owners) for s in p] for i, p in enumerate(parts)
+            [s.held or (s.is_shared and i not in owners) for s in own]
+            for i, own in enumerate(parts)
         ]
         # Linear are parameters of one stage only, behind which everything is linear in the signal;
         # of the stage that has most of them. Two such stages would be bilinear.
         linear = [
-            [s.linear and not h for s, h in zip(*own, strict=True)]
-            for own in zip(parts, held, strict=True)
+            [s.linear and not is_held for s, is_held in zip(own, marks, strict=True)]
+            for own, marks in zip(parts, held, strict=True)
         ]
-        best = last = len(parts) - 1
-        for i in range(last, -1, -1):
-            if sum(linear[i]) > sum(linear[best]):
-                best = i
-            if not self.stages[i].signal_linear:
-                break
-        for i in range(last, -1, -1):
-            rows = zip(parts[i], held[i], linear[i], strict=True)
-            found.append(
-                [_with_marks(s, h, r and i == best, s.additive and behind) for s, h, r in rows]
-            )
-            behind = behind and self.stages[i].signal_linear  # a constant before others is none
-        return found[::-1]
+        first = max(n - 1, 0)  # of those behind which everything is linear
+        while first > 0 and self.stages[first].signal_linear:
+            first -= 1
+        best = max(range(n - 1, first - 1, -1), key=lambda i: sum(linear[i]), default=None)
+        return [
+            [
+                _set(s, held=h, linear=is_linear and i == best, additive=s.additive and i >= first)
+                for s, h, is_linear in zip(parts[i], held[i], linear[i], strict=True)
+            ]
+            for i in range(n)
+        ]
 
     def _owners(self, parts):
         """Return the number of the stage that keeps gain and intercept, in a list; or none."""
@@ -852,12 +851,14 @@ class SumOperator(_Composition):
         for i, own in enumerate(parts):
             # A common gain can be taken out of the first branch only. Several intercepts add up to
             # one: the first branch that has one keeps it.
-            marks = [(s.held or (s.gauge == 0.0 and taken), s.gauge == 0.0 or not i) for s in own]
-            taken = taken or any(s.gauge == 0.0 and not s.held for s in own)
-            rows = zip(own, marks, strict=True)
+            constant = [s.gauge == 0.0 for s in own]
             found.append(
-                [_with_marks(s, h, s.linear, s.additive, s.movable and m) for s, (h, m) in rows]
+                [
+                    _set(s, held=s.held or (c and taken), movable=s.movable and (c or i == 0))
+                    for s, c in zip(own, constant, strict=True)
+                ]
             )
+            taken = taken or any(c and not s.held for s, c in zip(own, constant, strict=True))
         return found
 
     def init(self, u0, initial_state="rest"):
@@ -988,12 +989,9 @@ class SumOperator(_Composition):
         return found
 
 
-def _with_marks(spec, held, linear, additive, movable=None):
-    """Return a spec as a node sets it."""
-    movable = spec.movable if movable is None else movable
-    if (held, linear, additive, movable) == (spec.held, spec.linear, spec.additive, spec.movable):
-        return spec
-    return replace(spec, held=held, linear=linear, additive=additive, movable=movable)
+def _set(spec, **marks):
+    """Return a spec with marks, itself where it has them."""
+    return spec if marks.items() <= vars(spec).items() else replace(spec, **marks)
 
 
 def _gathered(stages, without=None):

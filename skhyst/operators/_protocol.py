@@ -81,12 +81,12 @@ class ParameterSpec:
     movable: bool = True
     additive: bool = True
 
-    @property
+    @cached_property
     def is_shared(self) -> bool:
         """Whether another stage of a series can carry the freedom."""
         return self.movable and self.gauge is not None
 
-    @property
+    @cached_property
     def is_constant(self) -> bool:
         """Whether the field only adds a constant to the output."""
         return self.additive and self.gauge == 0.0

@@ -39,7 +39,8 @@ class IdentificationResult:
         Additive disturbances; coefficients are the mean over records.
     params, params_std : dict of str to float
         Values in their own units and standard errors, whatever the colour of the noise; NaN for a
-        value at its bound.
+        value at its bound. No errors, and nothing that follows from them, where they were not asked
+        for.
     undetermined : tuple of str
         Parameters that the data do not determine.
     condition_number : float
@@ -76,9 +77,6 @@ class IdentificationResult:
     operator: object
     disturbances: tuple
     params: dict
-    params_std: dict
-    undetermined: tuple
-    condition_number: float
     record_coefficients: np.ndarray
     error: float
     n_evaluations: int
@@ -87,8 +85,11 @@ class IdentificationResult:
     message: str
     history: list
     x: np.ndarray
-    covariance: np.ndarray | None = None
+    params_std: dict = field(default_factory=dict)
     params_std_white: dict = field(default_factory=dict)
+    undetermined: tuple = ()
+    condition_number: float = np.nan
+    covariance: np.ndarray | None = None
     short: tuple = ()
     damping: tuple = ()
     input_history: np.ndarray | None = None
@@ -166,8 +167,16 @@ def _errors(problem, x, covariance, marks):
     return dict(zip(problem.names, std.tolist(), strict=True)), covariance
 
 
-def identify(starts, records, *, fixed=(), initial_state="rest", method="variable_projection"):
-    """Identify an operator from records, from several starts.
+def identify(
+    starts,
+    records,
+    *,
+    fixed=(),
+    initial_state="rest",
+    method="variable_projection",
+    with_errors=True,
+):
+    """Identify an operator from records, starting from each of several candidates.
 
     If an additive disturbance has a constant for each record, constants of the driven part are held
     at zero.
@@ -185,6 +194,9 @@ def identify(starts, records, *, fixed=(), initial_state="rest", method="variabl
         State before each record.
     method : str or Method, default="variable_projection"
         Name of a method, such as ``"differential_evolution"``, or a configured one.
+    with_errors : bool, default=True
+        Whether standard errors, and what the data do not determine, are wanted: a fit on the way
+        to another does without.
 
     Returns
     -------
@@ -223,7 +235,7 @@ def identify(starts, records, *, fixed=(), initial_state="rest", method="variabl
         )
         for operator, disturbances in starts
     ]
-    return solve(problems, method)
+    return solve(problems, method, with_errors)
 
 
 def constant_entries(operator, disturbances):
@@ -241,7 +253,7 @@ def _without(constants, operator):
     return operator.unpack(np.where(held, 0.0, operator.pack()))
 
 
-def solve(problems, method):
+def solve(problems, method, with_errors=True):
     """Solve problems of one structure; return the result in physical units."""
     begin = time.perf_counter()
     method = METHODS[method]() if isinstance(method, str) else method
@@ -249,19 +261,11 @@ def solve(problems, method):
     seconds = time.perf_counter() - begin
     n_samples = problem.segment_weight.sum()  # a sample of weight 2 stands for two
     operator, disturbances = problem.unpack(solution.x)
-    blocks = problem.evaluate(solution.x)
-    coefficients = problem.coefficients(blocks)
-    x = solution.x
-    root, marks, undetermined, condition = _determined(problem, solution, problem.powers(blocks))
-    # the coefficients of the disturbances are unknowns too
-    variance = solution.cost / max(n_samples - coefficients.size - root.shape[1], 1)
-    white = variance * root @ root.T
-    covariance = coloured_covariance(lambda: problem.rows(x), root, n_samples)
-    covariance = white if covariance is None else covariance
-    few = (marks == 0.0) & (n_samples * np.diag(white) < FEWEST * np.diag(covariance))
-    few &= solution.cost > _NOISELESS * problem.scale
-    params_std_white, _ = _errors(problem, x, white, marks)
-    params_std, covariance = _errors(problem, x, covariance, marks)
+    blocks = problem.evaluate(solution.x) if with_errors or disturbances else None
+    coefficients = np.empty((len(problem.records), 0))
+    if blocks is not None:
+        coefficients = problem.coefficients(blocks)
+    uncertainty = _uncertainty(problem, solution, blocks, coefficients.size) if with_errors else {}
     start, filled = 0, []
     for disturbance in disturbances:
         size = np.size(disturbance.coefficients)
@@ -272,12 +276,7 @@ def solve(problems, method):
     return IdentificationResult(
         operator=operator,
         disturbances=tuple(filled),
-        params=dict(zip(problem.names, problem.values(x).tolist(), strict=True)),
-        params_std=params_std,
-        params_std_white=params_std_white,
-        short=tuple(np.array(problem.names)[few].tolist()),
-        undetermined=undetermined,
-        condition_number=condition,
+        params=dict(zip(problem.names, problem.values(solution.x).tolist(), strict=True)),
         record_coefficients=coefficients,
         error=float(np.sqrt(solution.cost / n_samples)),
         n_evaluations=n_evaluations,
@@ -285,7 +284,30 @@ def solve(problems, method):
         converged=solution.converged,
         message=solution.message,
         history=solution.history,
-        x=x,
-        covariance=covariance,
+        x=solution.x,
         damping=tuple(solution.damping),
+        **uncertainty,
     )
+
+
+def _uncertainty(problem, solution, blocks, n_coefficients):
+    """Return standard errors, covariance, and what the data do not determine, by their names."""
+    x, n_samples = solution.x, problem.segment_weight.sum()
+    root, marks, undetermined, condition = _determined(problem, solution, problem.powers(blocks))
+    # the coefficients of the disturbances are unknowns too
+    variance = solution.cost / max(n_samples - n_coefficients - root.shape[1], 1)
+    white = variance * root @ root.T
+    covariance = coloured_covariance(lambda: problem.rows(x), root, n_samples)
+    covariance = white if covariance is None else covariance
+    few = (marks == 0.0) & (n_samples * np.diag(white) < FEWEST * np.diag(covariance))
+    few &= solution.cost > _NOISELESS * problem.scale
+    params_std_white, _ = _errors(problem, x, white, marks)
+    params_std, covariance = _errors(problem, x, covariance, marks)
+    return {
+        "params_std": params_std,
+        "params_std_white": params_std_white,
+        "covariance": covariance,
+        "short": tuple(np.array(problem.names)[few].tolist()),
+        "undetermined": undetermined,
+        "condition_number": condition,
+    }

@@ -67,7 +67,8 @@ def estimate_input_history(
         replace(r, weights=r.counts() * (np.arange(len(r.u)) >= len(r.u) // 2)) for r in records
     ]
     chance = count * len(records) / sum(record.counts().sum() for record in records)
-    result, evaluations, gain = identify(start, late, fixed=fixed, method=method), 0, 1.0
+    rough = {"fixed": fixed, "method": method, "with_errors": False}
+    result, evaluations, gain = identify(start, late, **rough), 0, 1.0
     while gain > chance:
         operator, disturbances = result.operator, result.disturbances
         found, runs = input_history_of(operator, disturbances, records)
@@ -81,7 +82,7 @@ def estimate_input_history(
             problem = OperatorProblem(best.operator, records, disturbances=best.disturbances)
             loose = [replace(r, beside=problem.carried(best.operator, r)) for r in records]
             start = [(best.operator, best.disturbances)]
-            result = identify(start, loose, fixed=fixed, method=method)
+            result = identify(start, loose, **rough)
     input_history = np.array([_rest(r, count) if r.before is None else r.before for r in records])
     return replace(best, n_evaluations=best.n_evaluations + evaluations), input_history
 
