@@ -1,8 +1,8 @@
 r"""How many terms a sum takes, and where they stand: exchange of terms for a sparse measure.
 
 A part such as a sum of plays is a measure over positions: a weight at each threshold. The measure
-that fits best is sought as Denoyelle, Duval, Peyré and Soubies, *Inverse Problems*, 2020, do it
-(sliding conditional gradient), written for normal equations:
+that fits best is sought as Denoyelle et al., *Inverse Problems*, 2020, do it (sliding conditional
+gradient), written for normal equations:
 
 1. *Scan.* One pass over the records gives the Gram matrices of the columns of terms on a fine grid
    of positions beside those of all other parameters. From these, terms are added one by one, each
