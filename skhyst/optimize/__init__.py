@@ -1,7 +1,7 @@
 """Identification: least squares over operators. Knows no estimator."""
 
 from ._bounded_step import bounded_step
-from ._exchange import Alone, block_folds, exchanged, whole_record_folds
+from ._exchange import Alone, block_folds, exchanged, merged_segments, whole_record_folds
 from ._frequency_problem import FrequencyProblem, identify_response
 from ._identify import METHODS, IdentificationResult, constant_entries, identify
 from ._input_history import estimate_input_history, input_history_of, with_input_history
@@ -57,6 +57,7 @@ __all__ = [
     "identify",
     "identify_response",
     "input_history_of",
+    "merged_segments",
     "modal_start",
     "nonnegative_minimum",
     "path_of",
