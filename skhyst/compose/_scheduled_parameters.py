@@ -1,6 +1,6 @@
 """Any model with parameters that depend on the record's amplitude, or on a column."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from numbers import Integral
 from typing import Self
 
@@ -157,11 +157,15 @@ class ScheduledParameters(AroundModel):
                 "ScheduledParameters takes a driven model: a disturbance has coefficients of each "
                 "record's own already."
             )
-        values = [r.schedule for r in records]
-        scheduled = Scheduled.constant(
-            result.operator, self._degrees(result), min(values), max(values)
-        )
-        return [scheduled, _from_each_record(scheduled, records, plain, model)]
+        values, found = [r.schedule for r in records], []
+        # parameters that differ from record to record may look like another form in all of them
+        others = {_form(own): own for own in model.starting_values(plain)}
+        others.pop(_form(result.operator), None)
+        for own in (result, *(refine(model, [start], plain) for start in others.values())):
+            degrees = self._degrees(own)
+            scheduled = Scheduled.constant(own.operator, degrees, min(values), max(values))
+            found += [scheduled, _from_each_record(scheduled, records, plain, model)]
+        return found
 
     def _degrees(self, result):
         """Return the degree of each value of the model's operator."""
@@ -195,6 +199,12 @@ class ScheduledParameters(AroundModel):
         super().adopt(result)
         self.polynomials_ = self.operator_.polynomials()
         return self
+
+
+def _form(operator):
+    """Return the fields of an operator that are words or flags, as the form of plays or stops."""
+    values = ((f.name, getattr(operator, f.name)) for f in fields(operator))
+    return tuple((name, value) for name, value in values if type(value) in (bool, str))
 
 
 def _from_each_record(scheduled, records, plain, model):

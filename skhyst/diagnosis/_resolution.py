@@ -9,7 +9,7 @@ of which the others know the range are held out whole, so that a second record i
 from dataclasses import dataclass, replace
 
 from ..operators import parts_with_resolution
-from ..optimize import exchanged, whole_record_folds
+from ..optimize import exchanged, merged_segments, whole_record_folds
 from ._candidates import held_out, refitted
 from ._shortened import shortened
 
@@ -69,6 +69,8 @@ def raised(candidate, records, folds):
     if sum(len(record.u) for record in records) > _LONGEST:
         parts = shortened(records, candidate.residuals) or records
     inner = whole_record_folds(parts, folds)
+    if not candidate.structure.disturbances:
+        parts, inner = merged_segments(parts, inner)
     done = []
     for at, prefix in _places(candidate.structure):
         place = _Place.of(candidate.structure, parts, at, prefix)

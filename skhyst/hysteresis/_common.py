@@ -50,10 +50,10 @@ def in_direction(starts, records, fixed, initial_state):
 
     Weights of one sign follow the drive in one direction. ``starts`` are of several forms, the
     first the one that is expected. Another one than that, or its mirror image, is put in front
-    where it explains more than as many weights do by chance, which is the mean square of what is
-    left for each.
+    where it explains more than as many linear parameters do by chance, which is the mean square of
+    what is left for each.
     """
-    if not starts[0].non_negative:
+    if not getattr(starts[0], "non_negative", True):
         return starts
     found = []
     for start in starts:
@@ -63,7 +63,7 @@ def in_direction(starts, records, fixed, initial_state):
             problem = OperatorProblem(own, records, fixed=fixed, initial_state=initial_state)
             found.append((solve_linear(problem, problem.x0, gram)[1][-1, -1], own))
     least, best = min(found, key=lambda own: own[0])
-    chance = 1.0 + best.weights.size / problem.segment_weight.sum()
+    chance = 1.0 + problem.linear.sum() / problem.segment_weight.sum()
     return [best, starts[0]] if least * chance < found[0][0] else starts[:1]
 
 

@@ -27,7 +27,7 @@ from .._jit import jit
 from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel, refine
 from ..operators import OneStateOperator, parameter
-from ._common import largest_drive
+from ._common import in_direction, largest_drive
 
 _RESOLUTION = 0.1  # default of the largest step over the smaller of shape and pinning
 _MOST_STEPS = 10000.0  # per interval, so that a run ends even for an absurd drive
@@ -216,6 +216,9 @@ class JilesAthertonOperator(OneStateOperator, step=jiles_atherton_step):
     max_step : float, optional
         Largest integration step, units of the drive; by default a tenth of the smaller of
         ``shape`` and ``pinning``. It is then fixed: a copy with other values keeps it.
+    falling : bool, default=False
+        Whether the gain is not positive, in place of not negative, where it is identified: the
+        response falls where the drive rises.
 
     Raises
     ------
@@ -248,10 +251,18 @@ class JilesAthertonOperator(OneStateOperator, step=jiles_atherton_step):
     gain: float = parameter(default=0.0, linear=True, lower=0.0, unit="response/drive")
     intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
     max_step: float | None = None
+    falling: bool = False
 
     owns_gain = True
     stage_order = 10
     structure = ("max_step",)
+
+    def parameter_specs(self):
+        """Return the identifiable fields; the gain of a response that falls is not above zero."""
+        specs = super().parameter_specs()
+        if self.falling:
+            specs["gain"] = dataclasses.replace(specs["gain"], lower=-np.inf, upper=0.0)
+        return specs
 
     def __post_init__(self):
         super().__post_init__()
@@ -355,10 +366,12 @@ class JilesAtherton(ParametricModel):
         field = coercive_field(records)
         gain = 0.0 if self.gain == "fit" else float(self.gain)
         others = _REVERSIBILITY, gain, 0.0, max(_COARSE * field, _shortest_step(records))
-        return [
+        starts = [
             JilesAthertonOperator(1.0, shape * field, pinning * field, coupling, *others)
             for shape, pinning, coupling in product(_SHAPES, _PINNINGS, _COUPLINGS)
         ]
+        ways = in_direction(starts[:1], records, self.held_parameters(), self.free_run_state)
+        return [dataclasses.replace(start, falling=way.falling) for way in ways for start in starts]
 
     def held_parameters(self) -> frozenset[str]:
         held = super().held_parameters()

@@ -421,8 +421,8 @@ class PrandtlIshlinskii(PlayModel):
     References
     ----------
     Steinbusch, *Hysteresis and Dynamics Compensation for Accurate Positioning in High Speed Piezo
-    Scanning Stages*, 2020, section 3.2. Kuhnen, *European Journal of Control*, 2003. Denoyelle,
-    Duval, Peyré and Soubies, *Inverse Problems*, 2020.
+    Scanning Stages*, 2020, section 3.2. Kuhnen, *European Journal of Control*, 2003. Denoyelle
+    et al., *Inverse Problems*, 2020.
 
     Examples
     --------

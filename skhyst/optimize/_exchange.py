@@ -1,8 +1,8 @@
 r"""How many terms a sum takes, and where they stand: exchange of terms for a sparse measure.
 
 A part such as a sum of plays is a measure over positions: a weight at each threshold. The measure
-that fits best is sought as Denoyelle, Duval, Peyré and Soubies, *Inverse Problems*, 2020, do it
-(sliding conditional gradient), written for normal equations:
+that fits best is sought as Denoyelle et al., *Inverse Problems*, 2020, do it (sliding conditional
+gradient), written for normal equations:
 
 1. *Scan.* One pass over the records gives the Gram matrices of the columns of terms on a fine grid
    of positions beside those of all other parameters. From these, terms are added one by one, each
@@ -14,9 +14,12 @@ that fits best is sought as Denoyelle, Duval, Peyré and Soubies, *Inverse Probl
 3. *Slide.* All positions move to where the sum of squares is least, jointly with all other
    parameters, and terms that meet become one.
 
-The steps are repeated with the present terms beside a new scan, whose positions are then free,
+The steps are repeated with the present terms, whose positions are then free, beside a new scan,
 until no further term predicts better. In the end the term that costs least is taken out, and again,
-while the others, moved to where they are best then, predict no worse.
+while the others, moved to where they are best then, predict worse by no more than a needless term
+would gain by chance. Such a term stands where it follows the noise best: of all places of the
+scan it has the largest square of a normal variable, about ``2 log(places)`` mean squares of what is
+left.
 """
 
 from dataclasses import dataclass, replace
@@ -175,6 +178,38 @@ def whole_record_folds(records, folds):
     return [(train, test) for train, test in found if test.any()]
 
 
+def merged_segments(records, folds):
+    """Return the records with neighbouring segments as one that no fold divides, and the folds.
+
+    Where nothing is fitted to each record by itself, that tells the same with fewer sums.
+
+    Parameters
+    ----------
+    records : sequence of RecordData
+    folds : list of (train, test)
+
+    Returns
+    -------
+    records : list of RecordData
+    folds : list of (train, test)
+    """
+    marks = np.array([mask for fold in folds for mask in fold])
+    merged, first, firsts = [], 0, []
+    for record in records:
+        own = marks[:, first : first + len(record.segments)]
+        gaps = np.array([a[1] != b[0] for a, b in pairwise(record.segments)], dtype=bool)
+        new = np.append(True, gaps | np.any(own[:, 1:] != own[:, :-1], axis=0))
+        starts = np.flatnonzero(new)
+        ends = np.append(starts[1:], len(record.segments)) - 1
+        pairs = zip(starts, ends, strict=True)
+        segments = tuple((record.segments[a][0], record.segments[b][1]) for a, b in pairs)
+        merged.append(replace(record, segments=segments))
+        firsts.append(first + starts)
+        first += len(record.segments)
+    kept = np.concatenate(firsts)
+    return merged, [(train[kept], test[kept]) for train, test in folds]
+
+
 def _movable(place):
     """Return the part with positions that are parameters, where they are not already."""
     part = place.part
@@ -255,11 +290,12 @@ def _merged(part):
     if kind.positions is None:  # which have an order
         kept[: np.flatnonzero(kept).max(initial=-1) + 1] = True
     else:
-        places, alive = np.asarray(getattr(part, kind.positions)), np.flatnonzero(kept)
-        for left, right in pairwise(alive):
-            if places[right] - places[left] <= _MET * places[-1]:
-                weights[right] += weights[left]
-                kept[left] = False
+        places, stays = np.asarray(getattr(part, kind.positions)), kind.stays(part)
+        for pair in pairwise(np.flatnonzero(kept)):
+            if np.ptp(places[list(pair)]) <= _MET * places[-1]:
+                gone, left = pair if not stays[pair[0]] else pair[::-1]
+                weights[left], weights[gone] = weights[left] + weights[gone], 0.0
+                kept[gone] = False
     if kept.all() or not kept.any():
         return None
     return with_terms_kept(replace(part, **{kind.weights: weights}), kept)
@@ -286,6 +322,7 @@ def _pursued(place, folds, *, anew=False):
     pursuit = _Pursuit(problem, groups, others, ordered=kind.positions is None)
     paths = [pursuit.steps(problem.total(blocks, train)) for train, _ in folds]
     powers, steps = [], [next(path) for path in paths]
+    # as many again are tried as predict best so far: two may help where one does not
     while len(powers) <= 2 * np.argmin([np.inf, *powers]):
         powers.append(_scored(problem, blocks, steps, folds))
         following = [next(path, None) for path in paths]
@@ -414,7 +451,6 @@ def _thinned(place, folds, least):
     """Return the place without terms beside which the others predict no worse."""
     places = max(len(place.part.finer(place.inputs())), 2)
     while True:
-        # the largest square of so many normal variables, of the mean square that is left
         chance = 1.0 + 2.0 * np.log(places) / _n_scored(place, folds)
         reduced = _reduced(place, folds, chance * least)
         if reduced is None:

@@ -7,6 +7,8 @@ from skhyst.compose import Cascade
 from skhyst.control import InverseCompensator
 from skhyst.exceptions import ConvergenceWarning
 from skhyst.hysteresis import (
+    JilesAtherton,
+    JilesAthertonOperator,
     KrasnoselskiiPokrovskii,
     MaxwellSlip,
     ModifiedPrandtlIshlinskii,
@@ -58,6 +60,14 @@ def test_a_response_that_falls_is_fitted_as_its_mirror_image(kind):
     assert down.weights_.max() <= 0.0
     assert np.std(up - y) < 0.05 * np.std(y)
     np.testing.assert_array_equal(from_json(to_json(down)).predict(X), down.predict(X))
+
+
+def test_a_flux_density_that_is_measured_the_other_way_round():
+    y, _ = JilesAthertonOperator(1.3, 0.21, 0.25, 0.3, 0.2, gain=0.3, intercept=0.1).run(U, DT)
+    rising, falling = (JilesAtherton(dt=DT).fit(X, sign * y) for sign in (1.0, -1.0))
+    assert rising.params_["gain"] == pytest.approx(0.3, rel=1e-3)
+    for name, sign in {"saturation": -1, "gain": -1, "intercept": -1, "pinning": 1}.items():
+        assert falling.params_[name] == pytest.approx(sign * rising.params_[name], rel=1e-3)
 
 
 @pytest.mark.parametrize(("y", "form"), [(LAGGING, "play"), (LEADING, "stop")])

@@ -16,6 +16,7 @@ from skhyst.optimize import (
     RecordData,
     block_folds,
     exchanged,
+    merged_segments,
     whole_record_folds,
 )
 
@@ -175,3 +176,17 @@ def test_the_power_that_a_step_leaves_is_that_of_the_predictions(beside):
             for (a, b), scored in zip(record.segments, test[6 * i : 6 * i + 6], strict=True):
                 left += scored * np.sum(np.square(record.y - prediction)[a:b])
         assert problem.power_left(blocks, step, train, test) == pytest.approx(left, rel=1e-8)
+
+
+def test_segments_that_no_fold_divides_are_one():
+    records = [RecordData(wandering(i, 120), wandering(i, 120), 1.0) for i in (1, 2)]
+    cut, folds = block_folds(records)
+    whole = [(np.arange(12) < 6, np.arange(12) >= 6), (np.arange(12) >= 6, np.arange(12) < 6)]
+    merged, same = merged_segments(cut, whole)
+    assert [own.segments for own in merged] == [((0, 120),), ((0, 120),)]
+    np.testing.assert_array_equal(
+        same, [[[True, False], [False, True]], [[False, True], [True, False]]]
+    )
+    merged, same = merged_segments(cut, folds)
+    assert [len(own.segments) for own in merged] == [6, 6]
+    np.testing.assert_array_equal(same, folds)
