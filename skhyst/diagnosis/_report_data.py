@@ -72,7 +72,13 @@ def collect(search, command, held_out):
         "dropped": list(search.dropped_),
         "failed": search.failed_.to_dict("records"),
         "next_steps": next_steps(
-            claims, not_it, location, search.verdict_, data["faults"], settings
+            claims,
+            not_it,
+            location,
+            search.verdict_,
+            data["faults"],
+            settings,
+            search.verdict_advice_,
         ),
         "signals": signals | names,
     }
@@ -276,7 +282,7 @@ def failures(failed):
     return found
 
 
-def next_steps(claims, not_it, location, verdict, faults, settings):
+def next_steps(claims, not_it, location, verdict, faults, settings, advice=""):
     """Return what to measure next, a list of sentences."""
     steps = [
         f"To tell {claim['effect']} from {listed(claim['ambiguous_with'])}: {claim['experiment']}"
@@ -311,11 +317,9 @@ def next_steps(claims, not_it, location, verdict, faults, settings):
             else f"{step}, and repeat one record exactly: what returns is structure, what does "
             "not is noise."
         )
-    if verdict == "undetermined":
-        steps.append(
-            f"Record longer, and more of what is held out worst{', ' * bool(location)}"
-            f"{looks(location)}: there the other records say too little."
-        )
+    if advice:
+        where = f" What is left is largest {looks(location)}." if looks(location) else ""
+        steps.append(f"{advice[0].upper()}{advice[1:]}.{where}")
     if verdict != "noise" or any(claim["ambiguous_with"] for claim in claims):
         steps.append(
             "Record next, as a file: skhyst.diagnosis.next_experiment, or skhyst next on the "

@@ -72,9 +72,9 @@ def _found(report):
     if report.verdict == "undetermined":
         headline, mark = "Undetermined", "; and undetermined"
         noise = (
-            f"What the fit leaves may be noise, {floor}, but the recording cannot tell: parts of "
-            "it go further than the others, or it is too short for so many parameters, or to tell "
-            "slow noise from what follows the drive."
+            f"What the fit leaves may be noise, of {floor} or more, but the recording cannot tell: "
+            "parts of it go further than the others, or it is too short for so many parameters, or "
+            "to tell slow noise from what follows the drive."
         )
     if not report.effects and explained:
         return headline, (
