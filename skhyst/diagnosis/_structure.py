@@ -205,11 +205,13 @@ def _by_black_box(records, residuals, predictions, rng, criterion):
     past = np.delete(x, np.s_[N_PRESENT:n_driven], axis=1)
     targets = [(driven, y), (past, new), (driven, size - size.mean())]
     trials = [trial(*own, len(targets)) for own in targets]
-    best = min(trials, key=lambda own: (not own.is_structure(criterion), own.share))
-    if best.is_structure(criterion):  # then the past is of the structure, too
-        whole = trial(x, y)
-        best = best._replace(share=min(whole.share, trials[0].share), left=whole.left)
-    return best
+    found = [own for own in trials if own.is_structure(criterion)]
+    if not found:
+        return min(trials, key=lambda own: own.share)
+    if found[0] is trials[0]:  # what the noise's own past predicts is noise
+        return found[0]
+    whole = trial(x, y)  # the past is of the structure, too
+    return found[0]._replace(share=whole.share, left=whole.left)
 
 
 def _left_by_boxes(x, y, block, rng):
