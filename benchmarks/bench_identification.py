@@ -30,7 +30,7 @@ from skhyst.hysteresis import (
     TanhHysteresisOperator,
 )
 from skhyst.linear import KelvinVoigt, KelvinVoigtOperator, SecondOrderMode, SecondOrderModeOperator
-from skhyst.operators import SeriesOperator
+from skhyst.operators import Series
 from skhyst.optimize import (
     CuckooSearch,
     DifferentialEvolution,
@@ -139,7 +139,7 @@ def stage(seed):
     plays = PrandtlIshlinskiiOperator(np.arange(10) / 10, np.r_[1.0, np.full(9, 0.1)])
     creep = KelvinVoigtOperator(np.array([0.05, 0.1]), np.array([0.02, 1.0]))
     mode = SecondOrderModeOperator(2 * np.pi * 700.0, 0.03)
-    series = SeriesOperator(("hysteresis", "creep", "mode"), (plays, creep, mode))
+    series = Series(("hysteresis", "creep", "mode"), (plays, creep, mode))
     y = series.run(u, LONG_INTERVAL)[0]
     noise = 1e-3 * y.std()
     return u, y + noise * rng.normal(size=len(u)), noise

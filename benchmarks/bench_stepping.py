@@ -39,7 +39,7 @@ from skhyst.hysteresis import (
 )
 from skhyst.linear import FirstOrderLag, KelvinVoigt, SecondOrderMode, SecondOrderModeOperator
 from skhyst.neural import SCNRegressor
-from skhyst.operators import SeriesOperator, Stepper, inverse_of
+from skhyst.operators import Series, Stepper, inverse_of
 from skhyst.optimize import VariableProjection
 from skhyst.preprocessing import LaggedFeatures, PlayOperators
 from skhyst.records import stack_records
@@ -51,7 +51,7 @@ PLAYS = PrandtlIshlinskiiOperator(np.linspace(0.0, 3.8, 20), np.full(20, 0.1))
 MODE = SecondOrderModeOperator(2.0 * np.pi * 400.0, 0.02)
 OPERATORS = {
     "20 plays": PLAYS,
-    "20 plays and a mode": SeriesOperator(("plays", "mode"), (PLAYS, MODE)),
+    "20 plays and a mode": Series(("plays", "mode"), (PLAYS, MODE)),
     "Bouc-Wen": BoucWenOperator(0.4, 0.7, 0.31, 0.6, 1.0, 0.0, 0.1),
     "LuGre friction": LuGreOperator(0.11, 2.3, 0.6, 0.8, 0.03, 0.3, 0.02, 0.1),
 }
@@ -140,7 +140,7 @@ def recording(n_samples, rng):
     phases = 2.0 * np.pi * np.outer(time, frequencies) + rng.uniform(0.0, 6.28, 7)
     u = np.sin(phases) @ frequencies**-0.3
     load = rng.uniform(0.5, 1.5)
-    y, _ = SeriesOperator(("plays", "mode"), (PLAYS, MODE)).run(u, DT)
+    y, _ = Series(("plays", "mode"), (PLAYS, MODE)).run(u, DT)
     return np.column_stack([u, np.full(n_samples, load)]), y * (1.0 + 0.1 * load)
 
 

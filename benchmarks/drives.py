@@ -41,7 +41,7 @@ from skhyst.linear import (
     TransferFunction,
     TransferFunctionOperator,
 )
-from skhyst.operators import SeriesOperator, inverse_of
+from skhyst.operators import Series, inverse_of
 from skhyst.static import SoftSaturation, SoftSaturationOperator
 
 DT, N = 1e-3, 800  # s; samples of a record
@@ -74,7 +74,7 @@ def transfer_function(rng):
 def series(*makers):
     """Return a maker of cascades."""
     names = tuple("abc"[: len(makers)])
-    return lambda rng: SeriesOperator(names, tuple(make(rng) for make in makers))
+    return lambda rng: Series(names, tuple(make(rng) for make in makers))
 
 
 def stages(*models):

@@ -25,7 +25,7 @@ from skhyst.hysteresis import (
 from skhyst.linear import DelayOperator, KelvinVoigtOperator, SecondOrderModeOperator
 from skhyst.operators import (
     InverseOperator,
-    SeriesOperator,
+    Series,
     Stepper,
     inverse_of,
 )
@@ -45,9 +45,9 @@ MODE = SecondOrderModeOperator(2.0 * np.pi * FREQUENCY, 0.03)
 CREEP = KelvinVoigtOperator(np.array([0.1, 0.05]), np.array([0.02, 0.3]))
 STAGES = 2.0 * np.pi * FREQUENCY, 0.1, 0.5
 CASCADES = {
-    "plays, mode": SeriesOperator(("plays", "mode"), (PLAYS, MODE)),
-    "mode, plays": SeriesOperator(("mode", "plays"), (MODE, PLAYS)),
-    "plays, mode, creep, delay": SeriesOperator(
+    "plays, mode": Series(("plays", "mode"), (PLAYS, MODE)),
+    "mode, plays": Series(("mode", "plays"), (MODE, PLAYS)),
+    "plays, mode, creep, delay": Series(
         ("plays", "mode", "creep", "delay"), (PLAYS, MODE, CREEP, DelayOperator(1.3e-3))
     ),
     "motion with Bouc-Wen hysteresis": BoucWenStageOperator(*STAGES, 1.0, 0.0, 1.5, gain=2.0),

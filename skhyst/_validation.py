@@ -10,8 +10,8 @@ from ._sklearn import StrOptions, validate_parameter_constraints
 from .exceptions import RecordError
 from .records import record_slices
 
-# Largest value and, inverted, smallest, of an estimator without `_extreme` of its own: squares of
-# such values, and those of gains and their inverses, are finite.
+# Largest value and, inverted, smallest, of an estimator without `largest_value` of its own: squares
+# of such values, and those of gains and their inverses, are finite.
 EXTREME = 1e100
 _TOO_FAR = (
     "The largest value of {} is {:g}, too far from one to calculate with: choose another unit."
@@ -87,15 +87,15 @@ def in_native_order(values):
 
 def _counts_samples(estimator):
     """Whether an estimator, or a part of it, is right for one sampling interval only."""
-    return getattr(estimator, "_one_interval", True) or any(
-        getattr(part, "_one_interval", False) for part in _parts(estimator)
+    return getattr(estimator, "one_interval", True) or any(
+        getattr(part, "one_interval", False) for part in _parts(estimator)
     )
 
 
 def _least(estimator):
     """Return the largest value that an estimator and all parts of it calculate with."""
-    own = getattr(estimator, "_extreme", EXTREME)
-    return min([own, *(getattr(part, "_extreme", own) for part in _parts(estimator))])
+    own = getattr(estimator, "largest_value", EXTREME)
+    return min([own, *(getattr(part, "largest_value", own) for part in _parts(estimator))])
 
 
 def _parts(estimator):

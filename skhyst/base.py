@@ -26,17 +26,21 @@ from .optimize import (
     Method,
     OperatorProblem,
     RecordData,
-    estimate_input_history,
     identify,
     input_history_of,
+    with_input_history,
 )
 from .records import chosen_interval
 
 __all__ = [
     "ParametricModel",
+    "as_node",
+    "identified",
     "informed",
+    "input_at_rest",
     "one_thread",
     "read_data",
+    "refine",
     "with_params",
 ]
 
@@ -113,13 +117,55 @@ def with_params(model, **params):
     return model
 
 
+def as_node(model, **parts):
+    """Return an unfitted model, with others in place of the models that it is made of."""
+    model = informed(clone(model), model) if hasattr(model, "operator_") else model
+    return with_params(model, **parts) if parts else model
+
+
+def refine(model, starts, records, method=None, fixed=frozenset()):
+    """Return what identification finds for a model from operators of one structure.
+
+    ``fixed`` are names of entries that are held, beside those that the model holds; ``method`` is
+    in place of that of the model.
+    """
+    return identify(
+        starts,
+        records,
+        fixed=model.held_parameters() | fixed,
+        initial_state=model.free_run_state,
+        method=method or model.method,
+    )
+
+
+def identified(model, records):
+    """Return a model with its hold decided, where that is "auto", and what it was identified as."""
+    held = [model.with_hold(hold) for hold in ("foh", "zoh")]
+    if held[0] is model:
+        return model, model.identify(records)
+    results = [own.identify(records) for own in held]
+    better = int(results[1].error < results[0].error)
+    evaluations = sum(result.n_evaluations for result in results)
+    return held[better], replace(results[better], n_evaluations=evaluations)
+
+
+def input_at_rest(model, u0, initial_state, caller):
+    """Return the input at which a fitted model rests; see :meth:`ParametricModel.stepper`."""
+    levels = rest_of(u0, initial_state, model.n_features_in_, caller)
+    if not model.reads_columns:
+        return float(levels[0])
+    # the amplitude of the record may stand behind the columns
+    return np.append(levels, levels[0]) if np.size(u0) == 1 else levels
+
+
 class ParametricModel(RegressorMixin, BaseEstimator):
     """Base of the models whose free run is that of an operator.
 
     A subclass gives :meth:`starting_values`, ``operator_class``, from which its place in a series
     follows, and, where parameters are held for another reason than a flag ``fit_<name>``,
     :meth:`held_parameters`. A constructor of its own assigns ``initial_state`` and ``dt`` too. What
-    its docstring does not say of a parameter or an attribute is taken from that of its base.
+    its docstring does not say of a parameter or an attribute is taken from that of its base. What
+    else a subclass may override is rarely needed, and described in the developers' pages.
 
     Parameters
     ----------
@@ -163,9 +209,10 @@ class ParametricModel(RegressorMixin, BaseEstimator):
 
     operator_class = Operator
     method = "variable_projection"  # of a constructor without it
-    _reads_columns = False  # of X beside the first
-    _one_interval = False  # an operator runs at the interval of each record
-    _any_interval = False  # and, for a straight drive, gives the same however fine the interval is
+    reads_columns = False  # of X beside the first
+    one_interval = False  # an operator runs at the interval of each record
+    any_interval = False  # and, for a straight drive, gives the same however fine the interval is
+    disturbance_names = ()  # of what the model adds to the driven response
 
     def __init_subclass__(cls, **options):
         super().__init_subclass__(**options)
@@ -251,64 +298,83 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         data = self._read_records(X, y)
         data = data if records is None else list(records)
         with _calculable():
-            result = self._refine([self.tree(operator)], data, method)
-            return self._finish(result, data)
+            result = refine(self, [self.tree(operator)], data, method)
+            return self.finish(result, data)
 
     def _read_records(self, X, y):
         """Validate X and y, store the records, and return what identification sees of them."""
         slices, X, y = read_data(self, X, y, reset=True, dt=self.dt)
-        data = self._record_data(slices, X, y)
+        data = self.record_data(slices, X, y)
         self.records_ = slices
         return data
 
-    def _record_data(self, slices, X, y):
-        """Return what identification sees of each record."""
-        signal, schedules = self._signal(X, slices), self._schedules(slices, X)
+    def record_data(self, slices, X, y):
+        """Return what identification sees of each record.
+
+        Parameters
+        ----------
+        slices : sequence of RecordSlice
+        X : ndarray of shape (n_samples, n_inputs)
+        y : ndarray of shape (n_samples,)
+
+        Returns
+        -------
+        list of RecordData
+        """
+        signal, schedules = self.operator_input(X, slices)
         return [
             RecordData(signal[s.rows], y[s.rows], s.dt, schedule=schedule)
             for s, schedule in zip(slices, schedules, strict=True)
         ]
 
-    def _signal(self, X, slices):
-        """Return what drives the operator: the first column of X, (n_samples,)."""
-        return X[:, 0]
+    def operator_input(self, X, slices):
+        """Return what the operator is driven by, and what its parameters depend on.
 
-    def _schedules(self, slices, X):
-        """Return the number that scheduled parameters depend on, or None, for each record."""
-        return [None] * len(slices)
+        Parameters
+        ----------
+        X : ndarray of shape (n_samples, n_inputs)
+        slices : sequence of RecordSlice
+
+        Returns
+        -------
+        signal : ndarray of shape (n_samples,) or (n_samples, n)
+            The first column of X, or several where the model ``reads_columns``.
+        schedules : list of float or None
+            Of each record the number that scheduled parameters depend on, if they are any.
+        """
+        return X[:, 0], [None] * len(slices)
 
     def __sklearn_tags__(self):
         tags = super().__sklearn_tags__()
         tags.regressor_tags.poor_score = True  # on data that no device has produced
         return tags
 
-    def _identify(self, data):
-        """Identify from ``RecordData``; return an ``IdentificationResult``."""
-        return self._refine(self.starting_values(data), data)
+    def identify(self, records):
+        """Identify the operator, from the starting values, without storing anything.
 
-    def _with_hold(self, hold):
-        """Return the model with this hold of the drive where it is "auto"; itself if it is not."""
+        Parameters
+        ----------
+        records : sequence of RecordData
+
+        Returns
+        -------
+        IdentificationResult
+        """
+        return refine(self, self.starting_values(records), records)
+
+    def with_hold(self, hold):
+        """Return the model with a hold of the drive where its own is "auto".
+
+        Parameters
+        ----------
+        hold : {"foh", "zoh"}
+
+        Returns
+        -------
+        estimator
+            The model itself where there is nothing to decide.
+        """
         return with_params(self, hold=hold) if getattr(self, "hold", None) == "auto" else self
-
-    def _decide(self, data):
-        """Return the model with its hold decided, and what identification found for it."""
-        held = [self._with_hold(hold) for hold in ("foh", "zoh")]
-        if held[0] is self:
-            return self, self._identify(data)
-        results = [model._identify(data) for model in held]
-        better = int(results[1].error < results[0].error)
-        evaluations = sum(result.n_evaluations for result in results)
-        return held[better], replace(results[better], n_evaluations=evaluations)
-
-    def _refine(self, starts, data, method=None, fixed=frozenset()):
-        """Return what identification finds from operators of one structure."""
-        return identify(
-            starts,
-            data,
-            fixed=self.held_parameters() | fixed,
-            initial_state=self._free_run_state(),
-            method=method or self.method,
-        )
 
     def tree(self, operator) -> Operator:
         """Return an operator of this model as the tree that is the structure of the model.
@@ -332,17 +398,23 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         FirstOrderLag(hold='zoh')
         """
         driven, disturbances = split_disturbances(operator)
-        return self._tree(driven, iter(disturbances))
+        return self.subtree(driven, iter(disturbances))
 
-    def _tree(self, driven, disturbances):
-        """Return the tree of what is driven, and of those of the disturbances that are its own."""
+    def subtree(self, driven, disturbances):
+        """Return the tree of a part of a model; see :meth:`tree`.
+
+        Parameters
+        ----------
+        driven : Operator
+        disturbances : iterator of Operator
+            Of all parts, in their order: the part takes its own.
+
+        Returns
+        -------
+        Operator
+        """
         own = next(disturbances) if self.operator_class.is_disturbance else driven
-        return replace(own, model=self._node())
-
-    def _node(self, **parts):
-        """Return the unfitted model, with others in place of the models that it is made of."""
-        model = informed(clone(self), self) if hasattr(self, "operator_") else self
-        return with_params(model, **parts) if parts else model
+        return replace(own, model=as_node(self))
 
     def unfitted(self, operator) -> Self:
         """Return the model of a tree whose root belongs to this one.
@@ -360,29 +432,33 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """
         return self
 
-    def _with_input_history(self, result, data):
-        """Return the result refitted, and the drive before each record."""
-        fixed = {name for name, _ in result.operator.entries()} - set(result.params)
-        own = result.operator, result.disturbances, data
-        found, input_history = estimate_input_history(*own, fixed=fixed, method=self.method)
-        return replace(
-            found, n_evaluations=result.n_evaluations + found.n_evaluations
-        ), input_history
-
-    def _fit_records(self, data):
+    def _fit_records(self, records):
         """Fit validated records."""
-        return self._finish(self._decide(data)[1], data)
+        return self.finish(identified(self, records)[1], records)
 
-    def _finish(self, result, data):
-        """Store what identification found, and what came before the records where it is asked."""
+    def finish(self, result, records):
+        """Store what identification found in records, and warn of what they do not tell.
+
+        Where the initial state is estimated and not known, both are fitted together before.
+
+        Parameters
+        ----------
+        result : IdentificationResult
+        records : sequence of RecordData
+
+        Returns
+        -------
+        self
+        """
         if not np.isfinite(result.error):
             raise RecordError(_OUT_OF_RANGE)
         if self.initial_state == "estimate":
-            if any(record.before is None for record in data):
-                result, self.initial_drive_ = self._with_input_history(result, data)
+            if any(record.before is None for record in records):
+                result = with_input_history(result, records, self.method)
             else:
-                self.initial_drive_ = np.array([np.ravel(record.before) for record in data])
-        if _is_constant(result.operator) and any(np.ptp(record.y) > 0.0 for record in data):
+                known = np.array([np.ravel(record.before) for record in records])
+                result = replace(result, input_history=known)
+        if _is_constant(result.operator) and any(np.ptp(record.y) > 0.0 for record in records):
             warnings.warn(
                 f"No weight of {type(self).__name__} is other than zero: the response does not "
                 "rise with the drive, as this model's does. Turn round the sign of one of them, or "
@@ -399,13 +475,23 @@ class ParametricModel(RegressorMixin, BaseEstimator):
                 rest = f" and {more} more" if more > 0 else ""
                 message = f"{told} these parameters of {type(self).__name__}: {named}{rest}."
                 warnings.warn(message, kind, stacklevel=4)
-        return self._adopt(result)
+        return self.adopt(result)
 
-    def _adopt(self, result):
-        """Store what identification found."""
-        names = self._disturbance_names(len(result.disturbances))
-        result = result.released()
+    def adopt(self, result):
+        """Store what identification found.
+
+        Parameters
+        ----------
+        result : IdentificationResult
+
+        Returns
+        -------
+        self
+        """
+        result, names = result.released(), self.disturbance_names
         self.operator_: Operator = add_disturbances(result.operator, result.disturbances, names)
+        if result.input_history is not None:
+            self.initial_drive_ = result.input_history
         if result.disturbances:
             self.record_coefficients_ = result.record_coefficients
         self.params_: dict[str, float] = result.params
@@ -419,9 +505,6 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         self.n_iter_ = max(len(result.history), 1)
         self.fit_error_ = result.error
         return self
-
-    def _disturbance_names(self, count):
-        """Return names for what stands beside, None for those by number."""
 
     def predict(self, X) -> np.ndarray:
         """Return the free run: the response to the drive alone, each record from its own start.
@@ -438,8 +521,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """
         check_is_fitted(self)
         slices, X, _ = read_data(self, X, reset=False, dt=self.dt)
-        signal, schedules = self._signal(X, slices), self._schedules(slices, X)
-        return run_records(self.operator_, signal, slices, self._free_run_state(), schedules)
+        signal, schedules = self.operator_input(X, slices)
+        return run_records(self.operator_, signal, slices, self.free_run_state, schedules)
 
     def predict_from(self, X, y) -> np.ndarray:
         """Return the free run of records that begin under way, from what ``y`` tells of that.
@@ -478,7 +561,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         data = [
             replace(record, weights=known[s.rows].astype(float))
             for s, record in zip(
-                slices, self._record_data(slices, X, np.where(known, y, 0.0)), strict=True
+                slices, self.record_data(slices, X, np.where(known, y, 0.0)), strict=True
             )
         ]
         driven, beside = split_disturbances(self.operator_)
@@ -533,19 +616,13 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         dt = chosen_interval(self.records_, dt, caller)
         if schedule is not None:
             operator = operator.at(finite_number(schedule, caller, "schedule"))
-        u0 = self._input_at_rest(u0, initial_state, caller)
-        state = operator.init(u0, initial_state or self._free_run_state())
+        u0 = input_at_rest(self, u0, initial_state, caller)
+        state = operator.init(u0, initial_state or self.free_run_state)
         return Stepper(operator.compiled_step(dt, state), dt)
 
-    def _input_at_rest(self, u0, initial_state, caller):
-        """Return the input at which the operator rests; see :meth:`stepper`."""
-        levels = rest_of(u0, initial_state, self.n_features_in_, caller)
-        if not self._reads_columns:
-            return float(levels[0])
-        # the amplitude of the record may stand behind the columns
-        return np.append(levels, levels[0]) if np.size(u0) == 1 else levels
-
-    def _free_run_state(self):
+    @property
+    def free_run_state(self) -> str:
+        """State before each record of a free run, "rest" or "zero"."""
         return "zero" if self.initial_state == "zero" else "rest"
 
 

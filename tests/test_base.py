@@ -27,7 +27,7 @@ from skhyst.linear import (
     SecondOrderMode,
     SecondOrderModeOperator,
 )
-from skhyst.operators import SeriesOperator, run_records
+from skhyst.operators import Series, run_records
 from skhyst.persistence import from_json, to_json
 from skhyst.records import record_slices
 from skhyst.static import SaturationOperator
@@ -43,7 +43,7 @@ def drive(seed=0):
     return waves @ (1.0 / np.arange(1, 7))
 
 
-PLANT = SeriesOperator(
+PLANT = Series(
     ("plays", "lag"),
     (PrandtlIshlinskiiOperator([0.0, 0.3], [1.0, 0.4], 0.2), FirstOrderLagOperator(0.04)),
 )

@@ -262,8 +262,8 @@ _COMPOSITION = [
     ),
     (
         "series: the first stage carries the gain where there is no hysteresis",
-        "if s.gauge_entries().any()][-1:]",
-        "if s.gauge_entries().any()][:1]",
+        "if any(s.is_shared for s in own)][-1:]",
+        "if any(s.is_shared for s in own)][:1]",
         "tests/operators/test_compose.py tests/compose/test_cascade.py -k gain",
     ),
     (
@@ -280,14 +280,14 @@ _COMPOSITION = [
     ),
     (
         "sum: every branch keeps its intercept",
-        "masks.append(mask | (intercept & taken))",
-        "masks.append(mask)",
+        "s.held or (s.gauge == 0.0 and taken)",
+        "s.held",
         "tests/operators/test_compose.py -k 'intercept or independent'",
     ),
     (
         "sum: the gain of any branch can be taken out",
-        "stage.gauge_entries() & (Operator.constant_mask(stage) | (i == 0))",
-        "stage.gauge_entries()",
+        "s.gauge == 0.0 or not i)",
+        "True)",
         "tests/operators/test_compose.py -k 'gain or independent'",
     ),
     (

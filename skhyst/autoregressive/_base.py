@@ -81,7 +81,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         Fastest change of the drive between two samples in the fit, units of the drive per s.
     """
 
-    _one_interval = True  # lags are in samples
+    one_interval = True  # lags are in samples
 
     _parameter_constraints = {
         "input_lags": [Interval(Integral, 0, None, closed="left"), "array-like", dict],

@@ -10,7 +10,7 @@ from ._columns import (
 )
 from ._corrected import Corrected
 from ._scheduled_parameters import ScheduledParameters
-from ._sum import Sum, constant_entries
+from ._sum import Sum
 
 __all__ = [
     "Backfitting",
@@ -22,7 +22,6 @@ __all__ = [
     "Sum",
     "Turn",
     "amplitude",
-    "constant_entries",
     "explained_change",
     "fold_of_rows",
     "is_constant",

@@ -21,9 +21,9 @@ import numpy as np
 from sklearn.base import clone
 
 from .._validation import take_rows
-from ..operators import FrozenOperator, SeriesOperator, SumOperator
-from ._columns import ColumnOperator, ModulatedOperator
-from ._scheduled_parameters import ScheduledOperator
+from ..operators import FrozenOperator, Series, SumOperator
+from ._columns import OnColumnOperator, Scaled
+from ._scheduled_parameters import Scheduled
 
 _DAMPING = 0.1  # lambda: the squared gain of the effects above which they are undone
 _STEPS = 12  # of conjugate gradients
@@ -211,24 +211,24 @@ def _derivative(operator, u, change, dt, state, adjoint=False):
     The adjoint is that of a stage run backwards in time: exact for stages that are linear or have
     no memory.
     """
-    if isinstance(operator, FrozenOperator | ScheduledOperator):
+    if isinstance(operator, FrozenOperator | Scheduled):
         return _derivative(operator.operator, u, change, dt, state, adjoint)
     if operator.is_disturbance:
         return np.zeros_like(change)
     if isinstance(operator, SumOperator):
         parts = (_derivative(s, u, change, dt, state, adjoint) for s in operator.stages)
         return sum(parts, np.zeros_like(change))
-    if isinstance(operator, ColumnOperator):
+    if isinstance(operator, OnColumnOperator):
         if operator.column != 0:
             return np.zeros_like(change)
         own = np.ascontiguousarray(u[:, 0])
         return _derivative(operator.operator, own, change, dt, state, adjoint)
-    if isinstance(operator, ModulatedOperator):
+    if isinstance(operator, Scaled):
         factor = 1.0 + operator.sensitivity * (u[:, operator.column] - operator.reference)
         if adjoint:
             return _derivative(operator.operator, u, factor * change, dt, state, True)
         return factor * _derivative(operator.operator, u, change, dt, state)
-    if isinstance(operator, SeriesOperator):
+    if isinstance(operator, Series):
         inputs = [u]
         for stage in operator.stages[:-1]:
             inputs.append(stage.run(inputs[-1], dt, stage.init(inputs[-1][0], state))[0])

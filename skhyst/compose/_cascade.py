@@ -2,6 +2,7 @@
 
 from abc import abstractmethod
 from dataclasses import replace
+from itertools import islice
 from operator import attrgetter
 from typing import Self
 
@@ -10,11 +11,11 @@ from sklearn.frozen import FrozenEstimator
 from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import BaseComposition, diagram_of
-from ..base import ParametricModel, informed, with_params
+from ..base import ParametricModel, as_node, informed, refine, with_params
 from ..operators import (
     FrozenOperator,
     Operator,
-    SeriesOperator,
+    Series,
     add_disturbances,
     split_disturbances,
 )
@@ -37,15 +38,14 @@ class HeldStep(ParametricModel):
         self.model = model
 
     stage_order = property(attrgetter("model.stage_order"))
-    _any_interval = property(attrgetter("model._any_interval"))
-    _reads_columns = property(attrgetter("model._reads_columns"))
-    _signal = property(attrgetter("model._signal"))
-    _schedules = property(attrgetter("model._schedules"))
+    any_interval = property(attrgetter("model.any_interval"))
+    reads_columns = property(attrgetter("model.reads_columns"))
+    operator_input = property(attrgetter("model.operator_input"))
 
     def starting_values(self, records):
         return [FrozenOperator(self.model.operator_)]
 
-    def _tree(self, driven, disturbances):
+    def subtree(self, driven, disturbances):
         held = FrozenOperator(driven) if driven.n_parameters else driven
         return replace(held, model=FrozenEstimator(self.model))
 
@@ -101,8 +101,8 @@ class Composition(ParametricModel, BaseComposition):
     def operators_(self) -> dict[str, Operator]:
         """The identified operator of each step, by name."""
         driven, disturbances = split_disturbances(self.operator_)
-        beside = self._disturbance_names(len(disturbances)) or ()
-        return dict(driven.members()) | dict(zip(beside, disturbances, strict=True))
+        beside = zip(self.disturbance_names, disturbances, strict=True)
+        return dict(driven.members()) | dict(beside)
 
     def get_params(self, deep=True) -> dict:
         """Return the parameters of the composition and, with ``deep``, those of its steps."""
@@ -114,17 +114,18 @@ class Composition(ParametricModel, BaseComposition):
         return self
 
     @property
-    def _reads_columns(self):
-        return any(model._reads_columns for model in self._models())
+    def reads_columns(self):
+        return any(model.reads_columns for model in self._models())
 
-    def _signal(self, X, slices):
-        signals = [m._signal(X, slices) for m in self._models() if m._reads_columns]
+    def operator_input(self, X, slices):
+        signal, schedules = super().operator_input(X, slices)
+        found = [m.operator_input(X, slices)[0] for m in self._models() if m.reads_columns]
         # with the amplitude of the records as a last column, where one reads it
-        return max(signals, key=np.size) if signals else super()._signal(X, slices)
+        return max(found, key=np.size, default=signal), schedules
 
-    def _record_data(self, slices, X, y):
+    def record_data(self, slices, X, y):
         self._check_steps()
-        return super()._record_data(slices, X, y)
+        return super().record_data(slices, X, y)
 
     def _check_steps(self):
         kind = type(self).__name__
@@ -153,13 +154,13 @@ class Composition(ParametricModel, BaseComposition):
         ]
 
     @property
-    def _any_interval(self):
-        return all(model._any_interval for model in self._models())
+    def any_interval(self):
+        return all(model.any_interval for model in self._models())
 
-    def _with_hold(self, hold):
+    def with_hold(self, hold):
         self._check_steps()
         held = [
-            step if isinstance(step, FrozenEstimator) else step._with_hold(own)
+            step if isinstance(step, FrozenEstimator) else step.with_hold(own)
             for (_, step), own in zip(self.steps, self._holds(hold), strict=True)
         ]
         if all(new is step for new, (_, step) in zip(held, self.steps, strict=True)):
@@ -176,9 +177,8 @@ class Composition(ParametricModel, BaseComposition):
         """Return the operator made of stages."""
 
     def starting_values(self, records):
-        result = self._identify(records)
-        names = self._disturbance_names(len(result.disturbances))
-        return [add_disturbances(result.operator, result.disturbances, names)]
+        result = self.identify(records)
+        return [add_disturbances(result.operator, result.disturbances, self.disturbance_names)]
 
     def unfitted(self, operator) -> Self:
         stages = zip(operator.names, operator.stages, strict=True)
@@ -191,9 +191,9 @@ class Composition(ParametricModel, BaseComposition):
             for entry in model.held_parameters()
         )
 
-    def _adopt(self, result):
+    def adopt(self, result):
         self._identified = result.released()
-        return super()._adopt(self._identified)
+        return super().adopt(self._identified)
 
     def _fitted_step(self, name, model, stage):
         """Return a step with its own part of what identification found."""
@@ -212,7 +212,7 @@ class Composition(ParametricModel, BaseComposition):
             own["covariance"] = result.covariance[np.ix_(at, at)]
         shared = {"records_": self.records_, "dt": self.dt, "initial_state": self.initial_state}
         model = with_params(model, **shared)
-        return model._adopt(replace(result, operator=stage, disturbances=(), **own))
+        return model.adopt(replace(result, operator=stage, disturbances=(), **own))
 
 
 class Cascade(Composition):
@@ -242,7 +242,7 @@ class Cascade(Composition):
 
     Attributes
     ----------
-    operator_ : SeriesOperator
+    operator_ : Series
 
     Raises
     ------
@@ -285,7 +285,7 @@ class Cascade(Composition):
     def _check_steps(self):
         super()._check_steps()
         for (name, _), model in list(zip(self.steps, self._models(), strict=True))[1:]:
-            if model._reads_columns:
+            if model.reads_columns:
                 raise ValueError(
                     f"The step '{name}' of Cascade reads columns of X: it must be the first."
                 )
@@ -300,25 +300,25 @@ class Cascade(Composition):
         return [hold if i <= first else "foh" for i in range(len(has_one))]
 
     def _compose(self, names, stages):
-        return SeriesOperator(tuple(names), tuple(stages)).normalized()
+        return Series(tuple(names), tuple(stages)).normalized()
 
-    def _tree(self, driven, disturbances):
+    def subtree(self, driven, disturbances):
         models = zip(self._models(), driven.stages, strict=True)
-        parts = tuple(model._tree(stage, disturbances) for model, stage in models)
-        held, stages = SeriesOperator(driven.names, parts).gauge_mask(), []
+        parts = tuple(model.subtree(stage, disturbances) for model, stage in models)
+        specs, stages = iter(Series(driven.names, parts).entries()), []
         for stage in parts:
-            own, held = np.split(held, [stage.n_parameters])
-            stages.append(_to_unit_gain(stage) if own.any() else stage)
-        return replace(self._compose(driven.names, stages), model=self._node(steps=[]))
+            held = [spec.held for _, spec in islice(specs, stage.n_parameters)]
+            stages.append(_to_unit_gain(stage) if any(held) else stage)
+        return replace(self._compose(driven.names, stages), model=as_node(self, steps=[]))
 
-    def _identify(self, data):
+    def identify(self, data):
         self._check_steps()
         if self.warm_start and list(getattr(self, "operators_", ())) == [n for n, _ in self.steps]:
             start = self._resume(self.operators_.values(), data)
             if start is not None:
-                return self._refine([start], data, self.method)
+                return refine(self, [start], data, self.method)
         thinned = None
-        if self._any_interval and self.method == "variable_projection":
+        if self.any_interval and self.method == "variable_projection":
             thinned = thin_records(data)
         if thinned is None:
             results = [self._add_steps(data, order, self.method) for order in self._orders()]
@@ -328,7 +328,7 @@ class Cascade(Composition):
             # the thresholds of plays, say, are those of all samples
             found = _distinct(results)
             starts = [self._resume(operator.stages, data) or operator for operator in found]
-            best = self._refine(starts, data, self.method)
+            best = refine(self, starts, data, self.method)
             results.append(best)
         evaluations = sum(result.n_evaluations for result in results)
         return replace(best, n_evaluations=evaluations)
@@ -340,7 +340,7 @@ class Cascade(Composition):
         """
         found, records = [], data
         for stage, model in zip(stages, self._models(), strict=True):
-            if isinstance(model, Cascade) and isinstance(stage, SeriesOperator):
+            if isinstance(model, Cascade) and isinstance(stage, Series):
                 stage = model._resume(stage.stages, records)
             elif isinstance(model, HeldStep):
                 [stage] = model.starting_values(records)
@@ -358,7 +358,7 @@ class Cascade(Composition):
 
     def _behind(self, stages, records):
         """Return records whose drive has gone through stages."""
-        state = self._free_run_state()
+        state = self.free_run_state
         for stage in stages:
             records = [
                 replace(record, u=stage.run(record.u, record.dt, stage.init(record.u[0], state))[0])
@@ -377,7 +377,7 @@ class Cascade(Composition):
         models = self._models()
         given = [i for i, model in enumerate(models) if not isinstance(model, HeldStep)]
         dynamics = [i for i in given if models[i].stage_order == _DYNAMICS]
-        dynamics = [i for i in dynamics if not models[i]._reads_columns]  # which must come first
+        dynamics = [i for i in dynamics if not models[i].reads_columns]  # which must come first
         turned = dict(zip(dynamics, reversed(dynamics), strict=True))
         others = [turned.get(i, i) for i in given]
         late = sorted(given, key=lambda i: models[i].stage_order < _HYSTERESIS)
@@ -393,7 +393,7 @@ class Cascade(Composition):
                 [stages[i]] = model.starting_values(data)
         for i in order or [0]:
             places = sorted({*stages, i})
-            if i and models[0]._reads_columns and 0 in stages:
+            if i and models[0].reads_columns and 0 in stages:
                 stages[0] = _unbiased(stages[0])
             records = self._behind([stages[j] for j in places if j < i], data)
             names = [self.steps[j][0] for j in places]
@@ -408,7 +408,7 @@ class Cascade(Composition):
                     "beside a model, in a Sum."
                 )
             last = len(names) == len(self.steps)
-            result = self._refine(candidates, data, method if last else _ALONG_THE_WAY)
+            result = refine(self, candidates, data, method if last else _ALONG_THE_WAY)
             stages = dict(zip(places, result.operator.stages, strict=True))
             evaluations += result.n_evaluations
         return replace(result, n_evaluations=evaluations)
@@ -447,10 +447,12 @@ def _unbiased(stage):
 
     What they add to the drive cannot be told before all that is behind it has its place.
     """
-    gains = [spec.gauge == 1.0 for _, spec in stage.entries()] & stage.gauge_entries()
-    if not stage.signal_linear or gains.sum() != 1:
+    specs = [spec for _, spec in stage.entries()]
+    gains = [spec.gauge == 1.0 and spec.movable for spec in specs]
+    if not stage.signal_linear or sum(gains) != 1:
         return stage
-    return stage.unpack(np.where(gains, 1.0, np.where(stage.linear_mask(), 0.0, stage.pack())))
+    linear = [spec.linear for spec in specs]
+    return stage.unpack(np.where(gains, 1.0, np.where(linear, 0.0, stage.pack())))
 
 
 def thin_records(records):

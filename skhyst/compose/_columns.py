@@ -7,8 +7,8 @@ from typing import Self
 import numpy as np
 
 from .._sklearn import HasMethods, Interval, StrOptions
-from ..base import ParametricModel, informed, with_params
-from ..operators import ColumnOperator, ModulatedOperator, add_disturbances, split_disturbances
+from ..base import ParametricModel, as_node, informed, with_params
+from ..operators import OnColumnOperator, Scaled, add_disturbances, split_disturbances
 
 _CONSTANT = 1e-3  # spread of a column within a record, relative to its size
 
@@ -49,8 +49,8 @@ class AroundModel(ParametricModel):
     def held_parameters(self) -> frozenset[str]:
         return self.estimator.held_parameters()
 
-    def _with_hold(self, hold):
-        estimator = self.estimator._with_hold(hold)
+    def with_hold(self, hold):
+        estimator = self.estimator.with_hold(hold)
         return self if estimator is self.estimator else with_params(self, estimator=estimator)
 
     def _check_estimator(self):
@@ -68,7 +68,7 @@ class _ColumnModel(AroundModel):
         **AroundModel._parameter_constraints,
         "column": [Interval(Integral, 0, None, closed="left")],
     }
-    _reads_columns = True
+    reads_columns = True
 
     def __init__(
         self, estimator, column=1, *, initial_state="rest", dt=1.0, method="variable_projection"
@@ -83,34 +83,32 @@ class _ColumnModel(AroundModel):
     def stage_order(self) -> int:
         return self.estimator.stage_order
 
-    def _signal(self, X, slices):
+    def operator_input(self, X, slices):
         self._check_estimator()
         model = informed(self.estimator, self)
-        signal = model._signal(X, slices) if model._reads_columns else X
+        signal, schedules = model.operator_input(X, slices)
+        signal = signal if model.reads_columns else X
         if self.column != "amplitude":
             if self.column >= X.shape[1]:
                 raise ValueError(
                     f"The 'column' parameter of {type(self).__name__} must be the number of a "
                     f"column of X, which has {X.shape[1]}. Got {self.column} instead."
                 )
-            return signal
+            return signal, schedules
         if signal.shape[1] > X.shape[1]:  # the model reads the amplitudes already
-            return signal
+            return signal, schedules
         amplitudes = np.empty(len(X))
         for s in slices:
             amplitudes[s.rows] = amplitude(X[s.rows, 0])
-        return np.column_stack([X, amplitudes])
-
-    def _schedules(self, slices, X):
-        return informed(self.estimator, self)._schedules(slices, X)
+        return np.column_stack([X, amplitudes]), schedules
 
     def _driven(self):
         """Return the model of the operator within."""
         return self.estimator
 
-    def _tree(self, driven, disturbances):
-        inside = self._driven()._tree(driven.operator, disturbances)
-        return replace(driven, operator=inside, model=self._node(estimator=None))
+    def subtree(self, driven, disturbances):
+        inside = self._driven().subtree(driven.operator, disturbances)
+        return replace(driven, operator=inside, model=as_node(self, estimator=None))
 
 
 class OnColumn(_ColumnModel):
@@ -129,7 +127,7 @@ class OnColumn(_ColumnModel):
 
     Attributes
     ----------
-    operator_ : ColumnOperator
+    operator_ : OnColumnOperator
 
     Examples
     --------
@@ -163,7 +161,7 @@ class OnColumn(_ColumnModel):
         own = [replace(r, u=np.ascontiguousarray(r.u[:, self.column]) - reference) for r in records]
         starts = map(split_disturbances, self.estimator.starting_values(own))
         return [
-            add_disturbances(ColumnOperator(driven, self.column, reference), beside)
+            add_disturbances(OnColumnOperator(driven, self.column, reference), beside)
             for driven, beside in starts
         ]
 
@@ -176,8 +174,8 @@ class OnColumn(_ColumnModel):
 class FirstColumn(OnColumn):
     """A model of the drive as one of the whole input; the tree says so of itself."""
 
-    def _tree(self, driven, disturbances):
-        return replace(super()._tree(driven, disturbances), model=None)
+    def subtree(self, driven, disturbances):
+        return replace(super().subtree(driven, disturbances), model=None)
 
 
 class Modulated(_ColumnModel):
@@ -198,7 +196,7 @@ class Modulated(_ColumnModel):
 
     Attributes
     ----------
-    operator_ : ModulatedOperator
+    operator_ : Scaled
         ``sensitivity`` b in one over the units of the column, ``reference`` :math:`a_0`.
 
     Examples
@@ -221,13 +219,13 @@ class Modulated(_ColumnModel):
     def _driven(self):
         """Return the model that is modulated, of the whole input."""
         model = informed(self.estimator, self)
-        return model if model._reads_columns else FirstColumn(model, 0)
+        return model if model.reads_columns else FirstColumn(model, 0)
 
     def starting_values(self, records):
         column = -1 if self.column == "amplitude" else self.column
         reference = _mean(records, column)
         return [
-            add_disturbances(ModulatedOperator(driven, column, reference), beside)
+            add_disturbances(Scaled(driven, column, reference), beside)
             for driven, beside in map(split_disturbances, self._driven().starting_values(records))
         ]
 

@@ -13,7 +13,15 @@ from .._documentation import documented_like
 from .._sklearn import HasMethods, Interval, fit_context
 from .._validation import in_native_order, rest_of
 from ..autoregressive import compiled_regressor
-from ..base import ParametricModel, informed, one_thread, read_data, with_params
+from ..base import (
+    ParametricModel,
+    identified,
+    informed,
+    one_thread,
+    read_data,
+    refine,
+    with_params,
+)
 from ..linear import Gain
 from ..operators import (
     CompiledColumn,
@@ -92,7 +100,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     0.05
     """
 
-    _one_interval = False  # unless its estimator asks for one
+    one_interval = False  # unless its estimator asks for one
 
     _parameter_constraints = {
         "estimator": [HasMethods(["fit", "predict"])],
@@ -149,7 +157,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         train = [np.array(of_segment) != k for k in range(backfitting.n_folds)]
 
         def records_of(p):
-            data = effects._record_data(slices, _as_first_column(p, columns), y)
+            data = effects.record_data(slices, _as_first_column(p, columns), y)
             return [replace(r, segments=own) for r, own in zip(data, segments, strict=True)]
 
         def problem_of(result, p):
@@ -157,17 +165,17 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
                 result.operator,
                 records_of(p),
                 disturbances=result.disturbances,
-                initial_state=effects._free_run_state(),
+                initial_state=effects.free_run_state,
             )
 
         def refit(last, p):
             records = records_of(p)
             with one_thread():
                 if last is None:
-                    _, result = effects._decide(records)
+                    _, result = identified(effects, records)
                 else:  # from where it ended the last time
                     start = last.operator, last.disturbances
-                    result = effects._refine([start], records, "variable_projection")
+                    result = refine(effects, [start], records, "variable_projection")
             return result, result.error
 
         targets = np.tile(y, (backfitting.n_folds, 1))
@@ -177,7 +185,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             Turn(targets, predictions, *start), problem_of, refit, train, self.max_iter
         )
         effects.records_, effects.n_features_in_ = slices, columns.shape[1]
-        effects._adopt(last.effects)
+        effects.adopt(last.effects)
         estimator = clone(self.estimator).fit(X, backfitting.merged(last.targets))
         return self._assemble(estimator, effects, slices, 1 + last.number)
 
@@ -205,8 +213,8 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         X = X if hasattr(X, "iloc") else columns
         p = np.ravel(self.estimator_.predict(X)).astype(float)
         effects, inputs = self.effects_, _as_first_column(p, columns)
-        signal, schedules = effects._signal(inputs, slices), effects._schedules(slices, inputs)
-        state = effects._free_run_state()
+        signal, schedules = effects.operator_input(inputs, slices)
+        state = effects.free_run_state
         return run_records(effects.operator_, signal, slices, state, schedules)
 
     def stepper(self, dt=None, u0=0.0, initial_state=None, *, schedule=None) -> Stepper:

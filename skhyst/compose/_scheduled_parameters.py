@@ -8,9 +8,9 @@ import numpy as np
 from sklearn.base import clone
 
 from .._sklearn import Interval
-from ..base import informed, with_params
+from ..base import as_node, informed, refine, with_params
 from ..exceptions import RecordError
-from ..operators import ScheduledOperator
+from ..operators import Scheduled
 from ..optimize import RecordData, VariableProjection
 from ._columns import AroundModel, amplitude, is_constant
 
@@ -43,7 +43,7 @@ class ScheduledParameters(AroundModel):
 
     Attributes
     ----------
-    operator_ : ScheduledOperator
+    operator_ : Scheduled
     polynomials_ : dict of str to ndarray of shape (degree + 1,)
         Coefficients by powers of the schedule, lowest first.
     schedule_ : ndarray of shape (n_records,)
@@ -101,7 +101,10 @@ class ScheduledParameters(AroundModel):
         self.dt = dt
         self.method = method
 
-    def _schedules(self, slices, X):
+    def operator_input(self, X, slices):
+        return X[:, 0], self._schedules(X, slices)
+
+    def _schedules(self, X, slices):
         """Return the schedule of each record."""
         if self.by == "amplitude":
             return [amplitude(X[s.rows, 0]) for s in slices]
@@ -130,9 +133,9 @@ class ScheduledParameters(AroundModel):
             f"{', '.join(map(str, names))}. Got {self.by!r} instead."
         )
 
-    def _record_data(self, slices, X, y):
+    def record_data(self, slices, X, y):
         self._check_estimator()
-        data = super()._record_data(slices, X, y)
+        data = super().record_data(slices, X, y)
         self.schedule_ = np.array([record.schedule for record in data])
         return data
 
@@ -144,14 +147,14 @@ class ScheduledParameters(AroundModel):
             )
         model = informed(clone(self.estimator), self)
         plain = [RecordData(r.u, r.y, r.dt, r.segments, weights=r.weights) for r in records]
-        result = model._identify(plain)
+        result = model.identify(plain)
         if result.disturbances:
             raise ValueError(
                 "ScheduledParameters takes a driven model: a disturbance has coefficients of each "
                 "record's own already."
             )
         values = [r.schedule for r in records]
-        scheduled = ScheduledOperator.constant(
+        scheduled = Scheduled.constant(
             result.operator, self._degrees(result), min(values), max(values)
         )
         return [scheduled, _from_each_record(scheduled, records, plain, model)]
@@ -171,9 +174,9 @@ class ScheduledParameters(AroundModel):
             free = chosen
         return [self.degree if name in free else 0 for name, _ in result.operator.entries()]
 
-    def _tree(self, driven, disturbances):
-        base = self.estimator._tree(driven.base, disturbances)
-        return replace(driven, base=base, model=self._node(estimator=None))
+    def subtree(self, driven, disturbances):
+        base = self.estimator.subtree(driven.base, disturbances)
+        return replace(driven, base=base, model=as_node(self, estimator=None))
 
     def unfitted(self, operator) -> Self:
         base, parameters = operator.base, self.parameters
@@ -184,8 +187,8 @@ class ScheduledParameters(AroundModel):
         own = {"parameters": parameters, "degree": max(operator.degrees, default=0) or self.degree}
         return with_params(self, estimator=base.unfitted(), **own)
 
-    def _adopt(self, result):
-        super()._adopt(result)
+    def adopt(self, result):
+        super().adopt(result)
         self.polynomials_ = self.operator_.polynomials()
         return self
 
@@ -193,7 +196,7 @@ class ScheduledParameters(AroundModel):
 def _from_each_record(scheduled, records, plain, model):
     """Return the operator whose polynomials go through fits of each record alone, about."""
     fixed = model.held_parameters()
-    alone = [model._refine([scheduled.base], [record], _ROUGH) for record in plain]
+    alone = [refine(model, [scheduled.base], [record], _ROUGH) for record in plain]
     values = np.array([result.operator.pack() for result in alone])
     specs = [spec for _, spec in scheduled.entries()]
     coefficients, start = scheduled.pack(), 0

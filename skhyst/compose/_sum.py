@@ -2,8 +2,7 @@
 
 from dataclasses import replace
 
-import numpy as np
-
+from ..base import as_node, refine
 from ..operators import Operator, SumOperator, split_disturbances
 from ._cascade import Composition, HeldStep
 from ._columns import FirstColumn
@@ -42,38 +41,41 @@ class Sum(Composition):
     def _models(self):
         """Return the steps as models; beside one that reads columns the others read the first."""
         models = super()._models()
-        if not any(model._reads_columns for model in models):
+        if not any(model.reads_columns for model in models):
             return models
-        return [m if m._reads_columns or _is_disturbance(m) else FirstColumn(m, 0) for m in models]
+        return [m if m.reads_columns or _is_disturbance(m) else FirstColumn(m, 0) for m in models]
 
-    def _schedules(self, slices, X):
-        found = [model._schedules(slices, X) for model in self._models()]
+    def operator_input(self, X, slices):
+        signal, none = super().operator_input(X, slices)
+        found = [model.operator_input(X, slices)[1] for model in self._models()]
         known = [schedules for schedules in found if any(s is not None for s in schedules)]
-        return known[0] if known else super()._schedules(slices, X)
+        return signal, known[0] if known else none
 
     def _compose(self, names, stages):
         return SumOperator(tuple(names), tuple(stages)).normalized()
 
-    def _disturbance_names(self, count):
+    @property
+    def disturbance_names(self) -> tuple[str, ...]:
+        """Names of the steps that are disturbances."""
         return tuple(name for name, model in self.steps if _is_disturbance(model))
 
-    def _tree(self, driven, disturbances):
+    def subtree(self, driven, disturbances):
         own, stages = iter(driven.stages), []
         for model in self._models():
             stage = None if _is_disturbance(model) else next(own)
-            stages.append(model._tree(stage, disturbances))
+            stages.append(model.subtree(stage, disturbances))
         names = tuple(name for name, _ in self.steps)
-        return SumOperator(names, tuple(stages), model=self._node(steps=[])).normalized()
+        return SumOperator(names, tuple(stages), model=as_node(self, steps=[])).normalized()
 
-    def _identify(self, data):
+    def identify(self, data):
         self._check_steps()
-        state = self._free_run_state()
+        state = self.free_run_state
         models = self._models()
         found, disturbances, evaluations = {}, [], 0
         records, last = data, None
         # what is held is known: it is taken off the response first
         for i in sorted(range(len(models)), key=lambda i: not isinstance(models[i], HeldStep)):
-            result = models[i]._identify(records)
+            result = models[i].identify(records)
             evaluations += result.n_evaluations
             if not (_is_disturbance(models[i]) or isinstance(models[i], HeldStep)):
                 last = i, records
@@ -88,15 +90,8 @@ class Sum(Composition):
         branches = [found] if alone or not last else [found, *self._others(found, *last)]
         names = [self.steps[i][0] for i in sorted(found)]
         starts = [self._compose(names, [own[i] for i in sorted(own)]) for own in branches]
-        result = self._refine([(start, tuple(disturbances)) for start in starts], data)
+        result = refine(self, [(start, tuple(disturbances)) for start in starts], data)
         return replace(result, n_evaluations=evaluations + result.n_evaluations)
-
-    def _refine(self, starts, data, method=None, fixed=frozenset()):
-        starts = list(map(split_disturbances, starts))
-        constants = constant_entries(*starts[0])
-        held = [name in constants for name, _ in starts[0][0].entries()]
-        starts = [(o.unpack(np.where(held, 0.0, o.pack())), beside) for o, beside in starts]
-        return super()._refine(starts, data, method, fixed | constants)
 
     def _others(self, found, i, records):
         """Return the branches with the starting values of the last one that is driven.
@@ -110,14 +105,6 @@ class Sum(Composition):
             return []
         starts = [split_disturbances(start)[0] for start in model.starting_values(records)]
         return [found | {i: operator} for operator in starts] if len(starts) > 1 else []
-
-
-def constant_entries(operator, disturbances):
-    """Return the names of the entries whose constants disturbances have, one for each record."""
-    if not any(disturbance.has_constant for disturbance in disturbances):
-        return frozenset()
-    marked = zip(operator.entries(), operator.constant_mask(), strict=True)
-    return frozenset(name for (name, _), is_constant in marked if is_constant)
 
 
 def _is_disturbance(model):

@@ -53,7 +53,7 @@ from ..exceptions import ReachWarning
 from ..linear import DelayOperator, GainOperator
 from ..operators import (
     CompiledSeries,
-    SeriesOperator,
+    Series,
     Stepper,
     add_disturbances,
     inverse_of,
@@ -152,7 +152,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
     True
     """
 
-    _one_interval = False  # unless its model asks for one
+    one_interval = False  # unless its model asks for one
 
     _parameter_constraints = {
         "model": [HasMethods(["fit", "predict"])],
@@ -210,7 +210,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
             self.model_ = clone(self.model).fit(_indexed(response, X), columns[:, 0])
         else:
             self.model_ = _fitted(self.model, X, y)
-            if not isinstance(self.model_, ParametricModel) or self.model_._reads_columns:
+            if not isinstance(self.model_, ParametricModel) or self.model_.reads_columns:
                 raise TypeError(
                     "The 'model' parameter of InverseCompensator must be a parametric model of "
                     f"skhyst of one input. Got {self.model!r} instead: method='learned' takes any "
@@ -638,7 +638,7 @@ class _InvertiblePlant:
     def __init__(self, operator, dt, limits):
         self.driven, self.disturbances = split_disturbances(operator)
         self.dt, self.limits = dt, limits
-        series = isinstance(self.driven, SeriesOperator)
+        series = isinstance(self.driven, Series)
         self.names = self.driven.names if series else (type(self.driven).__name__,)
         self.stages = self.driven.stages if series else (self.driven,)
         self.missed = self.held = None

@@ -25,7 +25,7 @@ from scipy.linalg import block_diag, solve_discrete_are, solve_discrete_lyapunov
 from scipy.optimize import minimize
 
 from .._jit import jit
-from ..operators import CompiledLaw, CompiledParts, SeriesOperator, split_disturbances
+from ..operators import CompiledLaw, CompiledParts, Series, split_disturbances
 
 _ROUNDING = 1e-12  # fraction of the noise's variance; the Riccati equation of a slower walk fails
 _ENOUGH = 0.01  # change of -2 log likelihood, or of log variances, at which the search stops
@@ -119,7 +119,7 @@ class Filter:
 
 def stages_of(driven):
     """Return the stages of a series, or the operator as the only one."""
-    return driven.stages if isinstance(driven, SeriesOperator) else (driven,)
+    return driven.stages if isinstance(driven, Series) else (driven,)
 
 
 def tail_of(operator):

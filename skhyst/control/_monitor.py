@@ -104,7 +104,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
     (True, ('time_constant',))
     """
 
-    _one_interval = False  # unless its model asks for one
+    one_interval = False  # unless its model asks for one
     _range = -np.inf, np.inf  # of one that was saved when none was kept
 
     _parameter_constraints = {
@@ -360,11 +360,14 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         driven, disturbances = split_disturbances(self.observer_.model_.operator_)
         values, entries = driven.pack(), driven.entries()
         held = self.observer_.model_.held_parameters()
-        excluded = driven.gauge_mask() | np.array([name in held for name, _ in entries])
-        if self.observer_.disturbance is not None:  # the random walk absorbs constants
-            excluded = excluded | driven.constant_mask()
-        linear = driven.linear_mask() & ~driven.constant_mask()
-        wanted = [name for (name, _), own in zip(entries, excluded, strict=True) if not own]
+        # the random walk absorbs constants
+        absorbed = self.observer_.disturbance is not None
+        wanted = [
+            name
+            for name, spec in entries
+            if not (spec.held or name in held or (absorbed and spec.is_constant))
+        ]
+        linear = [spec.linear and not spec.is_constant for _, spec in entries]
         if self.parameters is not None:
             unknown = set(self.parameters) - {name for name, _ in entries}
             if unknown:

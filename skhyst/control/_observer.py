@@ -13,11 +13,11 @@ from sklearn.base import BaseEstimator, MetaEstimatorMixin
 from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import HasMethods, Interval, StrOptions, fit_context
-from ..base import ParametricModel, one_thread, read_data
+from ..base import ParametricModel, input_at_rest, one_thread, read_data
 from ..operators import (
     CompiledSeries,
     CompiledStep,
-    SeriesOperator,
+    Series,
     Stepper,
     SumOperator,
     split_disturbances,
@@ -98,7 +98,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
     0.5
     """
 
-    _one_interval = False  # unless its model asks for one
+    one_interval = False  # unless its model asks for one
 
     _parameter_constraints = {
         "model": [HasMethods(["fit", "predict"])],
@@ -224,7 +224,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         """
         check_is_fitted(self)
         operator = self.model_.operator_ if operator is None else operator
-        u0 = self.model_._input_at_rest(u0, None, "Observer.compiled_step")
+        u0 = input_at_rest(self.model_, u0, None, "Observer.compiled_step")
         return self._compiled_step(self._interval(dt), u0, operator)
 
     def stepper(self, dt=None, u0=0.0) -> Stepper:
@@ -311,7 +311,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         check_is_fitted(self)
         dt = getattr(self.model_, "dt", 1.0)
         slices, columns, y = read_data(self, X, y, reset=False, dt=dt)
-        signal = self.model_._signal(columns, slices)
+        signal = self.model_.operator_input(columns, slices)[0]
         for s in slices:
             yield np.column_stack([signal[s.rows], y[s.rows]]), signal[s.rows], s.dt
 
@@ -326,7 +326,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
     def _compiled_step(self, dt, u0, operator):
         driven, disturbances = split_disturbances(operator)
         # the filter's gains belong to the model, also where another operator predicts the response
-        tail, state = tail_of(self.model_.operator_), self.model_._free_run_state()
+        tail, state = tail_of(self.model_.operator_), self.model_.free_run_state
         variances = self.noise_std_**2, self.drift_std_**2, self.process_std_**2
         in_motion = not all(stage.signal_linear for stage in stages_of(driven)[-len(tail) :])
         if not tail or self.method == "linear" or (self.method == "auto" and not in_motion):
@@ -334,7 +334,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
             model = operator.compiled_step(dt, operator.init(u0, state))
             return CompiledObserver((model, law.compiled_step()), law.variance)
         # hysteresis within the motion: the uncertainty goes through the steps of the last stages
-        whole = SeriesOperator(tuple("" for _ in stages_of(driven)), stages_of(driven))
+        whole = Series(tuple("" for _ in stages_of(driven)), stages_of(driven))
         steps = [
             s.compiled_step(dt, own)
             for s, own in zip(whole.stages, whole.init(u0, state), strict=True)

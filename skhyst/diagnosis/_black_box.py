@@ -15,10 +15,11 @@ import numpy as np
 from sklearn.base import clone
 from sklearn.utils import check_random_state
 
-from ..base import ParametricModel, read_data
+from ..base import ParametricModel, identified, read_data
 from ..compose import Backfitting, Corrected, ScheduledParameters, Turn
 from ..linear import Gain, TransferFunction
 from ..operators import Operator
+from ..optimize import with_input_history
 from ._candidates import held_out, refitted
 from ._constants import FACTOR, NOTICEABLE
 from ._tree import Tree, as_read
@@ -92,16 +93,16 @@ class Declared:
         What came before the records is estimated where the declared model asks for it.
         """
         read, input_history = as_read(self.model, records), ()
-        model, result = self.model._decide(read)
-        if model.initial_state == "estimate" and not model._reads_columns:
-            result, drives = model._with_input_history(result, read)
-            self.model.initial_drive_, input_history = drives, tuple(drives)
+        model, result = identified(self.model, read)
+        if model.initial_state == "estimate" and not model.reads_columns:
+            result = with_input_history(result, read, model.method)
+            input_history = tuple(result.input_history)
         return result, Tree.from_result(model, result, input_history)
 
     def fitted(self, result):
         """Return the declared model with what identification found."""
         self.model.records_ = self._slices
-        return self.model._adopt(result)
+        return self.model.adopt(result)
 
     def driver(self):
         """Return the fitted estimator that drives the stages of the augmented model."""

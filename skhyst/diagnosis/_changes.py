@@ -34,6 +34,7 @@ from ._edits import (
 from ._periods import visible_turns
 from ._shortened import first_part
 from ._starts import Scene, beside, driven_starts, inserted
+from ._traits import lag_rates
 from ._tree import BRIEFLY
 
 
@@ -132,7 +133,7 @@ class Knee:
     def trees(self, name, scene):
         tree = scene.tree
         at = tree.position(self.model.stage_order)
-        if at < len(tree.stages) or (tree.model._reads_columns and not tree.multi_input):
+        if at < len(tree.stages) or (tree.model.reads_columns and not tree.multi_input):
             return inserted(name, self.model, scene)
         found = []
         for start in driven_starts(self.model, [replace(r, u=r.y) for r in scene.records]):
@@ -206,7 +207,7 @@ class InStages:
             return []
         for at, (place, operator) in enumerate(tree.stages):
             old = tree.models[at]
-            rates = operator.lag_rates() if hasattr(operator, "with_poles") else []
+            rates = lag_rates(operator) if hasattr(operator, "with_poles") else []
             if not 0 < len(rates) <= TANKS:
                 continue
             model = TankChain(

@@ -13,7 +13,7 @@ from ..records import Units
 
 @dataclass(frozen=True)
 class Seen:
-    """What has come into a part and out of it, see :meth:`Operator.characteristics`."""
+    """What has come into a part and out of it, see ``_traits.characteristics``."""
 
     inputs: list
     outputs: list
@@ -108,7 +108,7 @@ class Claim:
     @property
     def in_motion(self):
         """Whether the operator is an equation of motion, of which forces are parts."""
-        return {"natural_frequency", "damping_ratio"} < set(self.operator.sizes())
+        return {"natural_frequency", "damping_ratio"} < set(self.operator.parameter_specs())
 
     @cached_property
     def not_new(self):
@@ -118,7 +118,7 @@ class Claim:
         old = set()
         if self.kind == "exchange":
             before = self.structure.without(self.effect.name)
-            old = set(before.operators[before.names.index(self.edits[0].place)].sizes())
+            old = set(before.operators[before.names.index(self.edits[0].place)].parameter_specs())
         return {"gain", "intercept"} | old
 
     @cached_property
@@ -166,7 +166,8 @@ class Claim:
             return "drive", "response"
         operators = self.structure.operators
         owners = [i for i, o in enumerate(operators) if o.owns_gain]
-        owners = owners or [i for i, o in enumerate(operators) if o.gauge_entries().any()]
+        shared = [any(spec.is_shared for _, spec in o.entries()) for o in operators]
+        owners = owners or np.flatnonzero(shared).tolist()
         owner = max(owners, default=len(operators) - 1)
         return tuple(
             "drive" if before else "response" for before in (self.at <= owner, self.at < owner)

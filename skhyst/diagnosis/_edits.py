@@ -12,7 +12,7 @@ from sklearn.base import clone
 from ..compose import OnColumn, Sum
 from ..linear import Gain, GainOperator
 from ..operators import (
-    ColumnOperator,
+    OnColumnOperator,
     Stage,
     SumOperator,
     modulated,
@@ -159,8 +159,8 @@ class Bias(_Edit):
     def __call__(self, tree, name):
         column = OnColumn(self.model, self.column, centered=True)
         model = Sum([("drive", Gain(fit_intercept=False)), ("column", column)])
-        branch = ColumnOperator(self.operator, self.column, self.reference)
-        parts = ColumnOperator(GainOperator(1.0), 0), branch
+        branch = OnColumnOperator(self.operator, self.column, self.reference)
+        parts = OnColumnOperator(GainOperator(1.0), 0), branch
         operator = SumOperator(("drive", "column"), parts)
         return tree.with_stages([Stage(name, model.tree(operator)), *tree.stages])
 

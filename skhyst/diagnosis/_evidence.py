@@ -9,6 +9,7 @@ import numpy as np
 from ..records import Units
 from ._pictures import Picture, changes_by_number, draw
 from ._report_text import listed, plus_minus
+from ._traits import characteristics
 
 # parameters that an engineer counts otherwise: name and factor
 _SPOKEN = {
@@ -96,7 +97,8 @@ def _of_parts(claim):
     half = {"drive": 0.5 * np.ptp(seen.ends), "response": 0.5 * np.ptp(outputs)}
     for key, index in zip(keys, free, strict=True):
         name, _, number = key.rstrip("]").partition("[")
-        size, spec = operator.sizes()[name], entries[index][1]
+        size = sum(other.partition("[")[0] == name for other, _ in entries)
+        spec = entries[index][1]
         if size > 6 or name in claim.not_new:  # the values of a longer vector are parameters
             continue
         label, factor = _SPOKEN.get(name, (name.replace("_", " "), 1.0))
@@ -116,7 +118,7 @@ def _of_parts(claim):
 def _characteristics(operator, seen):
     """Return name -> (value, unit) of what characterises an operator, where it has that."""
     found = {}
-    for name, (values, unit) in operator.characteristics(seen).items():
+    for name, (values, unit) in characteristics(operator, seen).items():
         values = np.ravel(values)
         for i, own in enumerate(values, start=1):
             if np.isfinite(own):

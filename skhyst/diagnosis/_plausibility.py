@@ -14,6 +14,7 @@ from scipy.stats import norm
 from ..noise import largest_noise
 from ._constants import FLAT, HARD, NOTICEABLE, REPEATS
 from ._periods import near_period, turns
+from ._traits import n_ringing, presliding_displacement
 
 
 def is_plausible(margin, candidate, before, records, alpha):
@@ -81,9 +82,9 @@ def _have_changed_places(before, tree, name):
 
     It is then the mode that was there before, and what is new is what that one has become.
     """
-    if tree.label(name) not in tree.names or not tree.part(name).n_ringing():
+    if tree.label(name) not in tree.names or not n_ringing(tree.part(name)):
         return False
-    ringing = [sum(operator.n_ringing() for operator in own.operators) for own in (tree, before)]
+    ringing = [sum(map(n_ringing, own.operators)) for own in (tree, before)]
     return ringing[0] <= ringing[1]
 
 
@@ -209,14 +210,14 @@ def _are_no_harmonics(frequencies, record):
 
 def slides(operator, motion, records):
     """Return how soon a force saturates after the motion turns round: of friction, soon."""
-    way = operator.presliding_displacement
+    way = presliding_displacement(operator)
     return np.inf if way is None else np.log(NOTICEABLE * np.ptp(motion) / way)
 
 
 def remembers(operator, motion, records):
     """Return how visible the way is over which a force builds up, unless as a hard spring does."""
     soft = HARD - abs(getattr(operator, "shape", 0.0))
-    way = operator.presliding_displacement
+    way = presliding_displacement(operator)
     return soft if way is None else min(soft, np.log(way / (0.2 * NOTICEABLE * np.ptp(motion))))
 
 

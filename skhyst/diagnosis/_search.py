@@ -211,7 +211,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
     ['output_saturation']
     """
 
-    _one_interval, _extreme = False, 1e30  # unless the model asks for one; squares are squared
+    one_interval, largest_value = False, 1e30  # unless the model asks for one; squares are squared
     stepper = property(
         lambda self: self.best_estimator_.stepper, doc="That of the augmented model."
     )

@@ -7,10 +7,9 @@ from itertools import count
 import numpy as np
 from sklearn.base import clone
 
-from ..base import informed
-from ..compose import constant_entries
+from ..base import informed, refine
 from ..operators import (
-    SeriesOperator,
+    Series,
     Stage,
     series_stages,
     split_disturbances,
@@ -22,6 +21,7 @@ from ..optimize import (
     OperatorProblem,
     VariableProjection,
     ages,
+    constant_entries,
     estimate_input_history,
     input_history_of,
     path_of,
@@ -47,9 +47,8 @@ def as_read(model, records):
     X = np.concatenate(
         [r.u[:, None] if r.auxiliary is None else np.c_[r.u, r.auxiliary] for r in records]
     )
-    numbers = model._schedules(slices, X)
-    if model._reads_columns:
-        signal = model._signal(X, slices)
+    signal, numbers = model.operator_input(X, slices)
+    if model.reads_columns:
         records = [replace(r, u=signal[s.rows]) for r, s in zip(records, slices, strict=True)]
     if any(number is not None for number in numbers):
         records = [replace(r, schedule=s) for r, s in zip(records, numbers, strict=True)]
@@ -157,7 +156,7 @@ class Tree:
     @property
     def state(self):
         """State before each record, "rest" or "zero"."""
-        return self.model._free_run_state()
+        return self.model.free_run_state
 
     @property
     def multi_input(self):
@@ -187,7 +186,7 @@ class Tree:
 
     def series(self):
         """Return the stages as one operator."""
-        return SeriesOperator(self.names, self.operators).normalized()
+        return Series(self.names, self.operators).normalized()
 
     def position(self, order):
         """Return where in the series a stage of this order goes: behind what biases the drive."""
@@ -268,7 +267,7 @@ class Tree:
 
     def cut(self, *names):
         """Return the tree without stages; others take over their gain, where all are linear."""
-        series = SeriesOperator(self.names, self.operators)
+        series = Series(self.names, self.operators)
         for name in names:
             series = series.without(name)
         return self.with_stages(series.series())
@@ -288,10 +287,10 @@ class Tree:
     def _at_values_of(self, other):
         """Return the tree with the values of another where both have them, by name."""
         other = other.cut(*(name for name in other.names if name not in self.names))
-        masks, present = other.series().gauge_mask(), {}
+        marks, present = [spec.held for _, spec in other.series().entries()], {}
         for name, operator in other.stages:
-            held, masks = np.split(masks, [operator.n_parameters])
-            present[name] = operator, held
+            held, marks = np.split(marks, [operator.n_parameters])
+            present[name] = operator, held.astype(bool)
         values, stages = stage_values(other.whole, held=False), []
         for stage in self.stages:
             fixed = stage.operator.held_entries()
@@ -405,7 +404,7 @@ class Tree:
 
     def identified(self, records):
         """Return the tree as its model identifies it from nothing, as its user would fit it."""
-        result = clone_of(self.model)._identify(self.read(records))
+        result = clone_of(self.model).identify(self.read(records))
         return replace(self, root=self.model.tree((result.operator, result.disturbances)))
 
     def with_input_history(self, records):
@@ -427,11 +426,11 @@ class Tree:
         # the search has refitted these operators to the same records already
         method = BRIEFLY if are_long(records) else None
         starts = [(self.operator, self.disturbances)]
-        result = estimator._refine(starts, self.read(records), method)
+        result = refine(estimator, starts, self.read(records), method)
         estimator.records_ = slices
         if self.input_history:
             estimator.initial_drive_ = np.array(self.input_history)
-        estimator._adopt(result)
+        estimator.adopt(result)
         return estimator, result
 
 

@@ -5,7 +5,7 @@ from operator import add, mul
 
 import numpy as np
 
-from ..operators import FrozenOperator, SeriesOperator, Stepper, SumOperator, split_disturbances
+from ..operators import FrozenOperator, Series, Stepper, SumOperator, split_disturbances
 from ._c import _stepper
 
 _ROUNDING = 1e-9  # largest relative error of the matrices of a linear step
@@ -59,9 +59,9 @@ def to_control(model, dt=None, *, u0=0.0, initial_state=None):
     >>> import numpy as np
     >>> from skhyst.export import to_control
     >>> from skhyst.linear import DelayOperator, SecondOrderModeOperator
-    >>> from skhyst.operators import SeriesOperator
+    >>> from skhyst.operators import Series
     >>> stages = DelayOperator(2e-4), SecondOrderModeOperator(300.0, 0.5)
-    >>> stage = to_control(SeriesOperator(("delay", "mode"), stages), dt=1e-4)
+    >>> stage = to_control(Series(("delay", "mode"), stages), dt=1e-4)
     >>> integral = control.ss([[1.0]], [[1.0]], [[20.0 * 1e-4]], [[0.0]], 1e-4)
     >>> loop = control.frd(integral * stage, np.geomspace(1.0, 3e3, 500), smooth=True)
     >>> gain_margin, phase_margin, *_ = control.margin(loop)
@@ -89,7 +89,7 @@ def _linear(operator, dt, control):
         return None
     if isinstance(operator, FrozenOperator):
         return _linear(operator.operator, dt, control)
-    if isinstance(operator, SeriesOperator | SumOperator):
+    if isinstance(operator, Series | SumOperator):
         parts = [_linear(stage, dt, control) for stage in operator.stages]
         if any(part is None for part in parts):
             return None

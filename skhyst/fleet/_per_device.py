@@ -60,7 +60,7 @@ class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     {'stage 1': 2.0, 'stage 2': 3.0}
     """
 
-    _one_interval = False  # unless its estimator asks for one
+    one_interval = False  # unless its estimator asks for one
 
     _parameter_constraints = {
         "estimator": [HasMethods(["fit", "predict"])],

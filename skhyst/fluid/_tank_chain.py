@@ -568,7 +568,7 @@ class TankChain(ParametricModel):
             part = dataclasses.replace(
                 chain, time_constants=chain.time_constants[:n], exponents=chain.exponents[:n]
             )
-            state = self._free_run_state()
+            state = self.free_run_state
             runs = [part.run(r.u, r.dt, part.init(r.u[0], state))[0] for r in records]
             levels.append(np.concatenate(runs))
         y = np.concatenate([r.y for r in records])

@@ -30,7 +30,7 @@ import numpy as np
 
 from .._jit import jit
 from .._sklearn import Interval, StrOptions
-from ..base import ParametricModel
+from ..base import ParametricModel, refine
 from ..operators import CompiledLaw, Operator, as_signal, by_fields, parameter
 from ._common import force_characteristics, show
 
@@ -784,9 +784,9 @@ class BoucWen(ParametricModel):
             for limit, (_, ratio, exponent, z) in best
         ]
 
-    def _identify(self, data):
+    def identify(self, data):
         # without additive disturbances the best starting value suffices
-        return self._refine(self.starting_values(data)[:1], data)
+        return refine(self, self.starting_values(data)[:1], data)
 
     def _start(self, limit, ratio, exponent, z, known, response):
         linear = np.linalg.lstsq(np.column_stack((z, known)), response, rcond=None)[0]
@@ -798,8 +798,8 @@ class BoucWen(ParametricModel):
         held = super().held_parameters() | (set() if self.asymmetry else {"asymmetry"})
         return held if self.exponent == "fit" else held | {"exponent"}
 
-    def _adopt(self, result):
-        super()._adopt(result)
+    def adopt(self, result):
+        super().adopt(result)
         self.alpha_, self.beta_, self.gamma_ = self.operator_.coefficients()
         show(self, self.operator_, "exponent", "intercept")
         return self

@@ -310,7 +310,7 @@ class Duhem(ParametricModel):
         "fit_intercept": ["boolean"],
     }
 
-    _extreme = 1e30  # largest value of the data: products of several are squared
+    largest_value = 1e30  # largest value of the data: products of several are squared
     operator_class = DuhemOperator
 
     def __init__(

@@ -25,7 +25,7 @@ import numpy as np
 
 from .._jit import jit
 from .._sklearn import Interval, StrOptions
-from ..base import ParametricModel
+from ..base import ParametricModel, refine
 from ..operators import OneStateOperator, parameter
 from ._common import largest_drive
 
@@ -358,8 +358,8 @@ class JilesAtherton(ParametricModel):
         held = super().held_parameters()
         return held if self.gain == "fit" else held | {"gain"}
 
-    def _identify(self, data):
-        result = super()._identify(data)
+    def identify(self, data):
+        result = super().identify(data)
         evaluations = result.n_evaluations
         for _ in range(_ROUNDS):
             operator = result.operator
@@ -368,7 +368,7 @@ class JilesAtherton(ParametricModel):
             if not step < 0.8 * operator.max_step:
                 break
             starts = [dataclasses.replace(operator, max_step=step)]
-            result = self._refine(starts, data, "variable_projection")
+            result = refine(self, starts, data, "variable_projection")
             evaluations += result.n_evaluations
         return dataclasses.replace(result, n_evaluations=evaluations)
 

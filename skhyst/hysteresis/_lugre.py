@@ -134,7 +134,7 @@ class LuGreOperator(OneStateOperator, step=lugre_step):
         """``F_c`` in units of the response."""
         return self.static_force * self.coulomb_ratio
 
-    def _rest(self, u0):
+    def rest(self, u0):
         x_s = float(self.presliding_displacement)
         decay = math.exp(-abs(u0) / x_s)
         by_u0 = decay / x_s

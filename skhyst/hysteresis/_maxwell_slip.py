@@ -221,8 +221,8 @@ class MaxwellSlip(FrictionModel):
         zeros = np.zeros(len(thresholds))
         return [MaxwellSlipOperator(thresholds, zeros, non_negative=self.non_negative)]
 
-    def _adopt(self, result):
-        super()._adopt(result)
+    def adopt(self, result):
+        super().adopt(result)
         show(self, result.operator, "thresholds", "weights", "intercept")
         self.saturation_forces_ = self.weights_ * self.thresholds_
         return self

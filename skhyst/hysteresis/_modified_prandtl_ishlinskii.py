@@ -6,7 +6,7 @@ import numpy as np
 from sklearn.utils.validation import check_array
 
 from .._sklearn import Interval, StrOptions
-from ..operators import SeriesOperator
+from ..operators import Series
 from ..optimize import bounded_step
 from ..static import MonotoneDeadZoneOperator
 from ._prandtl_ishlinskii import PlayModel, PrandtlIshlinskii, PrandtlIshlinskiiOperator
@@ -43,7 +43,7 @@ class ModifiedPrandtlIshlinskii(PlayModel):
     ----------
     dead_zone_thresholds_, dead_zone_weights_ : ndarray of shape (n_zones,)
         Thresholds of the dead zones, units of the response; their weights, no unit.
-    operator_ : SeriesOperator
+    operator_ : Series
         The stages ``plays`` (PrandtlIshlinskiiOperator) and ``zones`` (MonotoneDeadZoneOperator).
 
     References
@@ -113,7 +113,7 @@ class ModifiedPrandtlIshlinskii(PlayModel):
             if not isinstance(self.dead_zone_thresholds, str):
                 zones = MonotoneDeadZoneOperator(zones.slopes, levels, n_lower)
             values = np.concatenate([weights, [intercept, plays.drive_offset]])
-            starts.append(SeriesOperator(("plays", "zones"), (plays.unpack(values), zones)))
+            starts.append(Series(("plays", "zones"), (plays.unpack(values), zones)))
         return starts
 
     def _levels(self, y):
@@ -134,7 +134,7 @@ class ModifiedPrandtlIshlinskii(PlayModel):
         gram = 0.0
         for record in records:
             _, columns = plays.sensitivities(
-                record.u, np.empty((len(record.u), 0)), record.dt, self._free_run_state()
+                record.u, np.empty((len(record.u), 0)), record.dt, self.free_run_state
             )
             _, parts = unit.parts(record.y)
             block = np.column_stack((parts, -columns[:, : plays.weights.size + 1], record.y))
@@ -157,8 +157,8 @@ class ModifiedPrandtlIshlinskii(PlayModel):
     def _plays(self):
         return self.operator_.stages[0]
 
-    def _adopt(self, result):
-        super()._adopt(result)
+    def adopt(self, result):
+        super().adopt(result)
         zones = self.operator_.stages[1]
         self.dead_zone_thresholds_ = np.array(zones.thresholds)
         self.dead_zone_weights_ = zones.weights

@@ -36,7 +36,7 @@ import numpy as np
 from .._documentation import inherit_documentation
 from .._jit import bind, jit
 from .._sklearn import Interval
-from ..base import ParametricModel
+from ..base import ParametricModel, refine
 from ..linear import SecondOrderMode, SecondOrderModeOperator
 from ..operators import CompiledLaw, Operator, WindowInverseOperator, as_signal
 from ..optimize import VariableProjection
@@ -550,10 +550,10 @@ class OscillatorModel(ParametricModel):
         if mode is None:
             linear = SecondOrderMode(
                 fit_intercept=self.fit_intercept,
-                initial_state=self._free_run_state(),
+                initial_state=self.free_run_state,
                 method=self._roughly(),
             )
-            mode = linear._identify(records).operator
+            mode = linear.identify(records).operator
         # a gain of zero would scale no hysteretic force
         mode = dataclasses.replace(mode, gain=mode.gain or length / swing)
         laws = self._laws(length, mode.natural_frequency * length)
@@ -628,7 +628,7 @@ class OscillatorModel(ParametricModel):
         """
         gram = np.zeros((3, 3))
         for r in records:
-            y = stage.run(r.u, r.dt, stage.init(r.u[0], self._free_run_state()))[0]
+            y = stage.run(r.u, r.dt, stage.init(r.u[0], self.free_run_state))[0]
             columns = np.stack([y, np.full(y.size, float(self.fit_intercept)), r.y])[:, washout:]
             gram += columns @ columns.T
         if not np.isfinite(gram).all():
@@ -646,7 +646,7 @@ class OscillatorModel(ParametricModel):
         driven = [
             dataclasses.replace(r, u=r.u + feedback * (r.y - origin), before=None) for r in records
         ]
-        stage = self._refine(coupled, driven, self._roughly())
+        stage = refine(self, coupled, driven, self._roughly())
         share = feedback * stage.operator.gain
         if not share < 1.0:
             return [], stage.n_evaluations
@@ -663,7 +663,7 @@ class OscillatorModel(ParametricModel):
             n = np.clip(np.ceil(longest * stage.fastest_rate() / part), 1, most)
         return dataclasses.replace(stage, n_substeps=int(n))
 
-    def _identify(self, data):
+    def identify(self, data):
         """Identify with coarse substeps, then again with those that the result needs."""
         stages = self._stages(data)
         starts, evaluations = [], 0
@@ -672,17 +672,17 @@ class OscillatorModel(ParametricModel):
                 found, n = self._coupled(stages, data, coupling)
                 starts += found
                 evaluations += n
-        result = self._refine([*starts, *stages], data)
+        result = refine(self, [*starts, *stages], data)
         evaluations += result.n_evaluations
         bounds = getattr(self.method, "bounds", None)
         for stage in self._retries(result.operator, stages):
-            other = self._refine([stage], data, VariableProjection(bounds=bounds))
+            other = refine(self, [stage], data, VariableProjection(bounds=bounds))
             evaluations += other.n_evaluations
             result = other if other.error < result.error else result
         stage = self._divided(result.operator, data, _FINE, _MOST_FINE)
         if stage.n_substeps > result.operator.n_substeps and np.isfinite(self._error(stage, data)):
             method = VariableProjection(bounds=bounds, max_evaluations=_LAST_EVALUATIONS)
-            result = self._refine([stage], data, method)
+            result = refine(self, [stage], data, method)
             evaluations += result.n_evaluations
         return dataclasses.replace(result, n_evaluations=evaluations)
 
@@ -691,8 +691,8 @@ class OscillatorModel(ParametricModel):
         most = getattr(self.method, "max_evaluations", None) or _ROUGHLY.max_evaluations
         return dataclasses.replace(_ROUGHLY, max_evaluations=min(most, _ROUGHLY.max_evaluations))
 
-    def _adopt(self, result):
-        super()._adopt(result)
+    def adopt(self, result):
+        super().adopt(result)
         self.physical_ = result.operator.physical(self.mass)
         return self
 

@@ -280,8 +280,8 @@ class PlayModel(ParametricModel):
         """Return the sum of plays in the identified operator."""
         return self.operator_
 
-    def _adopt(self, result):
-        super()._adopt(result)
+    def adopt(self, result):
+        super().adopt(result)
         show(self, self._plays(), "thresholds", "weights", "intercept")
         return self
 
@@ -310,7 +310,7 @@ class PlayModel(ParametricModel):
         """
         check_is_fitted(self)
         slices, X, _ = read_data(self, X, reset=False, dt=self.dt)
-        return run_records(self.operator_.inverse(), X[:, 0], slices, self._free_run_state())
+        return run_records(self.operator_.inverse(), X[:, 0], slices, self.free_run_state)
 
 
 class PrandtlIshlinskii(PlayModel):
@@ -354,7 +354,7 @@ class PrandtlIshlinskii(PlayModel):
     }
 
     operator_class = PrandtlIshlinskiiOperator
-    _any_interval = True
+    any_interval = True
 
     def __init__(
         self,

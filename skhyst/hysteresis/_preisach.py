@@ -678,8 +678,8 @@ class Preisach(RelayGridModel):
         zeros = np.zeros(operator.levels.size - 1 if self.reversible else 0)
         return [dataclasses.replace(operator, reversible=zeros)]
 
-    def _adopt(self, result):
-        super()._adopt(result)
+    def adopt(self, result):
+        super().adopt(result)
         show(self, self.operator_, "reversible")
         width = np.diff(self.levels_)
         area = np.outer(width, width)

@@ -620,7 +620,7 @@ class RateDependentPrandtlIshlinskii(PlayModel):
         rates = [start.paces(np.diff(r.u) / r.dt, r.dt)[0].max(initial=0.0) for r in records]
         return max(rates) or swing(records) / records[0].dt
 
-    def _adopt(self, result):
-        super()._adopt(result)
+    def adopt(self, result):
+        super().adopt(result)
         show(self, self.operator_, "rate_weights", "dilation", "stretch", "time_constant")
         return self

@@ -184,11 +184,11 @@ class RelayGridModel(ParametricModel):
         options = {"center": self.center, "non_negative": self.non_negative}
         return [self.operator_class(levels, zeros, **options)]
 
-    def _identify(self, data):
+    def identify(self, data):
         begin = time.perf_counter()
         (operator,) = self.starting_values(data)
         problem = OperatorProblem(
-            operator, data, fixed=self.held_parameters(), initial_state=self._free_run_state()
+            operator, data, fixed=self.held_parameters(), initial_state=self.free_run_state
         )
         x, std, undetermined, condition, freedom = _solve(
             *_normal_equations(problem, self.fit_intercept),
@@ -216,17 +216,17 @@ class RelayGridModel(ParametricModel):
             x=x,
         )
 
-    def _finish(self, result, data):
-        super()._finish(result, data)
+    def finish(self, result, records):
+        super().finish(result, records)
         # the search for the input history has refitted all parameters without the penalty
         if self.initial_state == "estimate":
-            drives = zip(data, self.initial_drive_, strict=True)
-            data = [dataclasses.replace(record, before=u) for record, u in drives]
-            self._adopt(self._identify(data))
+            drives = zip(records, self.initial_drive_, strict=True)
+            records = [dataclasses.replace(record, before=u) for record, u in drives]
+            self.adopt(self.identify(records))
         return self
 
-    def _adopt(self, result):
-        super()._adopt(result)
+    def adopt(self, result):
+        super().adopt(result)
         show(self, self.operator_, "levels", "weights", "intercept")
         return self
 

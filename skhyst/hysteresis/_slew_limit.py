@@ -64,7 +64,7 @@ class SlewLimitOperator(OneStateOperator, step=slew_limit_step):
     def characteristics(self, seen):
         return {"fastest drive": (seen.rates.max(), "drive/s")}
 
-    def _rest(self, u0):
+    def rest(self, u0):
         return u0, (1.0, 0.0)
 
 

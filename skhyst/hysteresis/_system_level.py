@@ -314,7 +314,7 @@ class SystemLevelHysteresis(ParametricModel):
         "fit_intercept": ["boolean"],
     }
 
-    _extreme = 1e30  # largest value of the data: products of several are squared
+    largest_value = 1e30  # largest value of the data: products of several are squared
     operator_class = SystemLevelOperator
 
     def __init__(

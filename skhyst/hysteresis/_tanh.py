@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._jit import jit
-from ..base import ParametricModel
+from ..base import ParametricModel, refine
 from ..operators import (
     CompiledLaw,
     InverseOperator,
@@ -229,7 +229,7 @@ class TanhHysteresis(ParametricModel):
         "fit_intercept": ["boolean"],
     }
 
-    _extreme = 1e30  # largest value of the data: products of several are squared
+    largest_value = 1e30  # largest value of the data: products of several are squared
     operator_class = TanhHysteresisOperator
 
     def __init__(
@@ -242,16 +242,16 @@ class TanhHysteresis(ParametricModel):
         largest = largest_drive(records)
         return [_start(bend / largest) for bend in _BENDS]
 
-    def _identify(self, data):
+    def identify(self, data):
         """Prefer a step to a bend unless the data distinguish them.
 
         A large gamma is bounded from below only, which a standard error cannot express.
         """
-        bend = super()._identify(data)
+        bend = super().identify(data)
         magnitudes = np.abs(np.concatenate([record.u for record in data]))
         largest = largest_drive(data)
         smallest = magnitudes[magnitudes > _NEGLIGIBLE * largest].min(initial=largest)
-        step = self._refine([_start(_STEP / smallest)], data, "variable_projection")
+        step = refine(self, [_start(_STEP / smallest)], data, "variable_projection")
         margin = _SIGNIFICANT / max(magnitudes.size - len(step.params), 1)
         power = np.mean(np.square(np.concatenate([record.y for record in data])))
         limit = bend.error**2 * (1.0 + margin) + _ROUNDING**2 * power

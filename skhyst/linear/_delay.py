@@ -128,7 +128,7 @@ class Delay(ParametricModel):
     """
 
     operator_class = DelayOperator
-    _any_interval = True
+    any_interval = True
 
     def starting_values(self, records):
         dt, span = time_span(records)

@@ -131,15 +131,15 @@ class KelvinVoigt(LinearModel):
             for tau in fastest
         ]
 
-    def _finish(self, result, data):
-        super()._finish(result, data)
+    def finish(self, result, records):
+        super().finish(result, records)
         operator = self.operator_
         if self.initial_state == "estimate":
-            drives = zip(data, self.initial_drive_, strict=True)
-            data = [replace(record, before=drive) for record, drive in drives]
+            drives = zip(records, self.initial_drive_, strict=True)
+            records = [replace(record, before=drive) for record, drive in drives]
         self.static_gain_ = float(operator.gain * (1.0 + np.sum(operator.compliances)))
         held = self.held_parameters()
-        variance = _static_gain_variance(operator, data, held, self._free_run_state())
+        variance = _static_gain_variance(operator, records, held, self.free_run_state)
         self.static_gain_std_ = float(self.fit_error_ * np.sqrt(variance))
         if not self.static_gain_std_ <= _KNOWN * abs(self.static_gain_):
             undetermined = self.identifiability_["undetermined"]

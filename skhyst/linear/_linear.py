@@ -277,7 +277,7 @@ class LinearModel(ParametricModel):
         self.method = method
 
     @property
-    def _any_interval(self):
+    def any_interval(self):
         return getattr(self, "hold", "foh") == "foh"  # Gain has no hold
 
 

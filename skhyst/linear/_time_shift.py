@@ -165,7 +165,7 @@ class TimeShift(ParametricModel):
     """
 
     operator_class = TimeShiftOperator
-    _any_interval = True
+    any_interval = True
 
     _parameter_constraints = {
         **ParametricModel._parameter_constraints,

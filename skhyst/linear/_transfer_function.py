@@ -25,14 +25,14 @@ from sklearn.utils.validation import check_array, check_is_fitted
 
 from .._jit import jit
 from .._sklearn import Interval, StrOptions
-from ..base import one_thread
+from ..base import one_thread, refine
 from ..exceptions import DivergenceWarning
 from ..operators import (
     CompiledColumn,
     CompiledLaw,
     CompiledSeries,
     CompiledSum,
-    SeriesOperator,
+    Series,
     parameter,
     run_records,
     state_space_step,
@@ -145,7 +145,7 @@ class TransferFunctionOperator(LinearOperator):
         # the smallest degree of the numerator that reproduces the response
         for n_zeros in range(len(poles) + 1):
             one = cls(*parts, np.zeros(n_zeros), hold=hold)
-            linear = one.linear_mask()
+            linear = [spec.linear for _, spec in one.entries()]
             linear[-1] = False  # the intercept
             columns = one.frequency_tangents(omega / (2.0 * np.pi))[1][:, 0, linear]
             weight = 1.0 / np.abs(columns).max(axis=1, keepdims=True)
@@ -455,9 +455,7 @@ def _behind_delay(operator, delays):
     """Return the operator of a single input after its delay, if it has one."""
     if not np.size(delays):
         return operator
-    return SeriesOperator(
-        ("delay", "transfer_function"), (DelayOperator(float(delays[0])), operator)
-    )
+    return Series(("delay", "transfer_function"), (DelayOperator(float(delays[0])), operator))
 
 
 def _several(parts, n_zeros, n_inputs, delays, hold):
@@ -679,11 +677,12 @@ class TransferFunction(ModesMixin, LinearModel):
         self.method = method
 
     @property
-    def _reads_columns(self):
+    def reads_columns(self):
         return not (isinstance(self.inputs, str) and self.inputs == "drive")
 
-    def _signal(self, X, slices):
-        return X[:, self._columns(X.shape[1])] if self._reads_columns else X[:, 0]
+    def operator_input(self, X, slices):
+        signal, schedules = super().operator_input(X, slices)
+        return X[:, self._columns(X.shape[1])] if self.reads_columns else signal, schedules
 
     def _columns(self, n_columns, names=None):
         """Return the positions of the inputs among the columns of X."""
@@ -708,7 +707,7 @@ class TransferFunction(ModesMixin, LinearModel):
 
     def held_parameters(self) -> frozenset[str]:
         fixed = super().held_parameters()
-        if self._reads_columns:
+        if self.reads_columns:
             n_inputs = getattr(self, "_n_inputs", 1)
             held = held_names(n_inputs, self._delay_of(n_inputs), self.fit_gain)
             return frozenset(held | (fixed & {"intercept"}))
@@ -727,10 +726,10 @@ class TransferFunction(ModesMixin, LinearModel):
                 f"{n_poles}. Got {self.n_zeros} instead."
             )
 
-    def _record_data(self, slices, X, y):
+    def record_data(self, slices, X, y):
         self.__dict__.pop("_response_inputs", None)  # of an earlier fit to a frequency response
-        records = super()._record_data(slices, X, y)
-        if self._reads_columns:
+        records = super().record_data(slices, X, y)
+        if self.reads_columns:
             self._n_inputs = records[0].u.shape[1]
             if self.initial_state == "estimate":
                 raise ValueError(
@@ -746,10 +745,10 @@ class TransferFunction(ModesMixin, LinearModel):
         return self._starts_of(records, self.n_poles, self.n_zeros)
 
     def _starts_of(self, records, n_poles, n_zeros):
-        n_inputs = records[0].u.shape[1] if self._reads_columns else 1
+        n_inputs = records[0].u.shape[1] if self.reads_columns else 1
         return record_starts(records, n_poles, n_zeros, self._delay_of(n_inputs), self.hold)
 
-    def _identify(self, data):
+    def identify(self, data):
         self._check_orders()
         return self._choose(data)
 
@@ -759,7 +758,7 @@ class TransferFunction(ModesMixin, LinearModel):
 
         def fit(n_poles, n_zeros):
             starts = self._starts_of(records, n_poles, n_zeros)
-            return self._refine(starts, records), n_samples, power
+            return refine(self, starts, records), n_samples, power
 
         return choose_orders(fit, self.n_poles, self.n_zeros, self.max_poles)
 
@@ -789,7 +788,7 @@ class TransferFunction(ModesMixin, LinearModel):
         refuse_open_hold(self.hold)
         self._check_orders()
         g, std = response.response, response.std
-        if g.shape[1] > 1 and not self._reads_columns:
+        if g.shape[1] > 1 and not self.reads_columns:
             raise ValueError(
                 "The 'inputs' parameter of TransferFunction must be 'all' or a list for a "
                 f"frequency response of {g.shape[1]} inputs. Got 'drive' instead."
@@ -814,7 +813,7 @@ class TransferFunction(ModesMixin, LinearModel):
             delay=self._delay_of(len(columns)),
             hold=self.hold,
             stable=self.stable,
-            single=not self._reads_columns,
+            single=not self.reads_columns,
             fit_gain=self.fit_gain,
             method=self.method,
         )
@@ -823,10 +822,10 @@ class TransferFunction(ModesMixin, LinearModel):
         self._response_inputs = tuple(response.input_names[i] for i in columns)
         self._n_inputs = self.n_features_in_ = len(columns)
         self.records_ = ()
-        return self._adopt(result)
+        return self.adopt(result)
 
-    def _adopt(self, result):
-        super()._adopt(result)
+    def adopt(self, result):
+        super().adopt(result)
         names = list(result.params)
         wanted = [
             i
@@ -951,6 +950,6 @@ class TransferFunction(ModesMixin, LinearModel):
                 f"X must have the {self._n_inputs} input(s) {list(self._response_inputs)}. Got "
                 f"{array.shape[1]} column(s) instead."
             )
-        signal = array[:, : self._n_inputs] if self._reads_columns else array[:, 0]
+        signal = array[:, : self._n_inputs] if self.reads_columns else array[:, 0]
         slices = record_slices(X, dt=self.dt)
-        return run_records(self.operator_, signal, slices, self._free_run_state())
+        return run_records(self.operator_, signal, slices, self.free_run_state)

@@ -264,8 +264,9 @@ class GrayBoxOperator(Operator):
         ]
         return found + [(f"theta[{name}]", ParameterSpec()) for name in self.term_names()]
 
-    def sizes(self):
-        return dict.fromkeys((name for name, _ in self.entries()), 1)
+    @cached_property
+    def n_parameters(self):
+        return self.static.n_parameters + len(self.weights)
 
     def pack(self):
         return np.concatenate([self.static.pack(), np.asarray(self.weights, dtype=float)])
@@ -541,9 +542,9 @@ class GrayBoxHysteresis(ParametricModel):
         "fit_intercept": ["boolean"],
     }
 
-    _extreme = 1e30  # products of several values are squared
+    largest_value = 1e30  # products of several values are squared
     operator_class = GrayBoxOperator
-    _one_interval = True
+    one_interval = True
 
     def __init__(
         self,
@@ -606,14 +607,14 @@ class GrayBoxHysteresis(ParametricModel):
         return y
 
     def starting_values(self, records):
-        return [self._identify(records).operator]
+        return [self.identify(records).operator]
 
-    def _identify(self, data):
+    def identify(self, data):
         largest = max(np.abs(record.y).max() for record in data)
         span = max(r.y.max() for r in data) - min(r.y.min() for r in data)
         n_samples = sum(len(r.u) for r in data)
         self.bound_ = float(largest + _DIVERGED * (span or largest or 1.0))
-        options = {"initial_state": self._free_run_state(), "method": self.method}
+        options = {"initial_state": self.free_run_state, "method": self.method}
         slow = self._slow_records(data)
         first = SystemLevelHysteresis(self.variant).starting_values(slow)
         static = identify(first, slow, fixed=self.held_parameters(), **options)
@@ -657,7 +658,7 @@ class GrayBoxHysteresis(ParametricModel):
     def _one_step_starts(self, network, data):
         """Return a list of the network fitted one step ahead, empty if that is unstable."""
         parts = [
-            network.regressors(record.u, record.y, record.dt, self._free_run_state())
+            network.regressors(record.u, record.y, record.dt, self.free_run_state)
             for record in data
         ]
         columns = np.concatenate([part for part, _ in parts])
@@ -668,7 +669,7 @@ class GrayBoxHysteresis(ParametricModel):
         start = dataclasses.replace(network, weights=weights)
         return [start] if np.all(np.abs(start.poles()) < 1.0) else []
 
-    def _adopt(self, result):
+    def adopt(self, result):
         if isinstance(result, _TrainingResult):
             stages = result.stages
         else:  # all weights were refined together
@@ -676,7 +677,7 @@ class GrayBoxHysteresis(ParametricModel):
         self.history_ = {key: np.concatenate([s[key] for s in stages]) for key in stages[0]}
         self.n_epochs_ = {s["stage"][0]: int(s["epoch"][-1]) for s in stages}
         self.dt_ = self.records_[0].dt
-        return super()._adopt(result)
+        return super().adopt(result)
 
 
 @dataclass(frozen=True)

@@ -15,11 +15,11 @@ from ._compiled_step import (
     in_ring,
 )
 from ._composition import (
-    ColumnOperator,
     FrozenOperator,
-    ModulatedOperator,
-    ScheduledOperator,
-    SeriesOperator,
+    OnColumnOperator,
+    Scaled,
+    Scheduled,
+    Series,
     SumOperator,
     WrappedOperator,
     add_disturbances,
@@ -67,7 +67,6 @@ from ._state_space import (
 from ._window_inverse import WindowInverseOperator
 
 __all__ = [
-    "ColumnOperator",
     "CompiledCall",
     "CompiledColumn",
     "CompiledColumnSeries",
@@ -81,13 +80,14 @@ __all__ = [
     "FrozenOperator",
     "InverseLinearOperator",
     "InverseOperator",
-    "ModulatedOperator",
+    "OnColumnOperator",
     "OneStateOperator",
     "Operator",
     "ParameterSpec",
     "RootInverseOperator",
-    "ScheduledOperator",
-    "SeriesOperator",
+    "Scaled",
+    "Scheduled",
+    "Series",
     "Stage",
     "Stepper",
     "SumOperator",

@@ -35,30 +35,23 @@ class _ByEntries(Operator):
     def parameter_specs(self):
         return dict(self.entries())
 
-    def sizes(self):
-        return {name: 1 for name, _ in self.entries()}
+    @cached_property
+    def n_parameters(self):
+        return len(self.entries())
 
 
 class WrappedOperator(_ByEntries):
-    """Base of what wraps one operator, the field ``operator``, and is like it by default.
-
-    A subclass with entries of its own says in ``_marks`` what becomes of a mask over those of the
-    operator.
-    """
+    """Base of what wraps one operator, the field ``operator``, and is like it by default."""
 
     signal_linear = property(attrgetter("_like.signal_linear"))
     owns_gain = property(attrgetter("_like.owns_gain"))
-    rank = property(attrgetter("_like.stage_order"))
+    stage_order = property(attrgetter("_like.stage_order"))
     n_poles = property(attrgetter("_like.n_poles"))
     memoryless = property(attrgetter("_like.memoryless"))
     causal = property(attrgetter("_like.causal"))
     at_once = property(attrgetter("_like.at_once"))
     reads_columns = property(attrgetter("_like.reads_columns"))
-    n_ringing = property(attrgetter("_like.n_ringing"))
-    lag_rates = property(attrgetter("_like.lag_rates"))
     linear_mode = property(attrgetter("_like.linear_mode"))
-    presliding_displacement = property(attrgetter("_like.presliding_displacement"))
-    characteristics = property(attrgetter("_like.characteristics"))
     entries = property(attrgetter("_like.entries"))
     pack = property(attrgetter("_like.pack"))
     parameter_units = property(attrgetter("_like.parameter_units"))
@@ -67,20 +60,9 @@ class WrappedOperator(_ByEntries):
     def _like(self):
         return self.operator
 
-    def _marks(self, mask):
-        return mask
-
-    def linear_mask(self):
-        return self._marks(self._like.linear_mask())
-
-    def gauge_entries(self):
-        return self._marks(self._like.gauge_entries())
-
-    def gauge_mask(self):
-        return self._marks(self._like.gauge_mask())
-
-    def constant_mask(self):
-        return self._marks(self._like.constant_mask())
+    @property
+    def children(self):
+        return (self._like,)
 
     def unpack(self, vector):
         return self._with(self.operator.unpack(vector))
@@ -155,9 +137,6 @@ class FrozenOperator(WrappedOperator):
     def unpack(self, vector):
         return self
 
-    def _marks(self, mask):
-        return mask[:0]
-
     def unfitted(self):
         return Operator.unfitted(self) if self.model is None else self.model
 
@@ -174,7 +153,7 @@ class FrozenOperator(WrappedOperator):
 
 
 @dataclass(frozen=True)
-class ColumnOperator(WrappedOperator):
+class OnColumnOperator(WrappedOperator):
     """An operator that one column of the input drives.
 
     Inputs are ``(n_samples, n_inputs)``. It stands first: nothing can come before it in a series.
@@ -190,8 +169,8 @@ class ColumnOperator(WrappedOperator):
     --------
     >>> import numpy as np
     >>> from skhyst.linear import GainOperator
-    >>> from skhyst.operators import ColumnOperator
-    >>> ColumnOperator(GainOperator(3.0), 1).run(np.array([[0.0, 1.0], [0.0, 2.0]]), 0.1)[0]
+    >>> from skhyst.operators import OnColumnOperator
+    >>> OnColumnOperator(GainOperator(3.0), 1).run(np.array([[0.0, 1.0], [0.0, 2.0]]), 0.1)[0]
     array([3., 6.])
     """
 
@@ -243,7 +222,7 @@ class ColumnOperator(WrappedOperator):
 
 
 @dataclass(frozen=True)
-class ModulatedOperator(WrappedOperator):
+class Scaled(WrappedOperator):
     r"""An operator whose output is scaled by a column of the input.
 
     .. math:: y = \Gamma[u] \, (1 + b \, (a - a_0))
@@ -266,9 +245,9 @@ class ModulatedOperator(WrappedOperator):
     --------
     >>> import numpy as np
     >>> from skhyst.linear import GainOperator
-    >>> from skhyst.operators import ColumnOperator, ModulatedOperator
-    >>> gain = ColumnOperator(GainOperator(3.0), 0)
-    >>> warm = ModulatedOperator(gain, 1, reference=20.0, sensitivity=0.1)
+    >>> from skhyst.operators import OnColumnOperator, Scaled
+    >>> gain = OnColumnOperator(GainOperator(3.0), 0)
+    >>> warm = Scaled(gain, 1, reference=20.0, sensitivity=0.1)
     >>> warm.run(np.array([[1.0, 20.0], [1.0, 25.0]]), 0.1)[0]
     array([3. , 4.5])
     """
@@ -290,11 +269,12 @@ class ModulatedOperator(WrappedOperator):
 
     @property
     def _depth(self):
-        return 1 + (self.operator._depth if isinstance(self.operator, ModulatedOperator) else 0)
+        return 1 + (self.operator._depth if isinstance(self.operator, Scaled) else 0)
 
     def entries(self):
         name = "sensitivity" if self._depth == 1 else f"sensitivity_{self._depth}"
-        return [*self.operator.entries(), (name, _SENSITIVITY)]
+        own = [(name, replace(spec, additive=False)) for name, spec in self.operator.entries()]
+        return [*own, (name, _SENSITIVITY)]
 
     def pack(self):
         return np.append(self.operator.pack(), self.sensitivity)
@@ -302,12 +282,6 @@ class ModulatedOperator(WrappedOperator):
     def unpack(self, vector):
         operator = self.operator.unpack(vector[:-1])
         return replace(self, operator=operator, sensitivity=float(vector[-1]))
-
-    def _marks(self, mask):
-        return np.append(mask, False)
-
-    def constant_mask(self):
-        return np.zeros(self.n_parameters, dtype=bool)
 
     def _factor(self, u):
         return 1.0 + self.sensitivity * (_one(u, self.column) - self.reference)
@@ -328,7 +302,7 @@ class ModulatedOperator(WrappedOperator):
 
 
 @dataclass(frozen=True)
-class ScheduledOperator(WrappedOperator):
+class Scheduled(WrappedOperator):
     """Parameters are polynomials of a schedule, such as the amplitude of the record.
 
     A polynomial of degree d is given by its Bernstein coefficients over the range of the schedule:
@@ -413,8 +387,9 @@ class ScheduledOperator(WrappedOperator):
         for key, value in zip(self.keys(name), self.coefficients, strict=True):
             values[key] = np.append(values.get(key, []), value)
         lines = {key: own for key, own in values.items() if len(own) > 1}
-        keys, held = part.keys(stage.name), part.gauge_mask()
-        free = [key for key, is_held in zip(keys, held, strict=True) if not is_held]
+        keys = part.keys(stage.name)
+        rows = zip(keys, part.entries(), strict=True)
+        free = [key for key, (_, spec) in rows if not spec.held]
         present = dict(zip(keys, part.pack(), strict=True))
         for key in set(lines) - set(free):  # the line of a gain goes to the stage that has it now
             line = lines.pop(key)
@@ -426,9 +401,6 @@ class ScheduledOperator(WrappedOperator):
     def keys(self, name=None):
         keys = zip(self.base.keys(name), self._counts, strict=True)
         return [key for key, count in keys for _ in range(count)]
-
-    def _marks(self, mask):
-        return np.repeat(mask, self._counts)
 
     @property
     def _counts(self):
@@ -494,6 +466,10 @@ class _Composition(_ByEntries):
     stages: tuple
 
     @property
+    def children(self):
+        return self.stages
+
+    @property
     def signal_linear(self):
         return all(stage.signal_linear for stage in self.stages)
 
@@ -526,26 +502,21 @@ class _Composition(_ByEntries):
         counts = [stage.n_poles for stage in self.stages]
         return sum(real for real, _ in counts), sum(pairs for _, pairs in counts)
 
-    def n_ringing(self):
-        return sum(stage.n_ringing() for stage in self.stages)
-
-    def lag_rates(self):
-        return [rate for stage in self.stages for rate in stage.lag_rates()]
-
     def linear_mode(self):
         return self.stages[0].linear_mode() if len(self.stages) == 1 else None
 
-    @property
-    def presliding_displacement(self):
-        ways = (stage.presliding_displacement for stage in self.stages)
-        return next((way for way in ways if way is not None), None)
-
     def entries(self):
+        parts = [stage.entries() for stage in self.stages]
+        specs = self._marked([[spec for _, spec in own] for own in parts])
         return [
             (f"{name}__{entry}", spec)
-            for name, stage in zip(self.names, self.stages, strict=True)
-            for entry, spec in stage.entries()
+            for name, own, marked in zip(self.names, parts, specs, strict=True)
+            for (entry, _), spec in zip(own, marked, strict=True)
         ]
+
+    def _marked(self, parts):
+        """Return the specs of each stage as they are in the whole."""
+        return parts
 
     def parameter_units(self):
         return {
@@ -596,19 +567,15 @@ class _Composition(_ByEntries):
         return self._at_gauge()
 
     def _at_gauge(self):
-        values, entries = self.pack(), self.entries()
-        for i in np.flatnonzero(self.gauge_mask()):
-            values[i] = entries[i][1].gauge
-        return self.unpack(values)
+        specs = [spec for _, spec in self.entries()]
+        values = [s.gauge if s.held else v for s, v in zip(specs, self.pack(), strict=True)]
+        return self.unpack(np.array(values, dtype=float))
 
     def released(self):
         return replace(self, stages=tuple(stage.released() for stage in self.stages), model=None)
 
     def at(self, schedule):
         return replace(self, stages=tuple(stage.at(schedule) for stage in self.stages))
-
-    def gauge_entries(self):
-        return _joined(stage.gauge_entries() for stage in self.stages)
 
     def _compiled_step(self, dt, states):
         """Return each stage's step."""
@@ -617,50 +584,45 @@ class _Composition(_ByEntries):
         )
 
 
-class SeriesOperator(_Composition):
+class Series(_Composition):
     """Operators in series: the output of one is the input of the next."""
 
     structure_of = "Cascade"
 
-    def linear_mask(self):
-        # Parameters of one stage only, behind which everything is linear in the signal; the
-        # stage that has most of them. Two such stages would be bilinear.
-        sizes = [stage.n_parameters for stage in self.stages]
-        masks = [np.zeros(size, dtype=bool) for size in sizes]
-        held = np.split(self.gauge_mask(), np.cumsum(sizes)[:-1])
-        best = 0
-        for i in reversed(range(len(self.stages))):
-            mask = self.stages[i].linear_mask() & ~held[i]
-            if mask.sum() > masks[best].sum() or i == best:
-                masks[best] = np.zeros_like(masks[best])
-                best, masks[i] = i, mask
+    def _marked(self, parts):
+        owners, behind, found = self._owners(parts), True, []
+        held = [
+            [s.held or (s.is_shared and i not in owners) for s in p] for i, p in enumerate(parts)
+        ]
+        # Linear are parameters of one stage only, behind which everything is linear in the signal;
+        # of the stage that has most of them. Two such stages would be bilinear.
+        linear = [
+            [s.linear and not h for s, h in zip(*own, strict=True)]
+            for own in zip(parts, held, strict=True)
+        ]
+        best = last = len(parts) - 1
+        for i in range(last, -1, -1):
+            if sum(linear[i]) > sum(linear[best]):
+                best = i
             if not self.stages[i].signal_linear:
                 break
-        return _joined(masks)
+        for i in range(last, -1, -1):
+            rows = zip(parts[i], held[i], linear[i], strict=True)
+            found.append(
+                [_with_marks(s, h, r and i == best, s.additive and behind) for s, h, r in rows]
+            )
+            behind = behind and self.stages[i].signal_linear  # a constant before others is none
+        return found[::-1]
 
-    def constant_mask(self):
-        masks = [stage.constant_mask() for stage in self.stages]
-        for i in reversed(range(1, len(masks))):  # before a stage that is not linear none is left
-            if not self.stages[i].signal_linear:
-                masks[:i] = [np.zeros_like(mask) for mask in masks[:i]]
-        return _joined(masks)
-
-    def _owners(self):
+    def _owners(self, parts):
         """Return the number of the stage that keeps gain and intercept, in a list; or none."""
         owners = [i for i, stage in enumerate(self.stages) if stage.owns_gain][:1]
-        return owners or [i for i, s in enumerate(self.stages) if s.gauge_entries().any()][-1:]
-
-    def gauge_mask(self):
-        owners = self._owners()
-        masks = [
-            stage.gauge_mask() | (stage.gauge_entries() & (i not in owners))
-            for i, stage in enumerate(self.stages)
-        ]
-        return _joined(masks)
+        return owners or [i for i, own in enumerate(parts) if any(s.is_shared for s in own)][-1:]
 
     def _stage_units(self):
         # up to the stage that has the gain signals are in units of the drive, then of the response
-        owner = max(self._owners(), default=len(self.stages) - 1)
+        parts = [[spec for _, spec in stage.entries()] for stage in self.stages]
+        owner = max(self._owners(parts), default=len(parts) - 1)
         words = ["drive" if i <= owner else "response" for i in range(len(self.stages) + 1)]
         return [
             {entry: Units(*around).of(unit) for entry, unit in units.items()}
@@ -680,9 +642,9 @@ class SeriesOperator(_Composition):
         Examples
         --------
         >>> from skhyst.linear import FirstOrderLagOperator, SecondOrderModeOperator
-        >>> from skhyst.operators import SeriesOperator
+        >>> from skhyst.operators import Series
         >>> stages = SecondOrderModeOperator(30.0, 0.1), FirstOrderLagOperator(0.1, gain=2.0)
-        >>> SeriesOperator(("mode", "lag"), stages).without("lag").stages[0].gain
+        >>> Series(("mode", "lag"), stages).without("lag").stages[0].gain
         2.0
         """
         at = self.names.index(name)
@@ -730,7 +692,7 @@ class SeriesOperator(_Composition):
 
     def inverse(self):
         """Return the series of the inverses, last stage first."""
-        return SeriesOperator(self.names[::-1], tuple(map(inverse_of, reversed(self.stages))))
+        return Series(self.names[::-1], tuple(map(inverse_of, reversed(self.stages))))
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
         for stage in self.stages:
@@ -748,29 +710,18 @@ class SumOperator(_Composition):
 
     structure_of = "Sum"
 
-    def linear_mask(self):
-        return _joined(stage.linear_mask() for stage in self.stages)
-
-    def constant_mask(self):
-        return _joined(stage.constant_mask() for stage in self.stages)
-
-    def gauge_entries(self):
-        # a common gain can be taken out of the first branch only
-        masks = [
-            stage.gauge_entries() & (Operator.constant_mask(stage) | (i == 0))
-            for i, stage in enumerate(self.stages)
-        ]
-        return _joined(masks)
-
-    def gauge_mask(self):
-        # several intercepts add up to one: the first branch that has one keeps it
-        masks, taken = [], False
-        for stage in self.stages:
-            mask = stage.gauge_mask()
-            intercept = Operator.constant_mask(stage)
-            masks.append(mask | (intercept & taken))
-            taken = taken or bool((intercept & ~mask).any())
-        return _joined(masks)
+    def _marked(self, parts):
+        found, taken = [], False
+        for i, own in enumerate(parts):
+            # A common gain can be taken out of the first branch only. Several intercepts add up to
+            # one: the first branch that has one keeps it.
+            marks = [(s.held or (s.gauge == 0.0 and taken), s.gauge == 0.0 or not i) for s in own]
+            taken = taken or any(s.gauge == 0.0 and not s.held for s in own)
+            rows = zip(own, marks, strict=True)
+            found.append(
+                [_with_marks(s, h, s.linear, s.additive, s.movable and m) for s, (h, m) in rows]
+            )
+        return found
 
     def init(self, u0, initial_state="rest"):
         return tuple(stage.init(u0, initial_state) for stage in self.stages)
@@ -874,8 +825,12 @@ class SumOperator(_Composition):
         return found
 
 
-def _joined(masks):
-    return np.concatenate([np.empty(0, bool), *masks])
+def _with_marks(spec, held, linear, additive, movable=None):
+    """Return a spec as a node sets it."""
+    movable = spec.movable if movable is None else movable
+    if (held, linear, additive, movable) == (spec.held, spec.linear, spec.additive, spec.movable):
+        return spec
+    return replace(spec, held=held, linear=linear, additive=additive, movable=movable)
 
 
 def _gathered(stages, without=None):
@@ -890,7 +845,7 @@ def _gathered(stages, without=None):
         not set(scaled) & set(kept)
         or any(stage.owns_gain for stage in stages)
         or not all(stage.signal_linear for stage in between)
-        or not all({"gain", "intercept"} <= set(stages[i].sizes()) for i in scaled)
+        or not all({"gain", "intercept"} <= set(stages[i].parameter_specs()) for i in scaled)
     ):
         return tuple(stages[i] for i in kept)
     owner = max(set(scaled) & set(kept))
@@ -904,8 +859,9 @@ def _gathered(stages, without=None):
 
 def _may_give_or_take(stage):
     """Whether a stage has a gain or an intercept, unless it is a sum that has none of its own."""
-    mask, entries = stage.gauge_entries(), stage.entries()
-    gauges = [spec.gauge for (_, spec), own in zip(entries, mask, strict=True) if own]
+    specs = [spec for _, spec in stage.entries()]
+    mask = [spec.is_shared for spec in specs]
+    gauges = [spec.gauge for spec in specs if spec.is_shared]
     is_bare = isinstance(stage, SumOperator) and stage.pack()[mask].tolist() == gauges
     return bool(gauges) and not is_bare
 
@@ -953,14 +909,14 @@ def split_disturbances(start):
 
 def bare(operator):
     """Return an operator without what only says that it is driven by the drive."""
-    implied = isinstance(operator, ColumnOperator) and operator._is_implied
+    implied = isinstance(operator, OnColumnOperator) and operator._is_implied
     return operator.operator if implied else operator
 
 
 def of_columns(operator):
     """Return an operator of the whole input, as a disturbance is of any."""
     is_one = operator.reads_columns or operator.is_disturbance
-    return operator if is_one else ColumnOperator(operator, 0)
+    return operator if is_one else OnColumnOperator(operator, 0)
 
 
 def _one(u, column):
@@ -981,7 +937,7 @@ def _together(kind, *operands):
 
 
 def _in_series(first, second):
-    return SeriesOperator(*zip(*_together(SeriesOperator, first, second), strict=True))
+    return Series(*zip(*_together(Series, first, second), strict=True))
 
 
 def _in_parallel(first, second):
@@ -989,7 +945,7 @@ def _in_parallel(first, second):
 
 
 def _scaled(operator, factor):
-    return ModulatedOperator(of_columns(operator), *factor)
+    return Scaled(of_columns(operator), *factor)
 
 
 JOIN.update({"|": _in_series, "+": _in_parallel, "*": _scaled})

@@ -9,10 +9,10 @@ single stage.
 import numpy as np
 
 from ._composition import (
-    ColumnOperator,
-    ModulatedOperator,
-    ScheduledOperator,
-    SeriesOperator,
+    OnColumnOperator,
+    Scaled,
+    Scheduled,
+    Series,
     SumOperator,
     bare,
     of_columns,
@@ -61,11 +61,11 @@ def with_series_stages(whole, stages):
 def _in_series(part, stages):
     names, operators = (tuple(stage[i] for stage in stages) for i in (0, 1))
     name, model = part.name, part.operator.model
-    if not (isinstance(part.operator, SeriesOperator) and part.operator.is_composed):
+    if not (isinstance(part.operator, Series) and part.operator.is_composed):
         if len(stages) == 1:
             return stages[0]
-        name, model = _DRIVEN, _node(SeriesOperator, [], part)
-    return Stage(name, SeriesOperator(names, operators, model=model).normalized())
+        name, model = _DRIVEN, _node(Series, [], part)
+    return Stage(name, Series(names, operators, model=model).normalized())
 
 
 def put_beside_series(whole, name, operator):
@@ -87,7 +87,9 @@ def put_beside_series(whole, name, operator):
 
 def on_column(whole, operator, column):
     """Return an operator that a column of the input drives, of a tree."""
-    return ColumnOperator(operator, column, model=_node(ColumnOperator, None, whole, column=column))
+    return OnColumnOperator(
+        operator, column, model=_node(OnColumnOperator, None, whole, column=column)
+    )
 
 
 def modulated(whole, column, reference, sensitivity=0.0):
@@ -98,9 +100,9 @@ def modulated(whole, column, reference, sensitivity=0.0):
     number = -1 if column == "amplitude" else column
 
     def change(part):
-        model = _node(ModulatedOperator, None, part, column=column)
+        model = _node(Scaled, None, part, column=column)
         inside = of_columns(part.operator)
-        scaled = ModulatedOperator(inside, number, reference, sensitivity, model=model)
+        scaled = Scaled(inside, number, reference, sensitivity, model=model)
         return part._replace(operator=scaled)
 
     return _changed(whole, change, SumOperator)
@@ -114,10 +116,10 @@ def scheduled(whole, by, low, high, lines):
     """
 
     def change(part):
-        model = _node(ScheduledOperator, None, part, by=by)
-        return part._replace(operator=ScheduledOperator.along(part, low, high, lines, model))
+        model = _node(Scheduled, None, part, by=by)
+        return part._replace(operator=Scheduled.along(part, low, high, lines, model))
 
-    return _changed(whole, change, SumOperator | ModulatedOperator | ColumnOperator)
+    return _changed(whole, change, SumOperator | Scaled | OnColumnOperator)
 
 
 def stage_values(whole, *, held=True):
@@ -128,8 +130,8 @@ def stage_values(whole, *, held=True):
     """
     driven, _ = split_disturbances(whole.operator)
     found, keys = {}, whole.operator.keys(whole.name)
-    for key, value, is_held in zip(keys, driven.pack(), driven.gauge_mask(), strict=True):
-        if held or not is_held:
+    for key, value, (_, spec) in zip(keys, driven.pack(), driven.entries(), strict=True):
+        if held or not spec.held:
             found[key] = np.append(found.get(key, []), value)
     return found
 
@@ -140,9 +142,9 @@ def with_stage_values(whole, values):
     What follows a number of the record in one of both only has its mean in the other.
     """
     driven, _ = split_disturbances(whole.operator)
-    keys, vector, held = whole.operator.keys(whole.name), driven.pack(), driven.gauge_mask()
+    keys, vector, entries = whole.operator.keys(whole.name), driven.pack(), driven.entries()
     for key in set(keys) & set(values):
-        rows = [i for i, own in enumerate(keys) if own == key and not held[i]]
+        rows = [i for i, own in enumerate(keys) if own == key and not entries[i][1].held]
         same = len(rows) == len(values[key])
         vector[rows] = values[key] if same else np.mean(values[key])
     return driven.unpack(vector)

@@ -79,7 +79,7 @@ class OneStateOperator(Operator):
     -----
     The state is the tuple ``(x, last drive)``, in ``"zero"`` both are zero. ``"rest"`` is the step
     from there to the first sample, as suits a law that does not depend on the rate; others say in
-    ``_rest`` where they rest.
+    :meth:`rest` where they rest.
 
     Examples
     --------
@@ -118,14 +118,14 @@ class OneStateOperator(Operator):
         names = (*self.parameter_specs(), *self.structure)
         return tuple(float(getattr(self, name)) for name in names)
 
-    def _rest(self, u0):
+    def rest(self, u0):
         """Return the state at rest at ``u0`` and its derivatives by u0 and the parameters."""
         x, _, by, _ = self._law(0.0, 0.0, u0, 1.0, self._values())
         return x, by[2:]
 
     def init(self, u0, initial_state="rest"):
         """Return the state before the first sample ``u0``; see :meth:`Operator.init`."""
-        return (self._rest(float(u0))[0], float(u0)) if initial_state == "rest" else (0.0, 0.0)
+        return (self.rest(float(u0))[0], float(u0)) if initial_state == "rest" else (0.0, 0.0)
 
     def run(self, u, dt, state=None):
         """Map a drive of shape (n_samples,) to the response; see :meth:`Operator.run`."""
@@ -143,7 +143,7 @@ class OneStateOperator(Operator):
         """Return the response and its tangents; see :meth:`Operator.sensitivities`."""
         u, du = as_signal(u), as_signal(du)
         m, first = du.shape[1], float(u[0]) if u.size else 0.0
-        x, (by_first, *by) = self._rest(first)
+        x, (by_first, *by) = self.rest(first)
         dx, dlast = np.zeros(m + len(by)), np.zeros(m)
         if initial_state == "zero":
             x = first = 0.0

@@ -1,4 +1,4 @@
-"""Operators as the tree that is the structure of a model.
+"""Operators as parts of a tree, which is the structure of a model.
 
 The leaves of the tree are operators of single models, its nodes join them: in series (``|``), in
 parallel (``+``), scaled by a column of the input (``*``), driven by a column, or with parameters
@@ -66,12 +66,39 @@ class Factor(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Part:
-    """Base of the operators: what makes them parts of a tree.
+    """Base of the operators: what a tree asks of its parts, each with a default.
 
     Parameters
     ----------
     model : estimator, default=None
         The unfitted estimator that it belongs to; keyword only. None: it is not said.
+
+    Attributes
+    ----------
+    signal_linear : bool
+        The output is an affine function of the input signal, whatever the input.
+    owns_gain : bool
+        The static gain and the intercept are the operator's own, as those of a hysteresis are;
+        in a series every other stage then has unit gain and no intercept.
+    stage_order : int
+        Where a stage stands in a series: 0 limits of the drive, 10 hysteresis, 20 curves behind
+        the hysteresis, 30 linear dynamics, 40 sensor curves, 50 limits of the sensor.
+    n_poles : (int, int)
+        Number of real poles and of pairs of poles of a linear operator.
+    memoryless : bool
+        The output depends on the input of the same instant alone.
+    causal : bool
+        The output depends on no later input, so that a run may be cut anywhere.
+    at_once : bool
+        The output is a monotone function of the input of the same instant, whatever came before,
+        so that a drive for an output can be found sample by sample.
+    is_disturbance : bool
+        The output is a disturbance ``basis(time) coefficients``, whatever the input, whose
+        ``coefficients`` are each record's own; it has the methods of ``DisturbanceOperator``.
+    reads_columns : bool
+        The input has several columns, shape (n_samples, n_inputs).
+    children : tuple of Operator
+        The parts that a node joins or wraps.
 
     Examples
     --------
@@ -83,8 +110,55 @@ class Part:
 
     model: Any = dataclasses.field(default=None, kw_only=True, compare=False, repr=False)
 
+    signal_linear = False
+    owns_gain = False
+    stage_order = 30
+    n_poles = (0, 0)
+    memoryless = False
+    causal = True
+    at_once = True
+    is_disturbance = False
+    reads_columns = False
+    children = ()
     driving_column = 0  # of the input
     structure_of = None  # of a node: name of the estimator in skhyst.compose
+
+    def linear_mode(self):
+        """Return the second-order mode that is left without what bends it, None without one."""
+        return None
+
+    def at(self, schedule):
+        """Return the operator of a record, where parameters depend on a number of it."""
+        return self
+
+    def parameter_units(self) -> dict[str, str]:
+        """Return the unit of each entry, in terms of ``s``, ``drive`` and ``response``."""
+        return {name: spec.unit for name, spec in self.entries()}
+
+    def ahead(self, dt: float, u0: float, tol: float = 1e-9):
+        """Return one step that is fed the input some samples ahead, and their number.
+
+        Parameters
+        ----------
+        dt : float
+            Sampling interval in s.
+        u0 : float
+            Input at which the device rests before.
+        tol : float, default=1e-9
+            Part of what comes later that may be left out, where all of it matters.
+
+        Returns
+        -------
+        compiled_step : CompiledStep
+        samples : int
+            By which the output lags behind the input; 0 where the operator does not look ahead.
+
+        Raises
+        ------
+        NotImplementedError
+            If no finite number of samples is enough.
+        """
+        return self.compiled_step(dt, self.init(u0)), 0
 
     def __or__(self, other):
         """Return the series: the output of the first is the input of the second."""
@@ -103,8 +177,8 @@ class Part:
     @property
     def label(self) -> str:
         """Name of a part that has none: that of its estimator, or of its own class."""
-        kind = type(self if self.model is None else self.model).__name__
-        return snake_case(kind.removesuffix("Operator"))
+        own = self.structure_of or type(self).__name__.removesuffix("Operator")
+        return snake_case(own if self.model is None else type(self.model).__name__)
 
     def estimator(self, **params):
         """Return the unfitted estimator that the operator belongs to.
@@ -144,8 +218,7 @@ class Part:
     def free_mask(self) -> np.ndarray:
         """Mark the values of ``pack`` that are free: neither held, nor another's freedom."""
         held = self.held_entries()
-        is_held = np.array([name in held for name, _ in self.entries()], dtype=bool)
-        return ~(self.gauge_mask() | is_held)
+        return np.array([not (s.held or name in held) for name, s in self.entries()], dtype=bool)
 
     def released(self):
         """Return a copy that belongs to no estimator, and of which no part is held."""

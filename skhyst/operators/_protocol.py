@@ -12,8 +12,8 @@ otherwise. The state before sample ``k`` holds everything that the operator reme
 samples before ``k``, the last input included, so a signal may be cut anywhere:
 ``run(u)`` equals ``run(u[:m])`` followed by ``run(u[m:], state=...)``.
 
-What the rest of the package needs to know of an operator is declared here, as an attribute or a
-method with a default; nothing asks for its class.
+An operator has the members on this page. What a tree asks of its parts besides is declared in
+``_part``, as an attribute or a method with a default; nothing asks for a class.
 """
 
 import dataclasses
@@ -51,7 +51,8 @@ class ParameterSpec:
     Parameters
     ----------
     linear : bool
-        The output is an affine function of the field while all other fields stand still.
+        The output is an affine function of the field while all other fields stand still; of all
+        such fields together.
     lower, upper : float
         Bounds in the field's own unit.
     log : bool
@@ -61,6 +62,12 @@ class ParameterSpec:
         (a static gain at 1, an intercept at 0). None: the freedom is the operator's own.
     unit : str
         Unit in terms of ``s``, ``drive`` and ``response``, for reports.
+    held : bool
+        Another part of the tree carries the freedom. Nodes set this and what follows.
+    movable : bool
+        Another stage of a series can carry the freedom, where there is a gauge.
+    additive : bool
+        A field of gauge 0 only adds a constant to the output.
     """
 
     linear: bool = False
@@ -69,6 +76,19 @@ class ParameterSpec:
     log: bool = False
     gauge: float | None = None
     unit: str = ""
+    held: bool = False
+    movable: bool = True
+    additive: bool = True
+
+    @property
+    def is_shared(self) -> bool:
+        """Whether another stage of a series can carry the freedom."""
+        return self.movable and self.gauge is not None
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether the field only adds a constant to the output."""
+        return self.additive and self.gauge == 0.0
 
 
 def parameter(*, default=dataclasses.MISSING, **options):
@@ -79,83 +99,9 @@ def parameter(*, default=dataclasses.MISSING, **options):
 class Operator(Part, ABC):
     """Base of all operators. Subclasses are frozen dataclasses.
 
-    Attributes
-    ----------
-    signal_linear : bool
-        The output is an affine function of the input signal, whatever the input.
-    owns_gain : bool
-        The static gain and the intercept are the operator's own, as those of a hysteresis are;
-        in a series every other stage then has unit gain and no intercept.
-    stage_order : int
-        Where a stage stands in a series: 0 limits of the drive, 10 hysteresis, 20 curves behind
-        the hysteresis, 30 linear dynamics, 40 sensor curves, 50 limits of the sensor.
-    n_poles : (int, int)
-        Number of real poles and of pairs of poles of a linear operator.
-    memoryless : bool
-        The output depends on the input of the same instant alone.
-    causal : bool
-        The output depends on no later input, so that a run may be cut anywhere.
-    at_once : bool
-        The output is a monotone function of the input of the same instant, whatever came before,
-        so that a drive for an output can be found sample by sample.
-    is_disturbance : bool
-        The output is a disturbance ``basis(time) coefficients``, whatever the input, whose
-        ``coefficients`` are each record's own; it has the methods of ``DisturbanceOperator``.
-    presliding_displacement : float or None
-        Displacement (units of the drive) over which friction builds up, if there is one.
-    reads_columns : bool
-        The input has several columns, shape (n_samples, n_inputs).
+    They give :meth:`init`, :meth:`run` and :meth:`sensitivities`, and :meth:`compiled_step` where
+    they can be stepped and exported; the rest follows from the fields.
     """
-
-    signal_linear = False
-    owns_gain = False
-    stage_order = 30
-    n_poles = (0, 0)
-    memoryless = False
-    causal = True
-    at_once = True
-    is_disturbance = False
-    presliding_displacement: float | None = None
-    reads_columns = False
-
-    def n_ringing(self) -> int:
-        """Return the number of pairs of poles that overshoot."""
-        return 0
-
-    def lag_rates(self) -> list[float]:
-        """Return the rates (rad/s) of the first-order lags among the poles."""
-        return []
-
-    def characteristics(self, seen) -> dict[str, tuple]:
-        """Return what characterises the operator beyond its parameters, as an engineer counts it.
-
-        Parameters
-        ----------
-        seen : object
-            What has come in and out, in lists of one array a record: ``inputs`` and ``outputs``;
-            ``dts``, intervals in s; ``ends``, the smallest and the largest input; ``rates``,
-            absolute rates of the input, (n,); of a disturbance ``coefficients``, (n_records,
-            n_coefficients).
-
-        Returns
-        -------
-        dict of str to (float or array-like, str)
-            Value or values, NaN for one that is not there, and the unit, see
-            :class:`ParameterSpec`.
-        """
-        return {}
-
-    def linear_mode(self) -> "Operator | None":
-        """Return the second-order mode that is left without what bends it, if there is one."""
-        return None
-
-    def _require(self, name, is_right, wanted):
-        """Refuse a field that is not what is wanted of it, such as "be above 0"."""
-        if not is_right:
-            raise ValueError(
-                f"The '{name}' parameter of {type(self).__name__} must {wanted}. "
-                f"Got {getattr(self, name)!r} instead."
-            )
 
     def parameter_specs(self) -> dict[str, ParameterSpec]:
         """Return the identifiable fields, in the order of declaration."""
@@ -163,39 +109,15 @@ class Operator(Part, ABC):
 
     def entries(self) -> list[tuple[str, ParameterSpec]]:
         """Return one (name, spec) a value of :meth:`pack`; array fields are numbered."""
-        sizes = self.sizes()
+        sizes = self._sizes
         return [
             (name if np.ndim(getattr(self, name)) == 0 else f"{name}[{i}]", spec)
             for name, spec in self.parameter_specs().items()
             for i in range(sizes[name])
         ]
 
-    def parameter_units(self) -> dict[str, str]:
-        """Return the unit of each entry, in terms of ``s``, ``drive`` and ``response``."""
-        return {name: spec.unit for name, spec in self.entries()}
-
-    def linear_mask(self) -> np.ndarray:
-        """Mark the values of :meth:`pack` that the output depends on linearly, all at once."""
-        return np.array([spec.linear for _, spec in self.entries()], dtype=bool)
-
-    def gauge_entries(self) -> np.ndarray:
-        """Mark the values of :meth:`pack` whose freedom another stage of a series can carry."""
-        return np.array([spec.gauge is not None for _, spec in self.entries()], dtype=bool)
-
-    def gauge_mask(self) -> np.ndarray:
-        """Mark the values of :meth:`pack` that must be held because others carry their freedom."""
-        return np.zeros(self.n_parameters, dtype=bool)
-
-    def constant_mask(self) -> np.ndarray:
-        """Mark the values of :meth:`pack` that only add a constant to the output."""
-        return np.array([spec.gauge == 0.0 for _, spec in self.entries()], dtype=bool)
-
-    def sizes(self) -> dict[str, int]:
-        """Return the number of values in each identifiable field."""
-        return self._layout
-
     @cached_property
-    def _layout(self):
+    def _sizes(self):
         found = {}
         for name in self.parameter_specs():
             value = getattr(self, name)
@@ -205,26 +127,22 @@ class Operator(Part, ABC):
     @cached_property
     def n_parameters(self) -> int:
         """Number of values in :meth:`pack`."""
-        return sum(self.sizes().values())
+        return sum(self._sizes.values())
 
     def pack(self) -> np.ndarray:
         """Return all identifiable values as one vector."""
-        values = [np.ravel(getattr(self, name)) for name in self.sizes()]
+        values = [np.ravel(getattr(self, name)) for name in self._sizes]
         return np.concatenate(values).astype(float) if values else np.empty(0)
 
     def unpack(self, vector) -> "Operator":
         """Return a copy with the identifiable values taken from ``vector``."""
         vector = np.asarray(vector, dtype=float)
         changes, start = {}, 0
-        for name, size in self.sizes().items():
+        for name, size in self._sizes.items():
             part = vector[start : start + size]
             changes[name] = float(part[0]) if np.ndim(getattr(self, name)) == 0 else part.copy()
             start += size
         return dataclasses.replace(self, **changes)
-
-    def at(self, schedule) -> "Operator":
-        """Return the operator of a record, where parameters depend on a number of it."""
-        return self
 
     @abstractmethod
     def init(self, u0: float, initial_state: str = "rest") -> Any:
@@ -298,35 +216,18 @@ class Operator(Part, ABC):
         why = "it gives no step ('compiled_step')" if self.causal else "it looks ahead"
         raise NotImplementedError(f"{type(self).__name__} cannot be stepped: {why}.")
 
-    def ahead(self, dt: float, u0: float, tol: float = 1e-9):
-        """Return one step that is fed the input some samples ahead, and their number.
-
-        Parameters
-        ----------
-        dt : float
-            Sampling interval in s.
-        u0 : float
-            Input at which the device rests before.
-        tol : float, default=1e-9
-            Part of what comes later that may be left out, where all of it matters.
-
-        Returns
-        -------
-        compiled_step : CompiledStep
-        samples : int
-            By which the output lags behind the input; 0 where the operator does not look ahead.
-
-        Raises
-        ------
-        NotImplementedError
-            If no finite number of samples is enough.
-        """
-        return self.compiled_step(dt, self.init(u0)), 0
-
     def step(self, state, u: float, dt: float) -> tuple[Any, float]:
         """Advance by one sample: return the new state and the output."""
         y, state = self.run(np.array([u], dtype=float), dt, state)
         return state, float(y[0])
+
+    def _require(self, name, is_right, wanted):
+        """Refuse a field that is not what is wanted of it, such as "be above 0"."""
+        if not is_right:
+            raise ValueError(
+                f"The '{name}' parameter of {type(self).__name__} must {wanted}. "
+                f"Got {getattr(self, name)!r} instead."
+            )
 
 
 def by_fields(operator):

@@ -2,8 +2,8 @@
 
 from ._bounded_step import bounded_step
 from ._frequency_problem import FrequencyProblem, identify_response
-from ._identify import METHODS, IdentificationResult, identify
-from ._input_history import estimate_input_history, input_history_of
+from ._identify import METHODS, IdentificationResult, constant_entries, identify
+from ._input_history import estimate_input_history, input_history_of, with_input_history
 from ._levenberg_marquardt import LevenbergMarquardt
 from ._modal_problem import ModalProblem, modal_start
 from ._nonnegative import nonnegative_minimum
@@ -46,6 +46,7 @@ __all__ = [
     "ages",
     "bounded_step",
     "coloured_covariance",
+    "constant_entries",
     "distribute_poles",
     "estimate_input_history",
     "identify",
@@ -65,4 +66,5 @@ __all__ = [
     "variable_projection",
     "vector_fit",
     "warp",
+    "with_input_history",
 ]

@@ -30,10 +30,8 @@ class FrequencyProblem(Unknowns):
         self.operator = operator
         self.frequency, self.response, self.weight = frequency, response, weight
         entries = operator.entries()
-        free = ~np.array([name in fixed for name, _ in entries], dtype=bool)
-        self._free = np.flatnonzero(free)
-        entries = [entries[i] for i in self._free]
-        super().__init__(entries, operator.pack()[self._free], operator.linear_mask()[self._free])
+        self._free = np.flatnonzero([name not in fixed for name, _ in entries])
+        super().__init__([entries[i] for i in self._free], operator.pack()[self._free])
         self.lower = np.where(self.log, -np.inf, self.lower)
         self.upper = np.where(self.log, np.inf, self.upper)
         self.scale = float(np.sum(np.abs(weight * response) ** 2))

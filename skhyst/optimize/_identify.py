@@ -64,6 +64,8 @@ class IdentificationResult:
         ``_standard_errors``.
     damping : tuple of float
         One value an entry of ``history``, where steps were damped; else empty.
+    input_history : ndarray of shape (n_records, n_values) or None
+        Drive 1, 2, 4, ... samples before each record, in its units, where it was estimated too.
     """
 
     operator: object
@@ -84,6 +86,7 @@ class IdentificationResult:
     params_std_white: dict = field(default_factory=dict)
     short: tuple = ()
     damping: tuple = ()
+    input_history: np.ndarray | None = None
 
     def released(self):
         """Return the result with operators that belong to no estimator, and none of them held."""
@@ -148,6 +151,9 @@ def _errors(problem, x, covariance, marks):
 def identify(starts, records, *, fixed=(), initial_state="rest", method="variable_projection"):
     """Identify an operator from records, starting from each of several candidates.
 
+    Beside disturbances that have a constant for each record, the constants of what is driven are
+    held at zero.
+
     Parameters
     ----------
     starts : sequence of Operator
@@ -169,13 +175,34 @@ def identify(starts, records, *, fixed=(), initial_state="rest", method="variabl
         raise ValueError(
             "The records' 'weights' must be above zero for some samples. Got zero for all instead."
         )
+    starts = list(map(split_disturbances, starts))
+    constants = constant_entries(*starts[0])
     problems = [
         OperatorProblem(
-            operator, records, disturbances=disturbances, fixed=fixed, initial_state=initial_state
+            _without(constants, operator),
+            records,
+            disturbances=disturbances,
+            fixed=constants.union(fixed),
+            initial_state=initial_state,
         )
-        for operator, disturbances in map(split_disturbances, starts)
+        for operator, disturbances in starts
     ]
     return solve(problems, method)
+
+
+def constant_entries(operator, disturbances):
+    """Return the names of the entries whose constants disturbances have, one for each record."""
+    if not any(disturbance.has_constant for disturbance in disturbances):
+        return frozenset()
+    return frozenset(name for name, spec in operator.entries() if spec.is_constant)
+
+
+def _without(constants, operator):
+    """Return an operator with some of its entries at zero."""
+    if not constants:
+        return operator
+    held = [name in constants for name, _ in operator.entries()]
+    return operator.unpack(np.where(held, 0.0, operator.pack()))
 
 
 def solve(problems, method):

@@ -83,6 +83,19 @@ def estimate_input_history(
     return replace(best, n_evaluations=best.n_evaluations + evaluations), input_history
 
 
+def with_input_history(result, records, method="variable_projection"):
+    """Return what identification found, fitted again together with the drive before each record.
+
+    What it has held is held again; see :func:`estimate_input_history`.
+    """
+    fixed = {name for name, _ in result.operator.entries()} - set(result.params)
+    found, drives = estimate_input_history(
+        result.operator, result.disturbances, records, fixed=fixed, method=method
+    )
+    evaluations = result.n_evaluations + found.n_evaluations
+    return replace(found, n_evaluations=evaluations, input_history=drives)
+
+
 def _count(records):
     """Return how many values of the drive before a record are asked for."""
     longest = max(len(record.u) for record in records)

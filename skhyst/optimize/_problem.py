@@ -109,9 +109,9 @@ def path_of(before):
 class Unknowns:
     """Entries of operators in the coordinates of a search, positive ones as logarithms."""
 
-    def __init__(self, entries, values, linear):
+    def __init__(self, entries, values):
         self.names = [name for name, _ in entries]
-        self.linear = linear
+        self.linear = np.array([spec.linear for _, spec in entries], dtype=bool)
         self.log = np.array([spec.log for _, spec in entries], dtype=bool)
         lower = np.array([spec.lower for _, spec in entries])
         upper = np.array([spec.upper for _, spec in entries])
@@ -157,10 +157,8 @@ class OperatorProblem(Unknowns):
         self.disturbances = tuple(disturbances)
         self.initial_state = initial_state
         entries = operator.entries()
-        held = operator.gauge_mask() | np.array([name in fixed for name, _ in entries], dtype=bool)
-        self._free = np.flatnonzero(~held)
+        self._free = np.flatnonzero([not (s.held or name in fixed) for name, s in entries])
         self._runs = _runs(self._free)
-        linear = operator.linear_mask()[self._free]
         entries = [entries[i] for i in self._free]
         values = operator.pack()[self._free]
         self._moving = []  # (disturbance, offset of its own nonlinear parameters in its pack)
@@ -169,9 +167,8 @@ class OperatorProblem(Unknowns):
             own = [(f"disturbance{number}__{name}", s) for name, s in disturbance.entries()[skip:]]
             entries += own
             values = np.concatenate([values, disturbance.pack()[skip:]])
-            linear = np.concatenate([linear, np.zeros(len(own), dtype=bool)])
             self._moving.append(len(own))
-        super().__init__(entries, values, linear)
+        super().__init__(entries, values)
         self.scale = float(sum(record.power() for record in self.records))
         self.segment_record = np.concatenate(
             [np.full(len(record.segments), i) for i, record in enumerate(self.records)]

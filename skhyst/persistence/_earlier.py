@@ -41,7 +41,8 @@ def _present(node):
         node.update(__module__="builtins", __class__="tuple")
     elif module and not is_own_class(f"{module}.{name}"):
         kind = class_named(f"{module}.{name}")
-        node["__module__"] = module if kind is None else kind.__module__
+        if kind is not None:
+            node.update(__module__=kind.__module__, __class__=kind.__name__)
     return node
 
 

@@ -19,6 +19,12 @@ from sklearn.base import BaseEstimator
 
 FORMAT = 1
 _VERSION = version("skhyst")
+_RENAMED = {  # classes of skhyst, present names by earlier ones
+    "SeriesOperator": "Series",
+    "ModulatedOperator": "Scaled",
+    "ColumnOperator": "OnColumnOperator",
+    "ScheduledOperator": "Scheduled",
+}
 _DTYPES = ("bool", "int32", "int64", "float64", "complex128", "str", "object")
 
 
@@ -113,11 +119,11 @@ def _classes():
 
 
 def class_named(name):
-    """Return the class of a public name, in whichever package it is now; None if there is none."""
+    """Return the class of a public name, wherever it is and whatever its name now; else None."""
     package, _, last = name.rpartition(".")
     moved = {own.rpartition(".")[2]: kind for own, kind in _classes().items()}
     is_own = package.partition(".")[0] == __package__.partition(".")[0]
-    return _classes().get(name, moved.get(last) if is_own else None)
+    return _classes().get(name, moved.get(_RENAMED.get(last, last)) if is_own else None)
 
 
 def field_named(name, kind) -> str:

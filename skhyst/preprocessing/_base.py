@@ -35,7 +35,7 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
         Number of columns of ``X``.
     """
 
-    _one_interval = True  # features may depend on the sampling interval
+    one_interval = True  # features may depend on the sampling interval
 
     _parameter_constraints = {"columns": [Integral, str, "array-like"]}
 
@@ -153,7 +153,7 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
         return np.asarray(self._names(names), dtype=object)
 
     def _records(self, X, y=None):
-        options = {"dt": getattr(self, "dt", 1.0), "one_interval": self._one_interval}
+        options = {"dt": getattr(self, "dt", 1.0), "one_interval": self.one_interval}
         return record_slices(X, y, **options)
 
 

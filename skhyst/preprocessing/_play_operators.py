@@ -33,7 +33,7 @@ class _OperatorBasis(RecordTransformer):
         "include_drive": ["boolean"],
     }
 
-    _one_interval = False  # plays are rate-independent
+    one_interval = False  # plays are rate-independent
 
     def _fit_records(self, X, records):
         if self.thresholds is None:

@@ -63,7 +63,7 @@ class StaticModel(ParametricModel):
     """
 
     operator_class = StaticOperator
-    _any_interval = True
+    any_interval = True
 
 
 class SaturationModel(StaticModel):
@@ -77,7 +77,7 @@ class SaturationModel(StaticModel):
         Position in a series that an effect search builds: before all other stages, or after them.
     """
 
-    _any_interval = False
+    any_interval = False
     _parameter_constraints = {
         **StaticModel._parameter_constraints,
         "sides": [StrOptions(set(SIDES))],

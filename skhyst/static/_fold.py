@@ -88,7 +88,7 @@ class Fold(StaticModel):
     """
 
     operator_class = FoldOperator
-    _any_interval = False
+    any_interval = False
     _parameter_constraints = {
         **StaticModel._parameter_constraints,
         "side": [StrOptions({"lower", "upper"})],

@@ -21,7 +21,7 @@ from skhyst.linear import (
     SecondOrderMode,
     SecondOrderModeOperator,
 )
-from skhyst.operators import SeriesOperator
+from skhyst.operators import Series
 from skhyst.optimize import RecordData
 from skhyst.static import DeadZoneOperator, DeadZones, Saturation, SaturationOperator
 
@@ -103,7 +103,7 @@ def test_joint_fit_recovers_the_plant(name):
     assert_recovered(model, PLAYS | truth)
     assert model.fit_error_ == pytest.approx(NOISE, rel=0.06)
     assert model.identifiability_["undetermined"] == ()
-    clean, _ = SeriesOperator(tuple("abc"[: len(operators)]), operators).run(X[:, 0], DT)
+    clean, _ = Series(tuple("abc"[: len(operators)]), operators).run(X[:, 0], DT)
     assert np.sqrt(np.mean((model.predict(X) - clean) ** 2)) < 0.2 * NOISE
 
 
@@ -221,14 +221,14 @@ def test_everything_held_is_the_operators_in_series(initial_state):
     steps = [("lag", FrozenEstimator(lag)), ("mode", FrozenEstimator(mode))]
     model = Cascade(steps, dt=DT, initial_state=initial_state).fit(X, y)
     assert model.params_ == {}
-    series = SeriesOperator(("lag", "mode"), (lag.operator_, mode.operator_))
+    series = Series(("lag", "mode"), (lag.operator_, mode.operator_))
     state = series.init(X[0, 0], "zero" if initial_state == "zero" else "rest")
     np.testing.assert_array_equal(model.predict(X), series.run(X[:, 0], DT, state)[0])
 
 
 def test_a_cascade_is_held_as_one_step():
     inner = Cascade([("lag", FirstOrderLag()), ("mode", SecondOrderMode())], dt=DT)
-    inner.fit(*small_signal(SeriesOperator(("lag", "mode"), (LAG, MODE))))
+    inner.fit(*small_signal(Series(("lag", "mode"), (LAG, MODE))))
     X, y = measure(HYSTERESIS, LAG, MODE)
     model = Cascade([STEP, ("dynamics", FrozenEstimator(inner))], dt=DT).fit(X, y)
     assert_recovered(model, {name: value for name, value in PLAYS.items() if "weights" in name})
@@ -239,7 +239,7 @@ def test_long_records_are_thinned_on_the_way_only():
     """Slow creep and a fast mode, of which every second sample would suffice."""
     time = DT * np.arange(20_000)
     u = np.sin(2 * np.pi * 0.05 * time) + 0.3 * np.sin(2 * np.pi * 1.3 * time)
-    clean, _ = SeriesOperator(tuple("abc"), (HYSTERESIS, CREEP, MODE)).run(u, DT)
+    clean, _ = Series(tuple("abc"), (HYSTERESIS, CREEP, MODE)).run(u, DT)
     y = clean + NOISE * np.random.default_rng(1).normal(size=len(u))
     steps = [STEP, ("creep", KelvinVoigt(1)), ("mode", SecondOrderMode())]
     model = Cascade(steps, dt=DT).fit(u.reshape(-1, 1), y)

@@ -22,9 +22,9 @@ from skhyst.linear import (
     SecondOrderModeOperator,
 )
 from skhyst.operators import (
-    ColumnOperator,
-    ModulatedOperator,
-    ScheduledOperator,
+    OnColumnOperator,
+    Scaled,
+    Scheduled,
     SumOperator,
     check_operator,
 )
@@ -66,7 +66,7 @@ def test_tangents_are_those_of_the_drive():
     u, along = np.random.default_rng(0).normal(size=(2, N, 2))
     along[:, 1] = 0.0
     both = SumOperator(
-        ("drive", "load"), (ColumnOperator(LAG, 0), ColumnOperator(GainOperator(3.0), 1))
+        ("drive", "load"), (OnColumnOperator(LAG, 0), OnColumnOperator(GainOperator(3.0), 1))
     )
     ends = [both.run(u + way * along, DT)[0] for way in (0.5, -0.5)]  # it is linear
     _, dy = both.sensitivities(u, along[:, :1], DT)
@@ -154,16 +154,14 @@ def test_wrong_columns_and_models(kind, X):
 
 
 OPERATORS = {
-    "column": ColumnOperator(LAG, 1),
-    "modulated": ModulatedOperator(ColumnOperator(PLAYS, 0), 2, 0.4, 0.3),
-    "modulated twice": ModulatedOperator(
-        ModulatedOperator(ColumnOperator(PLAYS, 0), 2, 0.4, 0.3), 1, -0.1, 0.2
-    ),
+    "column": OnColumnOperator(LAG, 1),
+    "modulated": Scaled(OnColumnOperator(PLAYS, 0), 2, 0.4, 0.3),
+    "modulated twice": Scaled(Scaled(OnColumnOperator(PLAYS, 0), 2, 0.4, 0.3), 1, -0.1, 0.2),
     "sum": SumOperator(
         ("model", "load"),
         (
-            ModulatedOperator(ColumnOperator(LAG, 0), -1, 0.1, -0.2),
-            ColumnOperator(GainOperator(0.7), 1),
+            Scaled(OnColumnOperator(LAG, 0), -1, 0.1, -0.2),
+            OnColumnOperator(GainOperator(0.7), 1),
         ),
     ),
 }
@@ -174,7 +172,7 @@ U = np.cumsum(np.random.default_rng(0).normal(size=(80, 3)), axis=0) / 5
 
 def test_a_column_drives_the_operator():
     expected, _ = LAG.run(U[:, 1], DT, LAG.init(U[0, 1]))
-    found = ColumnOperator(LAG, 1)
+    found = OnColumnOperator(LAG, 1)
     np.testing.assert_array_equal(found.run(U, DT, found.init(U[0]))[0], expected)
 
 
@@ -190,12 +188,12 @@ def test_derivatives_and_pieces(name):
 
 
 def test_a_scheduled_operator_within_takes_the_number_of_the_record():
-    scheduled = ScheduledOperator.constant(LAG, (1, 0, 0), 1.0, 3.0)
+    scheduled = Scheduled.constant(LAG, (1, 0, 0), 1.0, 3.0)
     x = scheduled.pack()
     x[:2] = 0.05, 0.15
     inside = SumOperator(
         ("model", "load"),
-        (ColumnOperator(scheduled.unpack(x), 0), ColumnOperator(GainOperator(0.0), 1)),
+        (OnColumnOperator(scheduled.unpack(x), 0), OnColumnOperator(GainOperator(0.0), 1)),
     )
     own = inside.at(2.0)
     expected = FirstOrderLagOperator(0.1, gain=1.2).run(U[:, 0], DT)[0]

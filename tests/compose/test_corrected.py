@@ -30,7 +30,7 @@ from skhyst.linear import (
     SecondOrderMode,
     SecondOrderModeOperator,
 )
-from skhyst.operators import SeriesOperator
+from skhyst.operators import Series
 from skhyst.optimize import OperatorProblem, RecordData
 from skhyst.preprocessing import PlayOperators
 from skhyst.records import record_slices, stack_records
@@ -152,7 +152,7 @@ def test_nothing_is_learned_from_the_scored_fold(count):
     slices = record_slices(X)
     fold = fold_of_rows(slices, 3)
     other = np.where(fold == 1, np.random.default_rng(1).normal(size=len(y)), y)
-    operator = SeriesOperator(("gain", "lag"), (GainOperator(), FirstOrderLagOperator(0.05)))
+    operator = Series(("gain", "lag"), (GainOperator(), FirstOrderLagOperator(0.05)))
     segments = []
     for own in (fold[s.rows] for s in slices):
         edges = np.flatnonzero(np.diff(own, prepend=-1, append=-1)).tolist()
@@ -194,7 +194,7 @@ def test_folds():
         GainOperator(2.0, 1.0),
         FirstOrderLagOperator(0.03),
         SecondOrderModeOperator(60.0, 0.1),
-        SeriesOperator(("gain", "lag"), (GainOperator(0.5), FirstOrderLagOperator(0.02))),
+        Series(("gain", "lag"), (GainOperator(0.5), FirstOrderLagOperator(0.02))),
     ],
 )
 def test_the_change_is_that_of_damped_least_squares(operator):

@@ -21,7 +21,7 @@ from skhyst.linear import (
     SecondOrderMode,
     SecondOrderModeOperator,
 )
-from skhyst.operators import ScheduledOperator
+from skhyst.operators import Scheduled
 from skhyst.records import stack_records
 
 DT = 0.01
@@ -166,7 +166,7 @@ def test_inside_a_cascade_it_says_where_it_belongs():
 @settings(deadline=None, max_examples=25)
 @given(st.lists(st.floats(0.1, 5.0), min_size=3, max_size=3), st.floats(2.0, 7.0))
 def test_a_parameter_stays_between_its_coefficients_on_its_polynomial(coefficients, schedule):
-    operator = ScheduledOperator(
+    operator = Scheduled(
         FirstOrderLagOperator(0.1), (2, 0, 0), np.array([*coefficients, 1.0, 0.0]), 2.0, 7.0
     )
     value = operator.at(schedule).operator.time_constant
@@ -180,6 +180,6 @@ def test_a_parameter_stays_between_its_coefficients_on_its_polynomial(coefficien
 @pytest.mark.parametrize("schedule", [0.0, 3.5, 12.0])
 def test_beyond_the_range_a_parameter_follows_its_polynomial_up_to_its_bound(schedule):
     creep, values = KelvinVoigtOperator(np.array([0.1]), np.array([0.5])), [0.3, 0.2, 0.5, 1.0, 0.0]
-    operator = ScheduledOperator(creep, (1, 0, 0, 0), np.array(values), 2.0, 4.0)
+    operator = Scheduled(creep, (1, 0, 0, 0), np.array(values), 2.0, 4.0)
     [value] = operator.at(schedule).operator.compliances
     assert value == pytest.approx(max(0.3 - 0.05 * (schedule - 2.0), 0.0))

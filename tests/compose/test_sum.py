@@ -14,7 +14,7 @@ from skhyst.linear import (
     SecondOrderMode,
     SecondOrderModeOperator,
 )
-from skhyst.operators import SeriesOperator
+from skhyst.operators import Series
 from skhyst.records import stack_records
 from skhyst.static import Saturation, SaturationOperator
 
@@ -77,7 +77,7 @@ def test_intercept_beside_an_offset_is_held(initial_state):
 def test_intercept_before_a_limit_is_named():
     """Intercept, limit and offset can move together, but no model of them is without meaning."""
     shifted = PrandtlIshlinskiiOperator(THRESHOLDS, HYSTERESIS.weights, 0.4)
-    limited = SeriesOperator(("plays", "limit"), (shifted, SaturationOperator(upper=1.0)))
+    limited = Series(("plays", "limit"), (shifted, SaturationOperator(upper=1.0)))
     X, y = measure(limited, beside=lambda i: 2.0 * i)
     chain = Cascade([("plays", plays()), ("limit", Saturation(sides="upper"))])
     model = Sum([("offset", Offset()), ("chain", chain)])
@@ -127,7 +127,7 @@ def test_free_run_is_the_sum_of_the_parts():
 
 
 def test_cascade_as_a_branch():
-    plant = SeriesOperator(("plays", "lag"), (HYSTERESIS, FirstOrderLagOperator(0.05)))
+    plant = Series(("plays", "lag"), (HYSTERESIS, FirstOrderLagOperator(0.05)))
     X, y = measure(plant, beside=lambda i: i * TIME)
     chain = Cascade([("plays", plays()), ("lag", FirstOrderLag())])
     model = Sum([("chain", chain), ("drift", Drift(1))]).fit(X, y)

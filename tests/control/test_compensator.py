@@ -40,7 +40,7 @@ from skhyst.linear import (
 from skhyst.operators import (
     FrozenOperator,
     RootInverseOperator,
-    SeriesOperator,
+    Series,
     Stepper,
     SumOperator,
     add_disturbances,
@@ -86,9 +86,9 @@ def smooth(frequency, size=4.0):
 @pytest.mark.parametrize("frequency", [1.0, 10.0, 0.7 * FREQUENCY])
 @pytest.mark.parametrize("reverse", [False, True])
 def test_the_response_of_a_cascade_is_the_reference(frequency, reverse):
-    device = SeriesOperator(("plays", "mode"), (PLAYS, MODE))
+    device = Series(("plays", "mode"), (PLAYS, MODE))
     if reverse:
-        device = SeriesOperator(("mode", "plays"), (MODE, PLAYS))
+        device = Series(("mode", "plays"), (MODE, PLAYS))
     reference = smooth(frequency)
     drive, residual = compensator(device).predict(reference[:, None], return_residual=True)
     y, _ = device.run(drive, DT)
@@ -120,7 +120,7 @@ def test_what_is_cut_by_limits_is_told():
 
 
 def test_what_is_out_of_reach_is_named_with_its_value():
-    device = SeriesOperator(("plays", "amplifier"), (PLAYS, SaturationOperator(upper=2.0)))
+    device = Series(("plays", "amplifier"), (PLAYS, SaturationOperator(upper=2.0)))
     with pytest.warns(ReachWarning, match=r"stage 'amplifier' does not give (3\.9|4)"):
         compensator(device, max_iter=0).predict(smooth(2.0)[:, None])
 
@@ -302,10 +302,8 @@ def test_iterations_on_the_device_never_make_it_worse():
     """The device is not the model; its sensor has noise."""
     noise, rng = 2e-3, np.random.default_rng(0)
     other = PrandtlIshlinskiiOperator(np.arange(4.0), np.array([1.1, 0.3, 0.4, 0.2]))
-    device = SeriesOperator(
-        ("plays", "mode"), (other, SecondOrderModeOperator(2 * np.pi * 50.3, 0.032))
-    )
-    found = compensator(SeriesOperator(("plays", "mode"), (PLAYS, MODE)), bandwidth=60.0)
+    device = Series(("plays", "mode"), (other, SecondOrderModeOperator(2 * np.pi * 50.3, 0.032)))
+    found = compensator(Series(("plays", "mode"), (PLAYS, MODE)), bandwidth=60.0)
     reference = smooth(8.0)
     drive = found.refine(
         reference[:, None], lambda u: device.run(u, DT)[0] + noise * rng.normal(size=N)
@@ -351,7 +349,7 @@ def test_a_model_is_fitted_where_it_is_not():
 
 
 def test_it_streams_what_it_predicts():
-    device = SeriesOperator(("plays", "zones"), (PLAYS, SaturationOperator(-9.0, 9.0)))
+    device = Series(("plays", "zones"), (PLAYS, SaturationOperator(-9.0, 9.0)))
     reference = smooth(3.0)
     found = compensator(device)
     stepper = found.stepper(DT, reference[0])
@@ -362,10 +360,8 @@ def test_it_streams_what_it_predicts():
 
 
 DEVICES = {
-    "plays and a mode": SeriesOperator(("plays", "mode"), (PLAYS, MODE)),
-    "a delay within": SeriesOperator(
-        ("plays", "delay", "mode"), (PLAYS, DelayOperator(0.0073), MODE)
-    ),
+    "plays and a mode": Series(("plays", "mode"), (PLAYS, MODE)),
+    "a delay within": Series(("plays", "delay", "mode"), (PLAYS, DelayOperator(0.0073), MODE)),
     "it begins the wrong way": TransferFunctionOperator(
         np.empty(0), np.array([300.0]), np.array([0.1]), np.array([-0.01])
     ),
@@ -391,12 +387,12 @@ def test_it_streams_what_it_predicts_from_a_preview(name):
 HYSTERESES = tuple(OPERATORS[name] for name in ("Duhem", "slip elements", "Bouc-Wen"))
 AT_ONCE = {
     "sum of hystereses": SumOperator(("a", "b", "c"), HYSTERESES),
-    "series of sums of hystereses": SeriesOperator(
+    "series of sums of hystereses": Series(
         ("first", "second"),
         (SumOperator(("a", "b"), (PLAYS, HYSTERESES[1])), SumOperator(("a",), HYSTERESES[:1])),
     ),
     "slip elements, held": FrozenOperator(HYSTERESES[1]),
-    "slip elements before a mode": SeriesOperator(("slip", "mode"), (HYSTERESES[1], MODE)),
+    "slip elements before a mode": Series(("slip", "mode"), (HYSTERESES[1], MODE)),
 }
 for name, operator in OPERATORS.items():
     if operator.at_once and operator.causal and "delay" not in name:  # a record's ends tell it
@@ -537,7 +533,7 @@ def test_records_of_any_interval_are_inverted_at_their_own():
         names=["record", "time"],
     )
     X = pd.DataFrame({"drive": np.tile(smooth(8.0)[::4], 2)}, index)
-    model = Known(SeriesOperator(("plays", "mode"), (PLAYS, MODE))).fit(X, X["drive"])
+    model = Known(Series(("plays", "mode"), (PLAYS, MODE))).fit(X, X["drive"])
     found = InverseCompensator(model).fit(X, X["drive"])
     assert np.abs(found.predict(X, return_residual=True)[1]).max() < 1e-8
 

@@ -18,7 +18,7 @@ from skhyst.linear import (
     SecondOrderMode,
     SecondOrderModeOperator,
 )
-from skhyst.operators import SeriesOperator
+from skhyst.operators import Series
 
 DT, PERIOD, NOISE = 1e-3, 200, 0.02
 WEIGHTS, FREQUENCY, DAMPING = np.array([1.0, 0.4, 0.3]), 2.0 * np.pi * 60.0, 0.03
@@ -35,7 +35,7 @@ def drive(n, rng):
 def respond(u, weights=WEIGHTS, frequency=FREQUENCY, damping=DAMPING):
     plays = PrandtlIshlinskiiOperator(np.arange(3.0), np.asarray(weights))
     stages = plays, SecondOrderModeOperator(frequency, damping)
-    return SeriesOperator(("plays", "mode"), stages).run(u, DT)[0]
+    return Series(("plays", "mode"), stages).run(u, DT)[0]
 
 
 def service(n, rng, start=0, **changed):
@@ -301,7 +301,7 @@ def test_what_looks_alike_is_told_together():
 
     def respond(u, time_constant=2e-3):
         stages = FirstOrderLagOperator(time_constant), SecondOrderModeOperator(1000.0, 0.5)
-        y, _ = SeriesOperator(("lag", "mode"), stages).run(u, DT)
+        y, _ = Series(("lag", "mode"), stages).run(u, DT)
         return y + 5e-3 * rng.normal(size=len(u))
 
     u = rng.normal(size=20000)

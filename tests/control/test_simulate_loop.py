@@ -7,12 +7,12 @@ from skhyst.control import FeedforwardPI, InverseCompensator, simulate_loop
 from skhyst.exceptions import DivergenceWarning
 from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
 from skhyst.linear import FirstOrderLagOperator, GainOperator
-from skhyst.operators import SeriesOperator, Stepper
+from skhyst.operators import Series, Stepper
 
 DT, N = 1e-3, 1500
 TIME = DT * np.arange(N)
 PLAYS = PrandtlIshlinskiiOperator(np.arange(4.0), np.array([1.0, 0.4, 0.3, 0.2]))
-STAGE = SeriesOperator(("plays", "lag"), (PLAYS, FirstOrderLagOperator(2e-3)))
+STAGE = Series(("plays", "lag"), (PLAYS, FirstOrderLagOperator(2e-3)))
 
 
 def device(operator=STAGE):

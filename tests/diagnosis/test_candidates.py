@@ -46,7 +46,7 @@ def candidate_of(tree, records):
 
 def declared_with(records, *disturbances):
     declared = PrandtlIshlinskii(4)
-    tree = Tree.from_result(declared, declared._identify(records))
+    tree = Tree.from_result(declared, declared.identify(records))
     for i, model in enumerate(disturbances):
         (start,) = model.starting_values(records)
         tree = tree.edited(f"beside{i}", Beside(model, start))
@@ -266,7 +266,7 @@ def test_a_line_in_the_level_must_suit_the_levels_between(gains, told):
         segments = tuple(pairwise(range(0, 241, 40)))
         y = gain * u + 0.01 * rng.standard_normal(240)
         records.append(RecordData(u, y, 1.0, segments=segments))
-    tree = Tree.from_result(Gain(), Gain()._identify(records))
+    tree = Tree.from_result(Gain(), Gain().identify(records))
     lines = tree.edited("amplitude_dependence", Schedule("amplitude", 1.0, 3.0, "all"))
     base, candidate = (refitted(candidate_of(own, records), own, records) for own in (tree, lines))
     assert candidate.cost < 0.9 * base.cost  # of the fit, in either case

@@ -28,12 +28,12 @@ def missing_two():
     drives = [np.cumsum(rng.standard_normal(N)) / 5.0 for _ in range(COUNT)]
     model = PrandtlIshlinskii(4)
     records = [RecordData(u, u + 0.3 * np.sin(u), DT, segments=segments) for u in drives]
-    tree = Tree.from_result(model, model._identify(records))
+    tree = Tree.from_result(model, model.identify(records))
     found = []
     for record, v, offset in zip(records, tree.run(records), (0.8, -1.1, 0.4, -0.2), strict=True):
         y = lag.run(v, DT)[0] + offset
         found.append(replace(record, y=y + 0.005 * rng.standard_normal(N)))
-    tree = Tree.from_result(model, model._identify(found))
+    tree = Tree.from_result(model, model.identify(found))
     problem = tree.problem(found)
     cost = problem.total(problem.evaluate(problem.x0))[-1, -1]
     record_of = np.concatenate([np.full(len(r.segments), i) for i, r in enumerate(found)])

@@ -48,7 +48,7 @@ def test_a_first_part_is_the_record_up_to_where_it_shows_as_much(short_is_long):
 
 def test_a_part_shows_dependence_on_the_amplitude_where_it_has_this_amplitude(short_is_long):
     records = some_records()
-    structure = Tree.from_result(PrandtlIshlinskii(3), PrandtlIshlinskii(3)._identify(records))
+    structure = Tree.from_result(PrandtlIshlinskii(3), PrandtlIshlinskii(3).identify(records))
     scaled = structure.edited("amplitude_dependence", Modulate("amplitude", 1.0))
     parts = shortened(records, [np.ones(900)] * 3)
     rising = [replace(r, u=r.u * np.linspace(0.1, 1.0, 900)) for r in records]
@@ -66,7 +66,7 @@ def test_folds_of_long_records_are_those_of_short_ones(beside, monkeypatch):
     """One Gauss-Newton step of each fold finds what the search for its minimum finds."""
     records = some_records()
     mode = SecondOrderMode()
-    structure = Tree.from_result(mode, mode._identify(records))
+    structure = Tree.from_result(mode, mode.identify(records))
     for model in beside:
         structure = structure.edited("line", Beside(model, model.starting_values(records)[0]))
     problem = structure.problem(records)

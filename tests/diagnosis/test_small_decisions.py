@@ -110,7 +110,7 @@ def test_a_parameter_at_its_bound_has_no_interval():
     rng = np.random.default_rng(0)
     u = np.cumsum(rng.normal(size=400)) / 5.0
     model, records = PrandtlIshlinskii(4), [RecordData(u, 2.0 * u - 0.01 * np.cos(u), 0.01)]
-    tree = Tree.from_result(model, model._identify(records))
+    tree = Tree.from_result(model, model.identify(records))
     problem = tree.problem(records)
     at_bound = (problem.x0 <= problem.lower) | (problem.x0 >= problem.upper)
     assert 0 < np.count_nonzero(at_bound) < len(at_bound)

@@ -42,7 +42,7 @@ def declared(effect, kind, n_samples, seed=SEED):
         for label, u in recording.X_train["drive"].groupby(level="record")
     ]
     model = declared_model(kind)
-    return recording, records, Tree.from_result(model, model._identify(records))
+    return recording, records, Tree.from_result(model, model.identify(records))
 
 
 def started(effect, kind, name=None, n_samples=3000):
@@ -200,7 +200,7 @@ def test_parameters_follow_the_column_that_they_are_said_to():
         for u, own in zip(rng.normal(size=(3, 200)).cumsum(axis=1), levels, strict=True)
     ]
     model = PrandtlIshlinskii(3)
-    tree = Tree.from_result(model, model._identify(records))
+    tree = Tree.from_result(model, model.identify(records))
     found = starting_trees(EFFECTS["auxiliary_input"], tree, records)
     edits = [edit for variant in found for one in variant for _, edit in one.edits]
     scheduled = {(e.by, e.low, e.high) for e in edits if isinstance(e, Schedule)}

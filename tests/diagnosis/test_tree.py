@@ -66,7 +66,7 @@ def records():
 
 
 def taken_apart(model, records):
-    result = model._identify(records)
+    result = model.identify(records)
     return Tree.from_result(model, result), result
 
 
@@ -360,7 +360,7 @@ def test_compositions_nested_in_a_declared_model_are_looked_through(records):
         ]
     )
     model.n_features_in_ = 2
-    result = model._identify(as_read(model, records))
+    result = model.identify(as_read(model, records))
     declared = Tree.from_result(model, result)
     assert declared.names == ("plays", "lag")
     assert set(declared.lines) == {("lag", "time_constant")}

@@ -11,7 +11,7 @@ from skhyst.exceptions import RecordError
 from skhyst.hysteresis import PrandtlIshlinskiiOperator
 from skhyst.inspection import FrequencyResponseDisplay, PoleZeroDisplay, ResidualDisplay
 from skhyst.linear import FirstOrderLagOperator, Gain, TransferFunction
-from skhyst.operators import SeriesOperator, SumOperator
+from skhyst.operators import Series, SumOperator
 from skhyst.records import Units
 from skhyst.static import SaturationOperator
 
@@ -130,7 +130,7 @@ def test_parameters_have_units_of_the_signals_that_they_stand_between():
         FirstOrderLagOperator(0.1),
         SaturationOperator(-2.0, 2.0),
     )
-    series = SeriesOperator(("amplifier", "plays", "lag", "sensor"), stages)
+    series = Series(("amplifier", "plays", "lag", "sensor"), stages)
     units = series.parameter_units()
     assert list(units) == [name for name, _ in series.entries()]
     assert units["amplifier__lower"] == "drive"

@@ -10,7 +10,7 @@ from skhyst.compose import Cascade
 from skhyst.export import to_control
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import DelayOperator, SecondOrderMode, SecondOrderModeOperator
-from skhyst.operators import SeriesOperator, Stepper
+from skhyst.operators import Series, Stepper
 
 control = pytest.importorskip("control", reason="systems are those of the extra control")
 LINEAR = [name for name, operator in OPERATORS.items() if operator.signal_linear]
@@ -55,7 +55,7 @@ def test_all_else_is_its_step(name):
 def test_the_response_at_a_frequency_is_that_of_the_model():
     """Between samples the drive is a straight line, which is (sin(x) / x)^2 of a sine."""
     mode, delay, dt = SecondOrderModeOperator(300.0, 0.1, 2.0, 0.5), DelayOperator(3e-3), 1e-4
-    system = to_control(SeriesOperator(("delay", "mode"), (delay, mode)), dt)
+    system = to_control(Series(("delay", "mode"), (delay, mode)), dt)
     frequency = np.array([1.0, 30.0, 60.0])
     late = np.exp(-2j * np.pi * frequency * delay.delay)
     found = system(np.exp(2j * np.pi * frequency * dt))

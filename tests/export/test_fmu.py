@@ -11,7 +11,7 @@ import pytest
 from skhyst.export import to_c, to_fmu
 from skhyst.hysteresis import BacklashOperator, BoucWenOperator, PrandtlIshlinskiiOperator
 from skhyst.linear import SecondOrderModeOperator
-from skhyst.operators import CompiledLaw, SeriesOperator, Stepper
+from skhyst.operators import CompiledLaw, Series, Stepper
 
 fmpy = pytest.importorskip("fmpy", reason="FMUs are run and validated by the extra fmi")
 validation = pytest.importorskip("fmpy.validation")
@@ -19,7 +19,7 @@ NEEDS_COMPILER = pytest.mark.skipif(shutil.which("cc") is None, reason="there is
 VERSIONS = ("2.0", "3.0")
 DT, N = 1e-3, 500
 CASES = {
-    "stage": SeriesOperator(
+    "stage": Series(
         ("plays", "mode"),
         (
             PrandtlIshlinskiiOperator([0.0, 0.2, 0.5], [1.0, 0.5, 0.3]),

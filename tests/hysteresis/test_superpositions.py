@@ -35,7 +35,7 @@ from skhyst.hysteresis import (
     TanhHysteresis,
     TanhHysteresisOperator,
 )
-from skhyst.operators import SeriesOperator, check_operator
+from skhyst.operators import Series, check_operator
 from skhyst.static import MonotoneDeadZoneOperator
 
 ZONES = MonotoneDeadZoneOperator(np.array([0.4, 1.3, 2.0]), np.array([-5.0, 2.0, 9.0]), 1)
@@ -71,7 +71,7 @@ MAKERS = {
     "plays": make_plays,
     "stops": lambda draw: make_plays(draw, form="stop"),
     "slip elements": make_slips,
-    "plays, then zones": lambda draw: SeriesOperator(("p", "z"), (make_plays(draw), ZONES)),
+    "plays, then zones": lambda draw: Series(("p", "z"), (make_plays(draw), ZONES)),
     "relays": lambda draw: make_grid(draw, PreisachOperator),
     "ramps": lambda draw: make_grid(draw, KrasnoselskiiPokrovskiiOperator),
 }

@@ -159,16 +159,16 @@ def make_operators():
             time_constant=0.04,
             smoothing="velocity",
         ),
-        "series": op.SeriesOperator(
+        "series": op.Series(
             ("delay", "plays", "zones", "lag"), (op.DelayOperator(0.013), plays, zones, lag)
         ),
-        "series of linear ones": op.SeriesOperator(("lag", "mode"), (lag, mode)),
+        "series of linear ones": op.Series(("lag", "mode"), (lag, mode)),
         "sum": op.SumOperator(("plays", "mode", "drift"), (plays, mode, drift)),
-        "series of sums": op.SeriesOperator(
+        "series of sums": op.Series(
             ("plays", "modes"), (plays, op.SumOperator(("first", "second"), (mode, transfer)))
         ),
         "sum of series": op.SumOperator(
-            ("series", "creep"), (op.SeriesOperator(("plays", "lag"), (plays, lag)), creep)
+            ("series", "creep"), (op.Series(("plays", "lag"), (plays, lag)), creep)
         ),
         "friction stage": op.FrictionStageOperator(
             90.0, 0.15, 0.29, 0.7, 3.0, 8.0, 0.1, 0.8, 0.1, n_substeps=4
@@ -201,16 +201,16 @@ def make_operators():
         "empty sum": op.SumOperator((), ()),
         "gain": op.GainOperator(1.3, 0.2),
         "held": op.FrozenOperator(plays),
-        "series with a held series": op.SeriesOperator(
+        "series with a held series": op.Series(
             ("delay", "held", "lag"),
             (
                 op.DelayOperator(0.013),
-                op.FrozenOperator(op.SeriesOperator(("p", "z"), (plays, zones))),
+                op.FrozenOperator(op.Series(("p", "z"), (plays, zones))),
                 lag,
             ),
         ),
         "sum with a held one": op.SumOperator(("lag", "creep"), (lag, op.FrozenOperator(creep))),
-        "scheduled": op.ScheduledOperator(
+        "scheduled": op.Scheduled(
             mode, (1, 0, 2, 0), np.array([80.0, 95.0, 0.15, 0.8, 0.9, 1.1, 0.1]), 1.0, 5.0, 2.3
         ),
     }

@@ -13,7 +13,7 @@ from skhyst.linear import (
     TimeShiftOperator,
     TransferFunctionOperator,
 )
-from skhyst.operators import RootInverseOperator, SeriesOperator, Stepper, SumOperator, inverse_of
+from skhyst.operators import RootInverseOperator, Series, Stepper, SumOperator, inverse_of
 
 TIME = DT * np.arange(300)
 WINDOW = np.clip(np.minimum(TIME - 0.5, 2.5 - TIME) / 0.5, 0.0, 1.0)
@@ -147,7 +147,7 @@ def test_clocks_that_differ_need_the_whole_record():
 
 def test_a_series_of_inverses_is_stepped_from_the_sum_of_their_previews():
     stages = OPERATORS["plays"], OPERATORS["mode"], OPERATORS["delay of several samples"]
-    inverse = SeriesOperator(("plays", "mode", "delay"), stages).inverse()
+    inverse = Series(("plays", "mode", "delay"), stages).inverse()
     whole, _ = inverse.run(REFERENCE, DT)
     compiled_step, ahead = inverse.ahead(DT, REFERENCE[0], 1e-12)
     assert ahead == sum(stage.inverse().ahead(DT, 0.0, 1e-12)[1] for stage in stages)

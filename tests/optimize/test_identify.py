@@ -12,7 +12,7 @@ from skhyst.linear import (
     SecondOrderModeOperator,
     TransferFunctionOperator,
 )
-from skhyst.operators import SeriesOperator, SumOperator
+from skhyst.operators import Series, SumOperator
 from skhyst.optimize import (
     DifferentialEvolution,
     RecordData,
@@ -150,7 +150,7 @@ UNDETERMINED = {
         {"plays__weights[0]", "creep__gain", "creep__compliances[0]"},
     ),
     "nothing": (
-        SeriesOperator(("plays", "lag"), (PLAYS, FirstOrderLagOperator(0.1))),
+        Series(("plays", "lag"), (PLAYS, FirstOrderLagOperator(0.1))),
         drive(0, 400),
         set(),
     ),

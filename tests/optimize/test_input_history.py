@@ -9,7 +9,7 @@ from skhyst.disturbance import OffsetOperator
 from skhyst.hysteresis import BoucWenOperator, PrandtlIshlinskiiOperator
 from skhyst.linear import FirstOrderLagOperator, GainOperator, KelvinVoigtOperator
 from skhyst.linear import SecondOrderModeOperator as Mode
-from skhyst.operators import SeriesOperator
+from skhyst.operators import Series
 from skhyst.optimize import (
     OperatorProblem,
     RecordData,
@@ -28,7 +28,7 @@ DEVICES = {
     "lag": FirstOrderLagOperator(0.7),
     "creep": KelvinVoigtOperator(np.array([0.2, 0.3]), np.array([0.5, 4.0])),
     "mode": Mode(9.0, 0.05),
-    "plays_and_mode": SeriesOperator(("plays", "mode"), (PLAYS, Mode(9.0, 0.05))).normalized(),
+    "plays_and_mode": Series(("plays", "mode"), (PLAYS, Mode(9.0, 0.05))).normalized(),
 }
 
 

@@ -15,7 +15,7 @@ from skhyst.linear import (
     KelvinVoigtOperator,
     SecondOrderModeOperator,
 )
-from skhyst.operators import SeriesOperator, SumOperator
+from skhyst.operators import Series, SumOperator
 from skhyst.optimize import (
     OperatorProblem,
     RecordData,
@@ -46,7 +46,7 @@ def records(operator, noise=0.0, n_records=2, n=400):
 
 
 def chain(time_constant=0.03, natural_frequency=60.0, damping_ratio=0.1, weights=(1.0, 0.4, 0.3)):
-    return SeriesOperator(
+    return Series(
         ("plays", "lag", "mode"),
         (
             PrandtlIshlinskiiOperator(np.array([0.0, 0.3, 0.7]), np.array(weights), 0.2),

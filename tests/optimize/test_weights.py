@@ -141,7 +141,7 @@ def test_every_way_to_a_model_sees_the_weights(method):
     clean = record(weights=weights)
     spoilt = dataclasses.replace(clean, y=clean.y + 1e6 * (weights == 0.0))
     if method == "exact":
-        found = [Preisach(n_levels=6)._identify([r]) for r in (spoilt, clean)]
+        found = [Preisach(n_levels=6).identify([r]) for r in (spoilt, clean)]
     else:
         method = DifferentialEvolution(population=6, max_iterations=4)
         found = [identify([START], [r], method=method) for r in (spoilt, clean)]
