@@ -118,7 +118,8 @@ def judge_residual(records, residuals, predictions, rng, criterion, *, error=Non
         return Judgement.of_rounding(ceiling)
     pairs = list(repetitions(records))
     scatter = None if in_loop else repeatability(records, pairs=pairs)
-    floor = min(noise_floor(records, residuals, noise, scatter), ceiling)
+    responses = [] if in_loop else readings  # a loop makes the response's noise smaller
+    floor = min(noise_floor(responses, residuals, noise, scatter), ceiling)
     trials = {
         "a black box predicts it": by_black_boxes(records, residuals, predictions, rng, criterion),
         "it follows the drive better than the drive shifted in time": by_shifted_drive(
@@ -159,14 +160,13 @@ def judge_residual(records, residuals, predictions, rng, criterion, *, error=Non
     return Judgement("undetermined", floor, ceiling, noise, "; ".join(against), *told, advice)
 
 
-def noise_floor(records, residuals, noise=None, scatter=None):
+def noise_floor(responses, residuals, noise=None, scatter=None):
     """Return the least that noise can be, units of the response.
 
     Parameters
     ----------
-    records : sequence of RecordData
-    residuals : sequence of ndarray of shape (n_samples,)
-        NaN where nothing counts.
+    responses, residuals : sequence of ndarray of shape (n_samples,)
+        NaN where nothing counts. Before there is a model, both are the responses.
     noise : NoiseModel or None, default=None
         Of the residuals.
     scatter : float or None, default=None
@@ -176,7 +176,7 @@ def noise_floor(records, residuals, noise=None, scatter=None):
     sizes = [
         _innovation_size(noise, residuals),
         difference_noise(residuals),
-        difference_noise([record.y for record in records]),
+        difference_noise(responses),
         np.nan if scatter is None else scatter,
     ]
     return float(np.nanmin(sizes))

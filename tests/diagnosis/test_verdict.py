@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from skhyst.diagnosis import EffectSearchCV
+from skhyst.diagnosis._verdict import noise_floor
 from skhyst.linear import Gain, SecondOrderMode
 
 NOISE = 1e-3
@@ -63,3 +64,11 @@ def test_noise_on_an_exact_model_is_noise(law):
     assert search.noise_model_.law == law
     assert search.noise_floor_ <= 1.02 * np.std(noise)
     assert search.noise_ceiling_ >= 0.98 * np.std(noise)
+
+
+def test_a_floor_is_known_before_any_model():
+    """Of the response itself: what is smooth in it takes no part."""
+    rng = np.random.default_rng(2)
+    y = np.sin(np.arange(3000) / 40.0) + NOISE * rng.normal(size=3000)
+    assert noise_floor([y], [y]) == pytest.approx(NOISE, rel=0.05)
+    assert noise_floor([y], [y], scatter=0.1 * NOISE) == 0.1 * NOISE
