@@ -286,14 +286,6 @@ def fold_errors(candidate, records, folds):
     return errors
 
 
-def knows_less(candidate, left):
-    """Whether a candidate predicts what is held out far worse than its fit to everything.
-
-    Three times: a fold's own error then is not of the size of the noise, nor twice that.
-    """
-    return candidate.error >= 3.0 * root_mean_square(left, candidate.weights)
-
-
 def _fold_solution(problem, train, blocks, long):
     """Return the solution for a fold; ``blocks`` are those of the solution for all segments."""
     known = None if problem.depends_on(train) else blocks

@@ -33,6 +33,8 @@ PROBES = 64  # samples that rule out most lags
 # ---- the black box that bounds the noise
 LAGS = 2 ** np.arange(9)  # samples that it looks back, logarithmically spaced
 STRETCHES = 60  # of consecutive samples, which folds take in turn
+PLAYS = 5  # of the drive, evenly spaced
+SHIFTS = 200  # of the drive to either side: p-values down to half a per cent
 DRAWS = 100  # of noise on the drive: its power to a seventh
 
 # ---- repetitions

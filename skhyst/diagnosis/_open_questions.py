@@ -239,4 +239,4 @@ class Intervals:
 
 
 def _noise(search):
-    return max(search.noise_floor_, NEGLIGIBLE * np.ptp(search.response_))
+    return max(search.noise_model_.standard_deviation, NEGLIGIBLE * np.ptp(search.response_))

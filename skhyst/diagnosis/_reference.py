@@ -37,7 +37,7 @@ from sklearn.linear_model import Ridge
 from ..preprocessing import PlayOperators, find_column
 from ._constants import ENOUGH, FACTOR, NEGLIGIBLE, STRETCHES
 from ._criterion import paired_p_value
-from ._noise_floor import moved, past_mean
+from ._structure import moved, past_mean
 
 
 class Reference:

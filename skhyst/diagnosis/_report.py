@@ -112,12 +112,18 @@ class Report:
     location, declared_location : list of dict
         Where what is left, and what the declared model leaves, stands out: the record, time, drive,
         rate and frequency at which its mean power is above that of the whole by a half.
-    dropped : list of str
-        Effects that later claims made needless.
     failed : list of dict
         Candidates that raised an error: round, effect, error.
+    verdict_reason : str
+        What decided the verdict.
+    noise_ceiling : float
+        What is left held out, or what a black box leaves of it.
+    resolution, warnings : list of str
+        What was done to the resolution of the declared model, and what its fits have warned of.
+    suspects : list of dict
+        What would lower the error but is not significant.
     dropped, next_steps : list of str
-        Effects that later claims made needless, and what to measure next.
+        Effects that were in the model for a time, and what to measure next.
 
     Examples
     --------
@@ -311,8 +317,19 @@ def _collect(search, command, held_out):
         "dropped": search.dropped_,
         "failed": search.failed_.to_dict("records"),
         "next_steps": next_steps(
-            claims, not_it, location, search.verdict_, data["faults"], settings
+            claims,
+            not_it,
+            location,
+            search.verdict_,
+            data["faults"],
+            settings,
+            search.verdict_advice_,
         ),
+        "verdict_reason": search.verdict_reason_,
+        "noise_ceiling": float(search.noise_ceiling_),
+        "resolution": search.resolution_,
+        "suspects": search.suspects_.to_dict("records"),
+        "warnings": search.warnings_,
     }
     return json.loads(json.dumps(entries, default=_plain), parse_constant=lambda _: None)
 
@@ -480,7 +497,7 @@ def _versions():
     return versions
 
 
-def next_steps(claims, not_it, location, verdict, faults, settings):
+def next_steps(claims, not_it, location, verdict, faults, settings, advice=""):
     """Return what to measure next, a list of sentences."""
     steps = [
         f"To tell {claim['effect']} from {listed(claim['ambiguous_with'])}: {claim['experiment']}"
@@ -515,11 +532,9 @@ def next_steps(claims, not_it, location, verdict, faults, settings):
             else f"{step}, and repeat one record exactly: what returns is structure, what does "
             "not is noise."
         )
-    if verdict == "undetermined":
-        steps.append(
-            f"Record longer, and more of what is held out worst{', ' * bool(location)}"
-            f"{_looks(location)}: there the other records say too little."
-        )
+    if advice:
+        where = f" What is left is largest {_looks(location)}." if _looks(location) else ""
+        steps.append(f"{advice[0].upper()}{advice[1:]}.{where}")
     if verdict != "noise" or any(claim["ambiguous_with"] for claim in claims):
         steps.append(
             "Record next, as a file: skhyst.diagnosis.next_experiment, or skhyst next on the "
@@ -567,15 +582,16 @@ def _found(report):
         for value in (report.error_before, report.error_after, report.noise_floor)
     )
     model = f"The declared model {report.declared_model}"
+    if report.resolution:
+        model += f" (declared {', '.join(report.resolution)})"
     explained = report.verdict != "unexplained"
     noise = f"What is left is noise; its floor is {floor}."
     headline, mark = "Nothing is missing", "" if explained else "; and something unexplained"
     if report.verdict == "undetermined":
         headline, mark = "Undetermined", "; and undetermined"
         noise = (
-            f"What the fit leaves may be noise, {floor}, but the recording cannot tell: parts of "
-            "it go further than the others, or it is too short for so many parameters, or to tell "
-            "slow noise from what follows the drive."
+            f"What the fit leaves may be noise, of {floor} or more, but the recording cannot tell: "
+            f"{report.verdict_reason}."
         )
     if not report.effects and explained:
         return headline, (
@@ -594,7 +610,7 @@ def _found(report):
         for claim in report.claims
     )
     if any(claim["provisional"] for claim in report.claims):
-        found += ", provisionally"
+        found += ", which may stand for what the list of effects lacks"
     them = "it" if len(report.effects) == 1 else "them"
     rest = f"What is left is above the noise floor of {floor}, and no effect tried explains it."
     return (
@@ -607,10 +623,17 @@ def _found(report):
 def _remarks(report):
     """Yield what every view tells beside the verdict."""
     data, dropped = report.data, report.dropped
+    yield from report.warnings
+    if report.suspects:
+        most = ", ".join(
+            f"{row['effect']} ({_error(report, row['error_before'])} to "
+            f"{_error(report, row['error_after'])}, p = {number(row['p_value'], 2)})"
+            for row in report.suspects[:2]
+        )
+        yield f"Most likely missing, but not sure: {most}."
     if dropped:
-        was, it = ("was", "it") if len(dropped) == 1 else ("were", "them")
-        names = listed(dropped)
-        yield f"{names} had been claimed first, and {was} dropped: later ones replace {it}."
+        was, them = ("was", "it") if len(dropped) == 1 else ("were", "them")
+        yield f"{listed(dropped)} {was} tried in the model: nothing is lost without {them}."
     for error, names in _failures(report.failed).items():
         yield f"Not everything was tried: {listed(names)} failed with {error}"
     if data["resampling_error"]:

@@ -17,7 +17,6 @@ from threadpoolctl import threadpool_limits
 from .._sklearn import HasMethods, Interval, StrOptions, fit_context
 from ..base import read_data
 from ..model_selection import RecordKFold, by_content, segment_folds
-from ..noise import NoiseModel
 from ..records import (
     data_quality,
     first_of_equals,
@@ -28,7 +27,7 @@ from ..records import (
     with_reactions,
 )
 from ._black_box import declare
-from ._candidates import Candidate, extrapolated, fitted, held_out, knows_less
+from ._candidates import Candidate, extrapolated, fitted, held_out
 from ._checkpoint import Checkpoint
 from ._claim import Claim
 from ._constants import NEGLIGIBLE, REWEIGHTED
@@ -46,11 +45,11 @@ from ._inputs import (
     with_others,
 )
 from ._location import locate
-from ._noise_floor import judge_residual, repeatability
 from ._progress import watched
 from ._reference import column_of, reference_of, without_column
 from ._report import Report
 from ._tables import HISTORY, RANKING, SUSPECTS, WithTables, cv_results
+from ._verdict import Judgement, judge_residual
 
 
 class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimator):
@@ -119,11 +118,13 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
     effects_ : list of str
         The claimed effects in the order in which they were added; empty when nothing is missing.
     verdict_ : {"noise", "unexplained", "undetermined"}
-        Whether what is left is noise, or structure that is not explained. Undetermined: what
-        repetitions have in common, or what a black box predicts, would matter, but chance may have
-        made it; or the fit leaves noise, but the held-out error is three times as large or more, as
-        that or as the repeatability, or half of the response's range, since records or blocks do
-        not predict each other.
+        Whether what is left is noise, or structure that is not explained: repetitions repeat it, a
+        black box predicts it, or it follows the drive better than the drive shifted in time.
+        Undetermined: nothing is found in it, but it is too steep in frequency, too slow or too
+        predictable for noise, or the held-out error is far larger than the noise, since records or
+        blocks do not predict each other.
+    verdict_reason_, verdict_advice_ : str
+        What decided, and what to record where the verdict is ``"undetermined"``.
     error_before_, error_after_ : float
         Root mean square error on held-out data of the declared and of the augmented model, units
         of the response, samples counted by ``weights_``: on whole records where there are several,
@@ -134,10 +135,13 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
     weights_ : ndarray of shape (n_samples,)
         How much each held-out sample counts: the weights of Huber's loss where that is asked for,
         ones otherwise.
-    noise_floor_ : float
-        The error that no model is known to beat: from repetitions, else what a black box leaves.
-    noise_model_ : NoiseModel
-        Colour, outliers and steps of the noise in what no input explains.
+    noise_floor_, noise_ceiling_ : float
+        Root mean squares, units of the response, between which the noise lies. The floor is the
+        least of the scatter between repetitions, of what the past does not predict of the residual,
+        and of its and the response's scaled differences; no contestant is below it. The ceiling is
+        what is left held out, or what a black box leaves of it.
+    noise_model_ : ~skhyst.noise.NoiseModel
+        Colour, outliers and steps of the noise in what is left, or what a black box leaves of it.
     history_ : DataFrame
         One row a claim, what removes most of the error first: ``effect``, ``error_before``,
         ``error_after`` (of the models that are left when the effect that matters least is taken out
@@ -430,9 +434,9 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         ones = (np.ones(len(own)) for own in base.residuals)
         weights = (o if w is None else w for o, w in zip(ones, base.weights, strict=True))
         self.weights_ = np.concatenate(list(weights))
-        *_, left = fitted(base, records, (first_row(self, s) for s in slices))
-        self._judge(declared.measured(records), decided, contest, left)
+        self._judge(declared.measured(records), decided, contest)
         if self.verdict_ == "noise" and self._reference is None:
+            *_, left = fitted(base, records, (first_row(self, s) for s in slices))
             self.data_quality_ = with_reactions(self.data_quality_, self.drive_, left, slices)
         self.residual_location_ = locate(slices, self.drive_, self.residual_after_, self.units_)
         self.seconds_["noise floor"] = time.perf_counter() - begin
@@ -476,25 +480,14 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
                 found += [message for message, _ in model.cautions(result, records)]
         return list(dict.fromkeys(found))
 
-    def _judge(self, measured, base, contest, left):
-        """Set the noise floor and its model, and the verdict, from what the fit leaves too."""
-        if base.error <= contest.negligible:
-            floor = repeatability(measured)
-            self.noise_floor_ = base.error if floor is None else floor
-            self.verdict_, self.noise_model_ = "noise", NoiseModel("white", self.noise_floor_)
-            return
+    def _judge(self, measured, base, contest):
+        """Set the verdict, and the noise with its floor, below all contestants, and ceiling."""
         judgement = self._judged(measured, base, contest)
-        self.noise_floor_, self.verdict_ = judgement.error, "noise"
-        self.noise_model_ = judgement.noise
-        if judgement.structured:
-            self.verdict_ = "unexplained"
-        elif judgement.open or self._is_far_off(base, judgement) or knows_less(base, left):
-            self.verdict_ = "undetermined"
-
-    def _is_far_off(self, base, judgement):
-        """Whether no noise can be so large: that of repetitions is known, or it is the response."""
-        floor = judgement.error if judgement.repeated else np.inf
-        return base.error > min(3.0 * floor, 0.5 * np.ptp(self.response_))
+        self.verdict_ = judgement.verdict
+        self.verdict_reason_, self.verdict_advice_ = judgement.reason, judgement.advice
+        errors = [row["error_after"] for row in contest.ranking]
+        self.noise_floor_ = float(np.nanmin([judgement.floor, *errors]))
+        self.noise_ceiling_, self.noise_model_ = judgement.ceiling, judgement.noise
 
     def _judged(self, measured, base, contest):
         """Return the judgement of what a candidate leaves, fitted to everything.
@@ -502,6 +495,8 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         A held-out record that goes further than the others shows what they do not determine, which
         is no missing structure.
         """
+        if base.error <= contest.negligible:
+            return Judgement.of_rounding(base.error)
         in_loop = self._reference is not None
         starts = [first_row(self, s) for s in self.records_]
         predictions, residuals = fitted(base, contest.records_of(base), starts)
@@ -511,7 +506,8 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         order = by_content(self.records_, self.drive_, self.response_)
         seen = [[part[i] for i in order] for part in (measured, residuals, predictions)]
         rng = np.random.default_rng(check_random_state(self.random_state).randint(2**31 - 1))
-        return judge_residual(*seen, rng, contest.criterion, in_loop=in_loop)
+        own = {"error": base.error, "in_loop": in_loop}
+        return judge_residual(*seen, rng, contest.criterion, **own)
 
     def predict(self, X) -> np.ndarray:
         """Return the free run of the augmented model.

@@ -1,13 +1,15 @@
-"""Noise: its model, its spectrum and innovations, its least and largest size, tests beside it."""
+"""Noise: its model, spectrum and innovations, its size, and tests of sums beside it."""
 
 from ._autoregression import autoregression as autoregression
 from ._autoregression import whitening_filter as whitening_filter
 from ._block_test import block_length as block_length
 from ._block_test import block_p_value as block_p_value
+from ._differences import difference_noise
 from ._differences import largest_noise as largest_noise
 from ._differences import white_noise_floor as white_noise_floor
 from ._model import STEEPEST as STEEPEST
 from ._model import NoiseModel, fit_noise
+from ._model import quantisation_step as quantisation_step
 from ._model import stretches as stretches
 
-__all__ = ["NoiseModel", "fit_noise"]
+__all__ = ["NoiseModel", "difference_noise", "fit_noise"]

@@ -85,6 +85,19 @@ class NoiseModel:
         correlations = dct(power)[: _MEMORY + 1] / (2 * n)
         return solve_toeplitz(correlations[:-1], correlations[1:])
 
+    def correlation_length(self, n_samples):
+        """Return after how many samples the correlation has fallen to 1/e; 0 for white noise.
+
+        It is that of the coloured part in a record of so many samples, whose mean is taken off.
+        """
+        if self.law == "white":
+            return 0
+        frequency = np.arange(1, n_samples) / (2.0 * (n_samples - 1))
+        power = _spectrum(self.law, frequency, self.coefficient)
+        correlations = np.fft.irfft(np.append(0.0, power))[:n_samples]
+        low = correlations[1:] <= correlations[0] / np.e
+        return int(np.argmax(low)) + 1 if low.any() else n_samples
+
     def innovations(self, series):
         """Return what its own past does not predict of each series, stretch by stretch.
 
@@ -192,7 +205,7 @@ def quantisation_step(readings):
     return float(steps.sum() / np.round(steps / step).sum()) if near.all() else 0.0
 
 
-def _spectrum(law, frequency, coefficient, share, counts=None):
+def _spectrum(law, frequency, coefficient, share=1.0, counts=None):
     if law == "white":
         return np.ones_like(frequency)
     if law == "autoregressive":

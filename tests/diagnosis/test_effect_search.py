@@ -6,7 +6,6 @@ import subprocess
 import sys
 import warnings
 from dataclasses import dataclass
-from types import SimpleNamespace
 
 import joblib
 import numpy as np
@@ -25,11 +24,9 @@ from skhyst.diagnosis import (
     register_effect,
     unregister_effect,
 )
-from skhyst.diagnosis._noise_floor import Judgement
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import Gain, TransferFunction
 from skhyst.model_selection import RecordKFold
-from skhyst.noise import NoiseModel
 from skhyst.operators import parameter
 from skhyst.records import stack_records
 from skhyst.static import SaturationOperator, SmoothCurve, StaticOperator
@@ -158,7 +155,8 @@ def test_structure_of_no_known_effect_is_called_unexplained(law):
     # a claim that leaves most of it is one that does not last
     assert search._leaves_most(1.05 * search.error_after_)
     assert not search._leaves_most(2.0 * search.error_after_)
-    assert recording.noise_std < search.noise_floor_ < search.error_after_
+    assert search.noise_floor_ <= 1.02 * recording.noise_std
+    assert recording.noise_std < search.noise_ceiling_ < search.error_after_
 
 
 # ---------------------------------------------------------------------- what it says about itself
@@ -199,17 +197,6 @@ def test_what_the_records_do_not_determine_is_no_verdict():
     report = found["levels"].report()
     assert report.headline == "Undetermined"
     assert any("Record longer" in step for step in report.next_steps)
-
-
-@pytest.mark.parametrize(
-    ("error", "repeated", "is_far"),
-    [(0.29, True, False), (0.31, True, True), (0.31, False, False), (0.51, False, True)],
-)
-def test_an_error_beyond_repetitions_or_half_the_range_is_no_noise(error, repeated, is_far):
-    search = EffectSearchCV(Gain())
-    search.response_ = np.array([-0.5, 0.5])
-    judgement = Judgement(False, False, 0.1, 1.0, 0.0, repeated, NoiseModel("white", 0.1))
-    assert search._is_far_off(SimpleNamespace(error=error), judgement) == is_far
 
 
 @pytest.mark.parametrize("effect", ["lag", *slow("offset", "none")])

@@ -126,7 +126,7 @@ def test_where_no_effect_helps_what_was_not_excited_is_asked_for(slow):
     u = slow[0]["drive"].to_numpy()
     y = np.abs(u) + 0.3 * u + NOISE * np.random.default_rng(0).normal(size=len(u))
     search = EffectSearchCV(Gain(), effects=["lag", "delay"], random_state=0).fit(slow[0], y)
-    assert (search.effects_, search.verdict_) == ([], "undetermined")
+    assert (search.effects_, search.verdict_) == ([], "unexplained")
     experiment = next_experiment(search, LIMITS, RATE)
     assert "no effect comes near a claim" in experiment.reason
     assert experiment.expected_gain > 0.0

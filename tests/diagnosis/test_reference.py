@@ -13,8 +13,8 @@ from sklearn.base import clone
 from skhyst.cli import main
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.diagnosis._criterion import Criterion, paired_p_value
-from skhyst.diagnosis._noise_floor import judge_residual
 from skhyst.diagnosis._reference import Reference
+from skhyst.diagnosis._verdict import judge_residual
 from skhyst.linear import Gain
 from skhyst.optimize import RecordData
 from skhyst.records import record_slices, stack_records
@@ -137,7 +137,7 @@ def test_repetitions_of_a_reference_share_no_noise():
     )
     assert judgement.repeated
     assert not judgement.structured
-    assert judgement.error == pytest.approx(0.05, rel=0.05)
+    assert judgement.floor == pytest.approx(0.05, rel=0.05)
 
 
 @pytest.fixture(scope="module")

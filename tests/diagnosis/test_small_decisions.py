@@ -16,14 +16,15 @@ from skhyst.diagnosis._contest import Contest
 from skhyst.diagnosis._criterion import Criterion
 from skhyst.diagnosis._edits import Drive
 from skhyst.diagnosis._location import locate
-from skhyst.diagnosis._noise_floor import _settled, repeatability
 from skhyst.diagnosis._open_questions import Intervals
 from skhyst.diagnosis._periods import drive_period
 from skhyst.diagnosis._plausibility import has_own_lines, levels_off, stops
 from skhyst.diagnosis._starts import starting_trees
+from skhyst.diagnosis._structure import _settled, repeatability
 from skhyst.diagnosis._tree import Tree
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import Gain, GainOperator
+from skhyst.noise import NoiseModel
 from skhyst.noise._block_test import _autocovariance
 from skhyst.optimize import RecordData
 from skhyst.records import RecordSlice, Units
@@ -114,7 +115,11 @@ def test_a_parameter_at_its_bound_has_no_interval():
     at_bound = (problem.x0 <= problem.lower) | (problem.x0 >= problem.upper)
     assert 0 < np.count_nonzero(at_bound) < len(at_bound)
     search = SimpleNamespace(
-        _structure=tree, _records=records, noise_floor_=0.01, response_=u, verdict_="noise"
+        _structure=tree,
+        _records=records,
+        noise_model_=NoiseModel("white", 0.01),
+        response_=u,
+        verdict_="noise",
     )
     np.testing.assert_array_equal(Intervals(search)._inner, np.flatnonzero(~at_bound))
 

@@ -125,3 +125,19 @@ def test_it_is_put_into_words():
     model = NoiseModel("power_law", 0.2, 1.1, 0.7, 0.01, 0.05)
     for part in ("1.10", "0.2", "30%", "1.00% outliers", "steps of 0.05"):
         assert part in str(model)
+
+
+@pytest.mark.parametrize("coefficient", [0.5, 0.9, 0.99])
+def test_the_correlation_of_a_first_order_process_falls_to_1_over_e(coefficient):
+    model = NoiseModel("autoregressive", 1.0, coefficient, 0.7)
+    expected = np.ceil(-1.0 / np.log(coefficient))  # of the coloured part
+    assert model.correlation_length(20_000) == pytest.approx(expected, abs=1)
+    assert NoiseModel("white", 1.0).correlation_length(100) == 0
+
+
+def test_the_correlation_of_a_random_walk_grows_with_the_record():
+    """About its mean it is that of a Brownian bridge on a circle, 1 - 6 x (1 - x), at 2 n."""
+    model = NoiseModel("power_law", 1.0, 2.0, 1.0)
+    x = 0.5 * (1.0 - np.sqrt(1.0 - 4.0 / 6.0 * (1.0 - 1.0 / np.e)))
+    for n in (1000, 4000):
+        assert model.correlation_length(n) == pytest.approx(2.0 * n * x, rel=0.01)

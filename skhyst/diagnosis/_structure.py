@@ -1,0 +1,368 @@
+r"""Structure in a residual: what repetitions, a black box and the drive's past find in it.
+
+**Repetitions.** Where the drive repeats, what the residual has in common in repetitions is
+structure.
+
+**A black box.** It sees the drive's past, which a model could have used, and the residual's own
+past, which shows structure that is no function of the drive (an oscillation or a chaotic motion of
+its own, a gain that switches). Coloured noise has a past, too, but not of the drive; so where the
+residual has the spectrum of a sensor's noise, see ``skhyst.noise``, the black box first sees the
+drive alone, and then has to predict what that law does not. In a closed loop the drive knows the
+noise: the reference of the loop takes its place, see ``_reference``.
+
+**The drive, shifted in time.** Noise follows the drive no better than it follows the drive of some
+time before or after, however slow it is. A regression of the residual at the rows of the middle of
+each record on features of the drive there has the coefficient of determination :math:`R^2_k` with
+the residual :math:`k` shifts later. If the residual is stationary, so is the sequence
+:math:`R^2_{-r}, \dots, R^2_r`, whatever the drive is. Of any r + 1 of its neighbours, no more than
+b are among the b largest, and each sees the other r within its own r neighbours. So the number b of
+all that are as large as :math:`R^2_0`, itself included, has
+:math:`P\{b \leq \alpha (r + 1)\} \leq \alpha` (Yuan and Shou [1]_): the p-value is b / (r + 1).
+A drive that repeats itself is the same after a period: shifts stay below a third of it. One sine
+is the same function of its past at any time, so that nothing is learned; that is for repetitions.
+
+References
+----------
+.. [1] Yuan and Shou, *PLoS Biology*, 2024.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.signal import lfilter
+from sklearn.ensemble import HistGradientBoostingRegressor
+from sklearn.linear_model import Ridge
+
+from ..noise import block_length, block_p_value, fit_noise, stretches
+from ..operators import play_basis, play_thresholds
+from ..records import by_interval
+from ._constants import BLOCKS, ENOUGH, FACTOR, LAGS, PLAYS, SHIFTS, SLOW, STRETCHES, TRANSIENT
+from ._criterion import paired_p_value
+from ._periods import drive_period, repeats
+
+N_PRESENT = 4  # features of a drive that need no past, the first ones
+
+
+class Trial(NamedTuple):
+    """What was tried to predict a residual, or to find in repetitions.
+
+    ``share`` is the part of its power that is left, ``p_value`` that of nothing being predicted,
+    and ``left`` what is left, in stretches; None where nothing is predicted one by one.
+    """
+
+    share: float
+    p_value: float
+    left: list | None
+
+    def matters(self, criterion):
+        """Whether as much is taken away as by a candidate that matters."""
+        return bool(self.share <= (1.0 - criterion.min_improvement) ** 2)
+
+    def is_structure(self, criterion):
+        """Whether it is significant, and matters."""
+        return self.p_value < criterion.alpha and self.matters(criterion)
+
+
+# ---------------------------------------------------------------------------------- repetitions
+
+
+def repeatability(records, *, pairs=None):
+    """Return the standard deviation of the response between repetitions of the drive, or None.
+
+    Repetitions are records with the same drive, and periods within a record from the second on,
+    since the first still depends on how the record began. A resting drive repeats nothing. What
+    two records owe to different pasts does not count: they are compared once the drive has been
+    at both ends of its range, which wipes out what a hysteresis remembers, and once the difference
+    has settled. A slow drift between repetitions, a cubic of time, is no noise either.
+
+    Parameters
+    ----------
+    records : sequence of RecordData
+    pairs : list, optional
+        What ``repetitions`` yields, if it is known.
+    """
+    power, count = 0.0, 0
+    for i, a, j, b in repetitions(records) if pairs is None else pairs:
+        own, freedom = _settled(records[i].y[a] - records[j].y[b])
+        power += 0.5 * own
+        count += freedom
+    return float(np.sqrt(power / count)) if count else None
+
+
+def repetitions(records):
+    """Yield record and rows of one repetition, and those of another with the same drive."""
+    for i, a in enumerate(records):
+        if not np.ptp(a.u) > 0.0:
+            continue
+        for j in range(i + 1, len(records)):
+            b = records[j]
+            if len(a.u) == len(b.u) and np.isclose(a.dt, b.dt) and repeats(a.u, b.u):
+                rows = slice(_wiped(a.u), len(a.u))
+                yield i, rows, j, rows
+                break
+    for i, record in enumerate(records):
+        n, period = len(record.u), drive_period(record.u)
+        if period and n >= 3 * period:
+            yield i, slice(2 * period, n), i, slice(period, n - period)
+
+
+def _wiped(u):
+    """Return the row from which on the drive has been at both ends of its range.
+
+    Where less than a quarter of the record would be left, what is remembered has to be borne.
+    """
+    near = 1e-3 * np.ptp(u)
+    start = max(np.argmax(u >= u.max() - near), np.argmax(u <= u.min() + near))
+    return int(start) if 4 * start <= 3 * len(u) else 0
+
+
+def _settled(difference):
+    """Return the sum of squares of a difference without its start and drift, and its freedom."""
+    rest = difference
+    # of a sum of so many
+    rounding = (len(difference) * np.spacing(np.max(np.abs(difference), initial=0.0))) ** 2
+    for _ in range(BLOCKS // 2):
+        rest = difference - _slow(difference)
+        size = max(len(difference) // BLOCKS, 1)
+        blocks = [np.mean(np.square(rest[k : k + size])) for k in range(0, len(rest), size)]
+        if len(blocks) < 4 or blocks[0] <= TRANSIENT * max(np.median(blocks[1:]), rounding):
+            break
+        difference = difference[size:]
+    return float(rest @ rest), max(len(rest) - SLOW - 1, 0)
+
+
+def _slow(difference):
+    if len(difference) <= 4 * SLOW:
+        return np.mean(difference)
+    time = np.linspace(-1.0, 1.0, len(difference))
+    return np.polynomial.legendre.Legendre.fit(time, difference, SLOW)(time)
+
+
+def in_repetitions(pairs, residuals, power):
+    """Return the trial of what residuals of a mean power have in common in repetitions.
+
+    Noise is not repeated: the product of two repetitions' residuals is zero on average.
+    """
+    products = [residuals[i][a] * residuals[j][b] for i, a, j, b in pairs]
+    products = [p[np.isfinite(p)] for p in products]
+    total, count = sum(p.sum() for p in products), sum(p.size for p in products)
+    share = max(1.0 - max(total, 0.0) / (max(count, 1) * power), 0.0)
+    left = [np.sqrt(0.5) * (residuals[i][a] - residuals[j][b]) for i, a, j, b in pairs]
+    return Trial(share, block_p_value(total, products), left)
+
+
+# ------------------------------------------------------------------------------------ black box
+
+
+def by_black_boxes(records, residuals, predictions, rng, criterion):
+    """Return the trial of all records: lags count samples, so each interval has its black box."""
+    known = [i for i, r in enumerate(residuals) if np.isfinite(r).any()]
+    trials, powers = [], []
+    for numbers in by_interval([records[i] for i in known]).values():
+        own = [[part[known[i]] for i in numbers] for part in (records, residuals, predictions)]
+        trials.append(_by_black_box(*own, rng, criterion))
+        powers.append(sum(np.nansum(np.square(r)) for r in own[1]))
+    p_value = min(1.0, len(trials) * min(own.p_value for own in trials))
+    share = np.average([own.share for own in trials], weights=powers)
+    return Trial(share, p_value, [part for own in trials for part in own.left])
+
+
+def _by_black_box(records, residuals, predictions, rng, criterion):
+    """Predict the residual by a black box; return what that achieves.
+
+    Ridge regression and boosted trees see the drive and the model's output, their change over
+    logarithmically spaced lags, and further columns; and the residual's own past: its last values,
+    averages, and the gain that it had with the drive, and the time. Folds are stretches of
+    consecutive samples. Of more than 10,000 samples, stretches spread over the records are seen.
+
+    Where the residual has the spectrum of a coloured noise, its past alone proves nothing. Noise
+    does not know the drive, though, and no more than its law predicts it: so the black box must
+    predict the residual from the drive alone, or what the law leaves of it from its own past, or,
+    from the drive alone, how large that is which the law predicts, as of a gain that wanders. As
+    for any two models, errors are compared as they are, and as the innovations of what is left.
+
+    Returns
+    -------
+    Trial
+    """
+    noise = fit_noise(residuals)
+    x, n_driven, y, new, block, ends = _seen(records, residuals, predictions, rng, noise)
+
+    def trial(seen, target, n_trials=1):
+        boxes = _left_by_boxes(seen, target, block, rng)
+        left = min(boxes, key=lambda own: own @ own)
+        share = min((left @ left) / (target @ target), 1.0) if target.any() else 1.0
+        target, left = np.split(target, ends), np.split(left, ends)
+        p_value, law = paired_p_value(target, left), fit_noise(left)
+        if law.law != "white":
+            evened = paired_p_value(law.innovations(target), law.innovations(left))
+            p_value = 2.0 * min(p_value, evened)
+        return Trial(share, min(1.0, n_trials * len(boxes) * p_value), left)
+
+    if noise.law == "white":
+        return trial(x, y)
+    driven, size = x[:, :n_driven], np.square(y - new)
+    past = np.delete(x, np.s_[N_PRESENT:n_driven], axis=1)
+    targets = [(driven, y), (past, new), (driven, size - size.mean())]
+    trials = [trial(*own, len(targets)) for own in targets]
+    found = [own for own in trials if own.is_structure(criterion)]
+    if not found:
+        return min(trials, key=lambda own: own.share)
+    if found[0] is trials[0]:  # what the noise's own past predicts is noise
+        return found[0]
+    whole = trial(x, y)  # the past is of the structure, too
+    return found[0]._replace(share=whole.share, left=whole.left)
+
+
+def _left_by_boxes(x, y, block, rng):
+    """Return what is left of held-out stretches by ridge regression, and with trees."""
+    left, scale = np.stack([y, y]), x.std(axis=0)  # of all: what moves where it is held out only
+    x = x / np.where(scale > 0.0, scale, 1.0)
+    for fold in range(FACTOR):
+        test = block % FACTOR == fold
+        train = np.flatnonzero(~test)
+        if not test.any() or not len(train):
+            continue
+        ridge = Ridge(alpha=1e-3 * len(train)).fit(x[train], y[train])
+        trees = HistGradientBoostingRegressor(
+            max_iter=40,
+            learning_rate=0.15,
+            max_leaf_nodes=15,
+            min_samples_leaf=40,
+            early_stopping=False,
+            random_state=int(rng.integers(2**31)),
+        ).fit(x[train], y[train] - ridge.predict(x[train]))
+        # a straight line goes on beyond what it was fitted to
+        linear = np.clip(ridge.predict(x[test]), y[train].min(), y[train].max())
+        left[:, test] -= linear
+        left[1, test] -= trees.predict(x[test])
+    return left
+
+
+def _seen(records, residuals, predictions, rng, noise):
+    """Return what the black box sees, row by row.
+
+    That is features, of which so many are driven; the residual; what its law as noise does not
+    predict of it; the number of the stretch; and where rows begin that follow no other.
+    """
+    total = sum(int(np.isfinite(r).sum()) for r in residuals)
+    # what neighbours have in common predicts nothing: a stretch is no shorter than that lasts
+    lasting, _ = block_length([r[rows] for r in residuals for rows in stretches(r)])
+    length = max(min(total, ENOUGH) // STRETCHES, min(lasting, total // FACTOR**2), 1)
+    every = max(total // ENOUGH, 1)  # of so many stretches one is seen
+    features, target, innovations, block, ends, n_driven = [], [], [], [], [], 0
+    start, count = int(rng.integers(every)), 0
+    driven_columns = _driven(records, predictions, LAGS)
+    for record, r, new in zip(records, residuals, noise.innovations(residuals), strict=True):
+        rows = np.flatnonzero(np.isfinite(r))
+        parts = [rows[a : a + length] for a in range(0, len(rows), length)]
+        parts = parts[start::every] if len(parts) > start else parts[:1]
+        rows = np.concatenate([rows[:0], *parts])
+        driven = [column[rows] for column in next(driven_columns)]
+        own = [column[rows] for column in _own(record.u, np.nan_to_num(r))]
+        n_driven = len(driven)
+        features.append(np.stack([*driven, *own], axis=1))
+        target.append(r[rows])
+        innovations.append(new[rows])
+        ends.append(np.diff(rows, prepend=-2) > 1)
+        block += [np.full(len(part), count + k) for k, part in enumerate(parts)]
+        count += len(parts)
+    found = (np.concatenate(part) for part in (target, innovations, block))
+    ends = np.flatnonzero(np.concatenate(ends))[1:]
+    return np.concatenate(features), n_driven, *found, ends
+
+
+def _driven(records, predictions, lags=()):
+    """Yield an iterator over the features of each record's drive, at all samples.
+
+    They are the drive and the prediction, their powers, plays of the drive, changes over so many
+    samples, first-order lags of drive and power with logarithmically spaced time constants up to
+    the longest record, as of creep and heat, what moves with the time in proportion to the drive,
+    and further columns.
+    One scale serves all records, so that what depends on the amplitude stays visible.
+    """
+    finite = np.concatenate([p[np.isfinite(p)] for p in predictions])
+    drives = np.concatenate([record.u for record in records])
+    shift, size = drives.mean(), np.ptp(drives) or 1.0
+    level, height = finite.mean(), np.ptp(finite) or 1.0
+    longest = max(len(record.u) for record in records)
+    poles = np.exp(-1.0 / 4.0 ** np.arange(1, max(-(-longest.bit_length() // 2), 2)))
+    thresholds = play_thresholds([(r.u - shift) / size for r in records], PLAYS + 1)[1:]
+
+    def columns(u, q, auxiliary):
+        plays = np.empty((len(u), PLAYS))
+        play_basis(u, thresholds, np.full(PLAYS, u[0]), plays)
+        yield from (u, q, q**2, q**3, *plays.T)
+        for signal in (u, q):
+            yield from (signal - moved(signal, lag, signal[0]) for lag in lags)
+        for signal in (u - u[0], np.square(u) - u[0] ** 2):
+            yield from (lfilter([1.0 - a], [1.0, -a], signal) for a in poles)
+        yield from (np.linspace(-0.5, 0.5, len(u)) * signal for signal in (u, q))
+        yield from () if auxiliary is None else auxiliary.T
+
+    for record, p in zip(records, predictions, strict=True):
+        u, q = (record.u - shift) / size, np.nan_to_num((p - level) / height)
+        yield columns(u, q, record.auxiliary)
+
+
+def _own(u, r):
+    """Yield features of a residual's own past, of the gain that it had with the drive, and time."""
+    yield from (moved(r, lag) for lag in LAGS[:4])
+    yield from (past_mean(r, size) for size in LAGS[2::2])
+    for signal in (u - u.mean(), u - moved(u, 1, u[0])):
+        for size in LAGS[4::4]:
+            power = past_mean(signal**2, size)
+            floor = 1e-3 * np.mean(signal**2) + np.finfo(float).tiny
+            yield past_mean(r * signal, size) / (power + floor) * signal
+    yield np.arange(len(r)) / len(r)
+
+
+def moved(signal, lag, first=0.0):
+    """Return the signal so many samples before each one, with a first value before the start."""
+    return np.concatenate([np.full(min(lag, len(signal)), first), signal[:-lag]])
+
+
+def past_mean(signal, size):
+    """Return the mean of up to ``size`` samples before each one."""
+    sums = np.concatenate([[0.0], np.cumsum(signal)])
+    stop = np.arange(len(signal))
+    start = np.maximum(stop - size, 0)
+    return (sums[stop] - sums[start]) / np.maximum(stop - start, 1)
+
+
+# ----------------------------------------------------------------------- the drive, shifted in time
+
+
+def by_shifted_drive(records, residuals, predictions):
+    """Return the trial of the residual following the drive better than it does shifted in time.
+
+    What moves is known at the same time: delays would only follow the shift.
+    """
+    found = []
+    every = max(sum(len(r) for r in residuals) // ENOUGH, 1)
+    for record, r, columns in zip(records, residuals, _driven(records, predictions), strict=True):
+        known = np.flatnonzero(np.isfinite(r))
+        if not len(known) or known[-1] - known[0] >= len(known):
+            continue
+        most, period = len(known) // 4, drive_period(record.u)
+        most = min(most, period // FACTOR) if period else most
+        rows = np.arange(known[0] + most, known[-1] + 1 - most, every)
+        found.append((r, rows, most, np.stack([column[rows] for column in columns], axis=1)))
+    nothing = Trial(1.0, 1.0, None)
+    count = min(SHIFTS, max((most for *_, most, _ in found), default=0))
+    if not count:
+        return nothing
+    x = np.concatenate([columns - columns.mean(axis=0) for *_, columns in found])
+    scale = x.std(axis=0)
+    basis, values, _ = np.linalg.svd(x[:, scale > 0.0] / scale[scale > 0.0], full_matrices=False)
+    basis = basis[:, values > 1e-6 * values[0]]
+    if 2 * basis.shape[1] > len(basis):
+        return nothing
+    left = []
+    for k in range(-count, count + 1):
+        y = [r[rows + round(k / count * most)] for r, rows, most, _ in found]
+        y = np.concatenate([own - own.mean() for own in y])
+        left.append(1.0 - np.sum(np.square(basis.T @ y)) / max(y @ y, np.finfo(float).tiny))
+    b = np.count_nonzero(np.array(left) <= left[count])
+    share = min(left[count] / np.median(left), 1.0)
+    return Trial(share, min(b / (count + 1), 1.0), None)

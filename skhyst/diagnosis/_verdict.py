@@ -1,0 +1,209 @@
+r"""Whether what a model leaves is noise: between a floor and a ceiling, in this order.
+
+The **floor** is what cannot be a response of any model: the smallest of the scatter between
+repetitions of the drive, of what the residual's own past does not predict under its law as noise,
+and of its and the response's scaled differences (:func:`skhyst.noise.difference_noise`). The last
+two take all that is smooth for structure; of noise that is coloured they show a part. The
+**ceiling** is what is left: the held-out error, or what a black box leaves of it.
+
+1. **What is found is structure**, however near the floor: what repetitions have in common, what a
+   black box predicts, or what follows the drive better than the drive shifted in time
+   (``_structure``), where it is significant and matters. The residual is ``unexplained``.
+2. Only then, where floor and ceiling agree within what matters, it is ``noise``.
+3. Between them it is ``noise`` where it *can* be, or where repetitions show it, since a misfit
+   repeats. Its spectrum falls with an exponent below 2: the power of what is summed up, as of a
+   drift or of creep, grows without bound with the record. Its correlation has fallen to 1/e within
+   a fifth of the drive's period: what a drive causes changes as the drive does, a sine within 0.19
+   of its period. It is less than three times what its own past does not predict: what is more
+   resembles a smooth misfit beside a little noise (of a first-order process that is a correlation
+   of 0.94 a sample). A black box predicts less of it than matters, by chance too. And held out it
+   is less than three times as large as in the fit: more is not of one size.
+4. Else it is ``undetermined``, and what to record is said.
+
+The figures of the third step hold what ``benchmarks/verdicts.py`` measures: of noise that is white,
+of first order or flicker noise hardly any is missed, and of structure that no test has found hardly
+any is called noise.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..noise import NoiseModel, difference_noise, fit_noise
+from ._periods import visible_turns
+from ._structure import (
+    by_black_boxes,
+    by_shifted_drive,
+    in_repetitions,
+    repeatability,
+    repetitions,
+)
+
+LARGEST_EXPONENT = 2.0  # of the spectrum: of white noise that is summed up
+CORRELATED = 0.2  # of the drive's period
+PREDICTABLE = 3.0  # the size of noise over that of its innovations
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What is left of a response by a model.
+
+    Attributes
+    ----------
+    verdict : {"noise", "unexplained", "undetermined"}
+    floor, ceiling : float
+        Between them lies the noise's root mean square, units of the response.
+    noise : NoiseModel
+        Of what is no structure.
+    reason : str
+        What decided.
+    advice : str
+        What to record where it is undetermined.
+    p_value : float
+        Of nothing but noise being left.
+    share : float
+        Part of the residual's power that is left by what has found most.
+    repeated : bool
+        Whether the drive repeats itself.
+    """
+
+    verdict: str
+    floor: float
+    ceiling: float
+    noise: NoiseModel
+    reason: str
+    p_value: float = 1.0
+    share: float = 1.0
+    repeated: bool = False
+    advice: str = ""
+
+    @classmethod
+    def of_rounding(cls, error):
+        """Return the judgement of an error that is rounding."""
+        return cls("noise", error, error, NoiseModel("white", error), "nothing is left")
+
+    @property
+    def structured(self):
+        """Whether structure is left."""
+        return self.verdict == "unexplained"
+
+
+def judge_residual(records, residuals, predictions, rng, criterion, *, error=None, in_loop=False):
+    """Decide whether residuals are noise, or structure that a model has left.
+
+    Parameters
+    ----------
+    records : sequence of RecordData
+    residuals, predictions : sequence of ndarray of shape (n_samples,)
+        Of each record where the model is fitted to all, NaN where nothing counts. Of no model, the
+        response about its mean, and that mean.
+    rng : numpy.random.Generator
+    criterion : Criterion
+    error : float or None, default=None
+        What the model leaves held out. None: the root mean square of the residuals.
+    in_loop : bool, default=False
+        Whether the records have the reference of a loop in the place of the drive, and predictions
+        are of what that explains. Repetitions then share no drive, but still no noise.
+
+    Returns
+    -------
+    Judgement
+    """
+    readings = [record.y for record in records]
+    count = max(sum(np.isfinite(r).sum() for r in residuals), 1)
+    power = sum(np.nansum(np.square(r)) for r in residuals) / count
+    noise = fit_noise(residuals, readings)
+    ceiling = float(np.sqrt(power)) if error is None else float(error)
+    if not power > 0.0:
+        return Judgement.of_rounding(ceiling)
+    pairs = list(repetitions(records))
+    scatter = None if in_loop else repeatability(records, pairs=pairs)
+    responses = [] if in_loop else readings  # a loop makes the response's noise smaller
+    floor = min(noise_floor(responses, residuals, noise, scatter), ceiling)
+    trials = {
+        "a black box predicts it": by_black_boxes(records, residuals, predictions, rng, criterion),
+        "it follows the drive better than the drive shifted in time": by_shifted_drive(
+            records, residuals, predictions
+        ),
+    }
+    if pairs:
+        trials["repetitions repeat it"] = in_repetitions(pairs, residuals, power)
+    found = {name: own for name, own in trials.items() if own.is_structure(criterion)}
+    p_value = min(own.p_value for own in trials.values())
+    predicted = [own for own in found.values() if own.left is not None]
+    if predicted:
+        best = predicted[-1]  # repetitions know the noise, the black box what it could predict
+        noise, ceiling = fit_noise(best.left, readings), ceiling * float(np.sqrt(best.share))
+    share = min(own.share for own in (found or trials).values())
+    told = p_value, share, bool(pairs)
+    if found:
+        reason = "; ".join(found)
+        return Judgement("unexplained", min(floor, ceiling), ceiling, noise, reason, *told)
+    matters = 1.0 - criterion.min_improvement
+    if floor >= matters * ceiling:
+        return Judgement("noise", floor, ceiling, noise, "floor and ceiling agree", *told)
+    scatters = scatter is None or scatter >= matters * ceiling
+    if pairs and scatters and not trials["repetitions repeat it"].matters(criterion):
+        return Judgement("noise", floor, ceiling, noise, "repetitions do not repeat it", *told)
+    size = float(np.sqrt(power))
+    against = list(_against_noise(records, residuals, noise, size))
+    predicts = trials["a black box predicts it"]
+    if predicts.matters(criterion):
+        against.append(f"a black box predicts it, as chance does (p = {predicts.p_value:.2g})")
+    advice = "more repetitions of the drive" if pairs else "the same drive twice or more often"
+    advice = f"record {advice}: noise does not repeat"
+    if ceiling >= PREDICTABLE * size:
+        against = [f"held out, {ceiling / size:.3g} times as much is left as where it is fitted"]
+        advice = "record longer, and more of what is held out worst: the rest says too little of it"
+    if not against:
+        return Judgement("noise", floor, ceiling, noise, f"it can be {noise}", *told)
+    return Judgement("undetermined", floor, ceiling, noise, "; ".join(against), *told, advice)
+
+
+def noise_floor(responses, residuals, noise=None, scatter=None):
+    """Return the least that noise can be, units of the response.
+
+    Parameters
+    ----------
+    responses, residuals : sequence of ndarray of shape (n_samples,)
+        NaN where nothing counts. Before there is a model, both are the responses.
+    noise : NoiseModel or None, default=None
+        Of the residuals.
+    scatter : float or None, default=None
+        Standard deviation between repetitions, where there are any.
+    """
+    noise = fit_noise(residuals) if noise is None else noise
+    sizes = [
+        _innovation_size(noise, residuals),
+        difference_noise(residuals),
+        difference_noise(responses),
+        np.nan if scatter is None else scatter,
+    ]
+    return float(np.nanmin(sizes))
+
+
+def _innovation_size(noise, residuals):
+    """Return the root mean square of what the past does not predict."""
+    innovations = np.concatenate(noise.innovations(residuals))
+    return np.sqrt(np.nanmean(np.square(innovations)))
+
+
+def _against_noise(records, residuals, noise, size):
+    """Yield why residuals of this size can hardly be noise."""
+    if noise.law == "power_law" and noise.coefficient >= LARGEST_EXPONENT:
+        yield f"its spectrum falls as f^-{noise.coefficient:.2f}"
+    correlated = noise.correlation_length(max(int(np.isfinite(r).sum()) for r in residuals))
+    period = _drive_period(records)
+    if correlated > CORRELATED * period:
+        yield f"it is correlated over {correlated:.3g} samples, the drive's period is {period:.3g}"
+    innovations = _innovation_size(noise, residuals)
+    if size >= PREDICTABLE * innovations:
+        yield f"it is {size / innovations:.3g} times what its own past does not predict"
+
+
+def _drive_period(records):
+    """Return the samples in which a drive turns twice, on average; a record where it does not."""
+    turns = sum(visible_turns(record.u) for record in records)
+    if not turns:
+        return max(len(record.u) for record in records)
+    return 2.0 * sum(len(record.u) for record in records) / turns

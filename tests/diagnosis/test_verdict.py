@@ -1,0 +1,74 @@
+"""Verdicts of searches on what is known: a smooth misfit is no coloured noise."""
+
+import numpy as np
+import pytest
+
+from skhyst.diagnosis import EffectSearchCV
+from skhyst.diagnosis._verdict import noise_floor
+from skhyst.linear import Gain, SecondOrderMode
+
+NOISE = 1e-3
+
+
+def searched(model, u, clean, effects, **options):
+    y = clean + NOISE * np.random.default_rng(0).normal(size=len(u))
+    return EffectSearchCV(model, effects=effects, random_state=0, **options).fit(u[:, None], y)
+
+
+def assert_unexplained(search, noise=NOISE):
+    assert search.verdict_ == "unexplained", search.verdict_reason_
+    assert 0.9 * noise < search.noise_floor_ < 1.3 * noise
+    assert search.noise_floor_ <= search.noise_ceiling_ <= search.error_after_
+    assert (search.ranking_["error_after"].dropna() >= search.noise_floor_).all()
+
+
+def test_creep_after_one_step_is_no_noise():
+    t = 0.2 * np.arange(1000)
+    after = np.clip(t - 20.0, 0.0, None)
+    u = np.where(t > 20.0, 1.0, 0.0)
+    search = searched(Gain(dt=0.2), u, u + 0.2 * np.log1p(after / 0.5), ["offset"])
+    assert_unexplained(search)
+
+
+def test_a_gain_that_steps_is_no_noise():
+    n = np.arange(1500)
+    u = np.sin(2.0 * np.pi * n / 210.0) + 0.5 * np.sin(2.0 * np.pi * n / 97.0)
+    gain = np.where(n > 700, 1.0, 1.03)
+    search = searched(Gain(), u, gain * u, ["offset"])
+    assert_unexplained(search)
+
+
+def test_a_cubic_spring_is_no_noise():
+    """Its restoring force grows with the cube of the motion: simulated in ten steps a sample."""
+    n, dt, position, speed = 1500, 0.02, 0.0, 0.0
+    u = np.sin(2.0 * np.pi * np.arange(n) / 300.0) * np.linspace(0.2, 1.0, n)
+    y = np.empty(n)
+    for k in range(n):
+        y[k] = position
+        for _ in range(10):
+            speed += 0.1 * dt * (100.0 * (u[k] - position - 0.5 * position**3) - 4.0 * speed)
+            position += 0.1 * dt * speed
+    search = searched(SecondOrderMode(dt=dt), u, y, ["offset"])
+    assert_unexplained(search)
+
+
+@pytest.mark.parametrize("law", ["white", "autoregressive"])
+def test_noise_on_an_exact_model_is_noise(law):
+    rng = np.random.default_rng(1)
+    noise = NOISE * rng.normal(size=1500)
+    for k in range(1, 1500) if law == "autoregressive" else ():
+        noise[k] = 0.8 * noise[k - 1] + 0.6 * noise[k]
+    u = np.sin(np.arange(1500) / 40.0) + 0.3 * np.sin(np.arange(1500) / 23.0)
+    search = EffectSearchCV(Gain(), effects=["offset"], random_state=0).fit(u[:, None], u + noise)
+    assert (search.effects_, search.verdict_) == ([], "noise")
+    assert search.noise_model_.law == law
+    assert search.noise_floor_ <= 1.02 * np.std(noise)
+    assert search.noise_ceiling_ >= 0.98 * np.std(noise)
+
+
+def test_a_floor_is_known_before_any_model():
+    """Of the response itself: what is smooth in it takes no part."""
+    rng = np.random.default_rng(2)
+    y = np.sin(np.arange(3000) / 40.0) + NOISE * rng.normal(size=3000)
+    assert noise_floor([y], [y]) == pytest.approx(NOISE, rel=0.05)
+    assert noise_floor([y], [y], scatter=0.1 * NOISE) == 0.1 * NOISE
