@@ -440,7 +440,7 @@ _OPTIMISATION = [
     ),
     (
         "the coefficients of disturbances cost no degrees of freedom",
-        "n_samples - coefficients.size - root.shape[1]",
+        "n_samples - n_coefficients - root.shape[1]",
         "n_samples - root.shape[1]",
         "tests/optimize/test_identify.py -k 'standard_errors or disturbance'",
     ),
