@@ -80,8 +80,6 @@ class Contest:
     dropped : list of str
         Effects that were in the model for a time.
     seconds : dict of str to float
-    resolution : list of Raised
-        What was done to the resolution of parts.
     """
 
     effects: list
@@ -101,8 +99,7 @@ class Contest:
     seconds: dict = field(default_factory=dict)
     _failures: list = field(default_factory=list)
     _best: dict = field(default_factory=dict)
-    resolution: list = field(default_factory=list)
-    _changes: int = 0
+    _weighings: int = 0
 
     # ------------------------------------------------------------------ the family, and what it was
 
@@ -134,17 +131,15 @@ class Contest:
     # ------------------------------------------------------------------ resolution
 
     def raised(self, base):
-        """Return a candidate with parts as fine as the held-out error asks for."""
+        """Return a candidate with parts as fine as the held-out error asks for, and what was done."""
         if self.renew is not None:
-            return base
+            return base, []
         begin = time.perf_counter()
         finer, done = raised(base, self.records, self.folds)
         self._add_time("resolution", begin)
         for what in done:
             self._say(f"{what}: held-out error {what.error_after:.4g}")
-        self.resolution += done
-        self._changes += bool(done)
-        return finer
+        return finer, done
 
     # ------------------------------------------------------------------ grow
 
@@ -159,7 +154,7 @@ class Contest:
                     ends.append(path)
                 further += better
                 claims += [c for c in better if self.criterion.is_better(path, c, self.n_tried)]
-            paths = [self._refreshed(c) for c in self._few(further, claims)]
+            paths = [self.raised(self._refreshed(c))[0] for c in self._few(further, claims)]
             for c in paths:
                 self._say(f"{' + '.join(c.structure.effects)}: held-out error {c.error:.4g}")
         return ends
@@ -263,7 +258,7 @@ class Contest:
 
     def _least(self, candidate):
         """Return the candidate of least error that was seen with the same effects."""
-        key = self._set(candidate)
+        key = self._weighings, frozenset(candidate.structure.effects)
         known = self._best.setdefault(key, candidate)
         if candidate.error < known.error:
             self._best[key] = known = candidate
@@ -590,7 +585,7 @@ class Contest:
             return base
         weights = huber_weights(base.residuals, lost=self.lost)
         self.records = [replace(r, weights=w) for r, w in zip(self.records, weights, strict=True)]
-        self._changes += 1  # for which all steps have to be done anew
+        self._weighings += 1  # for which all steps have to be done anew
         base = refitted(base, base.structure, self.records)
         return held_out(base, self.records, self.folds)
 
@@ -601,6 +596,6 @@ class Contest:
         self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - begin
 
     def _set(self, candidate):
-        """Return the names of a candidate's effects, whatever their order."""
-        own = " + ".join(sorted(candidate.structure.effects)) or "nothing"
-        return f"{own}, changed {self._changes} times" if self._changes else own
+        """Return what tells a set of effects, with the resolution of its parts, from others."""
+        names = " + ".join(sorted(candidate.structure.effects)) or "nothing"
+        return f"{names}, {candidate.structure.root.n_parameters} values, weighed {self._weighings}"

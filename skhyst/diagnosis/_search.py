@@ -402,16 +402,16 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
             kept = Checkpoint(self.checkpoint, self, self._inputs, self.response_, records, folds)
             contest.steps, contest.keep = kept.load(base), kept.save
             tell(f"{len(contest.steps)} steps are in {self.checkpoint}")
-        base = contest.raised(base)
+        base, raised = contest.raised(base)
         while True:
             ends = [contest.prune(end) for end in contest.grow(base)]
             found, _ = contest.named(min(ends, key=lambda c: c.error))
             if not contest.criterion.matters(base, found):
                 break
-            base = contest.raised(contest.weighed(found))
+            base, _ = contest.raised(contest.weighed(found))
         base, ambiguous = contest.named(base)
         history = contest.claims(base, ambiguous)
-        self.resolution_ = [str(done) for done in contest.resolution]
+        self.resolution_ = [str(done) for done in raised]
         self.suspects_ = pd.DataFrame(contest.suspects(base), columns=SUSPECTS)
         self.seconds_ |= contest.seconds
         self._declared_structure = structure

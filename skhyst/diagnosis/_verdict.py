@@ -30,7 +30,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..noise import NoiseModel, difference_noise, fit_noise
-from ._periods import visible_turns
+from ._periods import turns
 from ._structure import (
     by_black_boxes,
     by_shifted_drive,
@@ -203,7 +203,7 @@ def _against_noise(records, residuals, noise, size):
 
 def _drive_period(records):
     """Return the samples in which a drive turns twice, on average; a record where it does not."""
-    turns = sum(visible_turns(record.u) for record in records)
+    turns = sum(len(turns(record.u)) for record in records)
     if not turns:
         return max(len(record.u) for record in records)
     return 2.0 * sum(len(record.u) for record in records) / turns
