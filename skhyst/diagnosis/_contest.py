@@ -131,7 +131,7 @@ class Contest:
     # ------------------------------------------------------------------ resolution
 
     def raised(self, base):
-        """Return a candidate with parts as fine as the held-out error asks for, and what was done."""
+        """Return a candidate with parts as fine as the held-out error asks, and what was done."""
         if self.renew is not None:
             return base, []
         begin = time.perf_counter()

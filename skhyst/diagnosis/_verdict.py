@@ -203,7 +203,7 @@ def _against_noise(records, residuals, noise, size):
 
 def _drive_period(records):
     """Return the samples in which a drive turns twice, on average; a record where it does not."""
-    turns = sum(len(turns(record.u)) for record in records)
-    if not turns:
+    count = sum(len(turns(record.u)) for record in records)
+    if not count:
         return max(len(record.u) for record in records)
-    return 2.0 * sum(len(record.u) for record in records) / turns
+    return 2.0 * sum(len(record.u) for record in records) / count
