@@ -2,7 +2,7 @@
 
 Run from the root of the project::
 
-    python benchmarks/other_plants.py [--plants 60] [--first-seed 0] [--jobs 1]
+    python benchmarks/other_plants.py [--plants 60] [--first-seed 0] [--jobs 1] [--without contest]
 
 Plants are plays at thresholds of their own (two to seven, drawn), stepped here sample by sample,
 behind which lie dynamics that are integrated by Runge-Kutta with twenty steps a sample. Half hide
@@ -12,7 +12,8 @@ of the same kind of drive say what the error on a new record is.
 
 Printed is a line a plant, and: claims where nothing is missing, names where something is, verdicts
 of noise with more than 1.3 times the true noise left, floor and ceiling that hold the noise, and
-errors that understate the error on new records by more than a fifth.
+errors that understate the error on new records by more than a fifth. With ``--without`` a stage of
+the search is left out: what it is there for.
 """
 
 import argparse
@@ -22,6 +23,7 @@ import pandas as pd
 from joblib import Parallel, delayed
 
 from skhyst.diagnosis import EffectSearchCV
+from skhyst.diagnosis._contest import Contest
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.records import stack_records
 
@@ -33,6 +35,15 @@ ALSO = {  # what does the same in short recordings, or is the same law
     "creep": ("lag", "drift"),
     "output_saturation": ("static_nonlinearity", "asymmetry", "input_saturation"),
     "static_nonlinearity": ("asymmetry", "output_saturation"),
+}
+
+
+LEFT_OUT = {  # what stands in the place of a stage of the search
+    "resolution": ("raised", lambda self, base: (base, [])),
+    "paths": ("_few", lambda self, found, claims: sorted(found, key=lambda c: c.error)[:1]),
+    "pairs": ("_pairs", lambda self, base, singles: []),
+    "prune": ("prune", lambda self, base: base),
+    "contest": ("named", lambda self, base: (base, {})),
 }
 
 
@@ -127,8 +138,10 @@ def recorded(plant, rng, kind, count, noise, colour):
     return stack_records([pd.DataFrame({"u": u}, time) for u in drives]), np.concatenate(parts)
 
 
-def case(seed, hides):
+def case(seed, hides, without=None):
     """Search one plant; return its row."""
+    if without is not None:
+        setattr(Contest, *LEFT_OUT[without])
     rng = np.random.default_rng([seed, int(hides)])
     effect = EFFECTS[seed % len(EFFECTS)] if hides else "nothing"
     plant = Plant(rng, effect)
@@ -162,9 +175,12 @@ def main():
     parser.add_argument("--plants", type=int, default=60, help="of each half")
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--without", choices=LEFT_OUT, help="a stage of the search")
     options = parser.parse_args()
     seeds = range(options.first_seed, options.first_seed + options.plants)
-    jobs = [delayed(case)(seed, hides) for seed in seeds for hides in (False, True)]
+    jobs = [
+        delayed(case)(seed, hides, options.without) for seed in seeds for hides in (False, True)
+    ]
     rows = []
     for row in Parallel(n_jobs=options.jobs, return_as="generator")(jobs):
         rows.append(row)
