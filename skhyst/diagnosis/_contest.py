@@ -99,6 +99,7 @@ class Contest:
     seconds: dict = field(default_factory=dict)
     _failures: list = field(default_factory=list)
     _best: dict = field(default_factory=dict)
+    _rounds: dict = field(default_factory=dict)
     _weighings: int = 0
 
     # ------------------------------------------------------------------ the family, and what it was
@@ -365,7 +366,12 @@ class Contest:
         return rows[::-1]
 
     def suspects(self, base):
-        """Return what would lower the error of a candidate but is not in it, best first."""
+        """Return what would lower the error of a candidate but is not in it, best first.
+
+        Of a model with as many effects as there may be, nothing is known.
+        """
+        if len(base.structure.effects) >= self.max_effects or base.error <= self.negligible:
+            return []
         found = [c for c in self.extended(base) if self.criterion.matters(base, c)]
         errors = fold_errors(base, self.records_of(base), self.folds)
         rows = []
@@ -396,6 +402,7 @@ class Contest:
         key = f"{self._set(base)} and {'an additive' if additive else 'a driven'} effect"
         if key in self.steps:
             return self.steps[key]["candidates"]
+        number = self._rounds.setdefault(self._set(base), 1 + len(self._rounds))
         effects = [e for e in self.effects if e.beside == additive]
         effects = [e for e in effects if e.name not in base.structure.effects]
         if not fully:
@@ -409,7 +416,7 @@ class Contest:
         begin = time.perf_counter()
         found = self._held_out(base, self._fitted([base] * len(effects), variants))
         self._add_time("contest", begin)
-        rows = self._ranked(base, effects, variants, found)
+        rows = self._ranked(number, base, effects, variants, found)
         self._keep(key, found, rows, sum(map(len, variants[0])))
         return found
 
@@ -445,8 +452,8 @@ class Contest:
 
     @property
     def _number(self):
-        """Number of the next round."""
-        return 1 + sum(bool(step["rows"]) for step in self.steps.values())
+        """Number of the round: of the models that effects were put into."""
+        return max(len(self._rounds), 1)
 
     def _parallel(self, jobs):
         """Return what jobs return, None of one that fails: it costs its candidate."""
@@ -553,7 +560,7 @@ class Contest:
         )
         return fine + rough[len(best) :]
 
-    def _ranked(self, base, effects, screened, tested):
+    def _ranked(self, number, base, effects, screened, tested):
         """Yield a row for each effect that was tried in a candidate."""
         tested = {c.effects[0]: c for c in tested}
         variants, _, seen = screened
@@ -562,7 +569,7 @@ class Contest:
             fit = own[0] if own else None
             added = (c or fit).n_parameters - base.n_parameters if c or fit else 0
             yield {
-                "round": self._number,
+                "round": number,
                 "beside": base.structure.effects,
                 "effect": effect.name,
                 "screen": round(max(1.0 - fit.cost / cost, 0.0), 9) if fit else 0.0,

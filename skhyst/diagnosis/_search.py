@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 
 from .._sklearn import HasMethods, Interval, StrOptions, fit_context
 from ..base import read_data
-from ..model_selection import RecordKFold, by_content, segment_folds
+from ..model_selection import by_content, segment_folds
 from ..records import (
     data_quality,
     first_of_equals,
@@ -324,7 +324,6 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         X, drive = without_column(X, at), without_column(drive, at)
         segments, folds = segment_folds(slices, self.cv, X, response, washout=self.washout)
         self.folds_ = scoring_folds(slices, segments, folds)
-        self._whole = self._folds_of_records(slices, X, response)
         refuse_no_experiment(every, response, slices)
         self.data_quality_ = data_quality(X, response, slices)
         reference = self._reference = reference_of(self, every, slices)
@@ -333,6 +332,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         self.response_name_ = str(getattr(y, "name", None) or "response")
         self.units_ = units_of(self, self.response_name_, slices)
         self.records_, self.drive_, self.response_ = slices, drive[:, 0].copy(), response.copy()
+        self._whole = self._folds_of_records(slices, X, response)
         self._inputs = with_others(declared.drive(), drive)
         self.seconds_ = {}
         # the loops below run side by side; a second layer of threads below only costs
@@ -349,11 +349,16 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
 
     def _folds_of_records(self, slices, X, y):
         """Return segments and folds in which whole records are held out; None of a single one."""
-        distinct = np.unique(first_of_equals(slices, X, y))
-        count = len({slices[i].label for i in distinct})
-        if not isinstance(self.cv, Integral) or count < 2:
+        firsts, order = first_of_equals(slices, X, y), by_content(slices, self.drive_, y)
+        labels = list(dict.fromkeys(slices[firsts[i]].label for i in order))
+        if not isinstance(self.cv, Integral) or len(labels) < 2:
             return None
-        folds = RecordKFold(min(self.cv, count))
+        folds = []
+        for k in range(min(self.cv, len(labels))):
+            own = set(labels[k :: min(self.cv, len(labels))])
+            test = [s for s, i in zip(slices, firsts, strict=True) if slices[i].label in own]
+            rows = np.concatenate([np.arange(s.rows.start, s.rows.stop) for s in test])
+            folds.append((np.setdiff1d(np.arange(len(y)), rows), rows))
         return segment_folds(slices, folds, X, y, washout=self.washout)
 
     def _by_records(self, slices, records, *candidates):
@@ -457,7 +462,11 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
             row["provisional"] = self.verdict_ == "unexplained"
             self.evidence_[effect.name] = row["evidence"]
         self.history_ = pd.DataFrame(history, columns=HISTORY)
-        ranking = [row | {"claimed": row["effect"] in self.effects_} for row in contest.ranking]
+        last = {row["effect"]: number for number, row in enumerate(contest.ranking)}
+        ranking = [
+            row | {"claimed": row["effect"] in self.effects_ and last[row["effect"]] == number}
+            for number, row in enumerate(contest.ranking)
+        ]
         self.ranking_ = pd.DataFrame(ranking, columns=RANKING)
         self.cv_results_ = cv_results(ranking, len(contest.folds))
         self.failed_ = pd.DataFrame(contest.failed, columns=["round", "effect", "error"])
