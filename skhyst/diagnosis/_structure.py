@@ -355,8 +355,8 @@ def by_shifted_drive(records, residuals, predictions):
     x = np.concatenate([columns - columns.mean(axis=0) for *_, columns in found])
     scale = x.std(axis=0)
     basis, values, _ = np.linalg.svd(x[:, scale > 0.0] / scale[scale > 0.0], full_matrices=False)
-    basis = basis[:, values > 1e-6 * values[0]]
-    if 2 * basis.shape[1] > len(basis):
+    basis = basis[:, values > 1e-6 * values.max(initial=0.0)]
+    if not 0 < 2 * basis.shape[1] <= len(basis):  # the drive rests, or the record is too short
         return nothing
     left = []
     for k in range(-count, count + 1):
