@@ -80,6 +80,8 @@ class Contest:
     dropped : list of str
         Effects that were in the model for a time.
     seconds : dict of str to float
+    declared : Tree or None
+        With the resolution that was declared.
     """
 
     effects: list
@@ -99,6 +101,7 @@ class Contest:
     seconds: dict = field(default_factory=dict)
     _failures: list = field(default_factory=list)
     _best: dict = field(default_factory=dict)
+    declared: Any = None
     _rounds: dict = field(default_factory=dict)
     _weighings: int = 0
 
@@ -142,6 +145,10 @@ class Contest:
             self._say(f"{what}: held-out error {what.error_after:.4g}")
         return finer, done
 
+    def _finer(self, candidate):
+        """Return a candidate, of the same effects that it adds, as fine as it asks for."""
+        return replace(self.raised(candidate)[0], effects=candidate.effects)
+
     # ------------------------------------------------------------------ grow
 
     def grow(self, base):
@@ -155,7 +162,7 @@ class Contest:
                     ends.append(path)
                 further += better
                 claims += [c for c in better if self.criterion.is_better(path, c, self.n_tried)]
-            paths = [self.raised(self._refreshed(c))[0] for c in self._few(further, claims)]
+            paths = [self._finer(self._refreshed(c)) for c in self._few(further, claims)]
             for c in paths:
                 self._say(f"{' + '.join(c.structure.effects)}: held-out error {c.error:.4g}")
         return ends
@@ -172,7 +179,7 @@ class Contest:
         found = [c for c in driven if self.criterion.matters(path, c)]
         if not found:
             added = self.extended(path, additive=True)
-            found = [c for c in added if self.criterion.matters(path, c) and self._has_course(c)]
+            found = [c for c in added if self.criterion.is_better(path, c, self.n_tried)]
         if not found and room > 1 and self.is_structured(path):
             found = [c for c in self._pairs(path, driven) if self.criterion.matters(path, c)]
         return found
@@ -196,21 +203,30 @@ class Contest:
         return [c for c in least.values() if any(c is own for own in few)]
 
     def _refreshed(self, base):
-        """Return a candidate identified anew from nothing, where that predicts better."""
+        """Return a candidate identified anew from nothing, where that predicts better.
+
+        Also with the resolution that was declared: before an effect is in, another one may have
+        been wanted to make up for it.
+        """
         records = self.records_of(base)
         if self.renew is not None:
             return self.renew(base, base, records, thorough=True)
         if are_long(records):
             return self._least(base)
-        trees = [base.structure.identified(records)]
-        if base.structure.input_history:
-            anew = [replace(t, input_history=()) for t in (base.structure, *trees)]
+        tree = base.structure
+        trees = [tree.identified(records)]
+        if self.declared is not None and tree.declared is not self.declared:
+            again = self.declared
+            for name in tree.effects:
+                again = again.edited(name, *tree.edits_of(name))
+            if again.root.n_parameters != tree.root.n_parameters:
+                trees.append(again.identified(records))
+        if tree.input_history:
+            anew = [replace(t, input_history=()) for t in (tree, *trees)]
             trees = [t.with_input_history(records) for t in anew]
-        anew = min((refitted(base, tree, records) for tree in trees), key=lambda c: c.cost)
-        if anew.cost >= base.cost:
-            return self._least(base)
-        anew = held_out(anew, records, self.folds)
-        return self._least(min(base, anew, key=lambda c: c.error))
+        anew = [refitted(base, own, records) for own in trees]
+        anew = [held_out(c, records, self.folds) for c in anew if c.cost < base.cost or trees[1:]]
+        return self._least(min([base, *anew], key=lambda c: c.error))
 
     def _has_course(self, candidate):
         """Whether what is added to the response is more than the noise's own course."""
@@ -300,6 +316,8 @@ class Contest:
             and self._has_course(c)
         ]
         own = replace(base, effects=(name,))
+        # what comes near has the resolution that it asks for, as the model has
+        rivals = [c if self.criterion.matters(c, base) else self._finer(c) for c in rivals]
         margin, alpha = EFFECTS[name].plausible, self.criterion.alpha
         if has_its_name(name, margin, tree, self.records_of(base), alpha):
             rivals.append(own)
@@ -402,7 +420,8 @@ class Contest:
         key = f"{self._set(base)} and {'an additive' if additive else 'a driven'} effect"
         if key in self.steps:
             return self.steps[key]["candidates"]
-        number = self._rounds.setdefault(self._set(base), 1 + len(self._rounds))
+        effects = frozenset(base.structure.effects)
+        number = self._rounds.setdefault(effects, 1 + len(self._rounds))
         effects = [e for e in self.effects if e.beside == additive]
         effects = [e for e in effects if e.name not in base.structure.effects]
         if not fully:

@@ -41,7 +41,7 @@ from scipy.fft import dct
 from scipy.optimize import minimize
 from scipy.stats import norm
 
-from ..noise import STEEPEST
+from ..noise import STEEPEST, largest_noise
 from ._constants import DRAWS
 
 
@@ -70,13 +70,15 @@ def course_p_values(tree, records):
 def _echoes(tree, records, rests, outputs):
     """Yield what white noise on the drives becomes, as large as what a model leaves is.
 
-    Sizes are those over the ranges of drive and response.
+    Sizes are those over the ranges of drive and response, and no larger than the noise that a drive
+    can have as it was recorded.
     """
     rng = np.random.default_rng(0)
     drive, response = (np.ptp(np.concatenate([getattr(r, name) for r in records])) for name in "uy")
     size = np.concatenate(rests).std() * drive / response
+    sized = [(min(size, largest_noise(r.drive)), r) for r in records]
     for _ in range(DRAWS):
-        moved = [replace(r, u=r.u + size * rng.standard_normal(len(r.u))) for r in records]
+        moved = [replace(r, u=r.u + own * rng.standard_normal(len(r.u))) for own, r in sized]
         yield [a - b for a, b in zip(tree.respond(moved), outputs, strict=True)]
 
 
@@ -104,6 +106,9 @@ def course_p_value(courses, bases, own, echoes=()):
         return 0.0 if np.any(squares[:own] > 0.0) else 1.0
     counts = np.concatenate([np.ones(own), *(part.free for part in parts)])
     passed = sum((_squares(parts, echo) for echo in echoes), np.zeros(len(counts))) / counts
+    # the drive's noise makes no more than this part of the power
+    level = squares[own:].sum() / counts[own:].sum()
+    most = min(passed.mean() / (DRAWS * level), 1.0 - 1.0 / len(counts))
     passed = passed / passed.mean() if passed.any() else np.ones(len(counts))
 
     def deviance(x, scaled):
@@ -117,9 +122,9 @@ def course_p_value(courses, bases, own, echoes=()):
         levels = sums / sizes
         return sizes @ np.log(levels) + counts @ np.log(variances), levels[0] / levels[-1]
 
-    bounds, best = [(0.0, 0.5 * STEEPEST), (0.0, 1.0 - 1.0 / len(counts))], []
+    bounds, best = [(0.0, 0.5 * STEEPEST), (0.0, most)], []
     for scaled in (False, True):
-        starts = product((0.0, 1.0, 2.0), (0.1, 0.5, 0.9))  # white, flicker, summed up
+        starts = product((0.0, 1.0, 2.0), (0.1 * most, 0.5 * most, 0.9 * most))  # white, flicker, summed up
         start = min(starts, key=lambda x, s=scaled: deviance(x, s)[0])
         best.append(minimize(lambda x, s=scaled: deviance(x, s)[0], start, bounds=bounds))
     if deviance(best[1].x, True)[1] <= 1.0:

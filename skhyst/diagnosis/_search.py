@@ -407,6 +407,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
             kept = Checkpoint(self.checkpoint, self, self._inputs, self.response_, records, folds)
             contest.steps, contest.keep = kept.load(base), kept.save
             tell(f"{len(contest.steps)} steps are in {self.checkpoint}")
+        contest.declared = base.structure
         base, raised = contest.raised(base)
         while True:
             ends = [contest.prune(end) for end in contest.grow(base)]

@@ -96,8 +96,8 @@ def exchanged(place, folds):
     place
         The same where no other resolution predicts better.
     """
-    least = _held_out(place, folds) if folds else None
-    if least is None:
+    least = _held_out(place, folds) if folds else np.inf
+    if least == np.inf:
         return place
     best = found = place
     for candidate in (_pursued(place, folds, anew=True), place):
@@ -168,7 +168,9 @@ def whole_record_folds(records, folds):
     owner = np.repeat(np.arange(count), [len(record.segments) for record in records])
     ends = np.array([(r.drive.min(), r.drive.max()) for r in records])
     scored, split, found = np.any([test for _, test in folds], axis=0), np.zeros(count, bool), []
-    for group in np.array_split(np.arange(count), min(count, max(len(folds), 2))):
+    # in an order that their place in the data has no part in
+    order = np.lexsort([[r.drive.mean() for r in records], [r.y.mean() for r in records]])
+    for group in np.array_split(order, min(count, max(len(folds), 2))):
         others = np.delete(ends, group, axis=0)
         further = (ends[group, 0] < others[:, 0].min()) | (ends[group, 1] > others[:, 1].max())
         split[group[further]] = True
@@ -247,11 +249,11 @@ class _Columns:
 def _held_out(place, folds):
     """Return the sum of squares that folds predict, by a step from the solution for all.
 
-    None where the weights are held.
+    Nothing is told, and infinity returned, where the weights are held or no term is left.
     """
     problem = place.problem(_movable(place))
     if not _Columns(place, problem, place.part).groups.size:
-        return None
+        return np.inf
     blocks = problem.evaluate(problem.x0)
     steps = [damped_step(problem, problem.x0, problem.total(blocks, own))[0] for own, _ in folds]
     return _scored(problem, blocks, steps, folds)
