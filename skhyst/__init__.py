@@ -32,6 +32,7 @@ if TYPE_CHECKING:  # type checkers do not see what is imported on demand
     from . import metrics as metrics
     from . import model_selection as model_selection
     from . import neural as neural
+    from . import noise as noise
     from . import operators as operators
     from . import optimize as optimize
     from . import persistence as persistence

@@ -310,8 +310,8 @@ _COMPOSITION = [
     ),
     (
         "modulation: the sensitivity is that to the column, not to its change",
-        "own = y * (_one(u, self.column) - self.reference)",
-        "own = y * _one(u, self.column)",
+        "own = y * (a - self.reference)",
+        "own = y * a",
         "tests/compose/test_column*.py tests/operators/test_multi_input.py"
         " tests/operators/test_columns.py -k derivatives",
     ),
@@ -374,8 +374,8 @@ _OPTIMISATION = [
     ),
     (
         "linear part: bounds of the value, not of its change",
-        "(problem.lower - x)[index],",
-        "problem.lower[index],",
+        "gram[index, -1],\n        (problem.lower - x)[index],",
+        "gram[index, -1],\n        problem.lower[index],",
         "tests/optimize/test_variable_projection.py -k at_once",
     ),
     (

@@ -2,10 +2,7 @@
 
 from ._backfitting import Backfitting as Backfitting
 from ._backfitting import Turn as Turn
-from ._backfitting import explained_change as explained_change
-from ._backfitting import fold_of_rows as fold_of_rows
 from ._cascade import Cascade
-from ._cascade import thin_records as thin_records
 from ._columns import Modulated, OnColumn
 from ._columns import amplitude as amplitude
 from ._columns import is_constant as is_constant

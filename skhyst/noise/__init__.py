@@ -9,7 +9,6 @@ from ._differences import largest_noise as largest_noise
 from ._differences import white_noise_floor as white_noise_floor
 from ._model import STEEPEST as STEEPEST
 from ._model import NoiseModel, fit_noise
-from ._model import quantisation_step as quantisation_step
 from ._model import stretches as stretches
 
 __all__ = ["NoiseModel", "difference_noise", "fit_noise"]

@@ -37,8 +37,6 @@ from ._single_step import predicted_cost as predicted_cost
 from ._single_step import single_step as single_step
 from ._standard_errors import coloured_covariance as coloured_covariance
 from ._variable_projection import Method, VariableProjection
-from ._variable_projection import restrict as restrict
-from ._variable_projection import search_box as search_box
 from ._variable_projection import solve_linear as solve_linear
 from ._variable_projection import variable_projection as variable_projection
 from ._vector_fitting import RationalBlock as RationalBlock

@@ -49,7 +49,7 @@ def test_every_step_is_told(seen):
 def test_lines_are_told(seen):
     lines = [step.text for step in seen if step.text]
     assert lines[0].startswith("declared model: held-out error")
-    assert any(line.startswith("round 1: output_saturation, held-out error") for line in lines)
+    assert any(line.startswith("round 1: output_saturation: held-out error") for line in lines)
 
 
 @pytest.mark.parametrize("backend", ["sequential", "threading"])
@@ -71,7 +71,7 @@ def test_a_terminal_has_a_bar_on_the_standard_error_stream(data, monkeypatch, ca
     assert written.out == ""
     assert "declared model" in written.err
     assert "0:00:0" in written.err
-    assert "round 1: output_saturation, held-out error" in written.err
+    assert "round 1: output_saturation: held-out error" in written.err
 
 
 def test_workers_have_no_bar(monkeypatch):

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from skhyst.noise import largest_noise, white_noise_floor
-from skhyst.noise._differences import difference_noise
+from skhyst.noise import difference_noise, largest_noise, white_noise_floor
 
 N = 4000
 
