@@ -249,8 +249,8 @@ class Contest:
     def prune(self, base):
         """Take out what is not needed, least first; return what is left.
 
-        An effect stays where without it another one would become what its name does not say. Two
-        effects may each make up for what the other one spoils, as a lag and a lead do: they are
+        An effect stays where without it another one would do the same, but become what its name does
+        not say. Two effects may each make up for what the other one spoils, as a lag and a lead do: they are
         taken out together too.
         """
         while base.structure.effects:
@@ -259,7 +259,8 @@ class Contest:
             needless = {
                 own: c
                 for own, c in reduced.items()
-                if not self._is_needed(base, *own, c) and self._keeps_names(c)
+                if not self._is_needed(base, *own, c)
+                and (self.criterion.matters(c, base) or self._keeps_names(c))
             }
             if not needless:
                 for first, second in combinations(names, 2):
