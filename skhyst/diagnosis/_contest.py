@@ -125,10 +125,9 @@ class Contest:
 
     @property
     def _helpful(self):
-        """Names of the effects that have lowered the held-out error of some model by enough."""
-        factor = 1.0 - self.criterion.min_improvement
+        """Names of the effects that have lowered the held-out error of some model."""
         rows = [row for step in self._visited.values() for row in step["rows"]]
-        return {r["effect"] for r in rows if r["error_after"] < factor * r["error_before"]}
+        return {row["effect"] for row in rows if row["error_after"] < row["error_before"]}
 
     @property
     def failed(self):
@@ -230,7 +229,7 @@ class Contest:
         for other in trees:
             candidate = refitted(base, other, records)
             better = candidate.cost < base.cost or other is not trees[0]
-            if better and (self._keeps_names(candidate) or not self._keeps_names(base)):
+            if better and self._keeps_names(candidate, base):
                 anew.append(held_out(candidate, records, self.folds))
         return self._least(min(map(self._finer, [base, *anew]), key=lambda c: c.error))
 
@@ -249,9 +248,9 @@ class Contest:
     def prune(self, base):
         """Take out what is not needed, least first; return what is left.
 
-        An effect stays where without it another one would do the same, but become what its name does
-        not say. Two effects may each make up for what the other one spoils, as a lag and a lead do: they are
-        taken out together too.
+        An effect stays where without it another one would do the same, but become what its name
+        does not say. Two effects may each make up for what the other one spoils, as a lag and a
+        lead do: they are taken out together too.
         """
         while base.structure.effects:
             names = base.structure.effects
@@ -260,7 +259,7 @@ class Contest:
                 own: c
                 for own, c in reduced.items()
                 if not self._is_needed(base, *own, c)
-                and (self.criterion.matters(c, base) or self._keeps_names(c))
+                and (self.criterion.matters(c, base) or self._keeps_names(c, base))
             }
             if not needless:
                 for first, second in combinations(names, 2):
@@ -279,10 +278,12 @@ class Contest:
         own = replace(base, effects=(name,))
         return self.criterion.is_better(reduced, base, self.n_tried) and self._has_course(own)
 
-    def _keeps_names(self, candidate):
-        """Whether all effects of a candidate are what their names say."""
+    def _keeps_names(self, candidate, base):
+        """Whether effects of a candidate are what their names say that were so in a base."""
         names = candidate.structure.effects
-        return all(self._has_its_name(candidate, name) for name in names)
+        return all(
+            self._has_its_name(candidate, n) or not self._has_its_name(base, n) for n in names
+        )
 
     def _has_its_name(self, candidate, name):
         records, margin = self.records_of(candidate), EFFECTS[name].plausible
