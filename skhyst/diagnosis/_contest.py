@@ -22,6 +22,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import combinations
 from math import comb
 from typing import Any
 
@@ -99,6 +100,7 @@ class Contest:
     steps: dict = field(default_factory=dict)
     dropped: list = field(default_factory=list)
     seconds: dict = field(default_factory=dict)
+    _visited: dict = field(default_factory=dict)  # what this search has come to, of the steps
     _failures: list = field(default_factory=list)
     _best: dict = field(default_factory=dict)
     declared: Any = None
@@ -110,27 +112,27 @@ class Contest:
     @property
     def n_tried(self):
         """Number of contestants that were screened in a model, and of pairs that were possible."""
-        singles = [step["n_tried"] for step in self.steps.values() if not step["in_pairs"]]
-        pairs = [step["n_tried"] for step in self.steps.values() if step["in_pairs"]]
+        singles = [step["n_tried"] for step in self._visited.values() if not step["in_pairs"]]
+        pairs = [step["n_tried"] for step in self._visited.values() if step["in_pairs"]]
         return max(singles, default=1) + max(pairs, default=0)
 
     @property
     def ranking(self):
         """A row for each effect and round, with the p-value for all that was tried."""
-        rows = [row for step in self.steps.values() for row in step["rows"]]
-        return [row | {"p_value": min(1.0, self.n_tried * row["p_value"])} for row in rows]
+        rows = [row for step in self._visited.values() for row in step["rows"]]
+        family = self.n_tried  # a p-value that is not known is NaN
+        return [row | {"p_value": float(np.minimum(1.0, family * row["p_value"]))} for row in rows]
 
     @property
     def _helpful(self):
-        """Names of the effects that have lowered the held-out error of some model by enough."""
-        factor = 1.0 - self.criterion.min_improvement
-        rows = [row for step in self.steps.values() for row in step["rows"]]
-        return {r["effect"] for r in rows if r["error_after"] < factor * r["error_before"]}
+        """Names of the effects that have lowered the held-out error of some model."""
+        rows = [row for step in self._visited.values() for row in step["rows"]]
+        return {row["effect"] for row in rows if row["error_after"] < row["error_before"]}
 
     @property
     def failed(self):
         """A row for each candidate that raised an error."""
-        return [row for step in self.steps.values() for row in step["failed"]]
+        return [row for step in self._visited.values() for row in step["failed"]]
 
     # ------------------------------------------------------------------ resolution
 
@@ -162,7 +164,7 @@ class Contest:
                     ends.append(path)
                 further += better
                 claims += [c for c in better if self.criterion.is_better(path, c, self.n_tried)]
-            paths = [self._finer(self._refreshed(c)) for c in self._few(further, claims)]
+            paths = [self._refreshed(c) for c in self._few(further, claims)]
             for c in paths:
                 self._say(f"{' + '.join(c.structure.effects)}: held-out error {c.error:.4g}")
         return ends
@@ -203,30 +205,33 @@ class Contest:
         return [c for c in least.values() if any(c is own for own in few)]
 
     def _refreshed(self, base):
-        """Return a candidate identified anew from nothing, where that predicts better.
+        """Return a candidate identified anew from nothing, as fine as it asks for.
 
         Also with the resolution that was declared: before an effect is in, another one may have
-        been wanted to make up for it.
+        been wanted to make up for it. What predicts best is returned.
         """
         records = self.records_of(base)
         if self.renew is not None:
             return self.renew(base, base, records, thorough=True)
-        if are_long(records):
-            return self._least(base)
-        tree = base.structure
-        trees = [tree.identified(records)]
-        if self.declared is not None and tree.declared is not self.declared:
-            again = self.declared
-            for name in tree.effects:
-                again = again.edited(name, *tree.edits_of(name))
-            if again.root.n_parameters != tree.root.n_parameters:
+        tree, anew = base.structure, []
+        trees = [] if are_long(records) else [tree.identified(records)]
+        # a tree from a checkpoint is another object
+        if self.declared is not None and tree.declared is not None:
+            sizes = {own.root.n_parameters for own in (tree.declared, self.declared)}
+            if len(sizes) > 1:
+                again = self.declared
+                for name in tree.effects:
+                    again = again.edited(name, *tree.edits_of(name))
                 trees.append(again.identified(records))
         if tree.input_history:
-            anew = [replace(t, input_history=()) for t in (tree, *trees)]
-            trees = [t.with_input_history(records) for t in anew]
-        anew = [refitted(base, own, records) for own in trees]
-        anew = [held_out(c, records, self.folds) for c in anew if c.cost < base.cost or trees[1:]]
-        return self._least(min([base, *anew], key=lambda c: c.error))
+            trees = [replace(t, input_history=()) for t in (tree, *trees)]
+            trees = [t.with_input_history(records) for t in trees]
+        for other in trees:
+            candidate = refitted(base, other, records)
+            better = candidate.cost < base.cost or other is not trees[0]
+            if better and self._keeps_names(candidate, base):
+                anew.append(held_out(candidate, records, self.folds))
+        return self._least(min(map(self._finer, [base, *anew]), key=lambda c: c.error))
 
     def _has_course(self, candidate):
         """Whether what is added to the response is more than the noise's own course."""
@@ -241,29 +246,53 @@ class Contest:
     # ------------------------------------------------------------------ prune
 
     def prune(self, base):
-        """Take out what is not needed, least first; return what is left."""
+        """Take out what is not needed, least first; return what is left.
+
+        An effect stays where without it another one would do the same, but become what its name
+        does not say. Two effects may each make up for what the other one spoils, as a lag and a
+        lead do: they are taken out together too.
+        """
         while base.structure.effects:
-            reduced = {name: self.without(base, name) for name in base.structure.effects}
-            needless = {n: c for n, c in reduced.items() if not self._is_needed(base, n, c)}
+            names = base.structure.effects
+            reduced = {(name,): self.without(base, name) for name in names}
+            needless = {
+                own: c
+                for own, c in reduced.items()
+                if not self._is_needed(base, *own, c)
+                and (self.criterion.matters(c, base) or self._keeps_names(c, base))
+            }
+            if not needless:
+                for first, second in combinations(names, 2):
+                    both = self.without(reduced[first,], second)
+                    if not self.criterion.is_better(both, base, self.n_tried):
+                        needless[first, second] = both
             if not needless:
                 break
-            name = min(needless, key=lambda n: needless[n].error)
-            base = self._dropped(base, name, needless[name])
+            own = min(needless, key=lambda own: needless[own].error)
+            self.dropped += [n for n in names if n not in needless[own].structure.effects]
+            base = needless[own]
+            self._say(f"{' and '.join(own)} not needed: held-out error {base.error:.4g}")
         return base
 
     def _is_needed(self, base, name, reduced):
         own = replace(base, effects=(name,))
         return self.criterion.is_better(reduced, base, self.n_tried) and self._has_course(own)
 
-    def _dropped(self, base, name, reduced):
-        self.dropped += [n for n in base.structure.effects if n not in reduced.structure.effects]
-        self._say(f"{name} is not needed: held-out error {reduced.error:.4g}")
-        return reduced
+    def _keeps_names(self, candidate, base):
+        """Whether effects of a candidate are what their names say that were so in a base."""
+        names = candidate.structure.effects
+        return all(
+            self._has_its_name(candidate, n) or not self._has_its_name(base, n) for n in names
+        )
+
+    def _has_its_name(self, candidate, name):
+        records, margin = self.records_of(candidate), EFFECTS[name].plausible
+        return has_its_name(name, margin, candidate.structure, records, self.criterion.alpha)
 
     def without(self, base, name):
         """Return a candidate without one of its effects, held out."""
         key = f"{self._set(base)} without {name}"
-        if key not in self.steps:
+        if not self._is_done(key):
             records = self.records_of(base)
             reduced = refitted(base, base.structure.without(name), records)
             if self.renew is None:
@@ -285,22 +314,20 @@ class Contest:
 
     def named(self, base):
         """Return a candidate with the best name at each place, and what is ambiguous with it."""
-        seen, ambiguous = set(), {}
-        while frozenset(base.structure.effects) not in seen:
-            seen.add(frozenset(base.structure.effects))
-            ambiguous = {}
+        seen = set()
+        while self._set(base) not in seen:
+            seen.add(self._set(base))
             for name in base.structure.effects:
-                chosen, same = self._contested(base, name)
-                if chosen is None or chosen.structure is not base.structure:
-                    base = self.prune(self.without(base, name) if chosen is None else chosen)
+                chosen, _ = self._contested(base, name)
+                if chosen is not base:
+                    base = self.prune(chosen)
                     break
-                ambiguous[name] = same
-        return base, ambiguous
+        return base, {name: self._contested(base, name)[1] for name in base.structure.effects}
 
     def _contested(self, base, name):
         """Return the best of an effect and its rivals, and the names of those not told from it.
 
-        None where the effect is not what its name says, and no rival is.
+        An effect that is not what its name says stays where no rival is.
         """
         reduced = self.without(base, name)
         tree = base.structure
@@ -311,18 +338,17 @@ class Contest:
         rivals = [
             c
             for c in rivals
-            if c.effects != (name,)
-            and self.criterion.is_better(reduced, c, family)
+            if self.criterion.is_better(reduced, c, family)
             and self._has_course(c)
+            # another variant of the same effect is none, unless it matters
+            and (c.effects != (name,) or self.criterion.matters(base, c))
         ]
         own = replace(base, effects=(name,))
         # what comes near has the resolution that it asks for, as the model has
         rivals = [c if self.criterion.matters(c, base) else self._finer(c) for c in rivals]
-        margin, alpha = EFFECTS[name].plausible, self.criterion.alpha
-        if has_its_name(name, margin, tree, self.records_of(base), alpha):
+        alpha = self.criterion.alpha
+        if self._has_its_name(base, name) or not rivals:
             rivals.append(own)
-        if not rivals:
-            return None, []
         chosen = min(rivals, key=lambda c: c.error)
         same = [c for c in rivals if self.criterion.p_value(c, chosen) >= alpha]
         simpler = [
@@ -417,16 +443,15 @@ class Contest:
         fully : bool, default=True
             Whether all are tried, or those that have helped some model of the search before.
         """
+        number = self._rounds.setdefault(frozenset(base.structure.effects), 1 + len(self._rounds))
         key = f"{self._set(base)} and {'an additive' if additive else 'a driven'} effect"
-        if key in self.steps:
+        if self._is_done(key):
             return self.steps[key]["candidates"]
-        effects = frozenset(base.structure.effects)
-        number = self._rounds.setdefault(effects, 1 + len(self._rounds))
         effects = [e for e in self.effects if e.beside == additive]
         effects = [e for e in effects if e.name not in base.structure.effects]
         if not fully:
             key += " that has helped"
-            if key in self.steps:
+            if self._is_done(key):
                 return self.steps[key]["candidates"]
             effects = [e for e in effects if e.name in self._helpful]
         begin = time.perf_counter()
@@ -442,7 +467,7 @@ class Contest:
     def _pairs(self, base, singles):
         """Return the candidates that fit best, each with every other effect too, held out."""
         key = f"{self._set(base)} and a pair"
-        if key not in self.steps:
+        if not self._is_done(key):
             begin = time.perf_counter()
             effects = [e for e in self.effects if e.name not in base.structure.effects]
             best = sorted(singles, key=lambda c: c.cost)[:FACTOR]
@@ -455,8 +480,14 @@ class Contest:
             self._keep(key, found, n_tried=comb(len(effects), 2), in_pairs=True)
         return self.steps[key]["candidates"]
 
+    def _is_done(self, key):
+        """Whether a step is finished, by this search or by the one that it goes on from."""
+        if key in self.steps:
+            self._visited[key] = self.steps[key]
+        return key in self.steps
+
     def _keep(self, key, candidates, rows=(), n_tried=0, in_pairs=False):
-        self.steps[key] = {
+        self._visited[key] = self.steps[key] = {
             "candidates": candidates,
             "rows": list(rows),
             "n_tried": n_tried,
@@ -589,7 +620,7 @@ class Contest:
             added = (c or fit).n_parameters - base.n_parameters if c or fit else 0
             yield {
                 "round": number,
-                "beside": base.structure.effects,
+                "beside": " + ".join(base.structure.effects),
                 "effect": effect.name,
                 "screen": round(max(1.0 - fit.cost / cost, 0.0), 9) if fit else 0.0,
                 "error_before": base.error,

@@ -731,7 +731,7 @@ def _displays(search):
         "loops": HysteresisLoopDisplay.from_search(search, draw=False),
         "residuals": ResidualDisplay.from_search(search, draw=False),
     }
-    contested = search.ranking_[np.isfinite(search.ranking_["error_after"])]
+    contested = search.ranking_[search.ranking_["error_after"].notna()]
     for n in map(int, contested["round"].unique()):
         displays[f"round {n}"] = EffectRankingDisplay.from_search(search, round=n, draw=False)
     for name in search.effects_:

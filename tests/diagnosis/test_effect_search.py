@@ -377,7 +377,8 @@ def test_a_users_own_effect_is_found():
     effect = Effect("dead_band", lambda: [DeadBand()], "No response around zero.", "Drive less.")
     register_effect(effect)
     try:
-        search = search_of(max_effects=1).fit(X, recording.y_train)
+        search = search_of(effects=["lag", "offset", "dead_band"])
+        search.fit(X, recording.y_train)
     finally:
         unregister_effect("dead_band")
     assert search.effects_ == ["dead_band"]
