@@ -4,7 +4,6 @@ import copy
 import pickle
 import subprocess
 import sys
-import warnings
 
 import numpy as np
 import pandas as pd
@@ -316,6 +315,7 @@ def test_a_model_knows_the_range_and_the_rate_of_its_drive(model):
     assert not hasattr(clone(model), "drive_range_")
 
 
+@pytest.mark.filterwarnings("ignore::skhyst.exceptions.ShortRecordWarning")  # turned round
 def test_refit_forgets(model):
     first = clone(model).fit(X[::-1], 2.0 * Y[::-1])
     np.testing.assert_array_equal(first.fit(X, Y).predict(X), model.fit(X, Y).predict(X))
@@ -371,12 +371,9 @@ def test_a_model_of_ones_own():
 
 
 @pytest.mark.parametrize("model", [PrandtlIshlinskii(5), Preisach(5), MaxwellSlip(5)])
-def test_a_response_of_the_wrong_sign_is_said_to_be_so(model):
+def test_a_response_that_falls_is_followed_as_one_that_rises(model):
     drive = np.sin(np.linspace(0.0, 20.0, 400)) * np.linspace(1.0, 0.2, 400)
     X = drive.reshape(-1, 1)
-    with pytest.warns(ConvergenceWarning, match="does not rise with the drive"):
-        clone(model).fit(X, -drive)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", ConvergenceWarning)
-        clone(model).fit(X, drive)
-        clone(model).fit(X, np.full(400, 0.1))  # which no sign is wrong for
+    rising, falling = clone(model).fit(X, drive), clone(model).fit(X, -drive)
+    np.testing.assert_allclose(falling.predict(X), -rising.predict(X), atol=1e-9)
+    clone(model).fit(X, np.full(400, 0.1))  # which has no direction

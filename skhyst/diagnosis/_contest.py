@@ -443,7 +443,7 @@ class Contest:
         fully : bool, default=True
             Whether all are tried, or those that have helped some model of the search before.
         """
-        number = self._rounds.setdefault(frozenset(base.structure.effects), 1 + len(self._rounds))
+        number = self._rounds.setdefault(self._set(base), 1 + len(self._rounds))
         key = f"{self._set(base)} and {'an additive' if additive else 'a driven'} effect"
         if self._is_done(key):
             return self.steps[key]["candidates"]

@@ -443,18 +443,18 @@ def _read_feather(path):
         rows = sum(file.get_batch(i).num_rows for i in range(file.num_record_batches))
     check_size("its table", rows * _arrow_width(fields), content.size)
     load = partial(_feather_values, ipc, content)
-    return [Variable(own.name, (rows,), partial(load, i)) for i, own in enumerate(fields)]
+    return [Variable(own.name, (rows,), partial(load, i, own.name)) for i, own in enumerate(fields)]
 
 
 def _feather_columns(ipc, content, columns):
     return ipc.open_file(content, options=ipc.IpcReadOptions(included_fields=columns))
 
 
-def _feather_values(ipc, content, column):
+def _feather_values(ipc, content, column, name):
     with _feather_columns(ipc, content, [column]) as file:
         values = file.read_all().column(0)
     values.validate(full=True)  # offsets of strings in a broken file may point outside the data
-    return _arrow_values(file.schema.names[column], values, content.size)
+    return _arrow_values(name, values, content.size)
 
 
 def _read_tdms(path):

@@ -246,7 +246,8 @@ def test_a_file_that_names_what_can_run_code_is_refused(model, tmp_path, capsys,
     pytest.importorskip("skops.io")
     hostile = PrandtlIshlinskii()
     vars(hostile).update(vars(model), note=held)
-    save_model(hostile, tmp_path / "stage.skops")
+    with pytest.warns(UserWarning, match=name):
+        save_model(hostile, tmp_path / "stage.skops")
     assert main(["export", str(tmp_path / "stage.skops"), "--c", str(tmp_path)]) == 1
     printed = capsys.readouterr().err
     assert name in printed

@@ -227,6 +227,7 @@ def test_three_times_the_reference_is_cut_and_told():
         Cascade([("plays", PrandtlIshlinskii(5)), ("knee", SoftSaturation(sides="upper"))], dt=DT),
     ],
 )
+@pytest.mark.filterwarnings("ignore::skhyst.exceptions.ShortRecordWarning")  # the clipping is slow
 def test_a_stage_that_was_clipped_is_driven_no_further(model):
     """Recorded at 5 to 75 V, clipped at 6.5 um, asked for 14 um."""
     u = 40.0 + 35.0 * np.sin(4.0 * np.pi * TIME) * TIME / TIME[-1]
