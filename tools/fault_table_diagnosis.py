@@ -123,8 +123,8 @@ DIAGNOSIS = [
     ),
     (
         "a finished step is done again",
-        'if key in self.steps:\n            return self.steps[key]["candidates"]\n        effects = frozenset',
-        'if False:\n            return self.steps[key]["candidates"]\n        effects = frozenset',
+        "            self._visited[key] = self.steps[key]\n        return key in self.steps",
+        "            self._visited[key] = self.steps[key]\n        return False",
         "tests/diagnosis/test_decision.py -k finished",
     ),
 ]
