@@ -3,8 +3,8 @@
 DIAGNOSIS = [
     (
         "an effect stays although the model predicts as well without it",
-        "if not self._is_needed(base, n, c)}",
-        "if False}",
+        "if not self._is_needed(base, *own, c)\n",
+        "if False\n",
         "tests/diagnosis/test_decision.py -k stood_in",
     ),
     (

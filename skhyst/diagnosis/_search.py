@@ -430,7 +430,8 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         records = contest.records_of(base)
         begin = time.perf_counter()
         decided, (first, base) = base, self._by_records(slices, records, first, base)
-        self.error_before_, self.error_after_ = first.error, base.error
+        self.error_before_: float = first.error
+        self.error_after_: float = base.error
         self.effects_: list[str] = [row["effect"] for row in history]
         self.dropped_ = [n for n in dict.fromkeys(contest.dropped) if n not in self.effects_]
         self.residual_before_: np.ndarray = np.concatenate(first.residuals)
