@@ -320,10 +320,6 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
             for name, spec in super().entries()
         ]
 
-    def unpack(self, vector):
-        moved = super().unpack(vector)
-        return replace(moved, numerators=moved.numerators.reshape(np.shape(self.numerators)))
-
     def part(self, i):
         """Return the transfer function of one input, without its delay and the intercept.
 

@@ -192,8 +192,8 @@ class Operator(Part, ABC):
         vector = np.asarray(vector, dtype=float)
         changes, start = {}, 0
         for name, size in self._sizes.items():
-            part = vector[start : start + size]
-            changes[name] = float(part[0]) if np.ndim(getattr(self, name)) == 0 else part.copy()
+            part, shape = vector[start : start + size], np.shape(getattr(self, name))
+            changes[name] = part.copy().reshape(shape) if shape else float(part[0])
             start += size
         return dataclasses.replace(self, **changes)
 
