@@ -452,9 +452,10 @@ def _feather_columns(ipc, content, columns):
 
 def _feather_values(ipc, content, column):
     with _feather_columns(ipc, content, [column]) as file:
-        values = file.read_all().column(0)
+        table = file.read_all()  # of this column alone, in its schema too
+    values = table.column(0)
     values.validate(full=True)  # offsets of strings in a broken file may point outside the data
-    return _arrow_values(file.schema.names[column], values, content.size)
+    return _arrow_values(table.column_names[0], values, content.size)
 
 
 def _read_tdms(path):
