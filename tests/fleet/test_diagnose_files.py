@@ -106,7 +106,7 @@ def test_what_cannot_be_gone_on_with_is_refused(files, search, tmp_path):
         diagnose_files([files[0], files[0]], search)
     with pytest.raises(ValueError, match=r"no table of diagnose_files"):
         read_summary(files[0])
-    with pytest.raises(FileExistsError, match="what is read"):
+    with pytest.raises(FileExistsError, match="is an input: it is never overwritten"):
         diagnose_files(files, search, summary=files[0])
 
 
