@@ -262,8 +262,9 @@ def solve(problems, method, with_errors=True):
     n_samples = problem.segment_weight.sum()  # a sample of weight 2 stands for two
     operator, disturbances = problem.unpack(solution.x)
     blocks = problem.evaluate(solution.x) if with_errors or disturbances else None
-    coefficients = np.empty((len(problem.records), 0))
-    if blocks is not None:
+    if blocks is None:
+        coefficients = np.empty((len(problem.records), 0))
+    else:
         coefficients = problem.coefficients(blocks)
     uncertainty = _uncertainty(problem, solution, blocks, coefficients.size) if with_errors else {}
     start, filled = 0, []
