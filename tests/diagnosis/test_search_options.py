@@ -210,7 +210,7 @@ def test_progress_goes_to_the_standard_error_stream(capsys):
     few(verbose=1, effects=["lag"]).fit(recording.X_train, recording.y_train)
     written = capsys.readouterr()
     assert written.out == ""
-    assert "round 2: lag: held-out error" in written.err
+    assert "round 1: lag: held-out error" in written.err
     few(effects=["lag"]).fit(recording.X_train, recording.y_train)
     assert capsys.readouterr().err == ""
     few(verbose=1, effects=["offset"]).fit(recording.X_train, recording.y_train)
