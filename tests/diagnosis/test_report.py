@@ -480,7 +480,7 @@ def test_what_is_missing_names_the_extra(nothing, monkeypatch, module, name, wit
         with pytest.raises(ImportError, match=rf"{name}.*skhyst\[plot\]"):
             getattr(nothing, form)()
     assert getattr(nothing, without)()
-    assert nothing.to_text().startswith("missing: nothing\n")
+    assert "missing: nothing\n" in nothing.to_text()
 
 
 def test_every_view_tells_the_same(report):
@@ -503,7 +503,7 @@ def test_every_view_tells_the_same(report):
     assert len(other.remarks) == 2
     for view in views:
         assert [own for own in said if own not in view.replace("\N{NO-BREAK SPACE}", " ")] == []
-    assert other.to_text().startswith("missing: resonance\n  resonance: ")
+    assert "missing: resonance\n  resonance: " in other.to_text()
     again = Report({**json.loads(other.to_json())})
     assert again.to_markdown() == other.to_markdown()
 
