@@ -269,7 +269,12 @@ SAID = [  # report, changes of it, what it says, and what it does not say
         ["Missing: resonance; and undetermined", "the recording cannot tell"],
         "nexplained",
     ),
-    ("report", provisional, ["which may stand for what the list of effects lacks", "more than half of the structure"], "Nothing"),
+    (
+        "report",
+        provisional,
+        ["which may stand for what the list of effects lacks", "more than half of the structure"],
+        "Nothing",
+    ),
     ("report", {}, ["Missing: resonance"], "rovisional"),
     ("report", ambiguous, ["cannot tell it from lag", "Ring it, then listen."], "dropped"),
     (
