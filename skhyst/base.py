@@ -399,6 +399,11 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         operator : Operator
             As ``operator_``, with other terms than the parameters say; see
             :class:`skhyst.operators.Resolution`.
+
+        Returns
+        -------
+        estimator
+            Unfitted.
         """
         return self
 
@@ -492,12 +497,21 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         return self.adopt(result)
 
     def cautions(self, result, records):
-        """Yield what a user has to know of what identification found: a message, a category.
+        """Yield what a user has to know of what identification found.
 
         Parameters
         ----------
         result : IdentificationResult
+            Of this model.
         records : sequence of RecordData
+            It was identified from.
+
+        Yields
+        ------
+        message : str
+            A sentence.
+        category : type
+            Of the warning that a fit gives.
         """
         if _is_constant(result.operator) and any(np.ptp(record.y) > 0.0 for record in records):
             yield (

@@ -73,7 +73,7 @@ def is_code(member):
 
 
 # what only the search asks of an operator: the developers' page describes it
-TRAITS = {"characteristics", "lag_rates", "n_ringing"}
+TRAITS = {"characteristics", "lag_rates", "finer", "n_ringing", "position_tangents"}
 
 
 def faults(names, switched_off):

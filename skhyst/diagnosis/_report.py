@@ -199,7 +199,18 @@ class Report:
         return copy.deepcopy({"schema": "skhyst.report/1"} | words | self.content)
 
     def to_json(self, path=None) -> str:
-        """Return :meth:`to_dict` as JSON text, written to a file ``path`` where one is given."""
+        """Return :meth:`to_dict` as JSON.
+
+        Parameters
+        ----------
+        path : str, Path or None, default=None
+            File to write as well.
+
+        Returns
+        -------
+        str
+            JSON.
+        """
         text = json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
         return _written(printable(text), path)
 

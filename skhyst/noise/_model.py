@@ -89,6 +89,16 @@ class NoiseModel:
         """Return after how many samples the correlation has fallen to 1/e; 0 for white noise.
 
         It is that of the coloured part in a record of so many samples, whose mean is taken off.
+
+        Parameters
+        ----------
+        n_samples : int
+            Of the record.
+
+        Returns
+        -------
+        int
+            Samples.
         """
         if self.law == "white":
             return 0

@@ -78,7 +78,6 @@ __all__ = [
     "FrozenOperator",
     "InverseLinearOperator",
     "InverseOperator",
-    "MovableOperator",
     "OnColumnOperator",
     "OneStateOperator",
     "Operator",

@@ -42,11 +42,33 @@ class Resolution:
     fixed: float | None = None
 
     def of(self, operator):
-        """Return the number of terms of an operator."""
+        """Return the number of terms of an operator.
+
+        Parameters
+        ----------
+        operator : Operator
+            That has this resolution.
+
+        Returns
+        -------
+        int
+            Number of terms.
+        """
         return np.size(getattr(operator, self.weights))
 
     def stays(self, operator):
-        """Mark the terms that stay, (n_terms,)."""
+        """Mark the terms that stay.
+
+        Parameters
+        ----------
+        operator : Operator
+            That has this resolution.
+
+        Returns
+        -------
+        ndarray of bool of shape (n_terms,)
+            True where a term stays.
+        """
         if self.fixed is None:
             return np.zeros(self.of(operator), dtype=bool)
         return np.asarray(getattr(operator, self.positions)) == self.fixed

@@ -3,7 +3,7 @@
 from ._bounded_step import bounded_step as bounded_step
 from ._exchange import Alone as Alone
 from ._exchange import block_folds as block_folds
-from ._exchange import exchanged
+from ._exchange import exchanged as exchanged
 from ._exchange import merged_segments as merged_segments
 from ._exchange import whole_record_folds as whole_record_folds
 from ._frequency_problem import FrequencyProblem as FrequencyProblem
@@ -53,6 +53,5 @@ __all__ = [
     "ParticleSwarm",
     "RecordData",
     "VariableProjection",
-    "exchanged",
     "identify",
 ]

@@ -37,14 +37,8 @@ class IdentificationResult:
         The driven part, identified.
     disturbances : tuple of DisturbanceOperator
         Additive disturbances; coefficients are the mean over records.
-    params, params_std : dict of str to float
-        Values in their own units and standard errors, whatever the colour of the noise; NaN for a
-        value at its bound. No errors, and nothing that follows from them, where they were not asked
-        for.
-    undetermined : tuple of str
-        Parameters that the data do not determine.
-    condition_number : float
-        Of the scaled normal equations.
+    params : dict of str to float
+        Values in their own units.
     record_coefficients : ndarray of shape (n_records, n_coefficients)
         Of the disturbances.
     error : float
@@ -61,11 +55,18 @@ class IdentificationResult:
         Evaluations and sum of squares after each accepted step.
     x : ndarray
         The solution in the coordinates of the problem.
+    params_std : dict of str to float
+        Standard errors, whatever the colour of the noise; NaN for a value at its bound. No errors, and nothing that follows from them, where they were not asked
+        for.
+    params_std_white : dict of str to float, default={}
+        Standard errors if the noise is white.
+    undetermined : tuple of str
+        Parameters that the data do not determine.
+    condition_number : float
+        Of the scaled normal equations.
     covariance : ndarray of shape (n_parameters, n_parameters), default=None
         Of the values of ``params``, in that order and in their own units; NaN where the data do
         not determine a value or it is at a bound. None where it was not computed.
-    params_std_white : dict of str to float, default={}
-        Standard errors if the noise is white.
     short : tuple of str, default=()
         Parameters for which the records are worth fewer than two independent samples.
     damping : tuple of float, default=()
