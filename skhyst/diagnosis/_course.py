@@ -124,9 +124,8 @@ def course_p_value(courses, bases, own, echoes=()):
 
     bounds, best = [(0.0, 0.5 * STEEPEST), (0.0, most)], []
     for scaled in (False, True):
-        starts = product(
-            (0.0, 1.0, 2.0), (0.1 * most, 0.5 * most, 0.9 * most)
-        )  # white, flicker, summed up
+        # white, flicker, summed up
+        starts = product((0.0, 1.0, 2.0), (0.1 * most, 0.5 * most, 0.9 * most))
         start = min(starts, key=lambda x, s=scaled: deviance(x, s)[0])
         best.append(minimize(lambda x, s=scaled: deviance(x, s)[0], start, bounds=bounds))
     if deviance(best[1].x, True)[1] <= 1.0:

@@ -205,7 +205,8 @@ class Report:
 
     def to_text(self) -> str:
         """Return what is missing, the errors, what is left and remarks, in a few lines."""
-        lines = [f"missing: {', '.join(self.effects) or 'nothing'}"]
+        lines = [f"resolution: {', '.join(self.resolution)}"] if self.resolution else []
+        lines.append(f"missing: {', '.join(self.effects) or 'nothing'}")
         for claim in self.claims:
             lines.append(f"  {claim['effect']}: {claim['statement']}")
             if claim["ambiguous_with"]:

@@ -269,13 +269,18 @@ SAID = [  # report, changes of it, what it says, and what it does not say
         ["Missing: resonance; and undetermined", "the recording cannot tell"],
         "nexplained",
     ),
-    ("report", provisional, ["provisionally", "more than half of the structure"], "Nothing"),
+    (
+        "report",
+        provisional,
+        ["which may stand for what the list of effects lacks", "more than half of the structure"],
+        "Nothing",
+    ),
     ("report", {}, ["Missing: resonance"], "rovisional"),
     ("report", ambiguous, ["cannot tell it from lag", "Ring it, then listen."], "dropped"),
     (
         "report",
         {"dropped": ["my_lag"]},
-        ["my_lag had been claimed first, and was dropped"],
+        ["my_lag was tried in the model: nothing is lost without it"],
         "unexplained",
     ),
     ("report", full, ["Something unexplained", "no more effects than max_effects"], "no further"),
@@ -338,7 +343,8 @@ def test_held_out_data_are_reported(search, recording):
 
 
 def by_candidate(rows):
-    return pd.DataFrame(rows).set_index(["round", "effect"]).sort_index().astype(float)
+    rows = pd.DataFrame(rows).set_index(["round", "effect"]).sort_index()
+    return rows.drop(columns="beside").astype(float), rows["beside"].map(tuple)
 
 
 @pytest.mark.parametrize("which", ["report", "nothing"])
@@ -359,7 +365,9 @@ def test_json_is_finite_and_equals_the_search(report, search):
         assert data[name] == getattr(search, f"{name}_")
     assert data["response_range"] == np.ptp(search.response_)
     assert data["command"] == COMMAND
-    pd.testing.assert_frame_equal(by_candidate(data["ranking"]), by_candidate(search.ranking_))
+    told, found = by_candidate(data["ranking"]), by_candidate(search.ranking_)
+    pd.testing.assert_frame_equal(told[0], found[0])
+    pd.testing.assert_series_equal(told[1], found[1])
     numbers = {r["name"]: (r["value"], r["std"], r["unit"]) for r in data["claims"][0]["numbers"]}
     for name, (value, std, unit) in search.evidence_["resonance"].numbers.items():
         assert numbers[name] == (value, None if math.isnan(std) else std, unit)
@@ -477,7 +485,9 @@ def test_what_is_missing_names_the_extra(nothing, monkeypatch, module, name, wit
         with pytest.raises(ImportError, match=rf"{name}.*skhyst\[plot\]"):
             getattr(nothing, form)()
     assert getattr(nothing, without)()
-    assert nothing.to_text().startswith("missing: nothing\n")
+    resolution, missing = nothing.to_text().splitlines()[:2]
+    assert resolution == f"resolution: {', '.join(nothing.resolution)}"
+    assert missing == "missing: nothing"
 
 
 def test_every_view_tells_the_same(report):
@@ -485,7 +495,9 @@ def test_every_view_tells_the_same(report):
     kept = {"n_samples": 7, "response_range": 1.0, "error_before": 0.2, "error_after": 0.1}
     failed = [{"round": 1, "effect": "offset", "error": "ValueError: no"}]
     resampled = report.data | {"resampling_error": 0.01 * report.response_range}
-    other = changed(report, claims=claims, held_out=kept, failed=failed, data=resampled)
+    suspect = {"effect": "lag", "error_before": 2.0, "error_after": 1.0, "p_value": 0.2}
+    entries = {"suspects": [suspect], "warnings": ["A mode is at a bound."]}
+    other = changed(report, claims=claims, held_out=kept, failed=failed, data=resampled, **entries)
     (statement,) = [claim["statement"] for claim in claims]
     errors = [number(own) for own in (other.error_before, other.error_after, other.noise_floor)]
     said = [
@@ -497,10 +509,15 @@ def test_every_view_tells_the_same(report):
         "7 samples",
     ]
     views = other.to_text(), other.to_markdown().replace("\\", ""), Page(other.to_html()).text
-    assert len(other.remarks) == 2
+    assert len(other.remarks) == 4
+    assert "A mode is at a bound." in other.remarks
+    assert any("not sure: lag" in remark for remark in other.remarks)
     for view in views:
         assert [own for own in said if own not in view.replace("\N{NO-BREAK SPACE}", " ")] == []
-    assert other.to_text().startswith("missing: resonance\n  resonance: ")
+    resolution, missing, law = other.to_text().splitlines()[:3]
+    assert resolution == f"resolution: {', '.join(report.resolution)}"
+    assert missing == "missing: resonance"
+    assert law.startswith("  resonance: ")
     again = Report({**json.loads(other.to_json())})
     assert again.to_markdown() == other.to_markdown()
 

@@ -210,13 +210,13 @@ def test_progress_goes_to_the_standard_error_stream(capsys):
     few(verbose=1, effects=["lag"]).fit(recording.X_train, recording.y_train)
     written = capsys.readouterr()
     assert written.out == ""
-    assert "round 2: lag: held-out error" in written.err
+    assert "round 1: lag: held-out error" in written.err
     few(effects=["lag"]).fit(recording.X_train, recording.y_train)
     assert capsys.readouterr().err == ""
     few(verbose=1, effects=["offset"]).fit(recording.X_train, recording.y_train)
     written = capsys.readouterr().err
-    assert "round 1: 1 effects are tried" in written
-    assert "round 1: nothing: held-out error" in written
+    assert "declared model: held-out error" in written
+    assert "offset: held-out error" not in written  # no effect was put in
 
 
 def test_folds_of_records_are_taken_as_a_splitter_gives_them():
