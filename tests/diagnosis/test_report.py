@@ -344,7 +344,7 @@ def test_held_out_data_are_reported(search, recording):
 
 def by_candidate(rows):
     rows = pd.DataFrame(rows).set_index(["round", "effect"]).sort_index()
-    return rows.drop(columns="beside").astype(float), rows["beside"].map(tuple)
+    return rows.drop(columns="beside").astype(float), rows["beside"]
 
 
 @pytest.mark.parametrize("which", ["report", "nothing"])
