@@ -216,7 +216,7 @@ def test_progress_goes_to_the_standard_error_stream(capsys):
     few(verbose=1, effects=["offset"]).fit(recording.X_train, recording.y_train)
     written = capsys.readouterr().err
     assert "declared model: held-out error" in written
-    assert "round 1: lag" not in written
+    assert "offset: held-out error" not in written  # no effect was put in
 
 
 def test_folds_of_records_are_taken_as_a_splitter_gives_them():
