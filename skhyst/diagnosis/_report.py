@@ -51,8 +51,8 @@ _LEFT = {
     "unexplained": "something is left that no effect explains",
 }
 _PROVISIONAL = (
-    "Provisional: in the end more than half of the structure before this claim is left. Another "
-    "effect, or one that was not tried, may take its place."
+    "Provisional: the residual has structure that no effect explains, and this name may stand for "
+    "what the list of effects lacks."
 )
 
 

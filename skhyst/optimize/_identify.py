@@ -56,8 +56,8 @@ class IdentificationResult:
     x : ndarray
         The solution in the coordinates of the problem.
     params_std : dict of str to float
-        Standard errors, whatever the colour of the noise; NaN for a value at its bound. No errors, and nothing that follows from them, where they were not asked
-        for.
+        Standard errors, whatever the colour of the noise; NaN for a value at its bound. No errors,
+        and nothing that follows from them, where they were not asked for.
     params_std_white : dict of str to float, default={}
         Standard errors if the noise is white.
     undetermined : tuple of str

@@ -272,7 +272,7 @@ SAID = [  # report, changes of it, what it says, and what it does not say
     (
         "report",
         provisional,
-        ["which may stand for what the list of effects lacks", "more than half of the structure"],
+        ["which may stand for what the list of effects lacks", "structure that no effect explains"],
         "Nothing",
     ),
     ("report", {}, ["Missing: resonance"], "rovisional"),
