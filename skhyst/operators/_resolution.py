@@ -205,11 +205,24 @@ class MovableOperator(WrappedOperator):
     limits: np.ndarray
 
     split, inner, keys = Operator.split, Operator.inner, Operator.keys
-    resolution = property(attrgetter("operator.resolution"))
+    resolution = property(attrgetter("operator.resolution"), doc="That of the operator.")
 
     @classmethod
     def around(cls, operator, highest):
-        """Return an operator whose terms that have a weight may move, none beyond the highest."""
+        """Return an operator whose terms that have a weight may move.
+
+        Parameters
+        ----------
+        operator : Operator
+            With a resolution.
+        highest : float
+            Position that none goes beyond.
+
+        Returns
+        -------
+        MovableOperator
+            With the positions as parameters.
+        """
         kind = operator.resolution
         places = np.asarray(getattr(operator, kind.positions), dtype=float)
         moving = ~kind.stays(operator) & (places <= highest) & has_weight(operator)
