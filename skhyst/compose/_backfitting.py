@@ -102,7 +102,7 @@ class Backfitting:
 
         Where f can nearly represent the effects, turns converge slowly along the same directions:
         the targets of a few turns are mixed such that the next turn would change them least
-        (Anderson acceleration: *Journal of the ACM*, 1965).
+        (Anderson, *Journal of the ACM*, 1965).
 
         Parameters
         ----------

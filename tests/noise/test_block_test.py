@@ -62,7 +62,7 @@ def test_a_total_that_chance_makes_often_is_not_significant():
 
 @pytest.mark.parametrize("pole", [0.5, 0.9, -0.6])
 def test_blocks_are_as_long_as_politis_and_white_say(pole):
-    """Their formula (2004), lag by lag: full weight up to half of the window, then a fall."""
+    """Their formula, lag by lag: full weight up to half of the window, then a fall."""
     x = coloured(np.random.default_rng(0), pole, 2000)
     n = len(x)
     r = [x[k:] @ x[: n - k] / n for k in range(n // 2)]
