@@ -2,15 +2,14 @@ r"""The size of noise on a smooth signal, from differences of neighbouring sampl
 
 The difference of order p multiplies the variance of white noise by :math:`\binom{2p}{p}` and the
 amplitude of a sine of the period T by :math:`(2 \sin(\pi / T))^p`. Divided by the root of the
-former, differences show the noise, and of what is smooth less from order to order (von Neumann [1]_
-has the first order, Gasser, Sroka and Jennen-Steinmetz [2]_ the second). Noise whose neighbours
+former, differences show the noise, and of what is smooth less from order to order (Gasser, Sroka
+and Jennen-Steinmetz [1]_ have the second). Noise whose neighbours
 resemble each other shows less than its size: of stationary noise of the spectrum S, the mean of S
 with a weight that rises with the frequency.
 
 References
 ----------
-.. [1] von Neumann, Kent, Bellinson and Hart, *Annals of Mathematical Statistics*, 1941.
-.. [2] Gasser, Sroka and Jennen-Steinmetz, *Biometrika*, 1986.
+.. [1] Gasser, Sroka and Jennen-Steinmetz, *Biometrika*, 1986.
 """
 
 import numpy as np
