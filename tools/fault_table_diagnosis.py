@@ -240,7 +240,7 @@ CRITERION = [  # of this way to decide
     ),
     (
         "pairs are tried although only noise is left",
-        "if not found and room > 1 and self.is_structured(path):",
+        "if not found and room > 1 and self.judgement(path).structured:",
         "if not found and room > 1:",
         "tests/diagnosis/test_decision.py -k neither",
     ),

@@ -116,8 +116,6 @@ class Declared:
 
     def augmented(self, contestant, records):
         """Return the model with what was added, and what identification found for that."""
-        if not contestant.structure.effects:
-            return self.model, None
         return contestant.structure.fitted(records, self._slices)
 
 
@@ -214,8 +212,6 @@ class BlackBox(Declared):
         return self._measured
 
     def augmented(self, contestant, records):
-        if not contestant.structure.effects:
-            return self._fitted, None
         effects, result = contestant.structure.fitted(records, self._slices)
         target = self._backfitting.merged(contestant.box.targets)
         self._fitted = clone(self._estimator).fit(self._X, target)

@@ -3,13 +3,13 @@
 **Grow.** Every effect is put into the model so far, at data-driven starting values; candidates are
 halved and held out (``_candidates``). Whichever lowers the held-out error most is kept, without a
 test, and a second path goes on with the simplest that the data cannot tell from it. Effects that
-respond to the drive come first; functions of time alone follow where none of these helps, and only
-where the noise's own course does not make them (``_course``). Where no effect helps but structure
-is left, the three that fit best are tried with every other one beside them.
+respond to the drive come first; functions of time alone follow where none of these helps. Where no
+effect helps but structure remains, the three that fit best are tried with every other one in pairs.
 
 **Prune.** With everything in the model, each effect is taken out once: the full model against the
 model without it, so that chance is what the full model leaves. Of those that are not needed by the
-criterion (``_criterion``), the one whose loss costs least goes; and again.
+criterion (``_criterion``), the one whose loss costs least goes; and again. A function of time alone
+stays only where the noise's own course does not make it (``_course``).
 
 **Name.** Each effect that is needed is contested by all others in its place. The name is that of
 the least held-out error. A simpler one replaces it where it is nested in it, as far as the
@@ -69,8 +69,8 @@ class Contest:
         done and how many there are.
     renew : callable or None
         Fits a declared black box again, see ``BlackBox.renew``.
-    is_structured : callable
-        Tells of a candidate whether structure is left.
+    judge : callable
+        Returns the :class:`Judgement` of the residual of a candidate.
     lost : list of ndarray of bool or None
         Lost readings of each record where the loss is Huber's; None where it is the square.
     keep : callable or None
@@ -94,16 +94,18 @@ class Contest:
     negligible: float
     tell: Callable
     renew: Callable | None
-    is_structured: Callable
+    judge: Callable
     lost: list | None = None
     keep: Callable | None = None
     steps: dict = field(default_factory=dict)
     dropped: list = field(default_factory=list)
     seconds: dict = field(default_factory=dict)
+    declared: Any = None
     _visited: dict = field(default_factory=dict)  # what this search has come to, of the steps
     _failures: list = field(default_factory=list)
     _best: dict = field(default_factory=dict)
-    declared: Any = None
+    _judgements: dict = field(default_factory=dict)
+    _contests: dict = field(default_factory=dict)
     _rounds: dict = field(default_factory=dict)
     _weighings: int = 0
 
@@ -182,7 +184,7 @@ class Contest:
         if not found:
             added = self.extended(path, additive=True)
             found = [c for c in added if self.criterion.is_better(path, c, self.n_tried)]
-        if not found and room > 1 and self.is_structured(path):
+        if not found and room > 1 and self.judgement(path).structured:
             found = [c for c in self._pairs(path, driven) if self.criterion.matters(path, c)]
         return found
 
@@ -318,17 +320,24 @@ class Contest:
         while self._set(base) not in seen:
             seen.add(self._set(base))
             for name in base.structure.effects:
-                chosen, _ = self._contested(base, name)
-                if chosen is not base:
-                    base = self.prune(chosen)
+                rival, _ = self._contested(base, name)
+                if rival is not None:
+                    base = self.prune(rival)
                     break
         return base, {name: self._contested(base, name)[1] for name in base.structure.effects}
 
     def _contested(self, base, name):
-        """Return the best of an effect and its rivals, and the names of those not told from it.
+        """Return the rival that an effect is named by, if any, and the names of those like it.
 
-        An effect that is not what its name says stays where no rival is.
+        That is, those that are not told from the best. An effect that is not what its name says
+        stays where no rival is.
         """
+        key = self._set(base), base.error, name, self.n_tried
+        if key not in self._contests:
+            self._contests[key] = self._contest(base, name)
+        return self._contests[key]
+
+    def _contest(self, base, name):
         reduced = self.without(base, name)
         tree = base.structure
         # a rival begins where the others are, which make up for nothing yet
@@ -357,7 +366,7 @@ class Contest:
         chosen = min(simpler, key=lambda c: (c.n_parameters, c.error), default=chosen)
         same = [c for c in same if c is not chosen and c.effects != chosen.effects]
         names = [c.effects[0] for c in sorted(same, key=lambda c: c.error)]
-        return base if chosen is own else chosen, tuple(dict.fromkeys(names))
+        return None if chosen is own else chosen, tuple(dict.fromkeys(names))
 
     def _contains(self, large, small):
         """Whether one candidate can do what another does, as far as the noise lets it show.
@@ -629,6 +638,13 @@ class Contest:
                 "n_parameters": max(added, 0),
                 "fold_errors": fold_errors(c, self.records_of(c), self.folds) if c else None,
             }
+
+    def judgement(self, candidate):
+        """Return the judgement of the residual of a candidate, which is made once."""
+        key = self._set(candidate), candidate.error
+        if key not in self._judgements:
+            self._judgements[key] = self.judge(candidate)
+        return self._judgements[key]
 
     # ------------------------------------------------------------------ records
 

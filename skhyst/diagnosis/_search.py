@@ -353,9 +353,9 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         labels = list(dict.fromkeys(slices[firsts[i]].label for i in order))
         if not isinstance(self.cv, Integral) or len(labels) < 2:
             return None
-        folds = []
-        for k in range(min(self.cv, len(labels))):
-            own = set(labels[k :: min(self.cv, len(labels))])
+        folds, count = [], min(self.cv, len(labels))
+        for k in range(count):
+            own = set(labels[k::count])
             test = [s for s, i in zip(slices, firsts, strict=True) if slices[i].label in own]
             rows = np.concatenate([np.arange(s.rows.start, s.rows.stop) for s in test])
             folds.append((np.setdiff1d(np.arange(len(y)), rows), rows))
@@ -398,7 +398,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
             NEGLIGIBLE * np.ptp(self.response_),
             tell,
             declared.renew,
-            lambda base: self._judged(declared.measured(contest.records), base, contest).structured,
+            lambda base: self._judged(declared.measured(contest.records), base, contest),
             lost_readings(self.drive_, self.response_, slices) if self.loss == "huber" else None,
         )
         for _ in range(REWEIGHTED if contest.lost else 0):
@@ -441,7 +441,8 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         ones = (np.ones(len(own)) for own in base.residuals)
         weights = (o if w is None else w for o, w in zip(ones, base.weights, strict=True))
         self.weights_ = np.concatenate(list(weights))
-        self._judge(declared.measured(records), decided, contest)
+        ranking = contest.ranking
+        self._judge(contest.judgement(decided), ranking)
         if self.verdict_ == "noise" and self._reference is None:
             *_, left = fitted(base, records, (first_row(self, s) for s in slices))
             self.data_quality_ = with_reactions(self.data_quality_, self.drive_, left, slices)
@@ -450,7 +451,9 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         begin = time.perf_counter()
         del self._inputs, self._reference, self._whole
         self._structure, self._records = base.structure, tuple(records)
-        self.best_estimator_, result = declared.augmented(base, records)
+        self.best_estimator_, result = self.declared_estimator_, None
+        if self.effects_ or self.resolution_:
+            self.best_estimator_, result = declared.augmented(base, records)
         self._driver = declared.driver()
         fits = (self.declared_estimator_, found), (self.best_estimator_, result)
         self.warnings_ = self._warnings(first, fits, records)
@@ -464,10 +467,10 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
             row["provisional"] = self.verdict_ == "unexplained"
             self.evidence_[effect.name] = row["evidence"]
         self.history_ = pd.DataFrame(history, columns=HISTORY)
-        last = {row["effect"]: number for number, row in enumerate(contest.ranking)}
+        last = {row["effect"]: number for number, row in enumerate(ranking)}
         ranking = [
             row | {"claimed": row["effect"] in self.effects_ and last[row["effect"]] == number}
-            for number, row in enumerate(contest.ranking)
+            for number, row in enumerate(ranking)
         ]
         self.ranking_ = pd.DataFrame(ranking, columns=RANKING)
         self.cv_results_ = cv_results(ranking, len(contest.folds))
@@ -491,12 +494,11 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
                 found += [message for message, _ in model.cautions(result, records)]
         return list(dict.fromkeys(found))
 
-    def _judge(self, measured, base, contest):
+    def _judge(self, judgement, ranking):
         """Set the verdict, and the noise with its floor, below all contestants, and ceiling."""
-        judgement = self._judged(measured, base, contest)
         self.verdict_ = judgement.verdict
         self.verdict_reason_, self.verdict_advice_ = judgement.reason, judgement.advice
-        errors = [row["error_after"] for row in contest.ranking]
+        errors = [row["error_after"] for row in ranking]
         self.noise_floor_ = float(np.nanmin([judgement.floor, *errors]))
         self.noise_ceiling_, self.noise_model_ = judgement.ceiling, judgement.noise
 

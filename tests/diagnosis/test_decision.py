@@ -3,6 +3,7 @@
 from dataclasses import replace
 from itertools import pairwise
 from math import comb
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -76,6 +77,7 @@ def test_what_a_richer_rival_adds_in_vain_is_not_named(two_found):
     """A creep without a prompt part is a lag, and has one parameter more."""
     row = two_found.history_.set_index("effect").loc["lag"]
     assert "creep" in row["ambiguous_with"]
+    assert row["experiment"]  # that tells them apart
 
 
 def test_what_stood_in_for_another_effect_is_taken_out_again(two_found):
@@ -168,7 +170,7 @@ def contest_of(records, folds, *names, structured=True, criterion=None, **option
         0.0,
         lambda *_: None,
         None,
-        lambda _: structured,
+        lambda _: SimpleNamespace(structured=structured),
         **options,
     )
 
