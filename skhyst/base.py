@@ -278,7 +278,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         Parameters
         ----------
         operator : Operator
-            As ``operator_`` of this model: of its structure, with what stands beside it.
+            As ``operator_`` of this model: of its structure, with its additive disturbances.
         X : DataFrame or array-like of shape (n_samples, n_inputs)
             As for :meth:`fit`.
         y : array-like of shape (n_samples,)
@@ -413,7 +413,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         Parameters
         ----------
         operator : Operator or tuple of (Operator, tuple of Operator)
-            As ``operator_``, with what stands beside it; or that apart, as
+            As ``operator_``, with its additive disturbances; or these apart, as
             :func:`skhyst.operators.split_disturbances` gives it.
 
         Returns

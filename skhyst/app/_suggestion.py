@@ -52,7 +52,7 @@ class Suggestion:
     model : str
         As :func:`skhyst.discovery.parse_model` takes it.
     reason : str
-        What each of its stages represents, and what is left to the search.
+        What each of its stages represents, and which effects the search has to find.
     """
 
     model: str

@@ -66,7 +66,7 @@ class Candidate:
 
     @cached_property
     def noise(self):
-        """NoiseModel of what is left held out, as it counts."""
+        """NoiseModel of the held-out residual, weighted."""
         return fit_noise(weighted(self.residuals, self.weights))
 
 

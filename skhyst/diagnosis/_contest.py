@@ -248,7 +248,7 @@ class Contest:
     # ------------------------------------------------------------------ prune
 
     def prune(self, base):
-        """Take out what is not needed, least first; return what is left.
+        """Remove the effects that are not needed, the least first; return the candidate.
 
         An effect stays where without it another one would do the same, but become what its name
         does not say. Two effects may each make up for what the other one spoils, as a lag and a
@@ -353,8 +353,12 @@ class Contest:
             and (c.effects != (name,) or self.criterion.matters(base, c))
         ]
         own = replace(base, effects=(name,))
-        # what comes near has the resolution that it asks for, as the model has
-        rivals = [c if self.criterion.matters(c, base) else self._finer(c) for c in rivals]
+        rivals.sort(key=lambda c: c.error)
+        # the best rivals are identified anew, as the model was
+        rivals = [
+            replace(self._refreshed(c), effects=c.effects) if i < FACTOR else c
+            for i, c in enumerate(rivals)
+        ]
         alpha = self.criterion.alpha
         if self._has_its_name(base, name) or not rivals:
             rivals.append(own)

@@ -37,9 +37,9 @@ what both leave of it. Either is a test of its own at the level; the smaller p-v
 (Bonferroni). A linear filter and a factor that treats both alike leave equal models equal, so the
 second keeps its level whether the law is right or not.
 
-**What stands beside.** An offset, a drift or a line is fitted to the record that it is in, and with
-it the noise's own course. It stays only where the noise alone, whose spectrum goes on as it does
-outside of what was fitted, does not make it at the same level, see ``_course``.
+**Additive disturbances.** An offset, a drift or a line is fitted to the record that it is in, and
+with it the noise's own course. It stays only where the noise alone, whose spectrum goes on as it
+does outside of what was fitted, does not make it at the same level, see ``_course``.
 
 **A drive that follows the response.** In a closed loop :math:`\Delta` depends on the noise by way
 of the drive, so that :math:`\sum \Delta_t a_t` is not zero on average where the model is right and

@@ -253,14 +253,14 @@ def _relaxation(title, claim):
 
 
 def _beside(claim):
-    """Return what is left without a disturbance, and the disturbance, one array a record."""
+    """Return the residual without a disturbance, and the disturbance, one array per record."""
     own = claim.course(claim.operator)
     left = zip(claim.measured, claim.modelled, own, strict=True)
     return [y - x + part for y, x, part in left], own
 
 
 def _spectra(title, claim):
-    """Draw the spectrum of what is left, with and without a disturbance."""
+    """Draw the spectrum of the residual, with and without a disturbance."""
     left, identified = _beside(claim)
     with_it = [x - y for x, y in zip(left, identified, strict=True)]
     groups, curves = by_interval(claim.records), []

@@ -46,7 +46,7 @@ _PICTURES = {  # height in inches, what it is, and axes
     "residuals": (5.6, "Residuals in time, by branch, and spectrum", (2, 2)),
 }
 _LEFT = {
-    "noise": "what is left is noise",
+    "noise": "it is noise",
     "undetermined": "the recording cannot tell",
     "unexplained": "something is left that no effect explains",
 }
@@ -77,7 +77,7 @@ class Report:
     effects : list of str
         Effects claimed, in the order in which they were added.
     verdict : {"noise", "unexplained", "undetermined"}
-        What is left over.
+        Of the residual.
     error_before, error_after, noise_floor, response_range : float
         Held-out errors of both models, the error that no model can beat, and the range.
     noise_model : dict
@@ -110,14 +110,14 @@ class Report:
         ``frequency`` (Hz) and the amplitude spectral density of the residual, ``before`` and
         ``after``, of the records of each sampling ``interval`` (s), one after the other.
     location, declared_location : list of dict
-        Where what is left, and what the declared model leaves, stands out: the record, time, drive,
+        Where the residual, and that of the declared model, is largest: the record, time, drive,
         rate and frequency at which its mean power is above that of the whole by a half.
     failed : list of dict
         Candidates that raised an error: round, effect, error.
     verdict_reason : str
         What decided the verdict.
     noise_ceiling : float
-        What is left held out, or what a black box leaves of it.
+        The held-out error, or the part that a black box does not predict.
     resolution, warnings : list of str
         What was done to the resolution of the declared model, and what its fits have warned of.
     suspects : list of dict
@@ -215,7 +215,7 @@ class Report:
         return _written(printable(text), path)
 
     def to_text(self) -> str:
-        """Return what is missing, the errors, what is left and remarks, in a few lines."""
+        """Return what is missing, the errors, the residual and remarks, in a few lines."""
         lines = [f"resolution: {', '.join(self.resolution)}"] if self.resolution else []
         lines.append(f"missing: {', '.join(self.effects) or 'nothing'}")
         for claim in self.claims:
@@ -476,7 +476,7 @@ def _held_out(search, X, y):
 
 
 def _location(table, slices):
-    """Return the strongest entry of each way to look at what is left."""
+    """Return the strongest entry of each way to look at the residual."""
     labels = {s.label: str(s.label) for s in slices}  # the table holds 1 as 1.0
     strongest = table[table["concentration"] > 1.5].groupby("by", sort=False).head(1)
     rows = strongest.to_dict("records")
@@ -545,7 +545,7 @@ def next_steps(claims, not_it, location, verdict, faults, settings, advice=""):
             "not is noise."
         )
     if advice:
-        where = f" What is left is largest {_looks(location)}." if _looks(location) else ""
+        where = f" The residual is largest {_looks(location)}." if _looks(location) else ""
         steps.append(f"{advice[0].upper()}{advice[1:]}.{where}")
     if verdict != "noise" or any(claim["ambiguous_with"] for claim in claims):
         steps.append(
@@ -597,7 +597,7 @@ def _found(report):
     if report.resolution:
         model += f" (declared {', '.join(report.resolution)})"
     explained = report.verdict != "unexplained"
-    noise = f"What is left is noise; its floor is {floor}."
+    noise = f"The residual is noise; its floor is {floor}."
     headline, mark = "Nothing is missing", "" if explained else "; and something unexplained"
     if report.verdict == "undetermined":
         headline, mark = "Undetermined", "; and undetermined"
@@ -624,7 +624,7 @@ def _found(report):
     if any(claim["provisional"] for claim in report.claims):
         found += ", which may stand for what the list of effects lacks"
     them = "it" if len(report.effects) == 1 else "them"
-    rest = f"What is left is above the noise floor of {floor}, and no effect tried explains it."
+    rest = f"The residual is above the noise floor of {floor}, and no effect tried explains it."
     return (
         f"Missing: {', '.join(report.effects)}{mark}",
         f"{model} lacks {found}: with {them} the held-out error falls from {before} to {after}. "

@@ -118,7 +118,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
     effects_ : list of str
         The claimed effects in the order in which they were added; empty when nothing is missing.
     verdict_ : {"noise", "unexplained", "undetermined"}
-        Whether what is left is noise, or structure that is not explained: repetitions repeat it, a
+        Whether the residual is noise, or structure that is not explained: repetitions repeat it, a
         black box predicts it, or it follows the drive better than the drive shifted in time.
         Undetermined: nothing is found in it, but it is too steep in frequency, too slow or too
         predictable for noise, or the held-out error is far larger than the noise, since records or
@@ -139,9 +139,9 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         Root mean squares, units of the response, between which the noise lies. The floor is the
         least of the scatter between repetitions, of what the past does not predict of the residual,
         and of its and the response's scaled differences; no contestant is below it. The ceiling is
-        what is left held out, or what a black box leaves of it.
+        the held-out error, or the part that a black box does not predict.
     noise_model_ : ~skhyst.noise.NoiseModel
-        Colour, outliers and steps of the noise in what is left, or what a black box leaves of it.
+        Colour, outliers and steps of the residual, or of the part that no black box predicts.
     history_ : DataFrame
         One row a claim, what removes most of the error first: ``effect``, ``error_before``,
         ``error_after`` (of the models that are left when the effect that matters least is taken out
@@ -177,16 +177,16 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         fitted to.
     data_quality_ : DataFrame
         Faults of the measurement, see :func:`~skhyst.records.data_quality`; they are reported, not
-        removed. Where what is left is noise, also whether the drive reacts to it (``closed_loop``),
+        removed. Where the residual is noise, also whether the drive reacts to it (``closed_loop``),
         unless a reference takes account of it.
     declared_estimator_, best_estimator_ : estimator
         Both fitted on all data. Where a regressor that is no parametric model was declared, the
         augmented one is a :class:`~skhyst.compose.Corrected`.
     residual_location_ : DataFrame
-        How the power of what is left is spread, one row a record, a tenth of its time, of the drive
-        or its rate, or an octave: ``by``, ``record``, ``low``, ``high``, ``unit``, ``share`` of the
-        power, and ``concentration``, mean power there over that of the whole, 1 for white noise. Of
-        use where the verdict is ``"unexplained"``.
+        How the power of the residual is spread, one row per record, a tenth of its time, of the
+        drive or its rate, or an octave: ``by``, ``record``, ``low``, ``high``, ``unit``, ``share``
+        of the power, and ``concentration``, mean power there over that of the whole, 1 for white
+        noise. Of use where the verdict is ``"unexplained"``.
     residual_before_, residual_after_, prediction_before_, prediction_after_ : ndarray
         Held out, shape (n_samples,), NaN in the washout.
     records_ : tuple of RecordSlice

@@ -47,7 +47,7 @@ class Trial(NamedTuple):
     """What was tried to predict a residual, or to find in repetitions.
 
     ``share`` is the part of its power that is left, ``p_value`` that of nothing being predicted,
-    and ``left`` what is left, in stretches; None where nothing is predicted one by one.
+    and ``left`` the rest, in stretches; None where nothing is predicted one by one.
     """
 
     share: float
@@ -179,7 +179,7 @@ def _by_black_box(records, residuals, predictions, rng, criterion):
     does not know the drive, though, and no more than its law predicts it: so the black box must
     predict the residual from the drive alone, or what the law leaves of it from its own past, or,
     from the drive alone, how large that is which the law predicts, as of a gain that wanders. As
-    for any two models, errors are compared as they are, and as the innovations of what is left.
+    for any two models, errors are compared as they are, and as the innovations of the residual.
 
     Returns
     -------
@@ -215,7 +215,7 @@ def _by_black_box(records, residuals, predictions, rng, criterion):
 
 
 def _left_by_boxes(x, y, block, rng):
-    """Return what is left of held-out stretches by ridge regression, and with trees."""
+    """Return the residual of held-out stretches after ridge regression, and after trees too."""
     left, scale = np.stack([y, y]), x.std(axis=0)  # of all: what moves where it is held out only
     x = x / np.where(scale > 0.0, scale, 1.0)
     for fold in range(FACTOR):

@@ -152,7 +152,7 @@ class Tree:
 
     @property
     def disturbance_names(self):
-        """Names of what stands beside."""
+        """Names of the additive disturbances."""
         return self.root.disturbance_names
 
     @property

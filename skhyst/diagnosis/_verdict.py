@@ -4,7 +4,7 @@ The **floor** is what cannot be a response of any model: the smallest of the sca
 repetitions of the drive, of what the residual's own past does not predict under its law as noise,
 and of its and the response's scaled differences (:func:`skhyst.noise.difference_noise`). The last
 two take all that is smooth for structure; of noise that is coloured they show a part. The
-**ceiling** is what is left: the held-out error, or what a black box leaves of it.
+**ceiling** is the held-out error, or the part of it that a black box does not predict.
 
 1. **What is found is structure**, however near the floor: what repetitions have in common, what a
    black box predicts, or what follows the drive better than the drive shifted in time
@@ -46,7 +46,7 @@ PREDICTABLE = 3.0  # the size of noise over that of its innovations
 
 @dataclass(frozen=True)
 class Judgement:
-    """What is left of a response by a model.
+    """Judgement of the residual of a model.
 
     Attributes
     ----------

@@ -25,7 +25,7 @@ from ._part import JOIN, Stage
 from ._protocol import MOST_STEPS, Operator, ParameterSpec
 from ._root_inverse import RootInverseOperator, inverse_of
 
-_DRIVEN = "model"  # name of the driven part, where something stands beside it
+_DRIVEN = "model"  # name of the driven part, where there are additive disturbances
 _SENSITIVITY = ParameterSpec(unit="1/column")
 
 
@@ -1037,7 +1037,7 @@ def _with_gain(stage, gain, intercept):
 
 
 def add_disturbances(operator, disturbances, names=None):
-    """Return the sum of a driven operator and of what stands beside it, by default unnamed."""
+    """Return the sum of a driven operator and additive disturbances, by default unnamed."""
     if not disturbances:
         return operator
     names = names or tuple(f"disturbance{i}" for i in range(len(disturbances)))
@@ -1045,7 +1045,7 @@ def add_disturbances(operator, disturbances, names=None):
 
 
 def split_disturbances(start):
-    """Return the driven part of an operator, and a tuple of what stands beside it.
+    """Return the driven part of an operator, and a tuple of its additive disturbances.
 
     Parameters
     ----------

@@ -75,7 +75,7 @@ def save_model(model, path) -> None:
     if skops is not None and foreign:
         warnings.warn(
             f"{path} holds {', '.join(foreign)}, which load_model trusts to run code only where it "
-            "is told to: by trust=True, on the command line --trust.",
+            "is allowed to: by trust=True, on the command line --trust.",
             UserWarning,
             stacklevel=2,
         )

@@ -78,4 +78,4 @@ def test_search_says_where_the_unexplained_stands():
     report = search.report()
     assert "drive" in {row["by"] for row in report.to_dict()["location"]}
     for text in (report.to_html(), report.to_markdown()):
-        assert "What is left is strongest here" in text
+        assert "The residual is strongest here" in text
