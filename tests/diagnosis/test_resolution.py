@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import small_inputs
 
 from skhyst.compose import Cascade, Sum
 from skhyst.diagnosis import EFFECTS
@@ -27,11 +28,7 @@ NOISE = 0.02
 
 
 def plays(u, thresholds=THRESHOLDS, weights=WEIGHTS):
-    play, y = np.zeros(len(thresholds)), []
-    for value in u:
-        play = np.maximum(value - thresholds, np.minimum(value + thresholds, play))
-        y.append(weights @ play)
-    return np.array(y)
+    return small_inputs.plays(u, thresholds, weights)
 
 
 def drive(seed=0, n=1200):
