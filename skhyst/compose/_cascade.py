@@ -146,6 +146,7 @@ class Composition(ParametricModel, BaseComposition):
                     msg=f"The step '{name}' of {kind} is frozen but not fitted: fit the model "
                     "before it goes into the FrozenEstimator.",
                 )
+            model._validate_params()  # nobody calls its `fit`
 
     def _models(self):
         """Return the steps as models, those in a FrozenEstimator as held ones."""

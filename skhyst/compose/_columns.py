@@ -68,6 +68,7 @@ class AroundModel(ParametricModel):
                 f"The 'estimator' parameter of {type(self).__name__} must be a parametric model of "
                 f"skhyst. Got {self.estimator!r} instead."
             )
+        self.estimator._validate_params()  # nobody calls its `fit`
 
 
 class _ColumnModel(AroundModel):

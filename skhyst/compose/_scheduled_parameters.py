@@ -170,6 +170,10 @@ class ScheduledParameters(AroundModel):
     def _degrees(self, result):
         """Return the degree of each value of the model's operator."""
         free = set(result.params)
+        if not free:
+            raise ValueError(
+                f"The model of ScheduledParameters has no free parameter: {self.estimator!r}."
+            )
         if self.parameters is not None:
             chosen = {n for n in free if n in self.parameters or n.split("[")[0] in self.parameters}
             known = chosen | {n.split("[")[0] for n in chosen}
@@ -184,7 +188,7 @@ class ScheduledParameters(AroundModel):
 
     def subtree(self, driven, disturbances):
         base = self.estimator.subtree(driven.base, disturbances)
-        return replace(driven, base=base, model=as_node(self, estimator=None))
+        return replace(driven.over(base), model=as_node(self, estimator=None))
 
     def unfitted(self, operator) -> Self:
         base, parameters = operator.base, self.parameters

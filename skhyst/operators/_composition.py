@@ -466,7 +466,20 @@ class Scheduled(WrappedOperator):
         return replace(self, coefficients=np.array(vector, dtype=float))
 
     def released(self):
-        return replace(self, base=self.base.released(), model=None)
+        return replace(self.over(self.base.released()), model=None)
+
+    def over(self, base):
+        """Return the same polynomials over a base some of whose parts are held or released.
+
+        What the polynomials do not have yet is constant, what is held has none.
+        """
+        names = [name for name, _ in self.base.entries()]
+        own = dict(zip(names, np.split(self.coefficients, np.cumsum(self._counts)[:-1]), strict=True))
+        values = zip(base.entries(), base.pack(), strict=True)
+        polynomials = [own.get(name, np.array([value])) for (name, _), value in values]
+        degrees = tuple(len(coefficients) - 1 for coefficients in polynomials)
+        coefficients = np.concatenate([np.empty(0), *polynomials])
+        return replace(self, base=base, degrees=degrees, coefficients=coefficients)
 
     split = Operator.split
 
@@ -515,9 +528,8 @@ class Scheduled(WrappedOperator):
             )
         span = self.high - self.low
         t = (self.schedule - self.low) / span if span > 0.0 else 0.0
-        return np.concatenate(
-            [[comb(d, k) * t**k * (1.0 - t) ** (d - k) for k in range(d + 1)] for d in self.degrees]
-        )
+        terms = [(d, k) for d in self.degrees for k in range(d + 1)]
+        return np.array([comb(d, k) * t**k * (1.0 - t) ** (d - k) for d, k in terms])
 
     @cached_property
     def operator(self):

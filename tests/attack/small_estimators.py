@@ -49,8 +49,9 @@ _EXAMPLES = {
     # on data without dynamics it would choose no term, or none with memory
     "NARMAXRegressor": lambda: NARMAXRegressor(1, n_terms=None),
     "GrayBoxHysteresis": lambda: GrayBoxHysteresis(method=LevenbergMarquardt(max_epochs=20)),
+    # plays that such data do not show would be left out, and with them all memory
     "EffectSearchCV": lambda: EffectSearchCV(
-        PrandtlIshlinskii(5), effects=["lag", "offset"], cv=2, max_effects=1
+        FirstOrderLag(), effects=["static_nonlinearity", "offset"], cv=2, max_effects=1
     ),
 }
 

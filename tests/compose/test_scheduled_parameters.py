@@ -8,6 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.polynomial import Polynomial
+from sklearn.frozen import FrozenEstimator
+from sklearn.utils._param_validation import InvalidParameterError
 
 from skhyst.compose import Cascade, ScheduledParameters, Sum
 from skhyst.disturbance import Offset
@@ -21,7 +23,7 @@ from skhyst.linear import (
     SecondOrderMode,
     SecondOrderModeOperator,
 )
-from skhyst.operators import Scheduled
+from skhyst.operators import Scheduled, Series
 from skhyst.records import stack_records
 
 DT = 0.01
@@ -115,6 +117,32 @@ def test_a_column_schedules_a_cascade():
     np.testing.assert_array_equal(again.predict(X), model.predict(X))
     number = ScheduledParameters(cascade, by=1, **own).fit(X, y)
     np.testing.assert_allclose(number.predict(X), model.predict(X), atol=1e-6)
+
+
+def test_a_part_that_is_known_has_no_polynomial():
+    u = drive(9)
+    lag = FirstOrderLagOperator(0.05)
+    known = FrozenEstimator(FirstOrderLag(dt=DT).fit(u[:, None], lag.run(u, DT)[0]))
+    plays = PrandtlIshlinskii(thresholds=[0.0, 0.5])
+
+    def law(amplitude):
+        own = PrandtlIshlinskiiOperator([0.0, 0.5], [1.0 + 0.2 * amplitude, 0.4])
+        return Series(("plays", "lag"), (own, lag))
+
+    X, y = recording(law)
+    model = ScheduledParameters(Cascade([("plays", plays), ("lag", known)])).fit(X, y)
+    assert all(name.startswith("plays") for name in model.params_)
+    np.testing.assert_allclose(model.predict(X), y, atol=1e-6)
+    with pytest.raises(ValueError, match="has no free parameter"):
+        ScheduledParameters(Cascade([("lag", known)])).fit(X, y)
+
+
+def test_the_parameters_of_what_is_inside_are_checked():
+    X, y = recording(mode)
+    plays = PrandtlIshlinskii(n_operators=[0.0, 0.5])
+    for model in (ScheduledParameters(plays), Cascade([("plays", plays)]), Sum([("plays", plays)])):
+        with pytest.raises(InvalidParameterError, match="'n_operators' parameter of Prandtl"):
+            model.fit(X, y)
 
 
 def test_degree_two():

@@ -250,9 +250,8 @@ def maxwell_slip(rng):
 
 def duhem(rng):
     alpha = np.exp(rng.uniform(np.log(2.0), np.log(20.0), PLANTS))
-    return map(
-        DuhemOperator, alpha, *rng.uniform([[0.5], [2], [-1]], [[1.5], [6], [1]], (3, PLANTS))
-    )
+    curve, slope, intercept = rng.uniform([[0.5], [2], [-1]], [[1.5], [6], [1]], (3, PLANTS))
+    return map(DuhemOperator, alpha, curve[:, None], slope[:, None], intercept)
 
 
 @pytest.mark.slow
