@@ -139,6 +139,7 @@ def test_code_of_a_page_runs(page, tmp_path, monkeypatch):
     assert failed == 0
 
 
+@pytest.mark.slow
 @pytest.mark.needs_recordings("silverbox", named=True)
 def test_the_tutorial_is_told_as_it_is(monkeypatch):
     monkeypatch.chdir(recordings.SHARED)

@@ -298,8 +298,8 @@ _COMPOSITION = [
     ),
     (
         "schedule: Bernstein coefficients in reverse",
-        "comb(d, k) * t**k * (1.0 - t) ** (d - k) for k",
-        "comb(d, k) * t ** (d - k) * (1.0 - t) ** k for k",
+        "comb(d, k) * t**k * (1.0 - t) ** (d - k) for d",
+        "comb(d, k) * t ** (d - k) * (1.0 - t) ** k for d",
         "tests/compose/test_scheduled_parameters.py -k 'between or polynomial'",
     ),
     (

@@ -474,7 +474,8 @@ class Scheduled(WrappedOperator):
         What the polynomials do not have yet is constant, what is held has none.
         """
         names = [name for name, _ in self.base.entries()]
-        own = dict(zip(names, np.split(self.coefficients, np.cumsum(self._counts)[:-1]), strict=True))
+        counts = np.cumsum(self._counts)[:-1]
+        own = dict(zip(names, np.split(self.coefficients, counts), strict=True))
         values = zip(base.entries(), base.pack(), strict=True)
         polynomials = [own.get(name, np.array([value])) for (name, _), value in values]
         degrees = tuple(len(coefficients) - 1 for coefficients in polynomials)
