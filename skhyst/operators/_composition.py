@@ -473,9 +473,8 @@ class Scheduled(WrappedOperator):
 
         What the polynomials do not have yet is constant, what is held has none.
         """
-        names = [name for name, _ in self.base.entries()]
-        counts = np.cumsum(self._counts)[:-1]
-        own = dict(zip(names, np.split(self.coefficients, counts), strict=True))
+        ends = zip(self.base.entries(), self._counts, np.cumsum(self._counts), strict=True)
+        own = {name: self.coefficients[end - n : end] for (name, _), n, end in ends}
         values = zip(base.entries(), base.pack(), strict=True)
         polynomials = [own.get(name, np.array([value])) for (name, _), value in values]
         degrees = tuple(len(coefficients) - 1 for coefficients in polynomials)

@@ -326,6 +326,7 @@ def test_an_effect_of_ones_own_beside_the_model_has_evidence_too():
     assert search.evidence_["own"].picture.curves
 
 
+@pytest.mark.slow
 def test_evidence_behind_declared_dynamics():
     """The names of parameters in a longer cascade are told apart."""
     recording = make_recording("lag", "cascade", SEED, n_samples=4000)

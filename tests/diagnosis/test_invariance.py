@@ -83,6 +83,7 @@ def test_the_order_of_records_changes_nothing(kind):
         np.testing.assert_allclose(*residuals, atol=1e-4 * first.error_after_)
 
 
+@pytest.mark.slow
 def test_processes_and_repetition_change_nothing_and_data_are_left_as_they_were():
     X, y = (signal.copy() for signal in recording("output_saturation"))
     first, other = found("output_saturation"), search("output_saturation", X, y, n_jobs=2)

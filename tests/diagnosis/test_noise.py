@@ -315,6 +315,7 @@ def test_slow_noise_in_a_short_record_is_no_structure():
         assert not found.structured
 
 
+@pytest.mark.slow
 def test_between_noise_and_structure_a_short_record_cannot_tell():
     rng = np.random.default_rng(9061)
     u = smooth(500, rng)
@@ -342,6 +343,7 @@ def test_what_the_drive_explains_stands_out_of_coloured_noise(law):
     assert size < found.ceiling < 0.9 * np.sqrt(np.mean(np.square(left)))
 
 
+@pytest.mark.slow
 def test_repetitions_tell_coloured_noise_from_structure():
     rng = np.random.default_rng(9030)
     u = wave(8000, 500, rng)

@@ -149,6 +149,7 @@ def test_rate_dependence_needs_more_than_one_rate():
     assert told(np.cumsum(np.random.default_rng(0).normal(size=2000)))
 
 
+@pytest.mark.slow
 def test_a_hum_in_a_loop_and_a_half_is_named():
     """However few the turns of the drive: its lines are told from it by what stands beside."""
     time = np.arange(1500) * 1e-3

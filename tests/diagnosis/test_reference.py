@@ -91,6 +91,7 @@ def test_an_instrument_that_shows_nothing_of_the_difference_is_no_evidence():
     assert paired_p_value([worse], [better], [-np.ones(500)]) == 1.0
 
 
+@pytest.mark.slow
 def test_a_loop_that_lacks_nothing():
     """Without the reference the same recording is said to lack an effect."""
     X, y = recording(0)

@@ -59,6 +59,7 @@ def test_one_record_is_cut_into_blocks_that_are_washed_out(washout):
     assert search.error_after_ < 1.3 * recording.noise_std  # blocks of 600 samples
 
 
+@pytest.mark.slow
 def test_arrays_with_an_interval_are_frames_with_a_time_index():
     X, y, recording = one_record()
     dt = recording.sampling_interval
@@ -133,6 +134,7 @@ def test_budget_of_effects():
     assert set(one.ranking_["effect"]) == set(FEW)
 
 
+@pytest.mark.slow
 def test_two_missing_effects_are_both_found():
     recording = small("lag")
     y = recording.y_train.copy()
@@ -219,6 +221,7 @@ def test_progress_goes_to_the_standard_error_stream(capsys):
     assert "offset: held-out error" not in written  # no effect was put in
 
 
+@pytest.mark.slow
 def test_folds_of_records_are_taken_as_a_splitter_gives_them():
     recording = small("lag")
     X, y = recording.X_train, recording.y_train

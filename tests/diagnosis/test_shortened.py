@@ -85,7 +85,8 @@ def test_folds_of_long_records_are_those_of_short_ones(beside, monkeypatch):
             assert a @ a == pytest.approx(b @ b, rel=0.05)
 
 
-@pytest.mark.parametrize("effect", [pytest.param("creep", marks=pytest.mark.slow), "drift"])
+@pytest.mark.slow
+@pytest.mark.parametrize("effect", ["creep", "drift"])
 def test_a_long_search_names_what_a_short_one_names(effect, short_is_long):
     recording = make_recording(effect, "prandtl_ishlinskii", 9000, n_samples=5000)
     tried = ["creep", "drift", "offset", "lag", "output_saturation", "amplitude_dependence"]

@@ -32,6 +32,7 @@ def recording(delay, skew, seed=0):
     return tuple(pd.concat(own, names=["record"]) for own in (Xs, ys))
 
 
+@pytest.mark.slow
 def test_clocks_that_differ_are_told_with_their_skew():
     X, y = recording(0.0, SKEW)
     found = EffectSearchCV(FirstOrderLag(), random_state=0).fit(X, y)
@@ -48,6 +49,7 @@ def test_timing_does_not_take_over_the_delay_of_the_device():
     assert set(found.effects_) == {"delay", "timing"}
 
 
+@pytest.mark.slow
 def test_a_response_that_is_early_makes_no_lag_of_its_corners():
     """A hysteresis under a drive that is straight from sample to sample turns at the samples."""
     X, _ = recording(0.0, 0.0)

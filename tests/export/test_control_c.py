@@ -21,7 +21,10 @@ FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror", 
 )
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
 # one of each way to invert: in closed form, by the root of a step, and of a composition
-INVERTED = ("plays", "curve", "Dahl friction", "Duhem", "creep, logarithmic", "sum", "held")
+INVERTED = [
+    *("plays", "Dahl friction", "Duhem", "held"),
+    *(pytest.param(own, marks=pytest.mark.slow) for own in ("curve", "creep, logarithmic", "sum")),
+]
 BARS = {"float64": 1e-12, "float32": 1e-6, "int32": 1.0}  # of the range; units of output
 
 

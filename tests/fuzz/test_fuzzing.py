@@ -50,6 +50,7 @@ SEEN = (
 )
 
 
+@pytest.mark.slow
 def test_each_fault_is_seen(tmp_path):
     program = tmp_path / "faulty.py"
     program.write_text(FAULTY)

@@ -261,7 +261,9 @@ def test_any_history_is_forgotten_at_the_limit():
 @given(operators(), st.integers(0, 1000))
 def test_run_in_pieces_and_tangents(operator, seed):
     u = np.cumsum(np.random.default_rng(seed).normal(size=50))
-    operator = dataclasses.replace(operator, limit=1.0, ratio=max(operator.ratio, 0.01))
+    # the ratio of the steeper side, from which on the derivatives lose digits
+    ratio = max(operator.ratio, 0.01) * (1.0 - abs(operator.asymmetry))
+    operator = dataclasses.replace(operator, limit=1.0, ratio=ratio)
     check_operator(operator, u, 1.0)
     at_bound, beside = (
         dataclasses.replace(operator, ratio=ratio).sensitivities(u, u[:, None], 1.0)[1]

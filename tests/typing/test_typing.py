@@ -13,6 +13,7 @@ import skhyst
 SCRIPT = Path(__file__).with_name("user_script.py")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(find_spec("pyright") is None, reason="needs pyright (extra lint)")
 def test_pyright_knows_what_a_user_writes():
     command = [sys.executable, "-m", "pyright", "--pythonpath", sys.executable, str(SCRIPT)]
