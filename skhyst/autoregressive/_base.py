@@ -143,8 +143,8 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         self.output_lags_ = tuple(read_lags(self, "output_lags", self.output_lags, 1))
         X, names = self._widen(X, records, reset=True)
         self._n_columns = X.shape[1]
-        self.lag_names_ = [_shifted(names[column], lag) for column, lag in self.input_lags_]
-        self.lag_names_ += [_shifted("y", lag) for lag in self.output_lags_]
+        self.lag_names_ = [shifted(names[column], lag) for column, lag in self.input_lags_]
+        self.lag_names_ += [shifted("y", lag) for lag in self.output_lags_]
         self.records_ = records
         self.output_range_ = (float(y.min()), float(y.max()))
         largest = max(abs(value) for value in self.output_range_)
@@ -440,5 +440,5 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         return runs_ahead(self._one_step, starts, horizon, self._lags, self.bound_)
 
 
-def _shifted(name, lag):
+def shifted(name, lag):
     return f"{name}(k-{lag})" if lag else f"{name}(k)"

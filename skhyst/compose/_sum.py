@@ -75,7 +75,7 @@ class Sum(Composition):
     def identify(self, data):
         self._check_steps()
         state = self.free_run_state
-        models = self._models()
+        models = self._starting_models()
         found, disturbances, evaluations = {}, [], 0
         records, last = data, None
         # what is held is known: it is taken off the response first
@@ -105,7 +105,7 @@ class Sum(Composition):
         what stands beside it, so its values by itself need not lead to the best of all together.
         Where all are linear in the signal there is little to lose that way.
         """
-        model = self._models()[i]
+        model = self._starting_models()[i]
         if isinstance(model, Composition) or found[i].signal_linear:
             return []
         starts = [split_disturbances(start)[0] for start in model.starting_values(records)]

@@ -12,7 +12,6 @@ from sklearn.utils.validation import check_is_fitted
 from .._sklearn import Interval, StrOptions, fit_context
 from .._validation import (
     as_floats,
-    drive_column,
     keep_seen,
     read_slices,
     refuse_extreme,
@@ -321,7 +320,6 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         tolerance=1e-6,
         max_evaluations=60,
         dt=None,
-        drive=None,
     ):
         self.n_poles = n_poles
         self.fit_intercept = fit_intercept
@@ -330,7 +328,6 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         self.tolerance = tolerance
         self.max_evaluations = max_evaluations
         self.dt = dt
-        self.drive = drive
 
     @fit_context(prefer_skip_nested_validation=True)
     def fit(self, X, y) -> Self:
@@ -352,7 +349,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         self._one_response = response.ndim == 1
         response = response.reshape(len(array), -1)
         self.records_ = slices = read_slices(self, X, y, reset=True)
-        keep_seen(self, array[:, drive_column(self)], slices)
+        keep_seen(self, array[:, 0], slices)
         dt, scales = slices[0].dt, (_size(array), _size(response))
         records = [(array[s.rows] / scales[0], response[s.rows] / scales[1]) for s in slices]
         with one_thread():

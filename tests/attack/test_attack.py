@@ -3,11 +3,17 @@
 from zlib import crc32
 
 import pytest
-from attack import attack, examine, instance
+from attack import attack, attack_composition, attack_interval, examine, instance
 from hostile_data import Case
 from small_estimators import SLOW, small_estimators
 
+from skhyst.base import ParametricModel
+from skhyst.compose import Cascade, Modulated, OnColumn, ScheduledParameters, Sum
+
 pytestmark = pytest.mark.filterwarnings("ignore::skhyst.exceptions.ConvergenceWarning")
+
+QUICK = [name for name in small_estimators() if name not in SLOW]
+MODELS = [name for name in QUICK if isinstance(small_estimators()[name], ParametricModel)]
 
 # what was neither right nor refused
 FOUND = [
@@ -79,3 +85,31 @@ def test_what_was_found(name, case):
 def test_what_is_too_large_for_the_fitted(name, case):
     fitted = instance(name).fit(*Case().given())
     assert attack(name, case, fitted) == ""
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_without_the_time_of_the_fit(name):
+    assert attack_interval(name) == ""
+
+
+KINDS = {
+    "Cascade": lambda step, **own: Cascade([("step", step)], **own),
+    "Sum": lambda step, **own: Sum([("step", step)], **own),
+    "OnColumn": lambda step, **own: OnColumn(step, 0, **own),
+    "Modulated": lambda step, **own: Modulated(step, "amplitude", **own),
+    "ScheduledParameters": lambda step, **own: ScheduledParameters(step, degree=0, **own),
+}
+SAID = {"dt": 0.05}, {"initial_state": "zero"}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", ["Cascade", "Dahl", "FirstOrderLag", "KelvinVoigt"])
+def test_what_a_step_says(name, kind):
+    assert [attack_composition(name, KINDS[kind], **said) for said in SAID] == ["", ""]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", MODELS)
+def test_what_any_step_says(name, kind):
+    assert [attack_composition(name, KINDS[kind], **said) for said in SAID] == ["", ""]
