@@ -62,17 +62,18 @@ def read_slices(estimator, X, *y, reset, dt=None):
         estimator.dt_ = intervals.pop() if len(intervals) == 1 else None
         estimator.time_unit_ = slices[0].time_unit
     elif slices:
-        _refuse_other_interval(estimator, slices[0].dt, counted)
+        _refuse_other_interval(estimator, slices[0].dt, counted, known)
     return slices
 
 
-def _refuse_other_interval(estimator, dt, counted):
+def _refuse_other_interval(estimator, dt, counted, known):
     kind, (own, unit) = type(estimator).__name__, fitted_interval(estimator)
     if counted:
-        if unit is None and getattr(estimator, "records_", ()):
+        has_no_one = hasattr(estimator, "dt_") or getattr(estimator, "records_", ())
+        if known is None and unit is None and has_no_one:
             raise RecordError(
-                f"The records that {kind} was fitted to have several sampling intervals: X must "
-                "have a time index. Got an X without one instead."
+                f"{kind} was fitted to records of several sampling intervals, or to none: X must "
+                "have a time index, or 'dt' be given. Got neither instead."
             )
         said = getattr(estimator, "dt", None) if hasattr(estimator, "dt_") else None
         if said is not None and unit is not None and not _agree(said, own):

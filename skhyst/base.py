@@ -622,6 +622,10 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         check_is_fitted(self)
         slices, X, _ = read_data(self, X, reset=False)
         signal, schedules = self.operator_input(X, slices)
+        return self._free_run(signal, slices, schedules)
+
+    def _free_run(self, signal, slices, schedules):
+        """Return the free run; refuse times in s where the model is in samples, and they matter."""
         options = self.free_run_state, schedules
         y = run_records(self.operator_, signal, slices, *options)
         if slices[0].time_unit == "s" and fitted_interval(self)[1] == "sample":

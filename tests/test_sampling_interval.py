@@ -5,6 +5,7 @@ import pickle
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.signal import lti
 from sklearn.frozen import FrozenEstimator
 from sklearn.linear_model import LinearRegression, Ridge
 from sklearn.pipeline import make_pipeline
@@ -14,7 +15,13 @@ from skhyst.compose import Cascade, Corrected, Modulated, OnColumn, ScheduledPar
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.exceptions import RecordError
 from skhyst.hysteresis import PrandtlIshlinskii
-from skhyst.linear import FirstOrderLag, FirstOrderLagOperator, Gain, TransferFunction
+from skhyst.linear import (
+    FirstOrderLag,
+    FirstOrderLagOperator,
+    Gain,
+    TransferFunction,
+    frequency_response,
+)
 from skhyst.preprocessing import GeneralizedInputGradient, LaggedFeatures
 from skhyst.records import Units, stack_records
 
@@ -343,3 +350,23 @@ def test_a_drive_that_explains_less_than_a_column_beside_it_is_told(data):
     with pytest.warns(UserWarning, match="straight line through column 'u' .* column 'temp'"):
         FirstOrderLag().fit(X, y)
     FirstOrderLag().fit(X[["u", "temp"]], y)
+
+
+def test_a_model_in_seconds_without_an_interval_asks_for_one(data):
+    X, y = data
+    model = TransferFunction.from_system(lti([1.0], [TIME_CONSTANT, 1.0]))
+    np.testing.assert_allclose(model.predict(X), y, atol=1e-9)
+    with pytest.raises(RecordError, match="must have a time index, or 'dt' be given"):
+        model.predict(X.to_numpy())
+    np.testing.assert_allclose(model.set_params(dt=DT).predict(X.to_numpy()), y, atol=1e-9)
+
+
+def test_a_fit_to_a_frequency_response_has_its_interval(data):
+    X, y = data
+    model = TransferFunction(1, hold="foh").fit_frequency_response(frequency_response(X, y))
+    assert (model.dt_, model.time_unit_) == (DT, "s")
+    np.testing.assert_array_equal(model.predict(X.to_numpy()), model.predict(X))
+    counted = frequency_response(X.to_numpy(), y.to_numpy())
+    model = TransferFunction(1, hold="foh").fit_frequency_response(counted)
+    with pytest.raises(RecordError, match="fitted without a time"):
+        model.predict(X)

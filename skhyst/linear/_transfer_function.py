@@ -35,7 +35,6 @@ from ..operators import (
     CompiledSum,
     Series,
     parameter,
-    run_records,
     state_space_step,
 )
 from ..optimize import (
@@ -915,7 +914,8 @@ class TransferFunction(ModesMixin, LinearModel):
             result = choose_orders(fit, self.n_poles, self.n_zeros, self.max_poles)
         self._response_inputs = tuple(response.input_names[i] for i in columns)
         self._n_inputs = self.n_features_in_ = len(columns)
-        self.records_ = ()
+        self.records_, self.time_unit_ = (), response.time_unit
+        self.dt_ = response.dt if self.dt is None else None  # it is in continuous time
         return self.adopt(result)
 
     def adopt(self, result):
@@ -981,6 +981,7 @@ class TransferFunction(ModesMixin, LinearModel):
         model._n_inputs = model.n_features_in_ = n_inputs
         model._response_inputs = tuple(f"input{i}" for i in range(n_inputs))
         model.operator_, model.records_ = operator, ()
+        model.dt_, model.time_unit_ = None, "s"
         model.params_ = dict(zip(entries, operator.pack().tolist(), strict=True))
         model.params_std_ = dict.fromkeys(entries, 0.0)
         model.params_std_white_ = dict.fromkeys(entries, 0.0)
@@ -1046,4 +1047,4 @@ class TransferFunction(ModesMixin, LinearModel):
             )
         signal = array[:, : self._n_inputs] if self.reads_columns else array[:, 0]
         slices = read_slices(self, X, reset=False)
-        return run_records(self.operator_, signal, slices, self.free_run_state)
+        return self._free_run(signal, slices, [None] * len(slices))
