@@ -207,7 +207,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
 
     operator_class = Operator
     method = "variable_projection"  # of a constructor without it
-    reads_columns = False  # of X beside the first
+    reads_columns = False  # of X other than the first
     one_interval = False  # an operator runs at the interval of each record
     any_interval = False  # and, for a straight drive, gives the same however fine the interval is
     disturbance_names = ()  # of what the model adds to the driven response
