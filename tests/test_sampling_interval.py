@@ -370,3 +370,15 @@ def test_a_fit_to_a_frequency_response_has_its_interval(data):
     model = TransferFunction(1, hold="foh").fit_frequency_response(counted)
     with pytest.raises(RecordError, match="fitted without a time"):
         model.predict(X)
+
+
+@pytest.mark.filterwarnings("ignore:X does not have valid feature names")
+def test_a_search_and_its_best_model_answer_at_the_interval_of_the_fit(data):
+    X, y = data
+    noise = 1e-2 * np.random.default_rng(1).normal(size=N)
+    search = EffectSearchCV(FirstOrderLag(), effects=["offset"], cv=2, max_effects=1)
+    search.fit(X, y + noise)
+    expected = search.predict(X)
+    np.testing.assert_allclose(expected, y, atol=0.05)
+    for model in (search, search.best_estimator_, search.declared_estimator_):
+        np.testing.assert_array_equal(model.predict(X.to_numpy()), model.predict(X))
