@@ -35,6 +35,7 @@ from ..operators import (
     Series,
     parameter,
     run_records,
+    state_space_begin,
     state_space_step,
 )
 from ..optimize import (
@@ -445,7 +446,8 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
         at_rest = initial_state == "rest"
         x = -np.linalg.solve(a, b @ u0) if at_rest else np.zeros(len(a))
         pasts = (o.init(v, initial_state) for o, v in zip(self._delays(), u0, strict=False))
-        return x, u0 * at_rest, tuple(pasts)
+        previous = None if self.hold == "foh" and not at_rest else u0 * at_rest
+        return x, previous, tuple(pasts)
 
     def run(self, u, dt, state=None):
         u = np.ascontiguousarray(u, dtype=float)
@@ -457,7 +459,13 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
             ]
             u = np.stack([signal for signal, _ in delayed], axis=1)
             pasts = tuple(past for _, past in delayed)
-        y, x = state_space_run_many(*self._discrete(dt), u, x, previous)
+        discrete = self._discrete(dt)
+        if previous is None:
+            first = discrete[-2] @ x + discrete[-1] @ u[0]
+            y, x = state_space_run_many(*discrete, u[1:], x, u[0])
+            y = np.vstack([first, y])
+        else:
+            y, x = state_space_run_many(*discrete, u, x, previous)
         return y[:, 0] + self.intercept, (x, u[-1].copy(), pasts)
 
     def compiled_step(self, dt, state):
@@ -468,7 +476,11 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
         for i in range(self.n_inputs):
             constants = ad, b0[:, i], b1[:, i], c, d[i], self.intercept if i == 0 else 0.0
             own = x if i == 0 else np.zeros_like(x)
-            stages = (CompiledLaw(state_space_step, constants, [*own, previous[i], *own]),)
+            if previous is None:
+                law = CompiledLaw(state_space_begin, constants, [*own, 0.0, *own, 0.0])
+            else:
+                law = CompiledLaw(state_space_step, constants, [*own, previous[i], *own])
+            stages = (law,)
             if pasts:
                 stages = self._delays()[i].compiled_step(dt, pasts[i]), *stages
             branches.append(CompiledColumn((CompiledSeries(stages),), i, 0.0))
