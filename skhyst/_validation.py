@@ -18,12 +18,13 @@ _TOO_FAR = (
 )
 
 
-def read_data(estimator, X, *y, reset, dt):
+def read_data(estimator, X, *y, reset, dt, bridge=False):
     """Validate X and y; return the records, X as an array, and y, or None if it is not given.
 
     With ``reset``, in a fit, ``drive_range_`` and ``drive_rate_`` of the estimator are set.
+    ``bridge`` is as in :func:`~skhyst.records.record_slices`.
     """
-    sampling = {"dt": dt, "one_interval": _counts_samples(estimator)}
+    sampling = {"dt": dt, "one_interval": _counts_samples(estimator), "bridge": bridge}
     if not y:
         array = as_floats(estimator, X, reset=reset)
         return record_slices(X, **sampling), array, None
@@ -42,7 +43,12 @@ def keep_seen(estimator, drive, slices):
     See :class:`ParametricModel` for ``drive_range_`` and ``drive_rate_``.
     """
     with np.errstate(over="ignore"):
-        rates = [np.abs(np.diff(drive[s.rows])).max(initial=0.0) / s.dt for s in slices]
+        rates = [
+            np.abs(np.diff(drive[s.rows]) / np.diff(s.samples)).max(initial=0.0) / s.dt
+            if s.lost
+            else np.abs(np.diff(drive[s.rows])).max(initial=0.0) / s.dt
+            for s in slices
+        ]
     estimator.drive_range_ = (float(drive.min()), float(drive.max()))
     estimator.drive_rate_ = float(max(rates))
 

@@ -30,7 +30,7 @@ from .optimize import (
     input_history_of,
     with_input_history,
 )
-from .records import chosen_interval
+from .records import chosen_interval, with_lost_rows
 
 __all__ = ["ParametricModel"]
 
@@ -39,6 +39,11 @@ _OUT_OF_RANGE = (
     "Identification has left the range of floating point: choose other units of X, y or time, in "
     "which the numbers are nearer to one."
 )
+_NO_REST = (
+    "{} has found no state of rest, as of an integrator: start with initial_state='zero', or from "
+    "a known response with predict_from"
+)
+_CLEARLY = 0.5  # of the error: as much as chance and the colour of a residual do not make
 _FEW = "Records this short tell like few independent samples, and params_std_ is too small for"
 
 
@@ -105,6 +110,14 @@ def with_params(model, **params):
     model = copy.copy(model)
     vars(model).update(params)
     return model
+
+
+def scored_where(data, slices, read):
+    """Return records of which only the rows that were read count, not those that were lost."""
+    return [
+        replace(record, weights=read[s.rows].astype(float)) if not read[s.rows].all() else record
+        for record, s in zip(data, slices, strict=True)
+    ]
 
 
 def as_node(model, **parts):
@@ -180,6 +193,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         Simulations of all records that identification took.
     fit_error_ : float
         Root mean square of the residual in the records of the fit, units of the response.
+    has_rest_ : bool
+        False where the records of the fit begin at no state of rest, as those of an integrator; a
+        model with the initial state ``"estimate"`` then starts from zero.
     records_ : tuple of RecordSlice
         The records of the fit.
     drive_range_ : tuple of (float, float)
@@ -210,6 +226,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     reads_columns = False  # of X beside the first
     one_interval = False  # an operator runs at the interval of each record
     any_interval = False  # and, for a straight drive, gives the same however fine the interval is
+    has_rest_ = True
     disturbance_names = ()  # of what the model adds to the driven response
 
     def __init_subclass__(cls, **options):
@@ -311,10 +328,11 @@ class ParametricModel(RegressorMixin, BaseEstimator):
 
     def _read_records(self, X, y):
         """Validate X and y, store the records, and return them as identification uses them."""
-        slices, X, y = read_data(self, X, y, reset=True, dt=self.dt)
-        data = self.record_data(slices, X, y)
-        self.records_ = slices
-        return data
+        slices, X, y = read_data(self, X, y, reset=True, dt=self.dt, bridge=True)
+        self.records_, self.has_rest_ = slices, True
+        even, X, y, read = with_lost_rows(slices, X, y)
+        data = self.record_data(even, X, y)
+        return data if read is None else scored_where(data, even, read)
 
     def record_data(self, slices, X, y):
         """Return each record as identification uses it.
@@ -466,7 +484,31 @@ class ParametricModel(RegressorMixin, BaseEstimator):
 
     def _fit_records(self, records):
         """Fit validated records."""
-        return self.finish(identified(self, records)[1], records)
+        result = identified(self, records)[1]
+        moving = None if self.initial_state == "zero" else self._without_rest(result, records)
+        if moving is None:
+            return self.finish(result, records)
+        warnings.warn(
+            f"{_NO_REST.format(type(self).__name__)}: with initial_state='zero' the error is "
+            f"{moving.error:.3g} in place of {result.error:.3g}.",
+            ConvergenceWarning,
+            stacklevel=4,
+        )
+        self.has_rest_ = False
+        return self.finish(moving if self.initial_state == "estimate" else result, records)
+
+    def _without_rest(self, result, records):
+        """Return what a start from zero leaves room for, if the response has no state of rest.
+
+        A pole that has not decayed within the longest record is one whose rest is not recorded; an
+        integrator has none, and then no record begins at it.
+        """
+        longest = max(len(record.u) * record.dt for record in records)
+        if not result.operator.slowest_decay() > longest:
+            return None
+        moving = identified(with_params(self, initial_state="zero"), records)[1]
+        clearly = moving.error < _CLEARLY * result.error
+        return moving if clearly and moving.operator.slowest_decay() > longest else None
 
     def finish(self, result, records):
         """Store the result of identification, and warn of parameters that are not determined.
@@ -486,7 +528,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """
         if not np.isfinite(result.error):
             raise RecordError(_OUT_OF_RANGE)
-        if self.initial_state == "estimate":
+        if self.initial_state == "estimate" and self.has_rest_:
             if any(record.before is None for record in records):
                 result = with_input_history(result, records, self.method)
             else:
@@ -573,9 +615,17 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             cut off there, with a :class:`~skhyst.exceptions.DivergenceWarning`.
         """
         check_is_fitted(self)
-        slices, X, _ = read_data(self, X, reset=False, dt=self.dt)
+        if self.initial_state == "rest" and not self.has_rest_:
+            warnings.warn(
+                f"{_NO_REST.format(type(self).__name__)}, from which this run starts.",
+                ConvergenceWarning,
+                stacklevel=2,
+            )
+        slices, X, _ = read_data(self, X, reset=False, dt=self.dt, bridge=True)
+        slices, X, read = with_lost_rows(slices, X)
         signal, schedules = self.operator_input(X, slices)
-        return run_records(self.operator_, signal, slices, self.free_run_state, schedules)
+        y = run_records(self.operator_, signal, slices, self.free_run_state, schedules)
+        return y if read is None else y[read]
 
     def predict_from(self, X, y) -> np.ndarray:
         """Return the free run of records that start in motion, with their initial state from ``y``.
@@ -608,10 +658,11 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         True
         """
         rest = self.predict(X)
-        slices, X, _ = read_data(self, X, reset=False, dt=self.dt)
+        slices, X, _ = read_data(self, X, reset=False, dt=self.dt, bridge=True)
         y = check_array(y, ensure_2d=False, ensure_all_finite="allow-nan", dtype=float)
         check_consistent_length(X, y)
-        known = np.isfinite(y)
+        slices, X, y, rest, read = with_lost_rows(slices, X, y, rest)
+        known = np.isfinite(y) if read is None else np.isfinite(y) & read
         data = [
             replace(record, weights=known[s.rows].astype(float))
             for s, record in zip(
@@ -625,7 +676,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         parts = problem.predictions(problem.x0, np.ones(len(data), dtype=bool))
         told = [known[s.rows].any() for s in slices]
         own = [p if t else rest[s.rows] for s, p, t in zip(slices, parts, told, strict=True)]
-        return np.concatenate(own)
+        found = np.concatenate(own)
+        return found if read is None else found[read]
 
     def stepper(self, dt=None, u0=0.0, initial_state=None, *, schedule=None) -> Stepper:
         """Return the fitted model as a device that is fed the drive sample by sample.
@@ -677,6 +729,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     @property
     def free_run_state(self) -> str:
         """State before each record of a free run, "rest" or "zero"."""
+        if self.initial_state == "estimate" and not self.has_rest_:
+            return "zero"
         return "zero" if self.initial_state == "zero" else "rest"
 
 

@@ -70,6 +70,12 @@ def complex_gain(a, b, c, d, points):
     return c @ np.linalg.solve(resolvent, np.broadcast_to(b, (len(points), *b.shape))) + d
 
 
+def decay_of(poles):
+    """Return the longest time in s in which what poles (rad/s) stand for falls to 1/e."""
+    slowest = np.max(np.real(poles), initial=-np.inf)
+    return float(-1.0 / slowest) if slowest < 0.0 else np.inf
+
+
 def _equilibrium(a, b):
     """Return the state at rest for a unit input; an integrator, which has none, begins at zero."""
     try:
@@ -184,6 +190,9 @@ class LinearOperator(DiscretizedOperator):
     def poles(self):
         """Return the poles in rad/s, complex, shape (n_states,)."""
         return np.linalg.eigvals(self.state_space()[0])
+
+    def slowest_decay(self):
+        return decay_of(self.poles())
 
     def _rest(self):
         """Return the state at rest for a unit input."""

@@ -30,7 +30,7 @@ from ..optimize import (
     vector_fit,
     warp,
 )
-from ..records import chosen_interval, record_slices
+from ..records import chosen_interval, record_slices, with_lost_rows
 from ._linear import complex_gain
 from ._modes import ModesMixin, section_poles
 from ._periodic import find_period, period_spectra
@@ -441,8 +441,9 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         """
         check_is_fitted(self)
         array = as_floats(self, X, reset=False)
-        slices = record_slices(X, dt=self.dt)
+        slices, array, read = with_lost_rows(record_slices(X, dt=self.dt, bridge=True), array)
         y = run_records(self.operator_, array, slices, self.initial_state)
+        y = y if read is None else y[read]
         return y[:, 0] if self._one_response else y
 
     def stepper(self, dt=None, u0=0.0, initial_state=None) -> Stepper:

@@ -55,6 +55,7 @@ from ._linear import (
     DiscretizedOperator,
     LinearModel,
     LinearOperator,
+    decay_of,
     discretize,
     log_grid,
     refuse_open_hold,
@@ -349,6 +350,9 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
     def poles(self):
         """Return the poles in rad/s, complex, shape (n_states,)."""
         return self.part(0).poles()
+
+    def slowest_decay(self):
+        return decay_of(self.poles())
 
     def zeros(self):
         """Return the zeros of each input in rad/s: a list of complex arrays."""

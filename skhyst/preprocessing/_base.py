@@ -12,7 +12,7 @@ from sklearn.utils.validation import check_is_fitted
 from .._documentation import inherit_documentation
 from .._sklearn import check_feature_names_in, fit_context
 from .._validation import as_floats, refuse_large
-from ..records import record_slices
+from ..records import record_slices, with_lost_rows
 
 _EXTREME = 1e250  # largest values, whose differences over a short interval are finite
 
@@ -134,9 +134,11 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
         array = as_floats(self, X, reset=False)
         refuse_large("X", array[:, self.columns_], _EXTREME)
         names = self.get_feature_names_out()
+        records, array, read = with_lost_rows(self._records(X, bridge=True), array)
         features = np.empty((len(array), len(names)))
-        for record in self._records(X):
+        for record in records:
             self._transform_record(array[record.rows], record.dt, features[record.rows])
+        features = features if read is None else features[read]
         if hasattr(X, "iloc"):
             return type(X)(features, index=X.index, columns=names, copy=False)
         return features
@@ -157,9 +159,9 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
         names = check_feature_names_in(self, input_features)
         return np.asarray(self._names(names), dtype=object)
 
-    def _records(self, X, y=None):
+    def _records(self, X, y=None, *, bridge=False):
         options = {"dt": getattr(self, "dt", 1.0), "one_interval": self.one_interval}
-        return record_slices(X, y, **options)
+        return record_slices(X, y, bridge=bridge, **options)
 
 
 def find_column(estimator, column, parameter) -> int:
