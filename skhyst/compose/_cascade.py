@@ -11,6 +11,7 @@ from sklearn.frozen import FrozenEstimator
 from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import BaseComposition, diagram_of
+from .._validation import agreed
 from ..base import ParametricModel, as_node, informed, refine, with_params
 from ..operators import (
     FrozenOperator,
@@ -57,10 +58,13 @@ class Composition(ParametricModel, BaseComposition):
     ----------
     steps : list of (str, estimator)
         Names and models; fitted models in a FrozenEstimator are held.
-    initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample; that of the steps is not used.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index; that of the steps is not used.
+    initial_state : {"rest", "zero", "estimate"} or None, default=None
+        State before each record's first sample, in place of that of the steps; None: theirs, in
+        which they must agree.
+    dt : float or None, default=None
+        Sampling interval in s of data without a time index, in place of that of the steps; None:
+        theirs, in which those that have one must agree. So must those that say which column is the
+        drive.
 
     Attributes
     ----------
@@ -71,10 +75,14 @@ class Composition(ParametricModel, BaseComposition):
         held are not among them.
     """
 
-    _parameter_constraints = {**ParametricModel._parameter_constraints, "steps": [list]}
+    _parameter_constraints = {
+        **ParametricModel._parameter_constraints,
+        "initial_state": [*ParametricModel._parameter_constraints["initial_state"], None],
+        "steps": [list],
+    }
     _parallel = False
 
-    def __init__(self, steps, *, initial_state="rest", dt=1.0, method="variable_projection"):
+    def __init__(self, steps, *, initial_state=None, dt=None, method="variable_projection"):
         self.steps = steps
         self.initial_state = initial_state
         self.dt = dt
@@ -213,7 +221,9 @@ class Composition(ParametricModel, BaseComposition):
         )
         if result.covariance is not None:
             own["covariance"] = result.covariance[np.ix_(at, at)]
-        shared = {"records_": self.records_, "dt": self.dt, "initial_state": self.initial_state}
+        shared = {key: agreed(self, key) for key in ("dt", "initial_state")}
+        of_fit = ("records_", "dt_", "time_unit_")
+        shared |= {key: getattr(self, key) for key in of_fit if hasattr(self, key)}
         model = with_params(model, **shared)
         result = replace(result, operator=stage, disturbances=(), input_history=None, **own)
         return model.adopt(result)
@@ -286,7 +296,13 @@ class Cascade(Composition):
     _parameter_constraints = {**Composition._parameter_constraints, "warm_start": ["boolean"]}
 
     def __init__(
-        self, steps, *, initial_state="rest", dt=1.0, method="variable_projection", warm_start=False
+        self,
+        steps,
+        *,
+        initial_state=None,
+        dt=None,
+        method="variable_projection",
+        warm_start=False,
     ):
         super().__init__(steps, initial_state=initial_state, dt=dt, method=method)
         self.warm_start = warm_start
