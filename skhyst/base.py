@@ -52,6 +52,7 @@ _NO_REST = (
     "a known response with predict_from"
 )
 _CLEARLY = 0.5  # of the error: as much as chance and the colour of a residual do not make
+_NOTHING = 0.99  # of the standard deviation of the response, which a constant leaves
 _FEW = "Records this short tell like few independent samples, and params_std_ is too small for"
 
 
@@ -598,9 +599,24 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         category : type
             Of the warning that a fit gives.
         """
+        name, drives = type(self).__name__, np.concatenate([record.drive for record in records])
+        driven = not (self.operator_class.is_disturbance or self.reads_columns)
+        if driven and self.free_run_state == "rest" and not np.ptp(drives):
+            yield (
+                f"The drive does not move: it is {drives[0]:g} in every sample, which leaves open "
+                f"how {name} responds. If it was switched on at the first sample, say so by "
+                "initial_state='zero'.",
+                ConvergenceWarning,
+            )
+        if driven and _opposes(drives, result.error, records):
+            yield (
+                f"{name} explains nothing of the response, which falls where the drive rises: turn "
+                "the sign of one of them.",
+                ConvergenceWarning,
+            )
         if _is_constant(result.operator) and any(np.ptp(record.y) > 0.0 for record in records):
             yield (
-                f"No weight of {type(self).__name__} is other than zero: the response follows the "
+                f"No weight of {name} is other than zero: the response follows the "
                 "drive in neither direction.",
                 ConvergenceWarning,
             )
@@ -789,6 +805,17 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """State before each record of a free run, "rest" or "zero"."""
         state = agreed(self, "initial_state")
         return "zero" if state == "zero" or (state == "estimate" and not self.has_rest_) else "rest"
+
+
+def _opposes(drives, error, records):
+    """Whether a falling line explains most of a response of which a fit explains nothing."""
+    counts = np.concatenate([record.counts() for record in records])
+    y = np.concatenate([record.y for record in records])
+    if not (np.ptp(y) > 0.0 and np.ptp(drives) > 0.0):
+        return False
+    (power, product), (_, own) = np.cov(y / np.ptp(y), drives / np.ptp(drives), aweights=counts)
+    least = error >= _NOTHING * np.sqrt(power) * np.ptp(y)
+    return bool(least and product < 0.0 and product**2 > 0.5 * power * own)
 
 
 def _is_constant(operator):

@@ -23,6 +23,8 @@ _ADVICE = {
     "lost_samples": "start a new record at each of these rows; a time index would show the gap",
     "lost_rows": "nothing to do: a model runs on through them, and they are not scored",
     "repeated_record": "leave it out: it is equal to an earlier one to the last bit",
+    "constant_drive": "drive the device: what does not move tells nothing of its response",
+    "same_signal": "check the columns: the drive is in another column, too",
     "swapped_channels": "check the columns: the drive reads like a response, and lags",
     "noisy_drive": "give the drive as it was commanded, or average it over repetitions",
     "closed_loop": "record what the controller follows, and search with it as the reference",
@@ -48,7 +50,8 @@ def data_quality(X, y, records) -> pd.DataFrame:
         One row per fault and record: ``fault`` (one of ``outlier``, ``lost_reading``,
         ``stuck_sensor``, ``clipped_range``, ``wrapped_reading``, ``clock_jitter``,
         ``lost_samples``, ``lost_rows`` (of which the index tells), ``swapped_channels``,
-        ``noisy_drive``, ``repeated_record``), ``record``, ``n_samples``, ``rows`` (the first few;
+        ``noisy_drive``, ``repeated_record``, and of all records ``constant_drive`` and
+        ``same_signal``), ``record``, ``n_samples``, ``rows`` (the first few;
         of lost ones those behind), ``value`` (reading at which it was stuck, clipped or lost; jump
         of a wrapped reading; relative standard deviation of the interval; number of samples lost
         before each row; standard deviation of the drive's noise; NaN for others), ``advice``.
@@ -72,9 +75,16 @@ def data_quality(X, y, records) -> pd.DataFrame:
     drive = np.asarray(X, dtype=float)[:, 0]
     y = np.asarray(y, dtype=float)
     found, firsts = [], first_of_equals(records, X, y)
+    still = drive.size > 0 and not np.ptp(drive)
+    others = [y, *np.asarray(X, dtype=float).T[1:]]
+    same = not still and any(np.array_equal(drive, other) for other in others)
     for number, (record, name) in enumerate(zip(records, record_names(records), strict=True)):
         u, own = drive[record.rows], y[record.rows]
         whole = np.arange(record.rows.start, record.rows.stop)
+        if still:
+            found.append(("constant_drive", name, whole, u[0]))
+        if same:
+            found.append(("same_signal", name, whole, np.nan))
         if firsts[number] < number:
             found.append(("repeated_record", name, whole, np.nan))
         runs = _runs(own)
