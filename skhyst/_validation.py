@@ -220,8 +220,6 @@ def keep_seen(estimator, drive, slices):
     with np.errstate(over="ignore"):
         rates = [
             np.abs(np.diff(drive[s.rows]) / np.diff(s.samples)).max(initial=0.0) / s.dt
-            if s.lost
-            else np.abs(np.diff(drive[s.rows])).max(initial=0.0) / s.dt
             for s in slices
         ]
     estimator.drive_range_ = (float(drive.min()), float(drive.max()))

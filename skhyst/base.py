@@ -813,7 +813,8 @@ def _opposes(drives, error, records):
     y = np.concatenate([record.y for record in records])
     if not (np.ptp(y) > 0.0 and np.ptp(drives) > 0.0):
         return False
-    (power, product), (_, own) = np.cov(y / np.ptp(y), drives / np.ptp(drives), aweights=counts)
+    both = y / np.ptp(y), drives / np.ptp(drives)
+    (power, product), (_, own) = np.cov(*both, ddof=0, aweights=counts)
     least = error >= _NOTHING * np.sqrt(power) * np.ptp(y)
     return bool(least and product < 0.0 and product**2 > 0.5 * power * own)
 

@@ -26,7 +26,8 @@ METHODS = {
 _SILENT = 1e-13  # of the response
 _LOST = np.sqrt(np.finfo(float).tiny / np.finfo(float).eps)  # below it squares lose their digits
 _NOISELESS = 1e-8  # part of the response's power that is no noise, but what numbers are rounded to
-_STIFF, _ROUNDING = 1e10, 1e-6
+_STIFF = 1e10  # of what the data determine, beside what they do not
+_ROUNDING = 1e-6  # part of the linear unknowns that is no change of them
 _SINGULAR = 1e-11  # relative eigenvalue of the scaled normal equations
 
 
