@@ -804,7 +804,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     def free_run_state(self) -> str:
         """State before each record of a free run, "rest" or "zero"."""
         state = agreed(self, "initial_state")
-        return "zero" if state == "zero" or (state == "estimate" and not self.has_rest_) else "rest"
+        known = state == "zero" or (state == "estimate" and not self.has_rest_)
+        return "zero" if known else "rest"
 
 
 def _opposes(drives, error, records):
