@@ -13,6 +13,7 @@ from ..base import as_node, informed, refine, with_params
 from ..exceptions import RecordError
 from ..operators import Scheduled, split_disturbances
 from ..optimize import RecordData, VariableProjection
+from ..records import record_names
 from ._columns import AroundModel, amplitude, is_constant
 
 _LEAST = 1e-3  # of a positive parameter, relative to its constant value
@@ -117,12 +118,12 @@ class ScheduledParameters(AroundModel):
             return [amplitude(X[s.rows, drive_column(self)]) for s in slices]
         column = self._column(X.shape[1])
         found = []
-        for s in slices:
+        for s, name in zip(slices, record_names(slices), strict=True):
             values = X[s.rows, column]
             if not is_constant(values, np.abs(X[:, column]).max()):
                 raise RecordError(
                     f"The column {self.by!r} of ScheduledParameters must be constant in each "
-                    f"record. In record {s.label!r} it goes from {values.min():g} to "
+                    f"record. In record {name!r} it goes from {values.min():g} to "
                     f"{values.max():g}: cut the record where it changes."
                 )
             found.append(float(values.mean()))

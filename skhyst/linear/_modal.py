@@ -36,7 +36,7 @@ from ..optimize import (
     vector_fit,
     warp,
 )
-from ..records import chosen_interval
+from ..records import chosen_interval, with_lost_rows
 from ._linear import complex_gain
 from ._modes import ModesMixin, section_poles
 from ._periodic import find_period, period_spectra
@@ -447,8 +447,9 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         """
         check_is_fitted(self)
         array = as_floats(self, X, reset=False)
-        slices = read_slices(self, X, reset=False)
+        slices, array, read = with_lost_rows(read_slices(self, X, reset=False, bridge=True), array)
         y = run_records(self.operator_, array, slices, self.initial_state)
+        y = y if read is None else y[read]
         return y[:, 0] if self._one_response else y
 
     def stepper(self, dt=None, u0=0.0, initial_state=None) -> Stepper:

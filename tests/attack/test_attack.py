@@ -2,9 +2,11 @@
 
 from zlib import crc32
 
+import numpy as np
+import pandas as pd
 import pytest
-from attack import attack, attack_composition, attack_interval, examine, instance
-from hostile_data import Case
+from attack import attack, attack_composition, attack_interval, examine, instance, use
+from hostile_data import DT, Case
 from small_estimators import SLOW, small_estimators
 
 from skhyst.base import ParametricModel
@@ -113,3 +115,16 @@ def test_what_a_step_says(name, kind):
 @pytest.mark.parametrize("name", MODELS)
 def test_what_any_step_says(name, kind):
     assert [attack_composition(name, KINDS[kind], **said) for said in SAID] == ["", ""]
+
+
+@pytest.mark.parametrize("name", sorted(set(small_estimators()) - SLOW))
+def test_a_lost_row_on_a_straight_line_changes_nothing(name):
+    """What the drive was there is known, so all other rows are predicted as if it were there."""
+    drive, response = Case().numbers()
+    at = len(drive) // 2
+    drive[at] = 0.5 * (drive[at - 1] + drive[at + 1])
+    times = DT * np.arange(len(drive))
+    X, y = pd.DataFrame(drive, times, ["c0"]), pd.Series(response, times)
+    fitted, kept = instance(name).fit(X, y), np.arange(len(drive)) != at
+    whole, found = use(fitted, X, y)[kept], use(fitted, X[kept], y[kept])
+    np.testing.assert_allclose(found, whole, atol=1e-9 * np.abs(whole).max())
