@@ -17,7 +17,7 @@ from sklearn.utils.validation import check_array, check_consistent_length, check
 from threadpoolctl import ThreadpoolController
 
 from ._documentation import inherit_documentation
-from ._sklearn import Interval, StrOptions, fit_context
+from ._sklearn import Interval, StrOptions, check_sample_weight, fit_context
 from ._validation import finite_number, read_data, rest_of
 from .exceptions import ConvergenceWarning, RecordError, ShortRecordWarning
 from .operators import Operator, Stepper, add_disturbances, run_records, split_disturbances
@@ -252,7 +252,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         return frozenset(name[4:] for name, fit in flags if name[:4] == "fit_" and fit is False)
 
     @fit_context(prefer_skip_nested_validation=True)
-    def fit(self, X, y) -> Self:
+    def fit(self, X, y, sample_weight=None) -> Self:
         """Identify the parameters.
 
         Parameters
@@ -261,12 +261,16 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             Column 0 is the drive; the index carries records and time.
         y : array-like of shape (n_samples,)
             Response.
+        sample_weight : array-like of shape (n_samples,), default=None
+            Not negative: the squared error of each sample counts so much, as if the sample were
+            there so many times. The drive of a sample of weight zero acts on those that follow;
+            its response is not read.
 
         Returns
         -------
         self
         """
-        data = self._read_records(X, y)
+        data = self._read_records(X, y, sample_weight)
         # the matrices are tiny: threads that wait for each other cost more than they do
         with _calculable():
             return self._fit_records(data)
@@ -309,12 +313,17 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             result = refine(self, [self.tree(operator)], data, method)
             return self.finish(result, data)
 
-    def _read_records(self, X, y):
+    def _read_records(self, X, y, sample_weight=None):
         """Validate X and y, store the records, and return them as identification uses them."""
         slices, X, y = read_data(self, X, y, reset=True, dt=self.dt)
         data = self.record_data(slices, X, y)
         self.records_ = slices
-        return data
+        if sample_weight is None:
+            return data
+        weights = check_sample_weight(sample_weight, X, dtype=float, ensure_non_negative=True)
+        return [
+            replace(record, weights=weights[s.rows]) for s, record in zip(slices, data, strict=True)
+        ]
 
     def record_data(self, slices, X, y):
         """Return each record as identification uses it.

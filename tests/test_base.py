@@ -8,7 +8,10 @@ import sys
 import numpy as np
 import pandas as pd
 import pytest
+import sklearn
 from sklearn.base import clone
+from sklearn.model_selection import GridSearchCV
+from sklearn.pipeline import make_pipeline
 
 from skhyst.base import ParametricModel
 from skhyst.compose import Cascade, Sum
@@ -28,7 +31,7 @@ from skhyst.linear import (
 )
 from skhyst.operators import Series, run_records
 from skhyst.persistence import from_json, to_json
-from skhyst.records import record_slices
+from skhyst.records import record_slices, stack_records
 from skhyst.static import SaturationOperator
 
 DT, N = 0.01, 300
@@ -377,3 +380,65 @@ def test_a_response_that_falls_is_followed_as_one_that_rises(model):
     rising, falling = clone(model).fit(X, drive), clone(model).fit(X, -drive)
     np.testing.assert_allclose(falling.predict(X), -rising.predict(X), atol=1e-9)
     clone(model).fit(X, np.full(400, 0.1))  # which has no direction
+
+
+# ------------------------------------------------------------------------------------- weights
+
+
+def test_weights_count_as_repetitions_do(model):
+    """A record of weight two is one that was recorded twice."""
+    X, y = stack_records([(drive(i)[:, None], PLANT.run(drive(i), DT)[0]) for i in (0, 1)], dt=DT)
+    y = y + 0.002 * np.random.default_rng(5).normal(size=len(y))
+    weighted = clone(model).fit(X, y, sample_weight=np.repeat([2.0, 1.0], N))
+    again = X.iloc[:N], y.iloc[:N]
+    again = [own.rename(index={0: "again"}, level="record") for own in again]
+    repeated = clone(model).fit(pd.concat([again[0], X]), pd.concat([again[1], y]))
+    for name in ("params_", "params_std_white_"):  # NaN at a bound
+        expected = pytest.approx(getattr(repeated, name), rel=1e-5, abs=1e-9, nan_ok=True)
+        assert getattr(weighted, name) == expected
+    assert weighted.fit_error_ == pytest.approx(repeated.fit_error_)
+
+
+def test_a_response_of_weight_zero_is_not_read(model):
+    """The drive goes on below it, so that what follows is simulated as before."""
+    weights = np.ones(N)
+    weights[100:140] = 0.0
+    spoilt = np.where(weights, Y, 5.0)
+    found = [clone(model).fit(X, y, sample_weight=weights) for y in (Y, spoilt)]
+    np.testing.assert_array_equal(found[1].predict(X), found[0].predict(X))
+    clean, wrong = (clone(model).fit(X, y).predict(X) for y in (Y, spoilt))
+    away = [np.abs(other - clean).max() for other in (found[1].predict(X), wrong)]
+    assert away[0] < 0.1 * away[1]
+
+
+@pytest.mark.parametrize(
+    ("weights", "told"),
+    [
+        (np.ones(N - 1), "sample_weight.shape"),
+        (np.ones((N, 2)), "must be 1D"),
+        (-np.ones(N), "Negative values"),
+        (np.full(N, np.nan), "NaN"),
+        (np.zeros(N), "zero"),
+    ],
+)
+def test_weights_that_are_none(weights, told):
+    with pytest.raises(ValueError, match=told):
+        FirstOrderLag(dt=DT).fit(X, Y, sample_weight=weights)
+
+
+def test_weights_through_a_pipeline_and_a_search():
+    """As scikit-learn routes them: to the fit of the model in each fold, by name or by request."""
+    weights = np.ones(N)
+    weights[100:140] = 0.0
+    spoilt = np.where(weights, Y, 5.0)
+    expected = FirstOrderLag(dt=DT).fit(X, spoilt, sample_weight=weights).params_
+    named = make_pipeline(FirstOrderLag(dt=DT))
+    named.fit(X, spoilt, firstorderlag__sample_weight=weights)
+    assert named[-1].params_ == expected
+    with sklearn.config_context(enable_metadata_routing=True):
+        model = FirstOrderLag(dt=DT).set_fit_request(sample_weight=True)
+        model = model.set_score_request(sample_weight=True)
+        search = GridSearchCV(make_pipeline(model), {"firstorderlag__hold": ["foh", "zoh"]}, cv=2)
+        search.fit(X, spoilt, sample_weight=weights)
+    assert search.best_params_ == {"firstorderlag__hold": "foh"}
+    assert search.best_estimator_[-1].params_ == expected
