@@ -68,7 +68,8 @@ class Contest:
         Takes a line about progress or "", and the round, what is tried, how many of the step are
         done and how many there are.
     renew : callable or None
-        Fits a declared black box again, see ``BlackBox.renew``.
+        Fits a declared black box again, see ``BlackBox.renew``: once an effect is in, or out. What
+        is tried is driven by its prediction out of fold.
     judge : callable
         Returns the :class:`Judgement` of the residual of a candidate.
     lost : list of ndarray of bool or None
@@ -140,8 +141,6 @@ class Contest:
 
     def raised(self, base):
         """Return a candidate with parts as fine as the held-out error asks, and what was done."""
-        if self.renew is not None:
-            return base, []
         begin = time.perf_counter()
         finer, done = raised(base, self.records, self.folds)
         self._add_time("resolution", begin)
@@ -299,7 +298,7 @@ class Contest:
             reduced = refitted(base, base.structure.without(name), records)
             if self.renew is None:
                 reduced = held_out(reduced, records, self.folds)
-            else:
+            else:  # it may make up for what is taken out
                 reduced = self.renew(reduced, base, records)
             self._keep(key, [reduced])
         return self._least(self.steps[key]["candidates"][0])
@@ -611,17 +610,8 @@ class Contest:
 
     def _held_out(self, base, candidates):
         """Return the candidates held out."""
-        if self.renew is None:
-            records = self.records_of(base)
-            return self._done(delayed(held_out)(c, records, self.folds) for c in candidates)
-        own = self.records_of(base)
-        rough = self._done(delayed(self.renew)(c, base, own) for c in candidates)
-        rough.sort(key=lambda c: c.error)
-        best = rough[: -(-len(rough) // FACTOR)]
-        fine = self._done(
-            delayed(self.renew)(c, c, self.records_of(c), thorough=True) for c in best
-        )
-        return fine + rough[len(best) :]
+        records = self.records_of(base)
+        return self._done(delayed(held_out)(c, records, self.folds) for c in candidates)
 
     def _ranked(self, number, base, effects, screened, tested):
         """Yield a row for each effect that was tried in a candidate."""
