@@ -616,25 +616,28 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         >>> bool(np.allclose(model.predict_from(late, known), model.predict(u)[200:], rtol=0.01))
         True
         """
-        rest = self.predict(X)
+        found = self.predict(X)
         slices, X, _ = read_data(self, X, reset=False, dt=self.dt)
         y = check_array(y, ensure_2d=False, ensure_all_finite="allow-nan", dtype=float)
         check_consistent_length(X, y)
         known = np.isfinite(y)
-        data = [
-            replace(record, weights=known[s.rows].astype(float))
-            for s, record in zip(
-                slices, self.record_data(slices, X, np.where(known, y, 0.0)), strict=True
-            )
-        ]
+        if not known.any():
+            return found
+        records = zip(slices, self.record_data(slices, X, np.where(known, y, 0.0)), strict=True)
+        told = [(s, record) for s, record in records if known[s.rows].any()]
+        data = [replace(record, weights=known[s.rows].astype(float)) for s, record in told]
+        parts = [r.first_part(1 + np.flatnonzero(r.weights)[-1]) for r in data]
+        # as kept by a fit; a part that a search has made knows none
+        drives = np.concatenate([getattr(self, "drive_range_", ()), *(r.drive for r in data)])
+        limits = drives.min(), drives.max()
         driven, beside = split_disturbances(self.operator_)
-        input_history, _ = input_history_of(driven, beside, data)
+        input_history, _ = input_history_of(driven, beside, parts, limits)
         data = [replace(r, before=b) for r, b in zip(data, input_history, strict=True)]
         problem = OperatorProblem(driven, data, disturbances=beside)
-        parts = problem.predictions(problem.x0, np.ones(len(data), dtype=bool))
-        told = [known[s.rows].any() for s in slices]
-        own = [p if t else rest[s.rows] for s, p, t in zip(slices, parts, told, strict=True)]
-        return np.concatenate(own)
+        outputs = problem.predictions(problem.x0, np.ones(len(data), dtype=bool))
+        for (s, _), output in zip(told, outputs, strict=True):
+            found[s.rows] = output
+        return found
 
     def stepper(self, dt=None, u0=0.0, initial_state=None, *, schedule=None) -> Stepper:
         """Return the fitted model as a device that is fed the drive sample by sample.

@@ -30,6 +30,7 @@ from skhyst.linear import (
     SecondOrderModeOperator,
 )
 from skhyst.operators import Series, run_records
+from skhyst.optimize import OperatorProblem
 from skhyst.persistence import from_json, to_json
 from skhyst.records import record_slices, stack_records
 from skhyst.static import SaturationOperator
@@ -289,6 +290,25 @@ def test_a_record_that_tells_nothing_begins_as_in_predict():
     np.testing.assert_array_equal(told[N:], free[N:])
     assert np.abs(free[N:]).mean() > 1.0
     assert np.nanmax(np.abs(told - y)) < 0.01 < 0.9 < np.nanmax(np.abs(free - y))
+
+
+def test_what_is_known_of_a_long_record_is_enough(monkeypatch):
+    """To find how it began, no more is simulated than the known part and as much before it."""
+    u = np.tile(drive(), 20)
+    y = PLANT.run(u, DT)[0]
+    model = clone(MODELS["cascade"]).fit(u[:2000, None], y[:2000])
+    lengths, simulate = [], OperatorProblem.simulate
+
+    def counted(self, operator, record):
+        lengths.append(len(record.with_history()[0]))
+        return simulate(self, operator, record)
+
+    monkeypatch.setattr(OperatorProblem, "simulate", counted)
+    known = np.where(np.arange(len(u) - 2000) < 50, y[2000:], np.nan)
+    found = model.predict_from(u[2000:, None], known)
+    assert np.max(lengths[:-1]) < 2 * 50  # the last one is the prediction
+    away = [np.abs(own - y[2000:]).max() for own in (model.predict(u[2000:, None]), found)]
+    assert away[1] < 0.02 < 0.1 < away[0]
 
 
 # -------------------------------------------------------------------------------------- results

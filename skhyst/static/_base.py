@@ -24,6 +24,7 @@ class StaticOperator(Operator):
     """
 
     stage_order = 40
+    memoryless = True
     curve = None
 
     def _evaluate(self, v):
