@@ -225,14 +225,27 @@ class Contest:
                     again = again.edited(name, *tree.edits_of(name))
                 trees.append(again.identified(records))
         if tree.input_history:
-            trees = [replace(t, input_history=()) for t in (tree, *trees)]
-            trees = [t.with_input_history(records) for t in trees]
+            trees = [t.with_input_history(records) for t in (tree, *trees)]
         for other in trees:
             candidate = refitted(base, other, records)
             better = candidate.cost < base.cost or other is not trees[0]
             if better and self._keeps_names(candidate, base):
                 anew.append(held_out(candidate, records, self.folds))
-        return self._least(min(map(self._finer, [base, *anew]), key=lambda c: c.error))
+        best = self._least(min(map(self._finer, [base, *anew]), key=lambda c: c.error))
+        if best.structure.root.n_parameters == tree.root.n_parameters or not base.effects:
+            return best
+        return self._least(min([best, *self._variants_of(best)], key=lambda c: c.error))
+
+    def _variants_of(self, base):
+        """Return the variant of the last effect of a candidate that is better beside the others.
+
+        It was chosen beside another resolution. A list of one candidate, or none.
+        """
+        name = base.effects[-1]
+        start = refitted(base, base.structure.without(name), self.records_of(base))
+        pairs = [(effect, start) for effect in self.effects if effect.name == name]
+        found = self._held_out(start, self._fitted([start], self._screened(start, pairs)))
+        return [self._finer(c) for c in found if self.criterion.matters(base, c)]
 
     def _has_course(self, candidate):
         """Whether what is added to the response is more than the noise's own course."""
