@@ -12,6 +12,7 @@ from sklearn.frozen import FrozenEstimator
 from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import BaseComposition, diagram_of
+from .._validation import agreed
 from ..base import ParametricModel, as_node, informed, refine, with_params
 from ..operators import (
     FrozenOperator,
@@ -61,10 +62,13 @@ class Composition(ParametricModel, BaseComposition):
         model leaves the step out, so that a search can try without it; "passthrough" too, but in
         parallel, where it is the drive itself. Numbers, names and slices select steps, as those
         of a Pipeline.
-    initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample; that of the steps is not used.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index; that of the steps is not used.
+    initial_state : {"rest", "zero", "estimate"} or None, default=None
+        State before each record's first sample, in place of that of the steps; None: theirs, in
+        which they must agree.
+    dt : float or None, default=None
+        Sampling interval in s of data without a time index, in place of that of the steps; None:
+        theirs, in which those that have one must agree. So must those that say which column is the
+        drive.
 
     Attributes
     ----------
@@ -75,11 +79,15 @@ class Composition(ParametricModel, BaseComposition):
         held are not among them.
     """
 
-    _parameter_constraints = {**ParametricModel._parameter_constraints, "steps": [list]}
+    _parameter_constraints = {
+        **ParametricModel._parameter_constraints,
+        "initial_state": [*ParametricModel._parameter_constraints["initial_state"], None],
+        "steps": [list],
+    }
     _parallel = False
     _left_out = ("passthrough", "drop")
 
-    def __init__(self, steps, *, initial_state="rest", dt=1.0, method="variable_projection"):
+    def __init__(self, steps, *, initial_state=None, dt=None, method="variable_projection"):
         self.steps = steps
         self.initial_state = initial_state
         self.dt = dt
@@ -146,8 +154,8 @@ class Composition(ParametricModel, BaseComposition):
             model = step.estimator if isinstance(step, FrozenEstimator) else step
             if not isinstance(model, ParametricModel):
                 raise TypeError(
-                    f"The steps of {kind} must be parametric models of skhyst, 'passthrough' or "
-                    f"'drop'. Got {step!r} as '{name}' instead."
+                    f"The steps of {kind} must be parametric models of skhyst. Got {step!r} "
+                    f"as '{name}' instead; 'drop' leaves a step out."
                 )
             if model is not step:
                 check_is_fitted(
@@ -163,6 +171,10 @@ class Composition(ParametricModel, BaseComposition):
             HeldStep(step.estimator) if isinstance(step, FrozenEstimator) else informed(step, self)
             for _, step in self._kept_steps()
         ]
+
+    def _agreed(self):
+        """Return the parameters in which the steps agree, where they are not said."""
+        return {key: agreed(self, key) for key in ("dt", "initial_state")}
 
     def _kept_steps(self):
         """Return the steps without those that are left out."""
@@ -183,6 +195,7 @@ class Composition(ParametricModel, BaseComposition):
         part = with_params(self, steps=self.steps[which])
         if not hasattr(self, "operator_"):
             return clone(part)
+        part = with_params(part, **self._agreed())
         driven, disturbances = split_disturbances(self.operator_)
         names = {name for name, _ in part._kept_steps()}
         stages = [(name, stage) for name, stage in driven.members() if name in names]
@@ -257,7 +270,9 @@ class Composition(ParametricModel, BaseComposition):
         keys = {key: key.removeprefix(mark) for key in keys}
         own = {"disturbances": (), "input_history": None}
         result = _part_of(self._identified, keys, stage, **own)
-        shared = {"records_": self.records_, "dt": self.dt, "initial_state": self.initial_state}
+        shared = self._agreed()
+        of_fit = ("records_", "dt_", "time_unit_")
+        shared |= {key: getattr(self, key) for key in of_fit if hasattr(self, key)}
         return with_params(model, **shared).adopt(result)
 
 
@@ -346,7 +361,13 @@ class Cascade(Composition):
     _parameter_constraints = {**Composition._parameter_constraints, "warm_start": ["boolean"]}
 
     def __init__(
-        self, steps, *, initial_state="rest", dt=1.0, method="variable_projection", warm_start=False
+        self,
+        steps,
+        *,
+        initial_state=None,
+        dt=None,
+        method="variable_projection",
+        warm_start=False,
     ):
         super().__init__(steps, initial_state=initial_state, dt=dt, method=method)
         self.warm_start = warm_start

@@ -242,9 +242,13 @@ class Contest:
         It was chosen beside another resolution. A list of one candidate, or none.
         """
         name = base.effects[-1]
-        start = refitted(base, base.structure.without(name), self.records_of(base))
-        pairs = [(effect, start) for effect in self.effects if effect.name == name]
-        found = self._held_out(start, self._fitted([start], self._screened(start, pairs)))
+        key = f"{self._set(base)} and other variants of {name}"
+        if not self._is_done(key):
+            start = refitted(base, base.structure.without(name), self.records_of(base))
+            pairs = [(effect, start) for effect in self.effects if effect.name == name]
+            found = self._fitted([start], self._screened(start, pairs))
+            self._keep(key, self._held_out(start, found))
+        found = self.steps[key]["candidates"]
         return [self._finer(c) for c in found if self.criterion.matters(base, c)]
 
     def _has_course(self, candidate):

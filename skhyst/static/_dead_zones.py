@@ -251,9 +251,16 @@ class DeadZones(StaticModel):
     operator_class = DeadZoneOperator
 
     def __init__(
-        self, n_zones=3, *, sides="both", initial_state="rest", dt=1.0, method="variable_projection"
+        self,
+        n_zones=3,
+        *,
+        sides="both",
+        initial_state="rest",
+        dt=None,
+        drive=None,
+        method="variable_projection",
     ):
-        super().__init__(initial_state=initial_state, dt=dt, method=method)
+        super().__init__(initial_state=initial_state, dt=dt, drive=drive, method=method)
         self.n_zones = n_zones
         self.sides = sides
 

@@ -114,8 +114,16 @@ class Fold(StaticModel):
         "side": [StrOptions({"lower", "upper"})],
     }
 
-    def __init__(self, side="lower", *, initial_state="rest", dt=1.0, method="variable_projection"):
-        super().__init__(initial_state=initial_state, dt=dt, method=method)
+    def __init__(
+        self,
+        side="lower",
+        *,
+        initial_state="rest",
+        dt=None,
+        drive=None,
+        method="variable_projection",
+    ):
+        super().__init__(initial_state=initial_state, dt=dt, drive=drive, method=method)
         self.side = side
 
     def starting_values(self, records):

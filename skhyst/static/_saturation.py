@@ -89,10 +89,11 @@ class Saturation(SaturationModel):
         sides="both",
         place="sensor",
         initial_state="rest",
-        dt=1.0,
+        dt=None,
+        drive=None,
         method="variable_projection",
     ):
-        super().__init__(initial_state=initial_state, dt=dt, method=method)
+        super().__init__(initial_state=initial_state, dt=dt, drive=drive, method=method)
         self.sides = sides
         self.place = place
 

@@ -137,8 +137,10 @@ class SmoothCurve(StaticModel):
 
     operator_class = PolynomialCurveOperator
 
-    def __init__(self, degree=5, *, initial_state="rest", dt=1.0, method="variable_projection"):
-        super().__init__(initial_state=initial_state, dt=dt, method=method)
+    def __init__(
+        self, degree=5, *, initial_state="rest", dt=None, drive=None, method="variable_projection"
+    ):
+        super().__init__(initial_state=initial_state, dt=dt, drive=drive, method=method)
         self.degree = degree
 
     def resolved(self, operator) -> Self:

@@ -168,10 +168,11 @@ class SoftSaturation(SaturationModel):
         place="sensor",
         fit_center=True,
         initial_state="rest",
-        dt=1.0,
+        dt=None,
+        drive=None,
         method="variable_projection",
     ):
-        super().__init__(initial_state=initial_state, dt=dt, method=method)
+        super().__init__(initial_state=initial_state, dt=dt, drive=drive, method=method)
         self.sides = sides
         self.place = place
         self.fit_center = fit_center
