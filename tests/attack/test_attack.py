@@ -3,7 +3,7 @@
 from zlib import crc32
 
 import pytest
-from attack import attack, examine, instance
+from attack import META_ESTIMATORS, attack, attack_inside, examine, instance, models
 from hostile_data import Case
 from small_estimators import SLOW, small_estimators
 
@@ -79,3 +79,20 @@ def test_what_was_found(name, case):
 def test_what_is_too_large_for_the_fitted(name, case):
     fitted = instance(name).fit(*Case().given())
     assert attack(name, case, fitted) == ""
+
+
+# models share the code that meta-estimators meet
+OF_EACH_KIND = ["Cascade", "FirstOrderLag", "PrandtlIshlinskii", "Saturation", "Sum"]
+
+
+@pytest.mark.parametrize("kind", META_ESTIMATORS)
+@pytest.mark.parametrize("name", OF_EACH_KIND)
+def test_inside_a_meta_estimator(name, kind):
+    assert attack_inside(name, kind) == ""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", META_ESTIMATORS)
+@pytest.mark.parametrize("name", sorted({*models()} - {*SLOW, *OF_EACH_KIND}))
+def test_others_inside_a_meta_estimator(name, kind):
+    assert attack_inside(name, kind) == ""
