@@ -295,7 +295,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         # the matrices are tiny: threads that wait for each other cost more than they do
         with _calculable():
             self._fit_records(data)
-        self._doubt_drive(X, y, sample_weight)
+        weights = None if sample_weight is None else np.concatenate([r.weights for r in data])
+        self._doubt_drive(X, y, weights)
         return self
 
     @fit_context(prefer_skip_nested_validation=True)
@@ -341,9 +342,10 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         if self.n_features_in_ == 1 or self.reads_columns or agreed(self, "drive") is not None:
             return
         X, y = as_floats(self, X, y, reset=False)
-        root = None if weights is None else np.sqrt(np.asarray(weights, dtype=float))
+        weights = np.ones(len(y)) if weights is None else weights
+        X, y, weights = (values[weights > 0.0] for values in (X, y, weights))
         lines = [
-            np.polynomial.Polynomial.fit(x, y, 1, w=root)(x)
+            np.polynomial.Polynomial.fit(x, y, 1, w=np.sqrt(weights))(x)
             if np.ptp(x)
             else np.average(y, weights=weights)
             for x in X.T

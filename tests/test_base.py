@@ -4,6 +4,7 @@ import copy
 import pickle
 import subprocess
 import sys
+import warnings
 
 import numpy as np
 import pandas as pd
@@ -444,6 +445,18 @@ def test_a_response_of_weight_zero_is_not_read(model):
 def test_weights_that_are_none(weights, told):
     with pytest.raises(ValueError, match=told):
         FirstOrderLag(dt=DT).fit(X, Y, sample_weight=weights)
+
+
+def test_a_column_that_is_doubted_is_weighed():
+    """Where the drive is another column, a warning says so; of rows without weight it says none."""
+    weights = np.repeat([1.0, 0.0], [200, 100])
+    spoilt = np.where(weights, Y, 5.0)
+    two = np.column_stack([U, np.where(weights, 0.0, 5.0)])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        FirstOrderLag(dt=DT).fit(two, spoilt, sample_weight=weights)
+    with pytest.warns(ConvergenceWarning, match="A straight line through column 1"):
+        FirstOrderLag(dt=DT).fit(two, spoilt)
 
 
 def test_weights_through_a_pipeline_and_a_search():

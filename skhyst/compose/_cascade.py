@@ -212,13 +212,17 @@ class Composition(ParametricModel, BaseComposition):
             driven, names=tuple(n for n, _ in stages), stages=tuple(own for _, own in stages)
         )
         columns = np.concatenate([[], *(kept for _, kept in beside)]).astype(bool)
-        own = {
+        others = {
             "disturbances": tuple(own for own, kept in beside if kept.all()),
             "record_coefficients": self._identified.record_coefficients[:, columns],
             "input_history": None,
         }
-        keys = [key for key in self._identified.params if key.split("__")[0] in names]
-        return part.adopt(_part_of(self._identified, {key: key for key in keys}, operator, **own))
+        kept = [i for i, name in enumerate(self.disturbance_names) if name in names]
+        owners = {name: name for name in names}
+        owners |= {f"disturbance{old}": f"disturbance{new}" for new, old in enumerate(kept)}
+        parted = [(key, *key.split("__", 1)) for key in self._identified.params]
+        keys = {key: f"{owners[own]}__{rest}" for key, own, rest in parted if own in owners}
+        return part.adopt(_part_of(self._identified, keys, operator, **others))
 
     @property
     def any_interval(self):

@@ -300,6 +300,9 @@ def test_a_slice_of_a_sum_keeps_what_stands_beside():
     model = Sum(steps, dt=STEP_DT).fit(STEP_U, y)
     part = model[1:]
     assert list(part.operators_) == ["lag", "line"]
+    line = "disturbance{}__frequencies[0]".format  # numbered among those that are there
+    assert part.params_[line(0)] == model.params_[line(1)] == pytest.approx(7.0)
+    assert part.params_["lag__gain"] == model.params_["lag__gain"]
     n_offset = np.size(model.operators_["offset"].coefficients)
     kept = model.record_coefficients_[:, n_offset:]
     np.testing.assert_array_equal(part.record_coefficients_, kept)
