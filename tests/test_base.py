@@ -447,6 +447,7 @@ def test_weights_that_are_none(weights, told):
         FirstOrderLag(dt=DT).fit(X, Y, sample_weight=weights)
 
 
+@pytest.mark.filterwarnings("ignore:The data do not determine")
 def test_a_column_that_is_doubted_is_weighed():
     """Where the drive is another column, a warning says so; of rows without weight it says none."""
     weights = np.repeat([1.0, 0.0], [200, 100])
