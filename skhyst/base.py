@@ -227,7 +227,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     dt = drive = None  # of a constructor without them
     method = "variable_projection"  # of a constructor without it
     redefined: tuple[str, ...] = ()  # parameters that mean something else than in other models
-    reads_columns = False  # of X beside the first
+    reads_columns = False  # of X other than the first
     one_interval = False  # an operator runs at the interval of each record
     any_interval = False  # and, for a straight drive, gives the same however fine the interval is
     disturbance_names = ()  # of what the model adds to the driven response

@@ -41,10 +41,10 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     .. math:: y = E[f(X)]
 
     with the regressor f, a network or a pipeline, say, and the effects E: a lag or a saturation in
-    series, a drift or an offset beside it. The two are fitted in turn (backfitting): the effects
-    from predictions of f out of fold, then f to the response with the effects taken out, as far as
+    series, a drift or an offset in parallel. The two are fitted in turn (backfitting): the effects
+    from predictions of f out of fold, then f to the response with the effects inverted, as far as
     noise allows, until the error out of fold no longer falls. So f need not learn what the effects
-    say better.
+    describe better.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     fit_error_ : float
         Root mean square of the residual with predictions out of fold, units of the response.
     n_iter_ : int
-        Times that the two were fitted, one more than turns that have compiled_step the error.
+        Times that the two were fitted, one more than the turns that have lowered the error.
     n_features_in_ : int
         Number of columns of ``X``.
     drive_range_ : tuple of (float, float)
@@ -222,7 +222,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         """Return the fitted model as a device that is fed its inputs sample by sample.
 
         A regressor that has a ``stepper``, as the models of skhyst have, is stepped by it; any
-        other must predict each row by itself, behind transformers of skhyst if need be.
+        other must predict each row independently; transformers of skhyst may precede it.
 
         Parameters
         ----------
@@ -243,7 +243,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         Raises
         ------
         NotImplementedError
-            If the regressor has a memory and no ``stepper``, or an effect looks ahead.
+            If the regressor has a memory and no ``stepper``, or an effect is not causal.
         ValueError
             If a parameter is not as above, or ``dt`` is not given and the records of the fit differ
             in theirs.

@@ -3,7 +3,7 @@
 A parametric model is taken apart into stages. Any other regressor is a black box f: its prediction
 p takes the place of the drive, a gain is the first stage, and effects go behind it or beside it.
 Every record's p comes from a fit to the other folds, so that what is scored was never learned.
-Since f has bent to make up for what is missing, it is fitted again, to the response with the
+Since f has compensated for what is missing, it is fitted again, to the response with the
 effects taken out, once an effect is in or out: in turns, until the error no longer falls (see
 ``compose.Backfitting``).
 """

@@ -209,7 +209,7 @@ class Contest:
         """Return a candidate identified anew from nothing, as fine as it asks for.
 
         Also with the resolution that was declared: before an effect is in, another one may have
-        been wanted to make up for it. What predicts best is returned.
+        been added to compensate for it. The one that predicts best is returned.
         """
         records = self.records_of(base)
         if self.renew is not None:
@@ -267,8 +267,8 @@ class Contest:
         """Remove the effects that are not needed, the least first; return the candidate.
 
         An effect stays where without it another one would do the same, but become what its name
-        does not say. Two effects may each make up for what the other one spoils, as a lag and a
-        lead do: they are taken out together too.
+        does not say. Two effects may compensate for each other, as a lag and a lead do: they are
+        also taken out together.
         """
         while base.structure.effects:
             names = base.structure.effects
@@ -315,7 +315,7 @@ class Contest:
             reduced = refitted(base, base.structure.without(name), records)
             if self.renew is None:
                 reduced = held_out(reduced, records, self.folds)
-            else:  # it may make up for what is taken out
+            else:  # the others may compensate for what is taken out
                 reduced = self.renew(reduced, base, records)
             self._keep(key, [reduced])
         return self._least(self.steps[key]["candidates"][0])
@@ -356,7 +356,7 @@ class Contest:
     def _contest(self, base, name):
         reduced = self.without(base, name)
         tree = base.structure
-        # a rival begins where the others are, which make up for nothing yet
+        # the others at their values from before the refit, where they compensate for nothing
         start = replace(reduced, structure=tree.without(name)) if tree.effects[1:] else reduced
         rivals = self.extended(start, fully=False) + self.extended(start, additive=True)
         family = self.n_tried

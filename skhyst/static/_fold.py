@@ -43,10 +43,10 @@ class FoldOperator(StaticOperator):
 
     curve = staticmethod(fold)
 
-    def _constants(self):
+    def curve_constants(self):
         return self.level, self.side
 
-    def _evaluate(self, v):
+    def evaluate(self, v):
         slope = self.side * np.where(v < self.level, -1.0, 1.0)
         return self.level + slope * (v - self.level), slope, (1.0 - slope)[:, None]
 

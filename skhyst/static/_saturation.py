@@ -46,10 +46,10 @@ class SaturationOperator(StaticOperator):
 
     curve = staticmethod(clip)
 
-    def _constants(self):
+    def curve_constants(self):
         return self.lower, self.upper
 
-    def _evaluate(self, v):
+    def evaluate(self, v):
         beyond = {"lower": v < self.lower, "upper": v > self.upper}
         own = np.empty((len(v), self.n_parameters))
         for column, name in enumerate(self.parameter_specs()):

@@ -78,10 +78,10 @@ class PolynomialCurveOperator(StaticOperator):
         n = np.size(self.coefficients)
         return n + 2 + np.arange(max(n, 2))
 
-    def _constants(self):
+    def curve_constants(self):
         return self.coefficients, self.center, self.scale
 
-    def _evaluate(self, v):
+    def evaluate(self, v):
         z = (v - self.center) / self.scale
         inside = np.clip(z, -1.0, 1.0)
         beyond = z - inside

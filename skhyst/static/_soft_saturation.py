@@ -62,10 +62,10 @@ class SoftSaturationOperator(StaticOperator):
 
     curve = staticmethod(soft_saturation)
 
-    def _constants(self):
+    def curve_constants(self):
         return self.level, self.knee, self.center, self.side
 
-    def _evaluate(self, v):
+    def evaluate(self, v):
         n, distance = self.knee, v - self.center
         # logarithms: a power of the distance would overflow
         size = np.log(np.maximum(np.abs(distance), _LEAST)) - np.log(self.level)
