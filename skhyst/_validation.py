@@ -4,6 +4,7 @@ from numbers import Integral, Real
 from reprlib import repr as shortened
 
 import numpy as np
+import pandas as pd
 from sklearn.frozen import FrozenEstimator
 from sklearn.utils.validation import validate_data
 
@@ -14,6 +15,8 @@ from .records import MISMATCH, record_slices
 # Largest value and, inverted, the smallest, unless an estimator has its own `largest_value`: the
 # squares of such values, of their gains and of the inverses of these are finite.
 EXTREME = 1e100
+_FEWEST = 64  # rows of which an order can be told: eight standard deviations, or a ratio of one
+_DRAWN = 0.05  # of the rows, which are there again where as many as a tenth of all are drawn
 _TOO_FAR = (
     "The largest value of {} is {:g}, too far from one to calculate with: choose another unit."
 )
@@ -35,8 +38,62 @@ def read_data(estimator, X, *y, reset, dt=None, bridge=False):
     refuse_extreme(drive, response, _least(estimator))
     slices = read_slices(estimator, X, *y, reset=reset, dt=dt, bridge=bridge)
     if reset:
+        if not (_has_times(X) or _is_memoryless(estimator)):
+            _refuse_drawn(drive, array, response)
         keep_seen(estimator, drive, slices)
     return slices, array, response
+
+
+def _has_times(X):
+    index = getattr(X, "index", None)
+    return isinstance(index, pd.Index) and not isinstance(index, pd.RangeIndex)
+
+
+def _is_memoryless(estimator):
+    return getattr(getattr(estimator, "operator_class", None), "memoryless", False)
+
+
+def _refuse_drawn(drive, X, response):
+    """Refuse rows that have been drawn from a recording with repeats, as ensembles do.
+
+    Neighbours are then no more alike than any two rows (von Neumann, *Annals of Mathematical
+    Statistics*, 1941), and rows are equal to the last digit that stand apart, though most occur
+    once, and the rows behind them are not equal. Where the same inputs often have another response,
+    their digits are few, and equal rows are chance.
+    """
+    n = len(X)
+    if n < _FEWEST or not all(_is_disordered(values) for values in (drive, response)):
+        return
+    if n - len(np.unique(response)) <= _DRAWN * n:
+        return
+    _, inputs = np.unique(X, axis=0, return_inverse=True)
+    pairs, row = np.unique(
+        np.column_stack([np.ravel(inputs), response]), axis=0, return_inverse=True
+    )
+    row, n_repeats = np.ravel(row), n - len(pairs)
+    if not _DRAWN * n < n_repeats < n / 2:
+        return
+    shares_inputs = np.bincount(np.ravel(inputs))[np.ravel(inputs)] > 1
+    shares_all = np.bincount(row)[row] > 1
+    order = np.argsort(row, kind="stable")
+    first, second = order[:-1], order[1:]
+    repeated = (row[first] == row[second]) & (second < n - 1)
+    first, second = first[repeated], second[repeated]
+    in_order = np.count_nonzero((row[first + 1] == row[second + 1]) | (second == first + 1))
+    if 2 * in_order < len(first) and 2 * shares_all.sum() > shares_inputs.sum():
+        raise RecordError(
+            f"The rows must be a recording, in the order of time. Got {n_repeats} of {n} rows a "
+            "second time, in no order, instead: an ensemble draws them at random. Give the "
+            "repetitions as sample_weight, as BaggingRegressor does for a model that is in no "
+            "pipeline; if the rows are in order, an index of their times says so."
+        )
+
+
+def _is_disordered(values):
+    """Whether the next value is as far away as any: four standard deviations of the ratio."""
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        ratio = np.square(np.diff(values)).sum() / np.square(values - values.mean()).sum()
+    return abs(ratio - 2.0) < 8.0 / np.sqrt(len(values))
 
 
 def read_slices(estimator, X, *y, reset, dt=None, bridge=False):

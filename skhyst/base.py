@@ -17,7 +17,7 @@ from sklearn.utils.validation import check_array, check_consistent_length, check
 from threadpoolctl import ThreadpoolController
 
 from ._documentation import inherit_documentation
-from ._sklearn import Interval, StrOptions, fit_context
+from ._sklearn import Interval, StrOptions, check_sample_weight, fit_context
 from ._validation import (
     agreed,
     as_floats,
@@ -291,7 +291,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         return frozenset(name[4:] for name, fit in flags if name[:4] == "fit_" and fit is False)
 
     @fit_context(prefer_skip_nested_validation=True)
-    def fit(self, X, y) -> Self:
+    def fit(self, X, y, sample_weight=None) -> Self:
         """Identify the parameters.
 
         Parameters
@@ -300,16 +300,21 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             Inputs; the index carries records and time.
         y : array-like of shape (n_samples,)
             Response.
+        sample_weight : array-like of shape (n_samples,), default=None
+            Not negative: the squared error of each sample counts so much, as if the sample were
+            there so many times. The drive of a sample of weight zero acts on those that follow;
+            its response is not read.
 
         Returns
         -------
         self
         """
-        data = self._read_records(X, y)
+        data = self._read_records(X, y, sample_weight)
         # the matrices are tiny: threads that wait for each other cost more than they do
         with _calculable():
             self._fit_records(data)
-        self._doubt_drive(X, y)
+        weights = None if sample_weight is None else np.concatenate([r.weights for r in data])
+        self._doubt_drive(X, y, weights)
         return self
 
     @fit_context(prefer_skip_nested_validation=True)
@@ -350,13 +355,20 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             result = refine(self, [self.tree(operator)], data, method)
             return self.finish(result, data)
 
-    def _doubt_drive(self, X, y):
+    def _doubt_drive(self, X, y, weights):
         """Warn where a straight line through an ignored column predicts better than the model."""
         if self.n_features_in_ == 1 or self.reads_columns or agreed(self, "drive") is not None:
             return
         X, y = as_floats(self, X, y, reset=False)
-        lines = [np.polynomial.Polynomial.fit(x, y, 1)(x) if np.ptp(x) else y.mean() for x in X.T]
-        errors = [np.sqrt(np.mean(np.square(y - line))) for line in lines]
+        weights = np.ones(len(y)) if weights is None else weights
+        X, y, weights = (values[weights > 0.0] for values in (X, y, weights))
+        lines = [
+            np.polynomial.Polynomial.fit(x, y, 1, w=np.sqrt(weights))(x)
+            if np.ptp(x)
+            else np.average(y, weights=weights)
+            for x in X.T
+        ]
+        errors = [np.sqrt(np.average(np.square(y - line), weights=weights)) for line in lines]
         best = int(np.argmin(errors[1:])) + 1
         if errors[best] < self.fit_error_:
             names = list(getattr(self, "feature_names_in_", range(len(errors))))
@@ -368,13 +380,23 @@ class ParametricModel(RegressorMixin, BaseEstimator):
                 stacklevel=3,
             )
 
-    def _read_records(self, X, y):
+    def _read_records(self, X, y, sample_weight=None):
         """Validate X and y, store the records, and return them as identification uses them."""
         slices, X, y = read_data(self, X, y, reset=True, bridge=True)
         self.records_, self.has_rest_ = slices, True
-        even, X, y, read = with_lost_rows(slices, X, y)
+        weights = np.ones(len(y))
+        if sample_weight is not None:
+            options = {"dtype": float, "ensure_non_negative": True}
+            weights = check_sample_weight(sample_weight, X, **options)
+        even, X, y, weights, read = with_lost_rows(slices, X, y, weights)
         data = self.record_data(even, X, y)
-        return data if read is None else scored_where(data, even, read)
+        data = data if read is None else scored_where(data, even, read)
+        if sample_weight is None:
+            return data
+        return [
+            replace(record, weights=record.counts() * weights[s.rows])
+            for s, record in zip(even, data, strict=True)
+        ]
 
     def record_data(self, slices, X, y):
         """Return each record as identification uses it.
@@ -736,26 +758,28 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         >>> bool(np.allclose(model.predict_from(late, known), model.predict(u)[200:], rtol=0.01))
         True
         """
-        rest = self.predict(X)
+        found = self.predict(X)
         slices, X, _ = read_data(self, X, reset=False, bridge=True)
         y = check_array(y, ensure_2d=False, ensure_all_finite="allow-nan", dtype=float)
         check_consistent_length(X, y)
-        slices, X, y, rest, read = with_lost_rows(slices, X, y, rest)
+        if np.isnan(y).all():
+            return found
+        slices, X, y, found, read = with_lost_rows(slices, X, y, found)
         known = np.isfinite(y) if read is None else np.isfinite(y) & read
-        data = [
-            replace(record, weights=known[s.rows].astype(float))
-            for s, record in zip(
-                slices, self.record_data(slices, X, np.where(known, y, 0.0)), strict=True
-            )
-        ]
+        records = zip(slices, self.record_data(slices, X, np.where(known, y, 0.0)), strict=True)
+        told = [(s, record) for s, record in records if known[s.rows].any()]
+        data = [replace(record, weights=known[s.rows].astype(float)) for s, record in told]
+        parts = [r.first_part(1 + np.flatnonzero(r.weights)[-1]) for r in data]
+        # as kept by a fit; a part that a search has made knows none
+        drives = np.concatenate([getattr(self, "drive_range_", ()), *(r.drive for r in data)])
+        limits = drives.min(), drives.max()
         driven, beside = split_disturbances(self.operator_)
-        input_history, _ = input_history_of(driven, beside, data)
+        input_history, _ = input_history_of(driven, beside, parts, limits)
         data = [replace(r, before=b) for r, b in zip(data, input_history, strict=True)]
         problem = OperatorProblem(driven, data, disturbances=beside)
-        parts = problem.predictions(problem.x0, np.ones(len(data), dtype=bool))
-        told = [known[s.rows].any() for s in slices]
-        own = [p if t else rest[s.rows] for s, p, t in zip(slices, parts, told, strict=True)]
-        found = np.concatenate(own)
+        outputs = problem.predictions(problem.x0, np.ones(len(data), dtype=bool))
+        for (s, _), output in zip(told, outputs, strict=True):
+            found[s.rows] = output
         return found if read is None else found[read]
 
     def stepper(self, dt=None, u0=0.0, initial_state=None, *, schedule=None) -> Stepper:

@@ -4,11 +4,15 @@ import copy
 import pickle
 import subprocess
 import sys
+import warnings
 
 import numpy as np
 import pandas as pd
 import pytest
+import sklearn
 from sklearn.base import clone
+from sklearn.model_selection import GridSearchCV
+from sklearn.pipeline import make_pipeline
 
 from skhyst.base import ParametricModel
 from skhyst.compose import Cascade, Sum
@@ -27,8 +31,9 @@ from skhyst.linear import (
     SecondOrderModeOperator,
 )
 from skhyst.operators import Series, run_records
+from skhyst.optimize import OperatorProblem
 from skhyst.persistence import from_json, to_json
-from skhyst.records import record_slices
+from skhyst.records import record_slices, stack_records
 from skhyst.static import SaturationOperator
 
 DT, N = 0.01, 300
@@ -289,6 +294,25 @@ def test_a_record_that_tells_nothing_begins_as_in_predict():
     assert np.nanmax(np.abs(told - y)) < 0.01 < 0.9 < np.nanmax(np.abs(free - y))
 
 
+def test_what_is_known_of_a_long_record_is_enough(monkeypatch):
+    """To find how it began, no more is simulated than the known part and as much before it."""
+    u = np.tile(drive(), 20)
+    y = PLANT.run(u, DT)[0]
+    model = clone(MODELS["cascade"]).fit(u[:2000, None], y[:2000])
+    lengths, simulate = [], OperatorProblem.simulate
+
+    def counted(self, operator, record):
+        lengths.append(len(record.with_history()[0]))
+        return simulate(self, operator, record)
+
+    monkeypatch.setattr(OperatorProblem, "simulate", counted)
+    known = np.where(np.arange(len(u) - 2000) < 50, y[2000:], np.nan)
+    found = model.predict_from(u[2000:, None], known)
+    assert np.max(lengths[:-1]) < 2 * 50  # the last one is the prediction
+    away = [np.abs(own - y[2000:]).max() for own in (model.predict(u[2000:, None]), found)]
+    assert away[1] < 0.02 < 0.1 < away[0]
+
+
 # -------------------------------------------------------------------------------------- results
 
 
@@ -378,3 +402,78 @@ def test_a_response_that_falls_is_followed_as_one_that_rises(model):
     rising, falling = clone(model).fit(X, drive), clone(model).fit(X, -drive)
     np.testing.assert_allclose(falling.predict(X), -rising.predict(X), atol=1e-9)
     clone(model).fit(X, np.full(400, 0.1))  # which has no direction
+
+
+# ------------------------------------------------------------------------------------- weights
+
+
+def test_weights_count_as_repetitions_do(model):
+    """A record of weight two is one that was recorded twice."""
+    X, y = stack_records([(drive(i)[:, None], PLANT.run(drive(i), DT)[0]) for i in (0, 1)], dt=DT)
+    y = y + 0.002 * np.random.default_rng(5).normal(size=len(y))
+    weighted = clone(model).fit(X, y, sample_weight=np.repeat([2.0, 1.0], N))
+    again = X.iloc[:N], y.iloc[:N]
+    again = [own.rename(index={0: "again"}, level="record") for own in again]
+    repeated = clone(model).fit(pd.concat([again[0], X]), pd.concat([again[1], y]))
+    for name in ("params_", "params_std_white_"):  # NaN at a bound
+        expected = pytest.approx(getattr(repeated, name), rel=1e-5, abs=1e-9, nan_ok=True)
+        assert getattr(weighted, name) == expected
+    assert weighted.fit_error_ == pytest.approx(repeated.fit_error_)
+
+
+def test_a_response_of_weight_zero_is_not_read(model):
+    """The drive goes on below it, so that what follows is simulated as before."""
+    weights = np.ones(N)
+    weights[100:140] = 0.0
+    spoilt = np.where(weights, Y, 5.0)
+    found = [clone(model).fit(X, y, sample_weight=weights) for y in (Y, spoilt)]
+    np.testing.assert_array_equal(found[1].predict(X), found[0].predict(X))
+    clean, wrong = (clone(model).fit(X, y).predict(X) for y in (Y, spoilt))
+    away = [np.abs(other - clean).max() for other in (found[1].predict(X), wrong)]
+    assert away[0] < 0.1 * away[1]
+
+
+@pytest.mark.parametrize(
+    ("weights", "told"),
+    [
+        (np.ones(N - 1), "sample_weight.shape"),
+        (np.ones((N, 2)), "must be 1D"),
+        (-np.ones(N), "Negative values"),
+        (np.full(N, np.nan), "NaN"),
+        (np.zeros(N), "zero"),
+    ],
+)
+def test_weights_that_are_none(weights, told):
+    with pytest.raises(ValueError, match=told):
+        FirstOrderLag(dt=DT).fit(X, Y, sample_weight=weights)
+
+
+@pytest.mark.filterwarnings("ignore:The data do not determine")
+def test_a_column_that_is_doubted_is_weighed():
+    """Where the drive is another column, a warning says so; of rows without weight it says none."""
+    weights = np.repeat([1.0, 0.0], [200, 100])
+    spoilt = np.where(weights, Y, 5.0)
+    two = np.column_stack([U, np.where(weights, 0.0, 5.0)])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        FirstOrderLag(dt=DT).fit(two, spoilt, sample_weight=weights)
+    with pytest.warns(ConvergenceWarning, match="A straight line through column 1"):
+        FirstOrderLag(dt=DT).fit(two, spoilt)
+
+
+def test_weights_through_a_pipeline_and_a_search():
+    """As scikit-learn routes them: to the fit of the model in each fold, by name or by request."""
+    weights = np.ones(N)
+    weights[100:140] = 0.0
+    spoilt = np.where(weights, Y, 5.0)
+    expected = FirstOrderLag(dt=DT).fit(X, spoilt, sample_weight=weights).params_
+    named = make_pipeline(FirstOrderLag(dt=DT))
+    named.fit(X, spoilt, firstorderlag__sample_weight=weights)
+    assert named[-1].params_ == expected
+    with sklearn.config_context(enable_metadata_routing=True):
+        model = FirstOrderLag(dt=DT).set_fit_request(sample_weight=True)
+        model = model.set_score_request(sample_weight=True)
+        search = GridSearchCV(make_pipeline(model), {"firstorderlag__hold": ["foh", "zoh"]}, cv=2)
+        search.fit(X, spoilt, sample_weight=weights)
+    assert search.best_params_ == {"firstorderlag__hold": "foh"}
+    assert search.best_estimator_[-1].params_ == expected

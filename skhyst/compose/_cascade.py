@@ -7,6 +7,7 @@ from operator import attrgetter
 from typing import Self
 
 import numpy as np
+from sklearn.base import clone
 from sklearn.frozen import FrozenEstimator
 from sklearn.utils.validation import check_is_fitted
 
@@ -57,7 +58,10 @@ class Composition(ParametricModel, BaseComposition):
     Parameters
     ----------
     steps : list of (str, estimator)
-        Names and models; fitted models in a FrozenEstimator are held.
+        Names and models; fitted models in a FrozenEstimator are held. "drop" in place of a
+        model leaves the step out, so that a search can try without it; "passthrough" too, but in
+        parallel, where it is the drive itself. Numbers, names and slices select steps, as those
+        of a Pipeline.
     initial_state : {"rest", "zero", "estimate"} or None, default=None
         State before each record's first sample, in place of that of the steps; None: theirs, in
         which they must agree.
@@ -81,6 +85,7 @@ class Composition(ParametricModel, BaseComposition):
         "steps": [list],
     }
     _parallel = False
+    _left_out = ("passthrough", "drop")
 
     def __init__(self, steps, *, initial_state=None, dt=None, method="variable_projection"):
         self.steps = steps
@@ -97,7 +102,7 @@ class Composition(ParametricModel, BaseComposition):
         found = dict(self.steps)
         if hasattr(self, "operator_"):
             stages = dict(split_disturbances(self.operator_)[0].members())
-            for (name, step), model in zip(self.steps, self._models(), strict=True):
+            for (name, step), model in zip(self._kept_steps(), self._models(), strict=True):
                 if name in stages and not isinstance(step, FrozenEstimator):
                     found[name] = self._fitted_step(name, model, stages[name])
         return found
@@ -141,12 +146,16 @@ class Composition(ParametricModel, BaseComposition):
         if not self.steps:
             raise ValueError(f"The 'steps' parameter of {kind} must not be empty.")
         self._validate_names([name for name, _ in self.steps])
-        for name, step in self.steps:
+        if not self._kept_steps():
+            raise ValueError(
+                f"The 'steps' parameter of {kind} must have a model. Got {self.steps!r} instead."
+            )
+        for name, step in self._kept_steps():
             model = step.estimator if isinstance(step, FrozenEstimator) else step
             if not isinstance(model, ParametricModel):
                 raise TypeError(
                     f"The steps of {kind} must be parametric models of skhyst. Got {step!r} "
-                    f"as '{name}' instead."
+                    f"as '{name}' instead; 'drop' leaves a step out."
                 )
             if model is not step:
                 check_is_fitted(
@@ -160,13 +169,65 @@ class Composition(ParametricModel, BaseComposition):
         """Return the steps as models, those in a FrozenEstimator as held ones."""
         return [
             HeldStep(step.estimator) if isinstance(step, FrozenEstimator) else informed(step, self)
-            for _, step in self.steps
+            for _, step in self._kept_steps()
         ]
 
     def _starting_models(self):
         """Return the steps as models whose records start as those of the whole do."""
         state = agreed(self, "initial_state")
         return [with_params(model, initial_state=state) for model in self._models()]
+
+    def _agreed(self):
+        """Return the parameters in which the steps agree, where they are not said."""
+        return {key: agreed(self, key) for key in ("dt", "initial_state")}
+
+    def _kept_steps(self):
+        """Return the steps without those that are left out."""
+        return [(n, step) for n, step in self.steps if not _is_one_of(step, self._left_out)]
+
+    def __len__(self):
+        return len(self.steps)
+
+    def __getitem__(self, which):
+        """Return a step by its number or name, or a composition of some, fitted where it is."""
+        if not isinstance(which, slice):
+            name = which if isinstance(which, str) else self.steps[which][0]
+            return self.named_steps[name]
+        if which.step not in (None, 1):
+            raise ValueError(
+                f"The step of a slice of {type(self).__name__} must be 1. Got {which.step} instead."
+            )
+        part = with_params(self, steps=self.steps[which])
+        if not hasattr(self, "operator_"):
+            return clone(part)
+        part = with_params(part, **self._agreed())
+        driven, disturbances = split_disturbances(self.operator_)
+        names = {name for name, _ in part._kept_steps()}
+        stages = [(name, stage) for name, stage in driven.members() if name in names]
+        if not stages:
+            raise ValueError(
+                f"A slice of a fitted {type(self).__name__} must have a step that is driven. Got "
+                f"{[name for name, _ in part.steps]} instead."
+            )
+        beside = [
+            (own, np.full(np.size(own.coefficients), name in names))
+            for name, own in zip(self.disturbance_names, disturbances, strict=True)
+        ]
+        operator = replace(
+            driven, names=tuple(n for n, _ in stages), stages=tuple(own for _, own in stages)
+        )
+        columns = np.concatenate([[], *(kept for _, kept in beside)]).astype(bool)
+        others = {
+            "disturbances": tuple(own for own, kept in beside if kept.all()),
+            "record_coefficients": self._identified.record_coefficients[:, columns],
+            "input_history": None,
+        }
+        kept = [i for i, name in enumerate(self.disturbance_names) if name in names]
+        owners = {name: name for name in names}
+        owners |= {f"disturbance{old}": f"disturbance{new}" for new, old in enumerate(kept)}
+        parted = [(key, *key.split("__", 1)) for key in self._identified.params]
+        keys = {key: f"{owners[own]}__{rest}" for key, own, rest in parted if own in owners}
+        return part.adopt(_part_of(self._identified, keys, operator, **others))
 
     @property
     def any_interval(self):
@@ -177,16 +238,16 @@ class Composition(ParametricModel, BaseComposition):
         self._check_steps()
         held = [
             step if isinstance(step, FrozenEstimator) else step.with_hold(own)
-            for (_, step), own in zip(self.steps, self._holds(hold), strict=True)
+            for (_, step), own in zip(self._kept_steps(), self._holds(hold), strict=True)
         ]
-        if all(new is step for new, (_, step) in zip(held, self.steps, strict=True)):
+        if all(new is step for new, (_, step) in zip(held, self._kept_steps(), strict=True)):
             return self
-        names = [name for name, _ in self.steps]
+        names = [name for name, _ in self._kept_steps()]
         return with_params(self, steps=list(zip(names, held, strict=True)))
 
     def _holds(self, hold):
         """Return the hold for each step, where that of the drive is to be decided."""
-        return [hold] * len(self.steps)
+        return [hold] * len(self._kept_steps())
 
     @abstractmethod
     def _compose(self, names, stages):
@@ -203,7 +264,7 @@ class Composition(ParametricModel, BaseComposition):
     def held_parameters(self) -> frozenset[str]:
         return frozenset(
             f"{name}__{entry}"
-            for (name, _), model in zip(self.steps, self._models(), strict=True)
+            for (name, _), model in zip(self._kept_steps(), self._models(), strict=True)
             for entry in model.held_parameters()
         )
 
@@ -213,25 +274,33 @@ class Composition(ParametricModel, BaseComposition):
 
     def _fitted_step(self, name, model, stage):
         """Return a step with its own part of what identification found."""
-        result, mark = self._identified, f"{name}__"
-        keys = [key for key in result.params if key.startswith(mark)]
-        at = [list(result.params).index(key) for key in keys]
-        own = {
-            field: {key.removeprefix(mark): getattr(result, field).get(key) for key in keys}
-            for field in ("params", "params_std", "params_std_white")
-            if getattr(result, field)
-        }
-        own["undetermined"] = tuple(
-            key.removeprefix(mark) for key in result.undetermined if key in keys
-        )
-        if result.covariance is not None:
-            own["covariance"] = result.covariance[np.ix_(at, at)]
-        shared = {key: agreed(self, key) for key in ("dt", "initial_state")}
+        mark = f"{name}__"
+        keys = [key for key in self._identified.params if key.startswith(mark)]
+        keys = {key: key.removeprefix(mark) for key in keys}
+        own = {"disturbances": (), "input_history": None}
+        result = _part_of(self._identified, keys, stage, **own)
+        shared = self._agreed()
         of_fit = ("records_", "dt_", "time_unit_")
         shared |= {key: getattr(self, key) for key in of_fit if hasattr(self, key)}
-        model = with_params(model, **shared)
-        result = replace(result, operator=stage, disturbances=(), input_history=None, **own)
-        return model.adopt(result)
+        return with_params(model, **shared).adopt(result)
+
+
+def _is_one_of(step, words):
+    return isinstance(step, str) and step in words
+
+
+def _part_of(result, keys, operator, **others):
+    """Return what identification found of a part; ``keys`` are its parameters and their names."""
+    at = [list(result.params).index(key) for key in keys]
+    own = {
+        field: {name: getattr(result, field).get(key) for key, name in keys.items()}
+        for field in ("params", "params_std", "params_std_white")
+        if getattr(result, field)
+    }
+    own["undetermined"] = tuple(keys[key] for key in result.undetermined if key in keys)
+    if result.covariance is not None:
+        own["covariance"] = result.covariance[np.ix_(at, at)]
+    return replace(result, operator=operator, **own, **others)
 
 
 class Cascade(Composition):
@@ -314,7 +383,7 @@ class Cascade(Composition):
 
     def _check_steps(self):
         super()._check_steps()
-        for (name, _), model in list(zip(self.steps, self._models(), strict=True))[1:]:
+        for (name, _), model in list(zip(self._kept_steps(), self._models(), strict=True))[1:]:
             if model.reads_columns:
                 raise ValueError(
                     f"The step '{name}' of Cascade reads columns of X: it must be the first."
@@ -343,7 +412,8 @@ class Cascade(Composition):
 
     def identify(self, data):
         self._check_steps()
-        if self.warm_start and list(getattr(self, "operators_", ())) == [n for n, _ in self.steps]:
+        names = [name for name, _ in self._kept_steps()]
+        if self.warm_start and list(getattr(self, "operators_", ())) == names:
             start = self._resume(self.operators_.values(), data)
             if start is not None:
                 return refine(self, [start], data, self.method)
@@ -385,7 +455,7 @@ class Cascade(Composition):
                 return None
             found.append(stage)
             records = self._behind([stage], records)
-        return self._compose([name for name, _ in self.steps], found)
+        return self._compose([name for name, _ in self._kept_steps()], found)
 
     def _behind(self, stages, records):
         """Return records whose drive has gone through stages."""
@@ -417,7 +487,7 @@ class Cascade(Composition):
 
     def _add_steps(self, data, order, method):
         """Add the steps in an order, each behind those before it; refine all after each."""
-        models = self._starting_models()
+        steps, models = self._kept_steps(), self._starting_models()
         stages, evaluations, result = {}, 0, None
         for i, model in enumerate(models):
             if isinstance(model, HeldStep):
@@ -427,7 +497,7 @@ class Cascade(Composition):
             if i and models[0].reads_columns and 0 in stages:
                 stages[0] = _unbiased(stages[0])
             records = self._behind([stages[j] for j in places if j < i], data)
-            names = [self.steps[j][0] for j in places]
+            names = [steps[j][0] for j in places]
             candidates = [
                 self._compose(names, [(stages | {i: operator})[j] for j in places])
                 for operator, beside in map(split_disturbances, models[i].starting_values(records))
@@ -438,7 +508,7 @@ class Cascade(Composition):
                     f"The step '{names[places.index(i)]}' of Cascade is a disturbance, which adds "
                     "to the response of a model: use a Sum."
                 )
-            last = len(names) == len(self.steps)
+            last = len(names) == len(steps)
             how = {"method": method if last else _ALONG_THE_WAY, "with_errors": last}
             result = refine(self, candidates, data, **how)
             stages = dict(zip(places, result.operator.stages, strict=True))

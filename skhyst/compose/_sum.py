@@ -2,7 +2,10 @@
 
 from dataclasses import replace
 
-from ..base import as_node, refine
+from sklearn.frozen import FrozenEstimator
+
+from ..base import as_node, refine, with_params
+from ..linear import Gain, GainOperator
 from ..operators import Operator, SumOperator, split_disturbances
 from ._cascade import Composition, HeldStep
 from ._columns import FirstColumn
@@ -42,6 +45,12 @@ class Sum(Composition):
     """
 
     _parallel = True
+    _left_out = ("drop",)
+
+    def _kept_steps(self):
+        """Return the steps without those that are left out; what passes through is held."""
+        passed = FrozenEstimator(with_params(Gain(), operator_=GainOperator(1.0)))
+        return [(n, passed if step == "passthrough" else step) for n, step in super()._kept_steps()]
 
     def _models(self):
         """Return the steps as models; if one reads columns, the others are given the first."""
@@ -62,14 +71,14 @@ class Sum(Composition):
     @property
     def disturbance_names(self) -> tuple[str, ...]:
         """Names of the steps that are disturbances."""
-        return tuple(name for name, model in self.steps if _is_disturbance(model))
+        return tuple(name for name, model in self._kept_steps() if _is_disturbance(model))
 
     def subtree(self, driven, disturbances):
         own, stages = iter(driven.stages), []
         for model in self._models():
             stage = None if _is_disturbance(model) else next(own)
             stages.append(model.subtree(stage, disturbances))
-        names = tuple(name for name, _ in self.steps)
+        names = tuple(name for name, _ in self._kept_steps())
         return SumOperator(names, tuple(stages), model=as_node(self, steps=[])).normalized()
 
     def identify(self, data):
@@ -93,7 +102,8 @@ class Sum(Composition):
             disturbances += result.disturbances
         alone = len(found) == 1 and not disturbances
         branches = [found] if alone or not last else [found, *self._others(found, *last)]
-        names = [self.steps[i][0] for i in sorted(found)]
+        steps = self._kept_steps()
+        names = [steps[i][0] for i in sorted(found)]
         starts = [self._compose(names, [own[i] for i in sorted(own)]) for own in branches]
         result = refine(self, [(start, tuple(disturbances)) for start in starts], data)
         return replace(result, n_evaluations=evaluations + result.n_evaluations)

@@ -31,7 +31,6 @@ from ._edits import (
     Schedule,
     both_models,
 )
-from ._shortened import first_part
 from ._starts import Scene, driven_starts, inserted
 from ._traits import lag_rates
 from ._tree import BRIEFLY
@@ -65,7 +64,7 @@ class UnderWay:
         if unknown or all(operator.memoryless for operator in tree.operators):
             return []
         # a past shows in what comes first; that of a claim is found from whole records
-        parts = [first_part(r, max(len(r.u) // FACTOR, len(r.segments))) for r in scene.records]
+        parts = [r.first_part(max(len(r.u) // FACTOR, len(r.segments))) for r in scene.records]
         return [tree.edited(name, Begin(tree.led_by(parts).input_history))]
 
 

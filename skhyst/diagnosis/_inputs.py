@@ -1,5 +1,8 @@
 """What a search sees of the data: records, units, and the error on data that are new."""
 
+from dataclasses import replace
+from itertools import compress
+
 import numpy as np
 
 from ..base import read_data
@@ -84,6 +87,25 @@ def first_row(search, record):
     return min(unknown if search.washout is None else search.washout, record.n_samples - 1)
 
 
+def _under_way(search, structure, slices, records):
+    """Return a structure with what came before records that continue one of the fit."""
+    if all(operator.memoryless for operator in structure.operators):
+        return structure
+    # within a record of the fit, or a gap behind it that would not separate two records
+    begun = [
+        any(
+            own.label == s.label
+            and 0.0 < s.start_time - own.start_time < (own.n_samples + 0.5) * own.dt
+            for own in search.records_
+        )
+        for s in slices
+    ]
+    if not any(begun):
+        return structure
+    led = iter(structure.led_by(list(compress(records, begun))).input_history)
+    return replace(structure, input_history=tuple(next(led) if own else None for own in begun))
+
+
 def held_out_error(search, X, y, declared):
     """Return the error of a fitted search, see its method, on data that lie on even grids."""
     X, y, read = fill_lost_rows(X, y)
@@ -97,6 +119,8 @@ def held_out_error(search, X, y, declared):
     structure = search._declared_structure if declared else search._structure
     if structure.input_history:
         structure = structure.led_by(records)
+    else:
+        structure = _under_way(search, structure, slices, records)
     problem = structure.problem(records)
     nothing = np.zeros(len(problem.segment_record), dtype=bool)
     predictions = problem.predictions(problem.x0, nothing)

@@ -569,7 +569,8 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
 
         Constants that belong to a record (offset, drift, phase) are taken from every other
         segment of it to predict the segments between, and the other way round. What came before a
-        record is estimated from the record, and the error is larger than what that leaves by
+        record is estimated from the record, where records begin under way (``initial_state``) or
+        its time continues a record of the fit, and the error is larger than what that leaves by
         Akaike's factor. The washout at each record's start is predicted but not scored.
 
         Parameters

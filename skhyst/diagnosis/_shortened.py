@@ -1,8 +1,5 @@
 """Long records cut after their first part, in which a search looks around before it decides."""
 
-from dataclasses import replace
-from itertools import pairwise
-
 import numpy as np
 
 from ._constants import ENOUGH, MOST
@@ -63,18 +60,4 @@ def _first_part(record, residual, share):
     stop = max(int(share * n), len(record.segments))
     while stop < n and power[stop - 1] < least * known[stop - 1]:
         stop *= 2
-    return record if stop >= n else first_part(record, stop)
-
-
-def first_part(record, stop):
-    """Return a record up to a sample, in as many segments."""
-    edges = np.linspace(0, stop, len(record.segments) + 1).astype(int)
-    return replace(
-        record,
-        u=record.u[:stop],
-        y=record.y[:stop],
-        segments=tuple(pairwise(edges.tolist())),
-        auxiliary=None if record.auxiliary is None else record.auxiliary[:stop],
-        weights=None if record.weights is None else record.weights[:stop],
-        explained=None if record.explained is None else record.explained[:stop],
-    )
+    return record if stop >= n else record.first_part(stop)

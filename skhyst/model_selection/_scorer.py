@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from sklearn.pipeline import Pipeline
 from sklearn.utils import check_consistent_length
 
 from ..metrics import fit_percent, mape, nrmse, smape
@@ -16,7 +17,7 @@ BETTER_LOW = ("_error", "_loss", "_deviance")
 
 
 def washout_scorer(
-    metric, *, washout, greater_is_better=None, **metric_options
+    metric, *, washout, greater_is_better=None, initial_state=None, **metric_options
 ) -> Callable[..., float]:
     """Build a scorer that leaves the first samples of every record out.
 
@@ -36,6 +37,10 @@ def washout_scorer(
         Whether a high value of the metric is good; if not, the scorer returns it with its sign
         changed. None: taken from the name of a metric of skhyst, and of one that ends in
         ``_score`` (high is good) or ``_error``, ``_loss``, ``_deviance`` (low is good).
+    initial_state : {"estimate"} or None, default=None
+        State before each record. None: that of ``predict``. "estimate": what came before a record
+        is estimated from its washout, by the ``predict_from`` of the estimator or of the last step
+        of a pipeline; as for a fold that is cut out of a recording, which does not begin at rest.
     **metric_options : dict
         Passed on to the metric.
 
@@ -44,7 +49,8 @@ def washout_scorer(
     callable
         ``scorer(estimator, X, y) -> float``, for ``scoring=`` of ``cross_validate``,
         ``GridSearchCV`` and the like. It can be pickled if the metric can. It raises ValueError
-        where no record is longer than the washout.
+        where no record is longer than the washout, and where the initial state is to be estimated
+        for an estimator without ``predict_from``.
 
     Raises
     ------
@@ -81,7 +87,14 @@ def washout_scorer(
             f"metric whose name says it. Got {greater_is_better!r} and the metric "
             f"{getattr(metric, '__name__', metric)!r} instead."
         )
-    return _WashoutScorer(metric, int(washout), bool(greater_is_better), metric_options)
+    if initial_state not in (None, "estimate"):
+        raise ValueError(
+            "The 'initial_state' parameter of washout_scorer must be 'estimate' or None. Got "
+            f"{initial_state!r} instead."
+        )
+    return _WashoutScorer(
+        metric, int(washout), bool(greater_is_better), metric_options, initial_state
+    )
 
 
 def _high_is_good(metric):
@@ -100,13 +113,13 @@ class _WashoutScorer:
     washout: int
     greater_is_better: bool
     metric_options: dict
+    initial_state: str | None = None
 
     def __call__(self, estimator, X, y):
         """Return the score of the predicted rows that count."""
-        y_pred = np.asarray(estimator.predict(X))
-        check_consistent_length(X, y, y_pred)
+        check_consistent_length(X, y)
         records = record_slices(X, y, one_interval=False, bridge=True)
-        counts = np.zeros(len(y_pred), dtype=bool)
+        counts = np.zeros(len(y), dtype=bool)
         for record in records:
             counts[record.rows] = record.samples >= self.washout
         if not counts.any():
@@ -115,12 +128,28 @@ class _WashoutScorer:
                 f"The 'washout' parameter of washout_scorer must be shorter than a record. Got "
                 f"washout={self.washout} and records of {longest} samples at most instead."
             )
+        y_pred = self._predicted(estimator, X, np.where(counts, np.nan, np.asarray(y)))
+        check_consistent_length(y, y_pred)
         value = self.metric(np.asarray(y)[counts], y_pred[counts], **self.metric_options)
         return value if self.greater_is_better else -value
 
+    def _predicted(self, estimator, X, known):
+        """Return the prediction from rest, or from what is known of the response."""
+        if self.initial_state is None:
+            return np.asarray(estimator.predict(X))
+        if isinstance(estimator, Pipeline):
+            X, estimator = estimator[:-1].transform(X), estimator[-1]
+        if not hasattr(estimator, "predict_from"):
+            raise ValueError(
+                "The 'initial_state' parameter of washout_scorer must be None for an estimator "
+                f"without predict_from. Got 'estimate' and {estimator!r} instead."
+            )
+        return estimator.predict_from(X, known)
+
     def __repr__(self):
+        state = f", initial_state={self.initial_state!r}" if self.initial_state else ""
         options = "".join(f", {name}={value!r}" for name, value in self.metric_options.items())
         return (
             f"washout_scorer({getattr(self.metric, '__name__', self.metric)}, "
-            f"washout={self.washout}, greater_is_better={self.greater_is_better}{options})"
+            f"washout={self.washout}, greater_is_better={self.greater_is_better}{state}{options})"
         )

@@ -7,6 +7,7 @@ has nearly seen the other. So a fold consists of whole records, or of contiguous
 import warnings
 from abc import abstractmethod
 from collections.abc import Iterator
+from numbers import Integral
 
 import numpy as np
 import pandas as pd
@@ -164,7 +165,10 @@ class RecordKFold(_RecordSplitter):
                 f"Got n_splits={self.n_splits} and {len(numbers)} record(s) in the index of X "
                 f"instead; {_remedy(len(numbers))}"
             )
-        deal = KFold(self.n_splits, shuffle=self.shuffle, random_state=self.random_state)
+        # StackingRegressor sets a generator whether there is a shuffle or not, which KFold refuses
+        given = isinstance(self.random_state, Integral)
+        seed = self.random_state if self.shuffle or given else None
+        deal = KFold(self.n_splits, shuffle=self.shuffle, random_state=seed)
         row_numbers = np.repeat([numbers[key] for key in keys], _sizes(records))
         tests = [test for _, test in deal.split(np.arange(len(numbers)))]
         masks = (np.isin(row_numbers, test) for test in tests)

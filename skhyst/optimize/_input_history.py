@@ -116,13 +116,16 @@ def _rest(record, count):
     return np.full(count, record.drive[0])
 
 
-def input_history_of(operator, disturbances, records):
+def input_history_of(operator, disturbances, records, drive_range=None):
     """Return the drive before each record with the parameters held, and the number of runs.
 
-    The drive is (n_records, n_values); a run is one of all records.
+    The drive is (n_records, n_values); a run is one of all records. By default the range of the
+    drive is that in the records.
     """
     drives = [record.drive for record in records]
-    low, high = min(u.min() for u in drives), max(u.max() for u in drives)
+    if drive_range is None:
+        drive_range = min(u.min() for u in drives), max(u.max() for u in drives)
+    low, high = drive_range
     # the drive before may exceed its range in the records by as much on either side
     limits, count = (2.0 * low - high, 2.0 * high - low), _count(records)
     problem = OperatorProblem(operator, records, disturbances=disturbances)

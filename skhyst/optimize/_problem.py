@@ -1,6 +1,6 @@
 """An operator and records as a least-squares problem."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -109,6 +109,14 @@ class RecordData:
         rest = np.repeat(self.u[:1], len(path), axis=0)
         rest[:, 0] = path
         return np.concatenate([rest, self.u]), len(path)
+
+    def first_part(self, stop):
+        """Return the record up to a sample, in as many segments."""
+        edges = np.linspace(0, stop, len(self.segments) + 1).astype(int)
+        rows = ("u", "y", "auxiliary", "weights", "beside", "explained")
+        own = {name: getattr(self, name) for name in rows}
+        cut = {name: values[:stop] for name, values in own.items() if values is not None}
+        return replace(self, segments=tuple(pairwise(edges.tolist())), **cut)
 
     def counts(self):
         """Return how much each sample counts, zero outside of the segments, (n_samples,)."""

@@ -16,7 +16,8 @@ not used here: it needs the Jacobian itself.
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
+from typing import Self
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -267,6 +268,47 @@ class Method(ABC):
     def __init_subclass__(cls, **options):
         super().__init_subclass__(**options)
         inherit_documentation(cls)
+
+    def get_params(self, deep=True) -> dict:
+        """Return the parameters by name, as scikit-learn reads them.
+
+        Parameters
+        ----------
+        deep : bool, default=True
+            Ignored: no parameter has parameters of its own.
+
+        Returns
+        -------
+        dict
+        """
+        return {own.name: getattr(self, own.name) for own in fields(self)}
+
+    def set_params(self, **params) -> Self:
+        """Set parameters, as a search over ``method__max_evaluations`` does.
+
+        Parameters
+        ----------
+        **params : dict
+            By name.
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        ValueError
+            If a name is no parameter.
+        """
+        known = self.get_params()
+        for name in params:
+            if name not in known:
+                raise ValueError(
+                    f"The parameters of {type(self).__name__} are {', '.join(known)}. Got "
+                    f"{name!r} instead."
+                )
+        vars(self).update(vars(replace(self, **params)))  # checked as the constructor does
+        return self
 
     @abstractmethod
     def solve(self, problems):

@@ -27,6 +27,7 @@ class StaticOperator(Operator):
     """
 
     stage_order = 40
+    memoryless = True
     curve = None
 
     def evaluate(self, v):

@@ -31,13 +31,32 @@ from hostile_data import DT, Case, cases
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 from sklearn.base import clone
+from sklearn.compose import TransformedTargetRegressor
+from sklearn.ensemble import AdaBoostRegressor, BaggingRegressor, VotingRegressor
 from sklearn.exceptions import ConvergenceWarning, DataConversionWarning
+from sklearn.multioutput import MultiOutputRegressor, RegressorChain
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import FunctionTransformer
 from small_estimators import NO_GAIN, small_estimators
 
 import skhyst
+from skhyst.base import ParametricModel
+from skhyst.discovery import all_estimators
 from skhyst.exceptions import DivergenceWarning, ReachWarning
+from skhyst.operators import Operator
+from skhyst.records import stack_records
 
-__all__ = ["attack", "attack_composition", "attack_interval", "examine", "instance"]
+__all__ = [
+    "META_ESTIMATORS",
+    "attack",
+    "attack_composition",
+    "attack_inside",
+    "attack_interval",
+    "examine",
+    "instance",
+    "models",
+    "use",
+]
 
 _SECONDS, _BYTES = 10, 4 * 2**30
 _OWN, _VALIDATION = (str(Path(package.__file__).parent) for package in (skhyst, sklearn))
@@ -54,12 +73,12 @@ _WITH_A_UNIT = {"Corrected", "InverseCompensator"}
 _UNFINISHED = {"BoucWenStage", "EndStops", "FrictionStage", "GrayBoxHysteresis", "RestoringForce"}
 
 
-def instance(name):
+def instance(name, dt=DT):
     """Return a new small estimator, whose interval is that of the data."""
     estimator = small_estimators()[name]
     own = estimator.get_params()
     fixed = {"random_state": 0} if "random_state" in own else {}
-    return estimator.set_params(**fixed, **{key: DT for key in own if key.split("__")[-1] == "dt"})
+    return estimator.set_params(**fixed, **{key: dt for key in own if key.split("__")[-1] == "dt"})
 
 
 def fitted_use(estimator, X, y):
@@ -196,6 +215,58 @@ def attack_composition(name, kind, **said):
     return "" if by_step == "refused" or np.array_equal(found, expected) else "is another model"
 
 
+# a meta-estimator around an estimator, as neutral as it can be, so that its result is that of it
+META_ESTIMATORS = {
+    "TransformedTargetRegressor": TransformedTargetRegressor,
+    "VotingRegressor": lambda own: VotingRegressor([("own", own)]),
+    "VotingRegressor, array": lambda own: VotingRegressor([("own", _behind_an_array(own))]),
+    "MultiOutputRegressor": MultiOutputRegressor,
+    "RegressorChain": RegressorChain,
+    "BaggingRegressor": lambda own: BaggingRegressor(own, 1, bootstrap=False),
+    "BaggingRegressor, drawn": lambda own: BaggingRegressor(
+        _behind_an_array(own), 1, random_state=0
+    ),
+    "AdaBoostRegressor": lambda own: AdaBoostRegressor(own, n_estimators=1, random_state=0),
+}
+
+
+def _behind_an_array(own):
+    return make_pipeline(FunctionTransformer(np.asarray, validate=False), own)
+
+
+def _two_records(n=120):
+    rng = np.random.default_rng(0)
+    drives = np.cumsum(rng.normal(size=(2, n)), axis=1)
+    late = [np.convolve(u, 0.3 * 0.7 ** np.arange(n))[:n] + 0.1 * u**2 for u in drives]
+    late = [y + 0.02 * rng.normal(size=n) for y in late]
+    return stack_records([(u[:, None], y) for u, y in zip(drives, late, strict=True)], dt=DT)
+
+
+def attack_inside(name, kind):
+    """Fit an estimator by itself and inside a meta-estimator; return what broke, or an empty text.
+
+    Its result is that of the records, or that of one record in samples where it says so, or it is
+    refused. Rows that are drawn are no recording: only what has no memory may be fitted to them.
+    """
+    X, y = _two_records()
+    several = kind in ("MultiOutputRegressor", "RegressorChain")
+    given = np.column_stack([y, 2.0 * y]) if several else y
+    outcome, found = _attempt(fitted_use, META_ESTIMATORS[kind](instance(name, dt=None)), X, given)
+    if outcome in ("refused", "unsettled"):
+        return ""
+    if outcome != "done":
+        return outcome
+    if kind in ("BaggingRegressor, drawn", "AdaBoostRegressor"):
+        operator = getattr(type(instance(name)), "operator_class", Operator)
+        return "" if operator.memoryless else "fitted to rows that are drawn"
+    found = found[:, 0] if several else found
+    wanted = [(X, y), (X.to_numpy(), y.to_numpy())]
+    results = [_attempt(fitted_use, instance(name, dt=None), *own)[1] for own in wanted]
+    keeps = kind in ("TransformedTargetRegressor", "VotingRegressor", "MultiOutputRegressor")
+    off = _differ(found, results[0 if keeps else 1])
+    return "" if off <= _CLOCK else f"off by {off:.1e} of the range"
+
+
 def _tolerance(name, case):
     if name in _WITH_A_UNIT and "32" in case.container:
         return _SINGLE
@@ -313,6 +384,11 @@ def run(name, n_examples, number=0, seconds=3600.0):
     hung = done.returncode == -signal.SIGPROF
     what = "hang" if hung else f"ends with {done.returncode}: {done.stderr[-200:]}"
     return len(lines), [[how, _short(Case(**case)), what]]
+
+
+def models():
+    """Return the names of the models that meta-estimators are given."""
+    return [name for name, cls in all_estimators() if issubclass(cls, ParametricModel)]
 
 
 def main():

@@ -5,7 +5,17 @@ from zlib import crc32
 import numpy as np
 import pandas as pd
 import pytest
-from attack import attack, attack_composition, attack_interval, examine, instance, use
+from attack import (
+    META_ESTIMATORS,
+    attack,
+    attack_composition,
+    attack_inside,
+    attack_interval,
+    examine,
+    instance,
+    models,
+    use,
+)
 from hostile_data import DT, Case
 from small_estimators import SLOW, small_estimators
 
@@ -128,3 +138,20 @@ def test_a_lost_row_on_a_straight_line_changes_nothing(name):
     fitted, kept = instance(name).fit(X, y), np.arange(len(drive)) != at
     whole, found = use(fitted, X, y)[kept], use(fitted, X[kept], y[kept])
     np.testing.assert_allclose(found, whole, atol=1e-9 * np.abs(whole).max())
+
+
+# models share the code that meta-estimators meet
+OF_EACH_KIND = ["Cascade", "FirstOrderLag", "PrandtlIshlinskii", "Saturation", "Sum"]
+
+
+@pytest.mark.parametrize("kind", META_ESTIMATORS)
+@pytest.mark.parametrize("name", OF_EACH_KIND)
+def test_inside_a_meta_estimator(name, kind):
+    assert attack_inside(name, kind) == ""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", META_ESTIMATORS)
+@pytest.mark.parametrize("name", sorted({*models()} - {*SLOW, *OF_EACH_KIND}))
+def test_others_inside_a_meta_estimator(name, kind):
+    assert attack_inside(name, kind) == ""

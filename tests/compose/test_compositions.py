@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 from sklearn.base import clone
 from sklearn.frozen import FrozenEstimator
+from sklearn.model_selection import GridSearchCV
 from sklearn.utils import estimator_html_repr
 
 from skhyst.compose import (
@@ -220,3 +221,96 @@ def test_the_diagram_shows_what_stands_behind_and_what_beside():
     assert serial.start() < parallel.start()
     places = [drawn.index(f"<div>{name}</div>") for name in ("PrandtlIshlinskii", "Drift")]
     assert parallel.start() < min(places) < max(places) < drawn.index("<div>FirstOrderLag</div>")
+
+
+# ------------------------------------------------------------------- steps, as those of a Pipeline
+
+STEP_DT, N_STEPS = 0.01, 600
+STEP_U = np.cumsum(np.random.default_rng(0).normal(size=(N_STEPS, 1)), axis=0)
+STEP_Y = FirstOrderLagOperator(0.05).run(2.0 * STEP_U[:, 0] + 1.0, STEP_DT)[0]
+TWO_STEPS = [("gain", Gain()), ("lag", FirstOrderLag())]
+IN_PARALLEL = [("lag", FirstOrderLag()), ("drift", Drift(1))]
+
+
+@pytest.mark.parametrize("word", ["passthrough", "drop"])
+def test_a_step_of_a_cascade_is_left_out(word):
+    """In a search too: with the lag the fit is exact, without it it is not."""
+    model = Cascade(TWO_STEPS, dt=STEP_DT)
+    grid = {"lag": [word, FirstOrderLag()]}
+    search = GridSearchCV(model, grid, cv=2).fit(STEP_U, STEP_Y)
+    assert list(search.best_estimator_.operators_) == ["gain", "lag"]
+    without = clone(model).set_params(lag=word).fit(STEP_U, STEP_Y)
+    alone = Gain(dt=STEP_DT).fit(STEP_U, STEP_Y)
+    assert list(without.operators_) == ["gain"]
+    assert without.named_steps["lag"] == word
+    np.testing.assert_allclose(without.predict(STEP_U), alone.predict(STEP_U), rtol=1e-9)
+    assert "gain" in without._repr_html_()
+
+
+def test_a_branch_of_a_sum_is_left_out_or_the_drive_itself():
+    y = STEP_Y + np.linspace(0.0, 3.0, N_STEPS)
+    model = Sum(IN_PARALLEL, dt=STEP_DT)
+    without = clone(model).set_params(drift="drop").fit(STEP_U, STEP_Y)
+    assert list(without.operators_) == ["lag"]
+    assert without.disturbance_names == ()
+    np.testing.assert_allclose(without.predict(STEP_U), STEP_Y, atol=1e-6)
+    through = Sum([*IN_PARALLEL, ("drive", "passthrough")], dt=STEP_DT)
+    through.fit(STEP_U, y + STEP_U[:, 0])
+    assert "drive" not in "".join(through.params_)  # it has unit gain
+    np.testing.assert_allclose(through.predict(STEP_U), y + STEP_U[:, 0], atol=1e-6)
+    assert through.operators_["lag"].time_constant == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize("kind", [Cascade, Sum])
+def test_nothing_is_left(kind):
+    with pytest.raises(ValueError, match="must have a model"):
+        kind([("one", "drop"), ("two", "drop")]).fit(STEP_U, STEP_Y)
+    with pytest.raises(TypeError, match="Got 'pass' as 'two' instead; 'drop' leaves"):
+        kind([("one", Gain()), ("two", "pass")]).fit(STEP_U, STEP_Y)
+
+
+def test_steps_by_number_name_and_slice():
+    model = Cascade(TWO_STEPS, dt=STEP_DT)
+    assert len(model) == 2
+    assert model[1] is model["lag"] is TWO_STEPS[1][1]
+    assert repr(model[:1]) == repr(Cascade(TWO_STEPS[:1], dt=STEP_DT))
+    model.fit(STEP_U, STEP_Y)
+    assert model[-1].params_["time_constant"] == pytest.approx(0.05)
+    assert model["lag"].params_["gain"] == pytest.approx(2.0)
+    first, last = model[:1], model[1:]
+    assert isinstance(first, Cascade)
+    np.testing.assert_allclose(first.predict(STEP_U), STEP_U[:, 0])  # the gain is in the lag
+    behind = last.predict(first.predict(STEP_U)[:, None])
+    np.testing.assert_allclose(behind, model.predict(STEP_U), atol=1e-9)
+    assert last.params_ == model.params_
+    assert last.params_std_ == model.params_std_
+    assert first.params_ == {}
+    np.testing.assert_array_equal(model[:].predict(STEP_U), model.predict(STEP_U))
+    with pytest.raises(ValueError, match="must be 1"):
+        model[::2]
+    with pytest.raises(IndexError):
+        model[2]
+    with pytest.raises(KeyError):
+        model["mode"]
+
+
+def test_a_slice_of_a_sum_keeps_what_stands_beside():
+    y = STEP_Y + 2.0 + np.sin(2.0 * np.pi * 7.0 * STEP_DT * np.arange(N_STEPS))
+    steps = [("offset", Offset()), ("lag", FirstOrderLag()), ("line", PeriodicDisturbance())]
+    model = Sum(steps, dt=STEP_DT).fit(STEP_U, y)
+    part = model[1:]
+    assert list(part.operators_) == ["lag", "line"]
+    line = "disturbance{}__frequencies[0]".format  # numbered among those that are there
+    assert part.params_[line(0)] == model.params_[line(1)] == pytest.approx(7.0)
+    assert part.params_["lag__gain"] == model.params_["lag__gain"]
+    n_offset = np.size(model.operators_["offset"].coefficients)
+    kept = model.record_coefficients_[:, n_offset:]
+    np.testing.assert_array_equal(part.record_coefficients_, kept)
+    sizes = model[:2].record_coefficients_.shape, kept.shape
+    assert sizes == ((1, n_offset), (1, model.record_coefficients_.shape[1] - n_offset))
+    whole = model.predict(STEP_U)
+    np.testing.assert_allclose(
+        model[1:].predict(STEP_U) + model[:2].predict(STEP_U) - model[1:2].predict(STEP_U), whole
+    )
+    with pytest.raises(ValueError, match="a step that is driven"):
+        model[:1]

@@ -114,3 +114,15 @@ def test_there_is_nothing_to_estimate(declared):
     found = EffectSearchCV(declared, effects=["initial_state"], random_state=0).fit(X, y)
     assert found.effects_ == []
     assert found.ranking_["error_after"].isna().all()
+
+
+def test_a_record_that_continues_one_of_the_fit_is_under_way():
+    """Its time says so; with a time of their own the same rows would begin at rest."""
+    X, y = recording(PLAYS, cut=0, records=1)
+    X, y = X.droplevel("record"), y.droplevel("record")
+    found = EffectSearchCV(DECLARED, effects=["offset"], random_state=0).fit(X[:400], y[:400])
+    own = X[400:].set_axis(X.index[: N - 400])
+    for declared in (False, True):
+        assert found.held_out_error(X[400:], y[400:], declared=declared) < 1.3 * NOISE
+        alone = found.held_out_error(own, y[400:].set_axis(own.index), declared=declared)
+        assert alone > 5.0 * NOISE

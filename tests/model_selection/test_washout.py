@@ -3,11 +3,15 @@
 import pickle
 
 import numpy as np
+import pandas as pd
 import pytest
 from sklearn.base import BaseEstimator, RegressorMixin, clone
-from sklearn.metrics import make_scorer, mean_squared_error, r2_score
+from sklearn.metrics import make_scorer, mean_squared_error, r2_score, root_mean_squared_error
 from sklearn.model_selection import GridSearchCV, cross_validate
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
 
+from skhyst.linear import FirstOrderLag, FirstOrderLagOperator
 from skhyst.metrics import fit_percent, mape, max_error, nrmse, smape
 from skhyst.model_selection import BlockedTimeSeriesSplit, washout_scorer
 from skhyst.records import record_slices, stack_records
@@ -71,6 +75,7 @@ def test_names_of_metrics_tell_what_is_better(metric, sign, data):
         (lambda y_true, y_pred: 0.0, {}, "greater_is_better"),
         (r2_score, {"greater_is_better": "yes"}, "greater_is_better"),
         ("r2", {}, "metric"),
+        (r2_score, {"initial_state": "rest"}, "initial_state"),
         *((r2_score, {"washout": washout}, "washout") for washout in (-1, 1.5, None)),
     ],
 )
@@ -108,3 +113,58 @@ def test_options_reach_the_metric_and_it_pickles(data):
     assert repr(pickle.loads(pickle.dumps(scorer))) == (
         "washout_scorer(r2_score, washout=5, greater_is_better=True, multioutput='raw_values')"
     )
+
+
+# ----------------------------------------------------------------- the state from the washout
+
+DT, NOISE = 0.01, 2e-3
+LAG = FirstOrderLagOperator(0.5)
+MODEL = FirstOrderLag(dt=DT, initial_state="estimate")
+STEPS = make_pipeline(StandardScaler(), MODEL).set_output(transform="pandas")
+
+
+@pytest.fixture(scope="module")
+def recording():
+    rng = np.random.default_rng(0)
+    u = np.cumsum(rng.normal(size=1200)) * 0.1
+    return u[:, None], LAG.run(u, DT)[0] + NOISE * rng.normal(size=1200)
+
+
+def test_the_state_of_a_fold_comes_from_its_washout(recording):
+    """A block that is cut out of a record begins under way; what is left is the noise."""
+    X, y = recording
+    options = {"cv": BlockedTimeSeriesSplit(4), "error_score": "raise"}
+    errors = {}
+    for state in (None, "estimate"):
+        scorer = washout_scorer(root_mean_squared_error, washout=30, initial_state=state)
+        for name, model in (("model", MODEL), ("steps", STEPS)):
+            found = cross_validate(model, pd.DataFrame(X), y, scoring=scorer, **options)
+            errors[state, name] = -found["test_score"].mean()
+    assert errors["estimate", "model"] < 1.2 * NOISE < 5.0 * NOISE < errors[None, "model"]
+    assert errors["estimate", "steps"] == pytest.approx(errors["estimate", "model"], rel=0.02)
+
+
+def test_what_is_scored_does_not_tell_the_state(recording):
+    """Only the washout does: another response behind it changes no prediction."""
+    X, y = recording
+    model = FirstOrderLag(dt=DT).fit(X, y)
+    seen = []
+
+    def keep(y_true, y_pred):
+        seen.append(y_pred)
+        return 0.0
+
+    scorer = washout_scorer(keep, washout=30, greater_is_better=True, initial_state="estimate")
+    for response in (y, np.where(np.arange(len(y)) < 30, y, 7.0)):
+        scorer(model, X[600:], np.r_[y[600:630], response[630:]])
+    np.testing.assert_array_equal(*seen)
+    known = np.r_[y[600:630], np.full(570, np.nan)]
+    np.testing.assert_array_equal(seen[0], model.predict_from(X[600:], known)[30:])
+
+
+def test_an_estimator_that_cannot_take_a_state(data):
+    X, y = data
+    scorer = washout_scorer(r2_score, washout=5, initial_state="estimate")
+    assert "initial_state='estimate'" in repr(scorer)
+    with pytest.raises(ValueError, match="without predict_from"):
+        scorer(Transient().fit(X, y), X, y)

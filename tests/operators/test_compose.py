@@ -10,6 +10,7 @@ from skhyst.hysteresis import BoucWenStageOperator, PrandtlIshlinskiiOperator
 from skhyst.linear import (
     DelayOperator,
     FirstOrderLagOperator,
+    GainOperator,
     KelvinVoigtOperator,
     SecondOrderModeOperator,
 )
@@ -182,7 +183,7 @@ def test_a_composition_declares_what_its_stages_do(kind):
     assert whole.n_poles == (2, 1)
     assert not whole.memoryless
     assert not whole.is_disturbance
-    assert kind(limit=SaturationOperator(upper=1.0)).memoryless == SaturationOperator.memoryless
+    assert kind(limit=SaturationOperator(upper=1.0), gain=GainOperator(2.0)).memoryless
     assert kind(mode=MODE).linear_mode() == MODE.linear_mode()
     assert whole.linear_mode() is None
     assert FrozenOperator(PLAYS).stage_order == PLAYS.stage_order

@@ -2,6 +2,7 @@
 
 import dataclasses
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -328,3 +329,35 @@ def test_levenberg_marquardt_counts_epochs_and_moves_its_damping():
     goal = identify([START], [record()], method=LevenbergMarquardt(goal=1e-3))
     power = np.sum(record().y ** 2)
     assert goal.history[-1][1] <= 1e-3 * power < goal.history[-2][1]
+
+
+def test_a_grid_over_what_a_method_is_given():
+    """A search sets parameters of the method of its own copy of a model, by name."""
+    data = record(0.01)
+    given = data.u[:, None], data.y
+    method = ParticleSwarm(population=8, max_iterations=3, polish=False)
+    model = SecondOrderMode(dt=DT, method=method)
+    search = GridSearchCV(model, {"method__max_iterations": [1, 9]}, cv=KFold(2)).fit(*given)
+    assert search.best_params_ == {"method__max_iterations": 9}
+    assert search.best_estimator_.method == replace(method, max_iterations=9)
+    assert model.method.max_iterations == 3
+    names = {f"method__{own.name}" for own in dataclasses.fields(ParticleSwarm)}
+    assert names < set(model.get_params())
+
+
+@pytest.mark.parametrize("kind", METHODS.values())
+def test_parameters_of_a_method(kind):
+    method = kind()
+    assert kind(**method.get_params()) == method
+    assert clone(method) == method
+    assert method.set_params(verbose=1) is method
+    assert method == kind(verbose=1)
+    with pytest.raises(ValueError, match="'populations' instead"):
+        method.set_params(populations=3)
+
+
+def test_a_parameter_that_is_set_is_checked():
+    method = CuckooSearch()
+    with pytest.raises(ValueError, match="'renewal' parameter of CuckooSearch must be"):
+        method.set_params(renewal="none")
+    assert method == CuckooSearch()
