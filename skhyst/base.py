@@ -26,6 +26,7 @@ from ._validation import (
     fitted_interval,
     read_data,
     rest_of,
+    warn_beyond,
 )
 from .exceptions import ConvergenceWarning, RecordError, ShortRecordWarning
 from .operators import Operator, Stepper, add_disturbances, run_records, split_disturbances
@@ -621,6 +622,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """
         check_is_fitted(self)
         slices, X, _ = read_data(self, X, reset=False)
+        if not self.operator_.signal_linear:
+            warn_beyond(self, X[:, drive_column(self)])
         signal, schedules = self.operator_input(X, slices)
         options = self.free_run_state, schedules
         y = run_records(self.operator_, signal, slices, *options)
