@@ -26,6 +26,7 @@ from ._validation import (
     fitted_interval,
     read_data,
     rest_of,
+    warn_beyond,
 )
 from .exceptions import ConvergenceWarning, RecordError, ShortRecordWarning
 from .operators import Operator, Stepper, add_disturbances, run_records, split_disturbances
@@ -710,6 +711,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             )
         slices, X, _ = read_data(self, X, reset=False, bridge=True)
         slices, X, read = with_lost_rows(slices, X)
+        if not self.operator_.signal_linear:
+            warn_beyond(self, X[:, drive_column(self)])
         signal, schedules = self.operator_input(X, slices)
         y = self._free_run(signal, slices, schedules)
         return y if read is None else y[read]

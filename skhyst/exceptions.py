@@ -3,6 +3,7 @@
 __all__ = [
     "ConvergenceWarning",
     "DivergenceWarning",
+    "ExtrapolationWarning",
     "ReachWarning",
     "RecordError",
     "ShortRecordWarning",
@@ -18,6 +19,10 @@ class RecordError(ValueError):
 
 class DivergenceWarning(UserWarning):
     """A simulation left every physical range; the values returned are finite but meaningless."""
+
+
+class ExtrapolationWarning(UserWarning):
+    """A model that is not linear predicts for a drive further out than those of its fit."""
 
 
 class ReachWarning(UserWarning):

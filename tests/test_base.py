@@ -17,7 +17,12 @@ from sklearn.pipeline import make_pipeline
 from skhyst.base import ParametricModel
 from skhyst.compose import Cascade, Sum
 from skhyst.disturbance import Offset
-from skhyst.exceptions import ConvergenceWarning, DivergenceWarning, RecordError
+from skhyst.exceptions import (
+    ConvergenceWarning,
+    DivergenceWarning,
+    ExtrapolationWarning,
+    RecordError,
+)
 from skhyst.hysteresis import (
     MaxwellSlip,
     PrandtlIshlinskii,
@@ -477,3 +482,17 @@ def test_weights_through_a_pipeline_and_a_search():
         search.fit(X, spoilt, sample_weight=weights)
     assert search.best_params_ == {"firstorderlag__hold": "foh"}
     assert search.best_estimator_[-1].params_ == expected
+
+
+def test_a_prediction_beyond_the_range_of_the_fit_is_told():
+    t = np.arange(400) * 0.01
+    u = np.sin(2.0 * np.pi * t) * t[::-1]
+    plays = PrandtlIshlinskii(5, dt=0.01).fit(u[:, None], u)
+    low, high = plays.drive_range_
+    with pytest.warns(ExtrapolationWarning, match=f"from {low:g} to {high:g}. Got one from"):
+        plays.predict(1.5 * u[:, None])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        plays.predict(1.1 * u[:, None])  # no more than another record may go
+        plays.predict(0.1 * u[:, None])
+        FirstOrderLag(dt=0.01).fit(u[:, None], u).predict(9.0 * u[:, None])  # linear
