@@ -6,7 +6,7 @@ import warnings
 from abc import abstractmethod
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from numbers import Real
 from threading import Lock
 from typing import Self
@@ -28,6 +28,7 @@ from .optimize import (
     RecordData,
     identify,
     input_history_of,
+    with_further_starts,
     with_input_history,
 )
 from .records import chosen_interval
@@ -376,6 +377,35 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """
         return refine(self, self.starting_values(data), data)
 
+    def further_starts(self, records):
+        """Return operators around which starts are drawn, where the residual of a fit is coloured.
+
+        Parameters
+        ----------
+        records : sequence of RecordData
+            Records of the fit.
+
+        Returns
+        -------
+        list of Operator
+            Other structures than that of the fit are passed over.
+        """
+        return self.starting_values(records)
+
+    def identified_otherwise(self, data):
+        """Yield what other ways of starting lead to, where the residual of :meth:`fit` is coloured.
+
+        Parameters
+        ----------
+        data : sequence of RecordData
+            Records of the fit.
+
+        Yields
+        ------
+        IdentificationResult
+        """
+        yield from ()
+
     def with_hold(self, hold):
         """Return the model with a hold of the drive where its own is "auto".
 
@@ -466,7 +496,12 @@ class ParametricModel(RegressorMixin, BaseEstimator):
 
     def _fit_records(self, records):
         """Fit validated records."""
-        return self.finish(identified(self, records)[1], records)
+        model, result = identified(self, records)
+        if self.method == "variable_projection":
+            own = {"fixed": model.held_parameters(), "initial_state": self.free_run_state}
+            further = partial(model.further_starts, records), model.identified_otherwise(records)
+            result = with_further_starts(result, records, *further, **own)
+        return self.finish(result, records)
 
     def finish(self, result, records):
         """Store the result of identification, and warn of parameters that are not determined.
@@ -517,6 +552,13 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             yield (
                 f"No weight of {type(self).__name__} is other than zero: the response follows the "
                 "drive in neither direction.",
+                ConvergenceWarning,
+            )
+        if result.is_local:
+            yield (
+                f"The fit of {type(self).__name__} has not converged for sure: its residual is not "
+                "white, and further starts lead to other optima. Its parameters may be those of a "
+                "local optimum.",
                 ConvergenceWarning,
             )
         for names, told, kind in (

@@ -133,6 +133,20 @@ class Part:
         """Return the second-order mode without hysteresis and nonlinearity, or None."""
         return None
 
+    def preimage(self, y):
+        """Return an input that gives an output which turns where the input does not, or None.
+
+        Parameters
+        ----------
+        y : ndarray of shape (n_samples,)
+            Output.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,) or None
+        """
+        return None
+
     def at(self, schedule):
         """Return the operator of a record, whose parameters may depend on a number of it.
 

@@ -1,0 +1,131 @@
+"""Further starts for a fit whose residual is coloured.
+
+A residual that is white holds nothing that the model could explain, wherever the fit has ended. One
+that is coloured is either a shortcoming of the model or a local optimum. Further starts tell: where
+they lead back to the best solution, this is the optimum, and the model lacks something.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..noise import whiteness_p_value
+from ._identify import NOISELESS, identify
+from ._problem import OperatorProblem
+from ._variable_projection import VariableProjection, random_starts, variable_projection
+
+LEVEL = 1e-3  # of the test of whiteness: the part of right fits that pay for further starts
+_ROUNDS = 5
+_IN_VAIN = 2  # rounds that lead to nothing better but back, after which the optimum is the best
+_STARTS = 12  # of a round
+_TRIAL_EVALUATIONS = 4
+_FULL_RUNS = 3  # starts of a round that are followed to the end
+_SAME = 1e-4  # relative difference of sums of squares at the same optimum
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Neighbours(VariableProjection):
+    """Variable projection from around a solution, the first, and other starting values.
+
+    It has converged if several starts lead to the best.
+    """
+
+    n_random_starts: int = _STARTS
+
+    def solve(self, problems):
+        problem = problems[0]
+        best = variable_projection(problem, problem.x0, max_evaluations=1)
+        own = [p.x0 for p in problems[1:] if p.names == problem.names]
+        drawn = random_starts(problems, [best.x, *own], self.n_random_starts, self.random_state)
+        trials = [
+            variable_projection(problem, x, max_evaluations=_TRIAL_EVALUATIONS) for x in drawn
+        ]
+        trials.sort(key=lambda trial: trial.cost)
+        ends = [variable_projection(problem, trial.x) for trial in trials[:_FULL_RUNS]]
+        runs = [best, *trials, *ends]
+        evaluations = 1 + sum(run.n_evaluations for run in runs)  # 1: the search box
+        found = min([best, *ends], key=lambda run: run.cost)
+        again = sum(run.cost <= (1.0 + _SAME) * found.cost for run in [best, *ends]) > 1
+        return problem, replace(found, converged=again), evaluations
+
+
+def is_coloured(result, records, initial_state="rest"):
+    """Whether the residual of a fit is more than rounding, and not white at the level ``LEVEL``.
+
+    Parameters
+    ----------
+    result : IdentificationResult
+    records : sequence of RecordData
+        Those of the fit.
+    initial_state : {"rest", "zero"}, default="rest"
+        State before each record.
+
+    Returns
+    -------
+    bool
+    """
+    series, power = [], 0.0
+    outputs = result.outputs(records, initial_state)
+    for record, output in zip(records, outputs, strict=True):
+        residual = np.sqrt(record.counts()) * (record.y - output)
+        power += float(residual @ residual)
+        series += [residual[start:stop] for start, stop in record.segments]
+    if power <= NOISELESS * sum(record.power() for record in records):
+        return False
+    return whiteness_p_value(series) < LEVEL
+
+
+def with_further_starts(result, records, starts, others=(), *, fixed=(), initial_state="rest"):
+    """Return a result, or a better one from further starts where its residual is coloured.
+
+    Parameters
+    ----------
+    result : IdentificationResult
+    records : sequence of RecordData
+        Those of the fit.
+    starts : callable
+        Returns operators as :func:`identify` takes them: starting values from the data, among and
+        around which further ones are drawn.
+    others : iterable of IdentificationResult, default=()
+        What other ways of starting the model lead to, before starts are drawn.
+    fixed : collection of str, default=()
+        Names of entries that are held.
+    initial_state : {"rest", "zero"}, default="rest"
+        State before each record.
+
+    Returns
+    -------
+    IdentificationResult
+        With ``is_local`` where the residual is coloured and no further start has led to the
+        solution again.
+    """
+    start = result.operator, result.disturbances
+    problem = OperatorProblem(start[0], records, disturbances=start[1], fixed=fixed)
+    if problem.linear.all():
+        return result
+    if not is_coloured(result, records, initial_state):
+        return result
+    for other in others:
+        result = _better(result, other)
+        if result.error == other.error and not is_coloured(result, records, initial_state):
+            return result
+    given, how, in_vain = starts(), {"fixed": fixed, "initial_state": initial_state}, 0
+    for seed in range(_ROUNDS):
+        own = [(result.operator, result.disturbances), *given]
+        found = identify(own, records, method=_Neighbours(random_state=seed), **how)
+        better = found.error < (1.0 - _SAME) * result.error
+        in_vain = 0 if better else in_vain + found.converged
+        result = _better(result, found)
+        if in_vain == _IN_VAIN or better and not is_coloured(result, records, initial_state):
+            return result
+    return replace(result, is_local=True)
+
+
+def _better(result, other):
+    """Return the result of the smaller error, with the evaluations of both.
+
+    Where it leaves more undetermined, it explains by chance: then it is no better.
+    """
+    evaluations = result.n_evaluations + other.n_evaluations
+    better = other.error < result.error and set(other.undetermined) <= set(result.undetermined)
+    return replace(other if better else result, n_evaluations=evaluations)
