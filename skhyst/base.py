@@ -377,6 +377,21 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """
         return refine(self, self.starting_values(data), data)
 
+    def in_order(self, operator):
+        """Return an operator with the same response whose exchangeable parts are in their order.
+
+        Parameters
+        ----------
+        operator : Operator
+            Driven part of a fit.
+
+        Returns
+        -------
+        Operator
+            The operator itself where they are.
+        """
+        return operator.in_order()
+
     def further_starts(self, records):
         """Return operators around which starts are drawn, where the residual of a fit is coloured.
 
@@ -501,6 +516,11 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             own = {"fixed": model.held_parameters(), "initial_state": self.free_run_state}
             further = partial(model.further_starts, records), model.identified_otherwise(records)
             result = with_further_starts(result, records, *further, **own)
+        ordered = model.in_order(result.operator)
+        if ordered is not result.operator:
+            again = refine(model, [(ordered, result.disturbances)], records, "variable_projection")
+            evaluations = result.n_evaluations + again.n_evaluations
+            result = replace(again, n_evaluations=evaluations, is_local=result.is_local)
         return self.finish(result, records)
 
     def finish(self, result, records):

@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from dataclasses import replace
-from itertools import islice, permutations
+from itertools import groupby, islice, permutations
 from operator import attrgetter
 from typing import Self
 
@@ -186,6 +186,23 @@ class Composition(ParametricModel, BaseComposition):
 
     def further_starts(self, records):
         return []
+
+    def in_order(self, operator):
+        """Return an operator in which linear steps that are alike are slowest first; see the base.
+
+        Neighbours of equal parameters are alike: their names say nothing of which is which.
+        """
+        operator = super().in_order(operator)
+        models, stages = dict(self.steps), dict(operator.members())
+        for _, group in groupby(stages, key=lambda name: repr(models[name])):
+            names = [name for name in group if hasattr(stages[name], "poles")]
+            found = sorted(names, key=lambda name: np.abs(stages[name].poles()).min())
+            if found != names:
+                moved = [stages[name] for name in found]
+                stages |= dict(zip(names, moved, strict=True))
+        if all(stages[name] is stage for name, stage in operator.members()):
+            return operator
+        return replace(operator, stages=tuple(stages.values())).normalized()
 
     def unfitted(self, operator) -> Self:
         stages = zip(operator.names, operator.stages, strict=True)

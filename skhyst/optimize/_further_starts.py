@@ -116,7 +116,7 @@ def with_further_starts(result, records, starts, others=(), *, fixed=(), initial
         better = found.error < (1.0 - _SAME) * result.error
         in_vain = 0 if better else in_vain + found.converged
         result = _better(result, found)
-        if in_vain == _IN_VAIN or better and not is_coloured(result, records, initial_state):
+        if in_vain == _IN_VAIN or (better and not is_coloured(result, records, initial_state)):
             return result
     return replace(result, is_local=True)
 

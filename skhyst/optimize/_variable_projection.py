@@ -352,6 +352,7 @@ def random_starts(problems, bases, count, random_state):
     shape = count, len(lower)
     drawn = rng.uniform(lower, upper, shape)
     kept = rng.random(shape) < _KEPT
+    kept[kept[:, ~problems[0].linear].all(axis=1)] = False  # the linear ones are solved anyway
     if len(bases) > 1:
         others = rng.integers(1, len(bases), count)
         bases = np.asarray(bases)[np.where(rng.random(count) < 0.5, 0, others)]
