@@ -18,6 +18,7 @@ LEVEL = 1e-3  # of the test of whiteness: the part of right fits that pay for fu
 _ROUNDS = 5
 _IN_VAIN = 2  # rounds that lead to nothing better but back, after which the optimum is the best
 _STARTS = 12  # of a round
+_BUDGET = 4.0  # evaluations over those of the fit, after which no further way is begun
 _TRIAL_EVALUATIONS = 4
 _FULL_RUNS = 3  # starts of a round that are followed to the end
 _SAME = 1e-4  # relative difference of sums of squares at the same optimum
@@ -105,10 +106,13 @@ def with_further_starts(result, records, starts, others=(), *, fixed=(), initial
         return result
     if not is_coloured(result, records, initial_state):
         return result
+    most = (1.0 + _BUDGET) * result.n_evaluations
     for other in others:
         result = _better(result, other)
         if result.error == other.error and not is_coloured(result, records, initial_state):
             return result
+        if result.n_evaluations > most:
+            break
     given, how, in_vain = starts(), {"fixed": fixed, "initial_state": initial_state}, 0
     for seed in range(_ROUNDS):
         own = [(result.operator, result.disturbances), *given]
@@ -116,7 +120,12 @@ def with_further_starts(result, records, starts, others=(), *, fixed=(), initial
         better = found.error < (1.0 - _SAME) * result.error
         in_vain = 0 if better else in_vain + found.converged
         result = _better(result, found)
-        if in_vain == _IN_VAIN or (better and not is_coloured(result, records, initial_state)):
+        spent = found.converged and result.n_evaluations > most
+        if (
+            spent
+            or in_vain == _IN_VAIN
+            or (better and not is_coloured(result, records, initial_state))
+        ):
             return result
     return replace(result, is_local=True)
 
