@@ -1,14 +1,15 @@
 """Validation of the data of every estimator: finite numbers of workable size, in records."""
 
-from numbers import Real
+from numbers import Integral, Real
 from reprlib import repr as shortened
 
 import numpy as np
+from sklearn.frozen import FrozenEstimator
 from sklearn.utils.validation import validate_data
 
 from ._sklearn import StrOptions, validate_parameter_constraints
 from .exceptions import RecordError
-from .records import record_slices
+from .records import MISMATCH, record_slices
 
 # Largest value and, inverted, the smallest, unless an estimator has its own `largest_value`: the
 # squares of such values, of their gains and of the inverses of these are finite.
@@ -18,22 +19,196 @@ _TOO_FAR = (
 )
 
 
-def read_data(estimator, X, *y, reset, dt):
+def read_data(estimator, X, *y, reset, dt=None):
     """Validate X and y; return the records, X as an array, and y, or None if it is not given.
 
-    With ``reset``, in a fit, ``drive_range_`` and ``drive_rate_`` of the estimator are set.
+    With ``reset``, in a fit, ``drive_range_``, ``drive_rate_``, ``dt_`` and ``time_unit_`` of the
+    estimator are set. ``dt`` is as for :func:`read_slices`.
     """
-    sampling = {"dt": dt, "one_interval": _counts_samples(estimator)}
     if not y:
         array = as_floats(estimator, X, reset=reset)
-        return record_slices(X, **sampling), array, None
+        drive_column(estimator)
+        return read_slices(estimator, X, reset=reset, dt=dt), array, None
     least = 2 if reset else 1
     array, response = as_floats(estimator, X, *y, reset=reset, ensure_min_samples=least)
-    refuse_extreme(array[:, 0], response, _least(estimator))
-    slices = record_slices(X, *y, **sampling)
+    drive = array[:, drive_column(estimator)]
+    refuse_extreme(drive, response, _least(estimator))
+    slices = read_slices(estimator, X, *y, reset=reset, dt=dt)
     if reset:
-        keep_seen(estimator, array[:, 0], slices)
+        keep_seen(estimator, drive, slices)
     return slices, array, response
+
+
+def read_slices(estimator, X, *y, reset, dt=None):
+    """Return the records of X, sampled as an estimator asks for.
+
+    Data without a time have the interval that was said, in a fit, with ``reset``, and that of the
+    fit elsewhere; ``dt`` is in place of either. What contradicts the fit is refused: another
+    interval that was said since; a time of another interval, where the estimator counts samples.
+
+    Raises
+    ------
+    RecordError
+        If the interval is not that of the fit, or is not known.
+    """
+    options = {"one_interval": _counts_samples(estimator)}
+    slices = record_slices(X, *y, **options)
+    counted = bool(slices) and slices[0].time_unit == "sample"
+    known = interval_of(estimator, fitted=not reset) if dt is None else dt
+    if counted and known is not None:
+        slices = record_slices(X, *y, dt=known, **options)
+    if reset:
+        intervals = {own.dt for own in slices}
+        estimator.dt_ = intervals.pop() if len(intervals) == 1 else None
+        estimator.time_unit_ = slices[0].time_unit
+    elif slices:
+        _refuse_other_interval(estimator, slices[0].dt, counted)
+    return slices
+
+
+def _refuse_other_interval(estimator, dt, counted):
+    kind, (own, unit) = type(estimator).__name__, fitted_interval(estimator)
+    if counted:
+        if unit is None and getattr(estimator, "records_", ()):
+            raise RecordError(
+                f"The records that {kind} was fitted to have several sampling intervals: X must "
+                "have a time index. Got an X without one instead."
+            )
+        said = getattr(estimator, "dt", None) if hasattr(estimator, "dt_") else None
+        if said is not None and unit is not None and not _agree(said, own):
+            raise RecordError(
+                f"The 'dt' parameter of {kind} must be that of the fit, {own:g} {unit}, or None, "
+                f"for an X without a time index. Got {said:g} s instead; give X its times."
+            )
+    elif unit == "s" and not _agree(dt, own) and _counts_samples(estimator, unless_said=False):
+        raise RecordError(
+            f"The records must be sampled at {own:g} s, as those of the fit: {kind} counts "
+            f"samples. Got {dt:g} s instead; use skhyst.records.resample_records."
+        )
+
+
+def _agree(one, other):
+    return abs(one - other) <= MISMATCH * other
+
+
+def fitted_interval(estimator):
+    """Return the sampling interval of a fit and its unit; None of both where there is not one."""
+    if hasattr(estimator, "dt_"):
+        dt = estimator.dt_
+        return dt, None if dt is None else getattr(estimator, "time_unit_", "s")
+    records = getattr(estimator, "records_", ())  # of earlier versions
+    if len({own.dt for own in records}) != 1:
+        return None, None
+    return records[0].dt, records[0].time_unit
+
+
+def interval_of(estimator, *, fitted=True):
+    """Return the sampling interval in s of data without a time: that of the fit, or that said.
+
+    None where none is known: time is in samples.
+    """
+    if fitted:
+        own, unit = fitted_interval(estimator)
+        if own is not None:
+            return own if unit == "s" else None
+    return agreed(estimator, "dt")
+
+
+def agreed(estimator, name):
+    """Return a parameter of an estimator or, where that is None, the one its parts agree on.
+
+    None where no part says it. A part that is held, in a FrozenEstimator, has the interval of its
+    fit.
+
+    Raises
+    ------
+    RecordError
+        If the parts contradict each other.
+    """
+    redefined = name in getattr(estimator, "redefined", ())
+    own = None if redefined else getattr(estimator, name, None)
+    if own is not None:
+        return own
+    said = {}
+    for key, part in _parts(estimator).items():
+        if "__" in key or isinstance(part, type) or not hasattr(part, "get_params"):
+            continue
+        held = isinstance(part, FrozenEstimator)
+        part = part.estimator if held else part
+        value = interval_of(part) if held and name == "dt" else agreed(part, name)
+        if value is not None:
+            said[key] = value
+    if len(set(said.values())) > 1:
+        found = ", ".join(f"{value!r} in {key!r}" for key, value in said.items())
+        raise RecordError(
+            f"The '{name}' parameter of {type(estimator).__name__} must be given, since its parts "
+            f"differ in theirs. Got {found} instead."
+        )
+    return next(iter(said.values()), None)
+
+
+def drive_column(estimator):
+    """Return the position of the drive among the columns of X.
+
+    Raises
+    ------
+    ValueError
+        If there is no such column, or the estimator needs the drive in front.
+    """
+    drive = agreed(estimator, "drive")
+    if drive is None:
+        return 0
+    position = find_column(estimator, drive, "drive")
+    if position and (not hasattr(estimator, "drive") or getattr(estimator, "reads_columns", False)):
+        names = list(getattr(estimator, "feature_names_in_", range(estimator.n_features_in_)))
+        raise ValueError(
+            f"The drive must be column 0 of X for {type(estimator).__name__}, which reads further "
+            f"columns. Got {drive!r} among {names} instead; move it to the front."
+        )
+    return position
+
+
+def find_column(estimator, column, parameter) -> int:
+    """Return the position of a column given by position or name.
+
+    Parameters
+    ----------
+    estimator : estimator
+        Estimator with ``n_features_in_`` and, for names, ``feature_names_in_``.
+    column : int or str
+        Position, counted from the end if negative, or name.
+    parameter : str
+        Name of the parameter that holds ``column``, for the error message.
+
+    Returns
+    -------
+    int
+
+    Raises
+    ------
+    ValueError
+        If there is no such column.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> from skhyst.preprocessing import PlayOperators, find_column
+    >>> plays = PlayOperators().fit(pd.DataFrame({"drive": [0.0, 1.0], "load": [2.0, 2.0]}))
+    >>> find_column(plays, "load", "columns"), find_column(plays, -2, "columns")
+    (1, 0)
+    """
+    if isinstance(column, str):
+        names = list(getattr(estimator, "feature_names_in_", ()))
+        if column in names:
+            return names.index(column)
+    else:
+        n_features = estimator.n_features_in_
+        if isinstance(column, Integral) and -n_features <= column < n_features:
+            return int(column) % n_features
+    raise ValueError(
+        f"The '{parameter}' parameter of {type(estimator).__name__} must be positions or names of "
+        f"columns of X, which has {estimator.n_features_in_} features. Got {column!r} instead."
+    )
 
 
 def keep_seen(estimator, drive, slices):
@@ -85,24 +260,24 @@ def in_native_order(values):
     return values.astype(values.dtypes.map(native) if several else native(values.dtype))
 
 
-def _counts_samples(estimator):
+def _counts_samples(estimator, *, unless_said=True):
     """Whether an estimator, or a part of it, is valid at one sampling interval only."""
-    return getattr(estimator, "one_interval", True) or any(
-        getattr(part, "one_interval", False) for part in _parts(estimator)
+    return getattr(estimator, "one_interval", unless_said) or any(
+        getattr(part, "one_interval", False) for part in _parts(estimator).values()
     )
 
 
 def _least(estimator):
     """Return the largest value that an estimator and all its parts can calculate with."""
     own = getattr(estimator, "largest_value", EXTREME)
-    return min([own, *(getattr(part, "largest_value", own) for part in _parts(estimator))])
+    return min([own, *(getattr(part, "largest_value", own) for part in _parts(estimator).values())])
 
 
 def _parts(estimator):
     try:
-        return estimator.get_params().values()
-    except TypeError:  # a class for a step, which is refused where steps are checked
-        return ()
+        return estimator.get_params()
+    except (AttributeError, TypeError):  # a class for a step is refused where steps are checked
+        return {}
 
 
 def refuse_large(name, values, extreme=EXTREME):

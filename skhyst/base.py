@@ -7,7 +7,7 @@ from abc import abstractmethod
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache, partial
-from numbers import Real
+from numbers import Integral, Real
 from threading import Lock
 from typing import Self
 
@@ -18,7 +18,15 @@ from threadpoolctl import ThreadpoolController
 
 from ._documentation import inherit_documentation
 from ._sklearn import Interval, StrOptions, fit_context
-from ._validation import finite_number, read_data, rest_of
+from ._validation import (
+    agreed,
+    as_floats,
+    drive_column,
+    finite_number,
+    fitted_interval,
+    read_data,
+    rest_of,
+)
 from .exceptions import ConvergenceWarning, RecordError, ShortRecordWarning
 from .operators import Operator, Stepper, add_disturbances, run_records, split_disturbances
 from .optimize import (
@@ -144,7 +152,7 @@ def input_at_rest(model, u0, initial_state, caller):
     """Return the input at which a fitted model rests; see :meth:`ParametricModel.stepper`."""
     levels = rest_of(u0, initial_state, model.n_features_in_, caller)
     if not model.reads_columns:
-        return float(levels[0])
+        return float(levels[drive_column(model)])
     # the amplitude of the record may stand behind the columns
     return np.append(levels, levels[0]) if np.size(u0) == 1 else levels
 
@@ -163,8 +171,13 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     initial_state : {"rest", "zero", "estimate"}, default="rest"
         State before each record's first sample: at rest after a first loading from zero; all zero;
         or as a drive before the record has left it that is fitted for each record.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index.
+    dt : float or None, default=None
+        Sampling interval in s of data without a time index. None: in ``fit`` not known, so that
+        constants of time are in samples; in ``predict`` that of the fit, which another one may not
+        contradict.
+    drive : str, int or None, default=None
+        Name or number of the column of X that is the drive; None: column 0. Of a model that reads
+        further columns it must be column 0.
     method : str or Method, default="variable_projection"
         How the parameters are identified, see :mod:`skhyst.optimize`.
 
@@ -183,8 +196,12 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         Root mean square of the residual in the records of the fit, units of the response.
     records_ : tuple of RecordSlice
         The records of the fit.
+    dt_ : float or None
+        Sampling interval of the fit, in ``time_unit_``; None where records differ in theirs.
+    time_unit_ : {"s", "sample"}
+        "sample" where the fit was told no interval.
     drive_range_ : tuple of (float, float)
-        Smallest and largest drive (column 0 of X) that the fit has seen, units of the drive.
+        Smallest and largest drive that the fit has seen, units of the drive.
     drive_rate_ : float
         Fastest change of the drive between two samples that it has seen, units of the drive per s.
     initial_drive_ : ndarray of shape (n_records, n_values)
@@ -201,14 +218,17 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     """
 
     _parameter_constraints = {
-        "dt": [Interval(Real, 0, None, closed="neither")],
+        "dt": [Interval(Real, 0, None, closed="neither"), None],
+        "drive": [str, Integral, None],
         "initial_state": [StrOptions({"rest", "zero", "estimate"})],
         "method": [StrOptions(set(METHODS)), Method],
     }
 
     operator_class = Operator
+    dt = drive = None  # of a constructor without them
     method = "variable_projection"  # of a constructor without it
-    reads_columns = False  # of X beside the first
+    redefined: tuple[str, ...] = ()  # parameters that mean something else than in other models
+    reads_columns = False  # of X other than the first
     one_interval = False  # an operator runs at the interval of each record
     any_interval = False  # and, for a straight drive, gives the same however fine the interval is
     disturbance_names = ()  # of what the model adds to the driven response
@@ -217,9 +237,10 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         super().__init_subclass__(**options)
         inherit_documentation(cls)
 
-    def __init__(self, *, initial_state="rest", dt=1.0, method="variable_projection"):
+    def __init__(self, *, initial_state="rest", dt=None, drive=None, method="variable_projection"):
         self.initial_state = initial_state
         self.dt = dt
+        self.drive = drive
         self.method = method
 
     @property
@@ -259,7 +280,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         Parameters
         ----------
         X : DataFrame or array-like of shape (n_samples, n_inputs)
-            Column 0 is the drive; the index carries records and time.
+            Inputs; the index carries records and time.
         y : array-like of shape (n_samples,)
             Response.
 
@@ -270,7 +291,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         data = self._read_records(X, y)
         # the matrices are tiny: threads that wait for each other cost more than they do
         with _calculable():
-            return self._fit_records(data)
+            self._fit_records(data)
+        self._doubt_drive(X, y)
+        return self
 
     @fit_context(prefer_skip_nested_validation=True)
     def fit_from(self, operator, X, y, *, records=None, method=None) -> Self:
@@ -310,9 +333,27 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             result = refine(self, [self.tree(operator)], data, method)
             return self.finish(result, data)
 
+    def _doubt_drive(self, X, y):
+        """Warn where a straight line through an ignored column predicts better than the model."""
+        if self.n_features_in_ == 1 or self.reads_columns or agreed(self, "drive") is not None:
+            return
+        X, y = as_floats(self, X, y, reset=False)
+        lines = [np.polynomial.Polynomial.fit(x, y, 1)(x) if np.ptp(x) else y.mean() for x in X.T]
+        errors = [np.sqrt(np.mean(np.square(y - line))) for line in lines]
+        best = int(np.argmin(errors[1:])) + 1
+        if errors[best] < self.fit_error_:
+            names = list(getattr(self, "feature_names_in_", range(len(errors))))
+            warnings.warn(
+                f"A straight line through column {names[best]!r} predicts the response better than "
+                f"{type(self).__name__} does from its drive, column {names[0]!r}: the drive is "
+                "column 0 unless the 'drive' parameter says another.",
+                ConvergenceWarning,
+                stacklevel=3,
+            )
+
     def _read_records(self, X, y):
         """Validate X and y, store the records, and return them as identification uses them."""
-        slices, X, y = read_data(self, X, y, reset=True, dt=self.dt)
+        slices, X, y = read_data(self, X, y, reset=True)
         data = self.record_data(slices, X, y)
         self.records_ = slices
         return data
@@ -352,11 +393,11 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         Returns
         -------
         signal : ndarray of shape (n_samples,) or (n_samples, n)
-            The first column of X, or several where the model ``reads_columns``.
+            The drive, or several columns of X where the model ``reads_columns``.
         schedules : list of float or None
             For each record the number that scheduled parameters depend on, or None.
         """
-        return X[:, 0], [None] * len(slices)
+        return X[:, drive_column(self)], [None] * len(slices)
 
     def __sklearn_tags__(self):
         tags = super().__sklearn_tags__()
@@ -541,7 +582,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """
         if not np.isfinite(result.error):
             raise RecordError(_OUT_OF_RANGE)
-        if self.initial_state == "estimate":
+        if agreed(self, "initial_state") == "estimate":
             if any(record.before is None for record in records):
                 result = with_input_history(result, records, self.method)
             else:
@@ -633,11 +674,27 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         ndarray of shape (n_samples,)
             Units of the response. Finite always; a run that left the range of floating point is
             cut off there, with a :class:`~skhyst.exceptions.DivergenceWarning`.
+
+        Raises
+        ------
+        RecordError
+            If the sampling interval contradicts the fit: X has a time and the fit had none, and the
+            model depends on it, or the model counts samples and they are others.
         """
         check_is_fitted(self)
-        slices, X, _ = read_data(self, X, reset=False, dt=self.dt)
+        slices, X, _ = read_data(self, X, reset=False)
         signal, schedules = self.operator_input(X, slices)
-        return run_records(self.operator_, signal, slices, self.free_run_state, schedules)
+        options = self.free_run_state, schedules
+        y = run_records(self.operator_, signal, slices, *options)
+        if slices[0].time_unit == "s" and fitted_interval(self)[1] == "sample":
+            counted = [replace(own, dt=1.0) for own in slices]
+            if not np.allclose(y, run_records(self.operator_, signal, counted, *options)):
+                raise RecordError(
+                    f"{type(self).__name__} was fitted without a time, and its constants are in "
+                    f"samples. Got an X with the interval {slices[0].dt:g} s instead: fit it with "
+                    "a time index or 'dt', or give it an X without."
+                )
+        return y
 
     def predict_from(self, X, y) -> np.ndarray:
         """Return the free run of records that start in motion, with their initial state from ``y``.
@@ -670,7 +727,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         True
         """
         rest = self.predict(X)
-        slices, X, _ = read_data(self, X, reset=False, dt=self.dt)
+        slices, X, _ = read_data(self, X, reset=False)
         y = check_array(y, ensure_2d=False, ensure_all_finite="allow-nan", dtype=float)
         check_consistent_length(X, y)
         known = np.isfinite(y)
@@ -739,7 +796,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     @property
     def free_run_state(self) -> str:
         """State before each record of a free run, "rest" or "zero"."""
-        return "zero" if self.initial_state == "zero" else "rest"
+        return "zero" if agreed(self, "initial_state") == "zero" else "rest"
 
 
 def _is_constant(operator):

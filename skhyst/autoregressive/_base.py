@@ -13,17 +13,16 @@ from threadpoolctl import threadpool_limits
 
 from .._documentation import inherit_documentation
 from .._sklearn import Interval, StrOptions, check_feature_names_in, fit_context
-from .._validation import refuse_large, rest_of
+from .._validation import fitted_interval, refuse_large, rest_of
 from ..base import read_data
 from ..exceptions import DivergenceWarning, RecordError
 from ..operators import Stepper
 from ..preprocessing import SampleRules, lagged_columns, read_lag_table, read_lags
-from ..records import chosen_interval
+from ..records import MISMATCH, chosen_interval
 from ._initial_outputs import estimate_history, fit_line, rest_outputs
 from ._runs import Lags, Start, free_runs, runs_ahead
 from ._streaming import compiled_lags
 
-_MISMATCH = 0.01  # largest relative difference between sampling intervals that count as equal
 _BOUND = 100.0  # an output this many ranges of the response beyond its largest has diverged
 
 
@@ -53,9 +52,11 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
           ``y(-1), y(-2), ...``.
 
         Where there is no ``y``, ``"measured"`` and ``"estimate"`` start from rest.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index. Lags are in samples: the model holds
-        for the sampling interval of the fit only.
+    dt : float or None, default=None
+        Sampling interval in s of data without a time index; None: in ``fit`` not known, then that
+        of the fit. Lags are in samples: another interval than that of the fit is refused.
+    drive : str, int or None, default=None
+        Name or number of the column of X that is the drive; None: column 0.
 
     Attributes
     ----------
@@ -75,8 +76,12 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         Number of columns of ``X``.
     records_ : tuple of RecordSlice
         The records of the fit.
+    dt_ : float
+        Sampling interval of the fit, in ``time_unit_``.
+    time_unit_ : {"s", "sample"}
+        "sample" where the fit was told no interval.
     drive_range_ : tuple of (float, float)
-        Smallest and largest drive (column 0 of X) in the fit, units of the drive.
+        Smallest and largest drive in the fit, units of the drive.
     drive_rate_ : float
         Fastest change of the drive between two samples in the fit, units of the drive per s.
     """
@@ -91,7 +96,8 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
             Interval(Real, None, None, closed="neither"),
             "array-like",
         ],
-        "dt": [Interval(Real, 0, None, closed="neither")],
+        "dt": [Interval(Real, 0, None, closed="neither"), None],
+        "drive": [str, Integral, None],
     }
 
     def __init_subclass__(cls, **options):
@@ -132,7 +138,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         -------
         self
         """
-        records, X, y = read_data(self, X, y, reset=True, dt=self.dt)
+        records, X, y = read_data(self, X, y, reset=True)
         self.input_lags_ = read_lag_table(self, "input_lags", range(X.shape[1]))
         self.output_lags_ = tuple(read_lags(self, "output_lags", self.output_lags, 1))
         X, names = self._widen(X, records, reset=True)
@@ -185,7 +191,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
                     "response where 'horizon' is given. Got None instead."
                 )
         given = () if y is None else (y,)
-        records, X, y = read_data(self, X, *given, reset=False, dt=self.dt)
+        records, X, y = read_data(self, X, *given, reset=False)
         refuse_large("X", X)
         X, _ = self._widen(X, records)
         starts = self.starting_values(X, records, y)
@@ -280,8 +286,8 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         True
         """
         check_is_fitted(self)
-        own, caller = self.records_[0].dt, f"{type(self).__name__}.stepper"
-        if not np.isclose(chosen_interval(self.records_, dt, caller), own, rtol=_MISMATCH):
+        (own, _), caller = fitted_interval(self), f"{type(self).__name__}.stepper"
+        if dt is not None and not np.isclose(chosen_interval((), dt, caller), own, rtol=MISMATCH):
             raise ValueError(
                 f"The 'dt' parameter of {caller} must be {own:g} s, that of the records of the "
                 f"fit: the lags are in samples. Got {dt!r} instead."
@@ -295,9 +301,9 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
             history = self._given_history()
         elif initial_state != "zero":
             (history,) = self._rest(np.array([[rules.row[place] for place, _ in places]]))
-        own = inputs, self.output_lags_, self.bound_, rules, history
+        parts = inputs, self.output_lags_, self.bound_, rules, history
         call, name = self._one_step, type(self).__name__
-        return Stepper(compiled_lags(self._plain_step(), *own, call, name), self.records_[0].dt)
+        return Stepper(compiled_lags(self._plain_step(), *parts, call, name), own)
 
     def __sklearn_tags__(self):
         tags = super().__sklearn_tags__()

@@ -8,6 +8,7 @@ import pandas as pd
 from sklearn.base import clone
 
 from .._sklearn import Interval, StrOptions
+from .._validation import drive_column
 from ..base import one_thread
 from ..optimize import coloured_covariance
 from ..preprocessing import GeneralizedInputGradient, PlayOperators, read_lags
@@ -154,7 +155,8 @@ class NARMAXRegressor(AutoregressiveRegressor):
         features=None,
         include_bias=True,
         initial_output="rest",
-        dt=1.0,
+        dt=None,
+        drive=None,
     ):
         self.degree = degree
         self.input_lags = input_lags
@@ -168,6 +170,7 @@ class NARMAXRegressor(AutoregressiveRegressor):
         self.include_bias = include_bias
         self.initial_output = initial_output
         self.dt = dt
+        self.drive = drive
 
     @property
     def terms_(self):
@@ -191,16 +194,16 @@ class NARMAXRegressor(AutoregressiveRegressor):
             names = ["u"] if X.shape[1] == 1 else [f"u{i + 1}" for i in range(X.shape[1])]
         if reset:
             self.transformers_ = self._fit_features(X, records[0].dt)
-        wide, signs = [X], []
+        drive, wide, signs = [drive_column(self)], [X], []
         for label, transformer in self.transformers_:
-            parts = [transformer.transform(X[record.rows, :1]) for record in records]
+            parts = [transformer.transform(X[record.rows][:, drive]) for record in records]
             if label == "rate_sign":
                 signs.append(len(names))
             wide.append(np.concatenate(parts).astype(float, copy=False))
             n_made = wide[-1].shape[1]
             names += [label] if n_made == 1 else [f"{label}{i}" for i in range(n_made)]
         if reset:
-            lag = min((k for column, k in self.input_lags_ if column == 0), default=0)
+            lag = min((k for column, k in self.input_lags_ if column in drive), default=0)
             self.input_lags_ += tuple((column, lag) for column in range(X.shape[1], len(names)))
             self._signs = signs
         return (np.concatenate(wide, axis=1) if len(wide) > 1 else X), names
@@ -210,8 +213,6 @@ class NARMAXRegressor(AutoregressiveRegressor):
         for kind in [] if self.features is None else self.features:
             if isinstance(kind, str) and kind in _FEATURES:
                 label, transformer = kind, clone(_FEATURES[kind])
-                if hasattr(transformer, "dt"):
-                    transformer.set_params(dt=dt)
             elif not isinstance(kind, str) and hasattr(kind, "transform"):
                 label, transformer = type(kind).__name__, clone(kind)
             else:
@@ -219,7 +220,9 @@ class NARMAXRegressor(AutoregressiveRegressor):
                     "The 'features' parameter of NARMAXRegressor must list transformers or names "
                     f"out of {sorted(_FEATURES)}. Got {kind!r} instead."
                 )
-            fitted.append((label, transformer.fit(X[:, :1])))
+            if getattr(transformer, "dt", dt) is None:  # it is given the rows, without their times
+                transformer.set_params(dt=dt)
+            fitted.append((label, transformer.fit(X[:, [drive_column(self)]])))
         return fitted
 
     # ------------------------------------------------------------------------------------ the fit
@@ -371,7 +374,7 @@ class NARMAXRegressor(AutoregressiveRegressor):
     # ----------------------------------------------------------------------------------- the runs
 
     def _places(self, rules):
-        drive, found = [(0, 0)], super()._places(rules)
+        drive, found = [(drive_column(self), 0)], super()._places(rules)
         for _, transformer in self.transformers_:
             found += transformer.sample_rules(rules, drive, getattr(transformer, "dt", None))
         return found

@@ -121,7 +121,8 @@ class NARXRegressor(AutoregressiveRegressor):
         output_lags=(1,),
         objective="one_step",
         initial_output="rest",
-        dt=1.0,
+        dt=None,
+        drive=None,
     ):
         self.estimator = estimator
         self.input_lags = input_lags
@@ -129,6 +130,7 @@ class NARXRegressor(AutoregressiveRegressor):
         self.objective = objective
         self.initial_output = initial_output
         self.dt = dt
+        self.drive = drive
 
     def _fit_records(self, X, y, records):
         Z, target = self._regression(X, y, records)

@@ -11,6 +11,7 @@ from sklearn.frozen import FrozenEstimator
 from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import BaseComposition, diagram_of
+from .._validation import agreed
 from ..base import ParametricModel, as_node, informed, refine, with_params
 from ..operators import (
     FrozenOperator,
@@ -21,7 +22,7 @@ from ..operators import (
 )
 from ..optimize import VariableProjection
 
-_HYSTERESIS, _DYNAMICS = 10, 30  # ranks, see Operator
+_HYSTERESIS, _DYNAMICS = 10, 30  # stage orders, see Operator
 _ALONG_THE_WAY = VariableProjection(tolerance=1e-4)
 _CLEARLY = 1.1  # ratio of errors in thinned records
 _ENOUGH = 5_000  # samples in all
@@ -58,10 +59,13 @@ class Composition(ParametricModel, BaseComposition):
     ----------
     steps : list of (str, estimator)
         Names and models; fitted models in a FrozenEstimator are held.
-    initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample; that of the steps is not used.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index; that of the steps is not used.
+    initial_state : {"rest", "zero", "estimate"} or None, default=None
+        State before each record's first sample, in place of that of the steps; None: theirs, in
+        which they must agree.
+    dt : float or None, default=None
+        Sampling interval in s of data without a time index, in place of that of the steps; None:
+        theirs, in which those that have one must agree. So must those that say which column is the
+        drive.
 
     Attributes
     ----------
@@ -72,10 +76,14 @@ class Composition(ParametricModel, BaseComposition):
         held are not among them.
     """
 
-    _parameter_constraints = {**ParametricModel._parameter_constraints, "steps": [list]}
+    _parameter_constraints = {
+        **ParametricModel._parameter_constraints,
+        "initial_state": [*ParametricModel._parameter_constraints["initial_state"], None],
+        "steps": [list],
+    }
     _parallel = False
 
-    def __init__(self, steps, *, initial_state="rest", dt=1.0, method="variable_projection"):
+    def __init__(self, steps, *, initial_state=None, dt=None, method="variable_projection"):
         self.steps = steps
         self.initial_state = initial_state
         self.dt = dt
@@ -85,7 +93,7 @@ class Composition(ParametricModel, BaseComposition):
     def named_steps(self) -> dict[str, ParametricModel]:
         """The steps by name, each as the model that the fit has made of it.
 
-        Unfitted before a fit, as ``steps`` are always, and where a step stands beside the others.
+        Unfitted before a fit, as ``steps`` always are; additive disturbances stay unfitted.
         """
         found = dict(self.steps)
         if hasattr(self, "operator_"):
@@ -147,7 +155,7 @@ class Composition(ParametricModel, BaseComposition):
                     msg=f"The step '{name}' of {kind} is frozen but not fitted: fit the model "
                     "before it goes into the FrozenEstimator.",
                 )
-            model._validate_params()  # nobody calls its `fit`
+            model._validate_params()  # its `fit`, which would, is not called
 
     def _models(self):
         """Return the steps as models, those in a FrozenEstimator as held ones."""
@@ -234,7 +242,9 @@ class Composition(ParametricModel, BaseComposition):
         )
         if result.covariance is not None:
             own["covariance"] = result.covariance[np.ix_(at, at)]
-        shared = {"records_": self.records_, "dt": self.dt, "initial_state": self.initial_state}
+        shared = {key: agreed(self, key) for key in ("dt", "initial_state")}
+        of_fit = ("records_", "dt_", "time_unit_")
+        shared |= {key: getattr(self, key) for key in of_fit if hasattr(self, key)}
         model = with_params(model, **shared)
         result = replace(result, operator=stage, disturbances=(), input_history=None, **own)
         return model.adopt(result)
@@ -247,12 +257,12 @@ class Cascade(Composition):
     others have unit gain, since only the product can be known. Steps are added one by one, each
     from its own data-driven starting values, then everything is refined together; several linear
     dynamics are added in both orders, and the better fit is kept. In long records whose drive is
-    sampled much finer than it moves, every n-th sample serves for this, and the end of it is
-    refined on all samples.
+    sampled much faster than it varies, this uses every n-th sample, and the result is refined on
+    all samples.
 
-    With ``hold="auto"`` the whole is identified with either hold of the drive, and the better fit
-    is kept. The first step that has a ``hold`` sees the drive; what comes behind it is smooth, so
-    "auto" is a straight line there.
+    With ``hold="auto"`` the cascade is identified with either hold of the drive, and the better fit
+    is kept. The first step that has a ``hold`` receives the drive; signals behind it are smooth, so
+    "auto" is first-order hold there.
 
     A step that is known already, such as a vibration measured at a small signal, is fitted first
     and put in a :class:`sklearn.frozen.FrozenEstimator`. All its parameters are then held, its
@@ -307,7 +317,13 @@ class Cascade(Composition):
     _parameter_constraints = {**Composition._parameter_constraints, "warm_start": ["boolean"]}
 
     def __init__(
-        self, steps, *, initial_state="rest", dt=1.0, method="variable_projection", warm_start=False
+        self,
+        steps,
+        *,
+        initial_state=None,
+        dt=None,
+        method="variable_projection",
+        warm_start=False,
     ):
         super().__init__(steps, initial_state=initial_state, dt=dt, method=method)
         self.warm_start = warm_start
@@ -400,10 +416,10 @@ class Cascade(Composition):
     def _orders(self):
         """Return the orders in which steps are added.
 
-        As given; dynamics from the last on, since those that come first bend to make up for those
-        that are missing still, and a local search may leave them there; and what stands before a
-        hysteresis, limits of the drive and delays, last: without the gain of others it explains
-        nothing, in whatever units. Steps that are held are there from the start.
+        As given; with dynamics from the last on, since those added first compensate for those still
+        missing, and a local search may leave them there; and with limits of the drive and delays,
+        which precede a hysteresis, last: without the gain of the other steps they explain nothing.
+        Steps that are held are present from the start.
         """
         models = self._models()
         given = [i for i, model in enumerate(models) if not isinstance(model, HeldStep)]
@@ -483,8 +499,8 @@ class Cascade(Composition):
             ]
             if not candidates:
                 raise ValueError(
-                    f"The step '{names[places.index(i)]}' of Cascade is a disturbance: it stands "
-                    "beside a model, in a Sum."
+                    f"The step '{names[places.index(i)]}' of Cascade is a disturbance, which adds "
+                    "to the response of a model: use a Sum."
                 )
             last = len(names) == len(self.steps)
             how = {"method": method if last else _ALONG_THE_WAY, "with_errors": last}
@@ -535,9 +551,9 @@ def _to_unit_gain(stage):
 
 
 def _unbiased(stage):
-    """Return a linear sum with its first branch at unit gain and the others at none.
+    """Return a linear sum with its first branch at unit gain and the others at zero.
 
-    What they add to the drive cannot be told before all that is behind it has its place.
+    What they add to the drive cannot be identified before all later stages are in place.
     """
     specs = [spec for _, spec in stage.entries()]
     gains = [spec.gauge == 1.0 and spec.movable for spec in specs]
@@ -548,11 +564,11 @@ def _unbiased(stage):
 
 
 def thin_records(records):
-    """Return records with every n-th sample, about ``_ENOUGH`` in all, or None where it is no use.
+    """Return records with every n-th sample, about ``_ENOUGH`` in all, or None if not worthwhile.
 
-    A response stays as it is at the samples that are left, however fast it moves between them. The
-    drive must be what it was: a record is thinned only as far as straight lines between its
-    samples say so.
+    The response is exact at the samples that are kept, however fast it varies between them. The
+    drive must not change: a record is thinned only as far as straight lines between the kept
+    samples reproduce it.
     """
     total = sum(len(record.u) for record in records)
     if total < _LONG or any(len(record.segments) > 1 for record in records):

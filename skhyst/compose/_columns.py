@@ -44,14 +44,15 @@ class AroundModel(ParametricModel):
     ----------
     estimator : estimator
         A parametric model of skhyst, or a cascade of them, of one input.
-    initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample; that of the model is not used.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index; that of the model is not used.
+    initial_state : {"rest", "zero", "estimate"} or None, default=None
+        State before each record's first sample; None: that of the model.
+    dt : float or None, default=None
+        Sampling interval in s of data without a time index; None: that of the model.
     """
 
     _parameter_constraints = {
         **ParametricModel._parameter_constraints,
+        "initial_state": [*ParametricModel._parameter_constraints["initial_state"], None],
         "estimator": [HasMethods(["fit", "predict"])],
     }
 
@@ -81,12 +82,20 @@ class _ColumnModel(AroundModel):
     reads_columns = True
 
     def __init__(
-        self, estimator, column=1, *, initial_state="rest", dt=1.0, method="variable_projection"
+        self,
+        estimator,
+        column=1,
+        *,
+        initial_state=None,
+        dt=None,
+        drive=None,
+        method="variable_projection",
     ):
         self.estimator = estimator
         self.column = column
         self.initial_state = initial_state
         self.dt = dt
+        self.drive = drive
         self.method = method
 
     @property
@@ -164,11 +173,14 @@ class OnColumn(_ColumnModel):
         column=1,
         *,
         centered=False,
-        initial_state="rest",
-        dt=1.0,
+        initial_state=None,
+        dt=None,
+        drive=None,
         method="variable_projection",
     ):
-        super().__init__(estimator, column, initial_state=initial_state, dt=dt, method=method)
+        super().__init__(
+            estimator, column, initial_state=initial_state, dt=dt, drive=drive, method=method
+        )
         self.centered = centered
 
     def starting_values(self, records):
@@ -248,11 +260,14 @@ class Modulated(_ColumnModel):
         column=1,
         *,
         lag=False,
-        initial_state="rest",
-        dt=1.0,
+        initial_state=None,
+        dt=None,
+        drive=None,
         method="variable_projection",
     ):
-        super().__init__(estimator, column, initial_state=initial_state, dt=dt, method=method)
+        super().__init__(
+            estimator, column, initial_state=initial_state, dt=dt, drive=drive, method=method
+        )
         self.lag = lag
 
     def _driven(self):

@@ -41,10 +41,10 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     .. math:: y = E[f(X)]
 
     with the regressor f, a network or a pipeline, say, and the effects E: a lag or a saturation in
-    series, a drift or an offset beside it. The two are fitted in turn (backfitting): the effects
-    from predictions of f out of fold, then f to the response with the effects taken out, as far as
+    series, a drift or an offset in parallel. The two are fitted in turn (backfitting): the effects
+    from predictions of f out of fold, then f to the response with the effects inverted, as far as
     noise allows, until the error out of fold no longer falls. So f need not learn what the effects
-    say better.
+    describe better.
 
     Parameters
     ----------
@@ -58,8 +58,9 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         Number of folds. Folds are whole records; a single record is cut into contiguous blocks.
     max_iter : int, default=10
         Largest number of turns; with 0 the regressor is fitted to the response as it is.
-    dt : float, default=1.0
-        Sampling interval in s of data without a time index; that of the effects is not used.
+    dt : float or None, default=None
+        Sampling interval in s of data without a time index; None: that of the regressor and the
+        effects, in which they must agree.
 
     Attributes
     ----------
@@ -70,7 +71,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     fit_error_ : float
         Root mean square of the residual with predictions out of fold, units of the response.
     n_iter_ : int
-        Times that the two were fitted, one more than turns that have compiled_step the error.
+        Times that the two were fitted, one more than the turns that have lowered the error.
     n_features_in_ : int
         Number of columns of ``X``.
     drive_range_ : tuple of (float, float)
@@ -107,10 +108,10 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         "effects": [HasMethods(["fit", "predict"]), None],
         "cv": [Interval(Integral, 2, None, closed="left")],
         "max_iter": [Interval(Integral, 0, None, closed="left")],
-        "dt": [Interval(Real, 0, None, closed="neither")],
+        "dt": [Interval(Real, 0, None, closed="neither"), None],
     }
 
-    def __init__(self, estimator, effects=None, *, cv=5, max_iter=10, dt=1.0):
+    def __init__(self, estimator, effects=None, *, cv=5, max_iter=10, dt=None):
         self.estimator = estimator
         self.effects = effects
         self.cv = cv
@@ -138,7 +139,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
                 "The 'effects' parameter of Corrected must be a parametric model of skhyst. "
                 f"Got {effects!r} instead."
             )
-        slices, columns, y = read_data(self, X, y, reset=True, dt=self.dt)
+        slices, columns, y = read_data(self, X, y, reset=True)
         X = in_native_order(X) if hasattr(X, "iloc") else columns
         if len(slices) == 1 and len(y) < self.cv:
             raise ValueError(
@@ -209,7 +210,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     def predict(self, X) -> np.ndarray:
         """Return the response, each record from its own start."""
         check_is_fitted(self)
-        slices, columns, _ = read_data(self, X, reset=False, dt=self.dt)
+        slices, columns, _ = read_data(self, X, reset=False)
         X = X if hasattr(X, "iloc") else columns
         p = np.ravel(self.estimator_.predict(X)).astype(float)
         effects, inputs = self.effects_, _as_first_column(p, columns)
@@ -221,7 +222,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         """Return the fitted model as a device that is fed its inputs sample by sample.
 
         A regressor that has a ``stepper``, as the models of skhyst have, is stepped by it; any
-        other must predict each row by itself, behind transformers of skhyst if need be.
+        other must predict each row independently; transformers of skhyst may precede it.
 
         Parameters
         ----------
@@ -242,7 +243,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         Raises
         ------
         NotImplementedError
-            If the regressor has a memory and no ``stepper``, or an effect looks ahead.
+            If the regressor has a memory and no ``stepper``, or an effect is not causal.
         ValueError
             If a parameter is not as above, or ``dt`` is not given and the records of the fit differ
             in theirs.

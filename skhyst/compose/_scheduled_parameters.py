@@ -8,6 +8,7 @@ import numpy as np
 from sklearn.base import clone
 
 from .._sklearn import Interval
+from .._validation import drive_column
 from ..base import as_node, informed, refine, with_params
 from ..exceptions import RecordError
 from ..operators import Scheduled
@@ -93,8 +94,9 @@ class ScheduledParameters(AroundModel):
         by="amplitude",
         degree=1,
         parameters=None,
-        initial_state="rest",
-        dt=1.0,
+        initial_state=None,
+        dt=None,
+        drive=None,
         method="variable_projection",
     ):
         self.estimator = estimator
@@ -103,15 +105,16 @@ class ScheduledParameters(AroundModel):
         self.parameters = parameters
         self.initial_state = initial_state
         self.dt = dt
+        self.drive = drive
         self.method = method
 
     def operator_input(self, X, slices):
-        return X[:, 0], self._schedules(X, slices)
+        return X[:, drive_column(self)], self._schedules(X, slices)
 
     def _schedules(self, X, slices):
         """Return the schedule of each record."""
         if self.by == "amplitude":
-            return [amplitude(X[s.rows, 0]) for s in slices]
+            return [amplitude(X[s.rows, drive_column(self)]) for s in slices]
         column = self._column(X.shape[1])
         found = []
         for s in slices:

@@ -78,7 +78,7 @@ class Sum(Composition):
         models = self._models()
         found, disturbances, evaluations = {}, [], 0
         records, last = data, None
-        # what is held is known: it is taken off the response first
+        # what is held is known: it is subtracted from the response first
         for i in sorted(range(len(models)), key=lambda i: not isinstance(models[i], HeldStep)):
             result = models[i].identify(records)
             evaluations += result.n_evaluations
@@ -101,9 +101,9 @@ class Sum(Composition):
     def _others(self, found, i, records):
         """Return the branches with the starting values of the last one that is driven.
 
-        The branches before it have taken a part of what it should explain, or it has itself taken
-        what stands beside it, so its values by itself need not lead to the best of all together.
-        Where all are linear in the signal there is little to lose that way.
+        The branches before it may have explained a part of its response, or it a part of theirs,
+        so its values found alone need not lead to the joint optimum. Where all are linear in the
+        signal there is little to gain from further starts.
         """
         model = self._models()[i]
         if isinstance(model, Composition) or found[i].signal_linear:

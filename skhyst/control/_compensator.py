@@ -47,7 +47,7 @@ from .._sklearn import (
     fit_context,
     validate_parameter_constraints,
 )
-from .._validation import finite_number, finite_numbers, refuse_large
+from .._validation import finite_number, finite_numbers, interval_of, refuse_large
 from ..base import ParametricModel, read_data
 from ..exceptions import ReachWarning
 from ..linear import DelayOperator, GainOperator
@@ -210,7 +210,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         self
         """
         self._check_limits()
-        _, columns, response = read_data(self, X, y, reset=True, dt=getattr(self.model, "dt", 1.0))
+        _, columns, response = read_data(self, X, y, reset=True, dt=interval_of(self.model))
         if self.method == "learned":
             self.model_ = clone(self.model).fit(_indexed(response, X), columns[:, 0])
         else:
@@ -222,7 +222,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
                     "regressor."
                 )
             # the limits are those of the data the model was fitted to, which need not be X
-            for name in ("drive_range_", "drive_rate_"):
+            for name in ("drive_range_", "drive_rate_", "dt_", "time_unit_"):
                 delattr(self, name)
                 if hasattr(self.model_, name):
                     setattr(self, name, getattr(self.model_, name))
@@ -453,7 +453,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
 
     def _references(self, X):
         check_is_fitted(self)
-        slices, columns, _ = read_data(self, X, reset=False, dt=getattr(self.model_, "dt", 1.0))
+        slices, columns, _ = read_data(self, X, reset=False)
         refuse_large("X", columns)
         return slices, columns[:, 0]
 

@@ -21,6 +21,7 @@ from sklearn.base import BaseEstimator, MetaEstimatorMixin
 from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import HasMethods, Interval, fit_context
+from .._validation import interval_of
 from ..base import read_data
 from ..noise import whitening_filter
 from ..operators import add_disturbances, split_disturbances
@@ -149,7 +150,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
             If a name in ``parameters`` is not a parameter of the model, the records are sensitive
             to none of the parameters, or they have no noise.
         """
-        read_data(self, X, y, reset=True, dt=getattr(self.observer.model, "dt", 1.0))
+        read_data(self, X, y, reset=True, dt=interval_of(self.observer.model))
         self.observer_ = self.observer
         if not hasattr(self.observer, "model_"):  # its model may be fitted: no clone
             self.observer_ = copy(self.observer).fit(X, y)

@@ -13,6 +13,7 @@ from sklearn.base import BaseEstimator, MetaEstimatorMixin
 from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import HasMethods, Interval, StrOptions, fit_context
+from .._validation import interval_of
 from ..base import ParametricModel, input_at_rest, one_thread, read_data
 from ..operators import (
     CompiledSeries,
@@ -153,7 +154,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         TypeError
             If the model is not a parametric model of skhyst.
         """
-        slices, _, response = read_data(self, X, y, reset=True, dt=getattr(self.model, "dt", 1.0))
+        slices, _, response = read_data(self, X, y, reset=True, dt=interval_of(self.model))
         self.model_ = _fitted(self.model, X, y)
         if not isinstance(self.model_, ParametricModel):
             raise TypeError(
@@ -325,8 +326,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         ``X`` and ``y`` are as for :meth:`filter`.
         """
         check_is_fitted(self)
-        dt = getattr(self.model_, "dt", 1.0)
-        slices, columns, y = read_data(self, X, y, reset=False, dt=dt)
+        slices, columns, y = read_data(self, X, y, reset=False, dt=interval_of(self.model_))
         signal = self.model_.operator_input(columns, slices)[0]
         for s in slices:
             yield np.column_stack([signal[s.rows], y[s.rows]]), signal[s.rows], s.dt

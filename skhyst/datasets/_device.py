@@ -195,7 +195,7 @@ _UNITS = {"time": 1, "time_constant": 1, "time_constants": 1, "frequency": -1}  
 def simulate(device, X, plant, effects, respond):
     """Simulate all records of a device, with effects in its plant.
 
-    `respond` maps the plant, the drives, the interval and what stands beside the response to the
+    `respond` maps the plant, the drives, the interval and the additive disturbance to the
     signals of a record, by name. Returns X, with the auxiliary input if there is one, and the
     signals of all records.
     """
@@ -221,8 +221,8 @@ def in_motion(device, plant, effects, caller):
         effect = getattr(device, name)(**parameters)
         if name == "amplitude_dependence" or (effect.stage is None and effect.alter is None):
             raise ValueError(
-                f"The 'effects' parameter of {caller} must not hold {name!r}, which belongs to a "
-                "whole record: its length or its largest drive."
+                f"The 'effects' parameter of {caller} must not hold {name!r}, which depends on a "
+                "complete record: on its length or its largest drive."
             )
         (plant,) = effect.changes([plant])
     return plant
@@ -231,7 +231,7 @@ def in_motion(device, plant, effects, caller):
 def complete_effects(effects, period, caller):
     """Check the effects that a user asks for and complete them by defaults.
 
-    Returns the parameters of each effect by name, in the order of `EFFECTS`, but for those of no
+    Returns the parameters of each effect by name, in the order of `EFFECTS`, without those of zero
     strength. The period is that of the first mode, s; errors name the caller.
     """
     effects = () if effects is None else (effects,) if isinstance(effects, str) else effects

@@ -54,7 +54,7 @@ def _no_loop(u, step, stretch=0.0):
     return np.zeros(u.size)
 
 
-# the voltage that the hysteresis takes away; numbers chosen so that the loop of (12) is as wide as
+# the voltage lost in the hysteresis; numbers chosen so that the loop of (12) is as wide as
 # the paper draws it, 18 % of the stroke
 _LOOPS = {
     "bouc_wen": partial(_bouc_wen_loop, share=0.45, limit=1.5, shape=0.6),
@@ -156,8 +156,8 @@ def make_inchworm_motor(
     stays clamped: the experiments of the identification.
 
     The hysteresis is :math:`h_x = c_1 h(u_1)`, with h a Bouc-Wen law, :math:`dh = 0.45\, du\, (1 -
-    |h|/h_m (0.6\,\mathrm{sign}(h\,du) + 0.4))`, or six plays; loops of 3.5 V are open by 18 % of
-    the stroke. Nothing is shared with the package's models.
+    |h|/h_m (0.6\,\mathrm{sign}(h\,du) + 0.4))`, or six plays; loops of 3.5 V are as wide as 18 %
+    of the stroke. The simulation shares no code with the package's models.
 
     Parameters
     ----------
@@ -178,7 +178,7 @@ def make_inchworm_motor(
     substeps : int, default=10
         Steps of the simulation in a sampling interval.
     random_state : int, RandomState instance or None, default=None
-        Of the noise and of what is random in effects.
+        Seed of the noise and of the random values in effects.
 
     Returns
     -------
@@ -254,7 +254,7 @@ def make_inchworm_motor(
 def inchworm_motor_stepper(
     u0=0.0, *, dt=1e-4, hysteresis="bouc_wen", effects=None, substeps=10
 ) -> DeviceStepper:
-    """Return the inchworm motor as a device that is fed its drive sample by sample.
+    """Return the inchworm motor as a device that is driven sample by sample.
 
     Parameters
     ----------
@@ -326,7 +326,7 @@ def _respond(plant, drives, dt, beside, loop, substeps):
 
 
 class _Motor:
-    """The motor at an interval; each drive goes on where the last one has ended."""
+    """The motor at an interval; each call continues where the last one ended."""
 
     def __init__(self, plant, dt, loop, substeps, n_columns):
         self.dt, self.substeps = dt, substeps
@@ -368,13 +368,13 @@ class _Motor:
         return signals | {"response": motion.send(signals["runner"], self.dt, "last")}
 
     def _carried(self, first, *bends):
-        """Return where the foot in contact is, which takes the runner from where it stands."""
+        """Return the displacement of the runner, which moves with the pair in contact."""
         if self.stood is None:
             self.stood = bends[not first[0]][0], bends[0][0], bends[1][0]
-        ways = [
+        moved = [
             np.diff(bend, prepend=last) for bend, last in zip(bends, self.stood[1:], strict=True)
         ]
-        where = self.stood[0] + np.cumsum(np.where(first, *ways))
+        where = self.stood[0] + np.cumsum(np.where(first, *moved))
         self.stood = where[-1], bends[0][-1], bends[1][-1]
         return where
 

@@ -96,7 +96,7 @@ def make_scanning_stage(
 ) -> tuple[pd.DataFrame, pd.Series, Bunch]:
     """Return a recording of the simulated scanning stage, and the truth about it.
 
-    It shares nothing with the models of skhyst: plays by their recursion, linear dynamics exactly
+    It shares no code with the models of skhyst: plays by their recursion, linear dynamics exactly
     for a drive that is a straight line from sample to sample. Records start at rest, after a first
     loading from zero.
 
@@ -118,7 +118,7 @@ def make_scanning_stage(
     noise : float, optional
         Standard deviation of the sensor's noise; 0.5 nm or 20 um/s by default.
     quantize : bool, default=True
-        Whether the sensor has 16 bits over 10 um, or over 0.4 m/s, and ends there.
+        Whether the sensor has 16 bits over 10 um, or over 0.4 m/s, and saturates there.
     dt : float, default=4e-6
         Interval in s of a drive without times.
     random_state : int or None, default=None
@@ -139,13 +139,13 @@ def make_scanning_stage(
     Raises
     ------
     ValueError
-        If an effect, one of its parameters or another argument is none of those offered.
+        If an effect, one of its parameters or another argument is not one of those listed.
     RecordError
         If the drive is empty or not finite, or its index does not form records.
 
     Notes
     -----
-    A record that a name asks for is sampled as fast as its content needs, 1 Hz at 500 Hz up to
+    A named record is sampled in proportion to its frequency, 1 Hz at 500 Hz up to
     1000 Hz at 250 kHz: every n-th sample of 250 kHz, with no filter in between.
 
     References
@@ -179,8 +179,8 @@ def make_scanning_stage(
     if quantize:
         if np.abs(y).max() > limit:
             warnings.warn(
-                f"The response leaves the range of the sensor, {limit:g} to either side; it ends "
-                "there. With quantize=False the range has no end.",
+                f"The response leaves the range of the sensor, {limit:g} to either side, and is "
+                "clipped. With quantize=False it is not.",
                 UserWarning,
                 stacklevel=2,
             )
@@ -196,7 +196,7 @@ def make_scanning_stage(
 
 
 def scanning_stage_stepper(u0=0.0, *, dt=1.0 / _RATE, effects=None) -> DeviceStepper:
-    """Return the scanning stage as a device that is fed its drive sample by sample.
+    """Return the scanning stage as a device that is driven sample by sample.
 
     Parameters
     ----------
@@ -205,8 +205,8 @@ def scanning_stage_stepper(u0=0.0, *, dt=1.0 / _RATE, effects=None) -> DeviceSte
     dt : float, default=4e-6
         Sampling interval in s.
     effects : mapping, iterable of str, or str, optional
-        As in :func:`make_scanning_stage`. Effects of whole records cannot be had: what adds to the
-        response, and ``"amplitude_dependence"``.
+        As in :func:`make_scanning_stage`. Effects that need a complete record are refused: additive
+        disturbances and ``"amplitude_dependence"``.
 
     Returns
     -------
@@ -289,7 +289,7 @@ _EXPERIMENTS = {
 
 
 def _poles(denominator):
-    """Return the roots; the coefficients span forty decades, so s is counted in 1e5 rad/s."""
+    """Return the roots; the coefficients span forty decades, so s is in units of 1e5 rad/s."""
     powers = np.arange(len(denominator))
     return 1e5 * np.roots(denominator / 1e5**powers)
 
@@ -317,7 +317,7 @@ def _respond(plant, drives, dt, beside, stage, measured):
 
 
 class _Stage:
-    """The stage at an interval; each drive goes on where the last one has ended."""
+    """The stage at an interval; each call continues where the last one ended."""
 
     def __init__(self, plant, dt, stage, fine=False):
         self.substeps = _SUBSTEPS

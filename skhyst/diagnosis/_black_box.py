@@ -3,8 +3,8 @@
 A parametric model is taken apart into stages. Any other regressor is a black box f: its prediction
 p takes the place of the drive, a gain is the first stage, and effects go behind it or beside it.
 Every record's p comes from a fit to the other folds, so that what is scored was never learned.
-Since f has bent to make up for what is missing, each contestant has it fitted again to the response
-with the effects taken out, in a few turns; after a claim, until the error no longer falls (see
+Since f has compensated for what is missing, it is fitted again, to the response with the
+effects taken out, once an effect is in or out: in turns, until the error no longer falls (see
 ``compose.Backfitting``).
 """
 
@@ -15,6 +15,7 @@ import numpy as np
 from sklearn.base import clone
 from sklearn.utils import check_random_state
 
+from .._validation import agreed
 from ..base import ParametricModel, identified, read_data
 from ..compose import Backfitting, Corrected, ScheduledParameters, Turn
 from ..linear import Gain, TransferFunction
@@ -33,7 +34,7 @@ def declare(estimator, X, columns, y, slices, random_state, reference=None):
             f"such a model and the disturbance. Got {estimator!r} instead."
         )
     if _comes_apart(estimator):
-        read_data(estimator, X, y, reset=True, dt=estimator.dt)
+        read_data(estimator, X, y, reset=True)
         if isinstance(estimator, TransferFunction) and not isinstance(estimator.inputs, str):
             # the names of columns are not known to a step of a composition
             estimator.set_params(inputs=list(estimator._columns(columns.shape[1])))
@@ -94,7 +95,7 @@ class Declared:
         """
         read, input_history = as_read(self.model, records), ()
         model, result = identified(self.model, read)
-        if model.initial_state == "estimate" and not model.reads_columns:
+        if agreed(model, "initial_state") == "estimate" and not model.reads_columns:
             result = with_input_history(result, read, model.method)
             input_history = tuple(result.input_history)
         return result, Tree.from_result(model, result, input_history)
@@ -123,8 +124,8 @@ class BlackBox(Declared):
     """Any regressor."""
 
     def __init__(self, estimator, X, columns, y, slices, random_state, reference):
-        super().__init__(Gain(dt=getattr(estimator, "dt", 1.0)), columns, slices)
-        read_data(self.model, X, y, reset=True, dt=self.model.dt)
+        super().__init__(Gain(dt=agreed(estimator, "dt")), columns, slices)
+        read_data(self.model, X, y, reset=True)
         self._estimator = _seeded(estimator, random_state)
         self._X, self._y, self._reference = X, y, reference
 

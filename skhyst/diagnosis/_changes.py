@@ -134,7 +134,7 @@ def _before(record, knee):
     """Return the record with what a knee makes its response of, as far as the response tells."""
     y = np.clip(record.y, knee.center - FULL * knee.level, knee.center + FULL * knee.level)
     y = knee.unsaturated(y)
-    # an error before the knee counts as what is left of it behind
+    # the knee scales an error by its slope, so the weight is the slope squared
     weights = np.square(knee.sensitivities(y, np.ones((len(y), 1)), record.dt)[1][:, 0])
     if record.weights is not None:
         weights = weights * record.weights
@@ -413,7 +413,7 @@ def _numbers(scene, by):
 
 
 def _moving_columns(scene):
-    """Return the numbers of the columns of X, beside the first, that are not constant."""
+    """Return the numbers of the columns of X, other than the first, that are not constant."""
     if scene.records[0].auxiliary is None or scene.tree.multi_input:
         return []
     n_columns = scene.records[0].auxiliary.shape[1]

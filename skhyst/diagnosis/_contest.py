@@ -68,7 +68,8 @@ class Contest:
         Takes a line about progress or "", and the round, what is tried, how many of the step are
         done and how many there are.
     renew : callable or None
-        Fits a declared black box again, see ``BlackBox.renew``.
+        Fits a declared black box again, see ``BlackBox.renew``: once an effect is in, or out. What
+        is tried is driven by its prediction out of fold.
     judge : callable
         Returns the :class:`Judgement` of the residual of a candidate.
     lost : list of ndarray of bool or None
@@ -140,8 +141,6 @@ class Contest:
 
     def raised(self, base):
         """Return a candidate with parts as fine as the held-out error asks, and what was done."""
-        if self.renew is not None:
-            return base, []
         begin = time.perf_counter()
         finer, done = raised(base, self.records, self.folds)
         self._add_time("resolution", begin)
@@ -210,7 +209,7 @@ class Contest:
         """Return a candidate identified anew from nothing, as fine as it asks for.
 
         Also with the resolution that was declared: before an effect is in, another one may have
-        been wanted to make up for it. What predicts best is returned.
+        been added to compensate for it. The one that predicts best is returned.
         """
         records = self.records_of(base)
         if self.renew is not None:
@@ -226,14 +225,31 @@ class Contest:
                     again = again.edited(name, *tree.edits_of(name))
                 trees.append(again.identified(records))
         if tree.input_history:
-            trees = [replace(t, input_history=()) for t in (tree, *trees)]
-            trees = [t.with_input_history(records) for t in trees]
+            trees = [t.with_input_history(records) for t in (tree, *trees)]
         for other in trees:
             candidate = refitted(base, other, records)
             better = candidate.cost < base.cost or other is not trees[0]
             if better and self._keeps_names(candidate, base):
                 anew.append(held_out(candidate, records, self.folds))
-        return self._least(min(map(self._finer, [base, *anew]), key=lambda c: c.error))
+        best = self._least(min(map(self._finer, [base, *anew]), key=lambda c: c.error))
+        if best.structure.root.n_parameters == tree.root.n_parameters or not base.effects:
+            return best
+        return self._least(min([best, *self._variants_of(best)], key=lambda c: c.error))
+
+    def _variants_of(self, base):
+        """Return the variant of the last effect of a candidate that is better beside the others.
+
+        It was chosen beside another resolution. A list of one candidate, or none.
+        """
+        name = base.effects[-1]
+        key = f"{self._set(base)} and other variants of {name}"
+        if not self._is_done(key):
+            start = refitted(base, base.structure.without(name), self.records_of(base))
+            pairs = [(effect, start) for effect in self.effects if effect.name == name]
+            found = self._fitted([start], self._screened(start, pairs))
+            self._keep(key, self._held_out(start, found))
+        found = self.steps[key]["candidates"]
+        return [self._finer(c) for c in found if self.criterion.matters(base, c)]
 
     def _has_course(self, candidate):
         """Whether what is added to the response is more than the noise's own course."""
@@ -251,8 +267,8 @@ class Contest:
         """Remove the effects that are not needed, the least first; return the candidate.
 
         An effect stays where without it another one would do the same, but become what its name
-        does not say. Two effects may each make up for what the other one spoils, as a lag and a
-        lead do: they are taken out together too.
+        does not say. Two effects may compensate for each other, as a lag and a lead do: they are
+        also taken out together.
         """
         while base.structure.effects:
             names = base.structure.effects
@@ -299,7 +315,7 @@ class Contest:
             reduced = refitted(base, base.structure.without(name), records)
             if self.renew is None:
                 reduced = held_out(reduced, records, self.folds)
-            else:
+            else:  # the others may compensate for what is taken out
                 reduced = self.renew(reduced, base, records)
             self._keep(key, [reduced])
         return self._least(self.steps[key]["candidates"][0])
@@ -340,7 +356,7 @@ class Contest:
     def _contest(self, base, name):
         reduced = self.without(base, name)
         tree = base.structure
-        # a rival begins where the others are, which make up for nothing yet
+        # the others at their values from before the refit, where they compensate for nothing
         start = replace(reduced, structure=tree.without(name)) if tree.effects[1:] else reduced
         rivals = self.extended(start, fully=False) + self.extended(start, additive=True)
         family = self.n_tried
@@ -611,17 +627,8 @@ class Contest:
 
     def _held_out(self, base, candidates):
         """Return the candidates held out."""
-        if self.renew is None:
-            records = self.records_of(base)
-            return self._done(delayed(held_out)(c, records, self.folds) for c in candidates)
-        own = self.records_of(base)
-        rough = self._done(delayed(self.renew)(c, base, own) for c in candidates)
-        rough.sort(key=lambda c: c.error)
-        best = rough[: -(-len(rough) // FACTOR)]
-        fine = self._done(
-            delayed(self.renew)(c, c, self.records_of(c), thorough=True) for c in best
-        )
-        return fine + rough[len(best) :]
+        records = self.records_of(base)
+        return self._done(delayed(held_out)(c, records, self.folds) for c in candidates)
 
     def _ranked(self, number, base, effects, screened, tested):
         """Yield a row for each effect that was tried in a candidate."""

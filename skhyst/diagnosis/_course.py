@@ -1,4 +1,4 @@
-r"""Whether what stands beside a model is more than the course that its noise takes by itself.
+r"""Whether an additive disturbance is more than what the coloured noise does by itself.
 
 An offset, a drift or a line is fitted to the record that it is in, and so predicts the samples
 between those that it was fitted to: where noise hangs together, as flicker noise does at any
@@ -46,7 +46,7 @@ from ._constants import DRAWS
 
 
 def course_p_values(tree, records):
-    """Return the p-value of each effect that stands beside, each beside all others: name -> p."""
+    """Return the p-value of each additive disturbance, given all others: name -> p."""
     outputs, found = tree.respond(records), {}
     rests = [record.y - output for record, output in zip(records, outputs, strict=True)]
     times = [record.dt * np.arange(len(record.y)) for record in records]

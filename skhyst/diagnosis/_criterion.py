@@ -29,9 +29,9 @@ below 8 % (Bakirov and Szekely [3]_), and a rival with needless parameters, whos
 below zero, makes it larger still. Where a gain shows and where not does not matter, and few blocks
 are enough where the gain is far beyond chance.
 
-**Coloured noise.** Slow noise hides a quick gain only where both are summed up as they are: with
-the noise's own forecast taken off both residuals, what is left of each is white and the gain stands
-beside noise of its own band. So the same test is made a second time, with the innovations of
+**Coloured noise.** Slow noise hides a gain at high frequencies only in plain sums: with the noise's
+one-step prediction subtracted, both residuals are white and the gain is compared with the noise of
+its own band. So the same test is made a second time, with the innovations of
 :math:`a` and :math:`b` under the rival's noise model (``skhyst.noise``), each record in units of
 what both leave of it. Either is a test of its own at the level; the smaller p-value counts twice
 (Bonferroni). A linear filter and a factor that treats both alike leave equal models equal, so the

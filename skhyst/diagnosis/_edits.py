@@ -21,7 +21,15 @@ from ..operators import (
     scheduled,
 )
 
-_KEPT = {"dt", "fit_intercept", "hold", "initial_state", "mass", "method"}  # of an enriched stage
+_KEPT = {
+    "drive",
+    "dt",
+    "fit_intercept",
+    "hold",
+    "initial_state",
+    "mass",
+    "method",
+}  # of an enriched stage
 
 
 class _Edit:

@@ -96,7 +96,7 @@ class Effect:
     plausible : callable, optional
         Returns by how much what was identified is what the name says, above zero where it is. It is
         called with the operator, the samples of its output, or of its input where several forces
-        add up (none for what stands beside), and the records. The name is refused where the
+        add up (none for an additive disturbance), and the records. The name is refused where the
         confidence interval of this number lies below zero.
     """
 
@@ -185,8 +185,8 @@ _BUILT_IN = (
             RateDependence("slope"),
             RateDependence("threshold", "speed"),
             RateDependence("threshold", "velocity"),
-            # weights behind a low-pass of the signed rate follow the way since a turn, as any
-            # law of a loop does
+            # weights behind a low-pass of the signed rate follow the displacement since a turning
+            # point, as any hysteresis does: tried last
             RateDependence("slope", "speed"),
         ],
         "The hysteresis itself changes with the rate of the drive.",

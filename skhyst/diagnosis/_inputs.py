@@ -86,8 +86,7 @@ def first_row(search, record):
 
 def held_out_error(search, X, y, declared):
     """Return the error of a fitted search, see its method, on data that lie on even grids."""
-    dt = getattr(search.estimator, "dt", 1.0)
-    slices, columns, response = read_data(search, X, y, reset=False, dt=dt)
+    slices, columns, response = read_data(search, X, y, reset=False)
     X, columns = (without_column(own, column_of(search)) for own in (X, columns))
     driver = search.declared_estimator_ if declared else search._driver
     inputs, records = with_others(drive_of(driver, X, columns, slices), columns), []

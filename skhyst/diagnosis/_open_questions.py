@@ -8,8 +8,8 @@ is and the model with one of the effects that were nearest to a claim.
 **How far models differ.** On a new record with the drive :math:`u` their predictions differ by
 :math:`\delta`. A model that is wrong will take up a part of that by changing its parameters by
 :math:`\theta`, as far as the old data, with the Gram matrix :math:`M = J^T J` of its sensitivities,
-let it. What is left, over the variance of the noise, is the noncentrality that T-optimality [1]_
-makes large, here for two records and to first order:
+let it. The remaining difference, over the variance of the noise, is the noncentrality that
+T-optimality [1]_ maximises, here for two records and to first order:
 
 .. math:: \lambda = \sigma^{-2} \min_\theta \|\delta + J_u \theta\|^2 + \theta^T M \theta
    = \sigma^{-2} \bigl(\delta^T \delta
@@ -19,7 +19,7 @@ Either model may be the right one. The search finds the wrong one out where its 
 ``min_improvement``, :math:`m`: where :math:`\lambda` is more than :math:`(1 - m)^{-2} - 1` times
 the number of all samples. A model that contains the other one, as that of a resonance does that of
 a lag, follows it and is never found out. Of an effect all variants count that fit as well as its
-best; what is told is told of each.
+best; the advice is given for each.
 
 **Gain.** Of a coefficient of :math:`\delta` with unit variance a record tells
 :math:`\frac{1}{2} \ln (1 + \lambda)` nats, on average over which of the two is right. The best
@@ -62,7 +62,7 @@ class Fitted:
         problem = tree.problem(records)
         blocks = problem.evaluate(problem.x0)
         self.gram = problem.total(blocks)[:-1, :-1]
-        # what stands beside goes on as it was in the last record
+        # additive disturbances continue as in the last record
         self._beside = problem.coefficients(blocks)[-1:]
         self._tree = replace(tree, input_history=())  # of a new record, which begins at rest
 
@@ -171,7 +171,7 @@ class Contrasts:
         return np.count_nonzero(enough), 0.25 * np.log1p(found).sum()
 
     def told(self, answer, n_samples):
-        """Say what is told apart, and by how much."""
+        """Say which models are distinguished, and by how much."""
         forms = {2: "{0} from {1}", 1: "{0} from {1} if it is {2}", 0: "{0} from {1}"}
         told = {False: [], True: []}
         for (*names, _), own, enough in zip(self._pairs, *answer, strict=True):

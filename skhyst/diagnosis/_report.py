@@ -633,7 +633,7 @@ def _found(report):
 
 
 def _remarks(report):
-    """Yield what every view tells beside the verdict."""
+    """Yield the remarks that every view adds to the verdict."""
     data, dropped = report.data, report.dropped
     yield from report.warnings
     if report.suspects:

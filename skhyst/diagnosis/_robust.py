@@ -48,7 +48,7 @@ def _weights(r):
         return np.ones(n)
     # what lasts half as long as the window of the running median is no outlier
     off = np.abs(r - median_filter(r, 7, mode="nearest"))
-    # 1.814 is the deviation of white normal noise over the median size of what is left of it
+    # 1.814: standard deviation of white normal noise over the median of |noise - running median|
     scale = 1.814 * np.maximum(np.median(off), _nearby(off))
     # what equals its neighbours but for rounding cannot tell how far is far
     scale = np.maximum(scale, 1e-9 * np.max(np.abs(r)))

@@ -319,7 +319,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         if even is not X:
             self.resampling_error_ = resampling_error(X, y, dt=self.resample)
         X, y = even, response
-        slices, drive, response = read_data(self, X, y, reset=True, dt=getattr(declared, "dt", 1.0))
+        slices, drive, response = read_data(self, X, y, reset=True)
         at, every = column_of(self), drive
         X, drive = without_column(X, at), without_column(drive, at)
         segments, folds = segment_folds(slices, self.cv, X, response, washout=self.washout)
@@ -539,7 +539,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         check_is_fitted(self)
         own = even = self._even(X)[0]
         if self.reference is not None:
-            read_data(self, even, reset=False, dt=getattr(self.estimator, "dt", 1.0))
+            read_data(self, even, reset=False)
             own = without_column(even, column_of(self))
         found = self.best_estimator_.predict(own)
         return found if even is X else resample_like(pd.Series(found, even.index), X)

@@ -40,7 +40,7 @@ def shortened(records, residuals):
 def suffices(effect, structure, records, parts):
     """Whether first parts can show an effect.
 
-    What stands beside the driven part may belong to the end of a record, and what depends on the
+    An additive disturbance may belong to the end of a record, and what depends on the
     amplitude of a record is seen in a part that has this amplitude.
     """
     if effect.beside:

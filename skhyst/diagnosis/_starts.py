@@ -14,8 +14,8 @@ from ._edits import Beside, Insert
 def starting_trees(effect, tree, records):
     """Return, for each variant of an effect that applies, the trees at its starting values.
 
-    A variant is a model, which is put beside the series or where its stage order says, or a change
-    of its own (see ``_changes``), which makes the trees itself.
+    A variant is a model, which is added in parallel or where its stage order says, or a change of
+    its own (see ``_changes``), which makes the trees itself.
     """
     scene = Scene(tree, records)
     found = []
@@ -109,7 +109,7 @@ def driven_starts(model, records, **known):
 
 
 def beside(name, model, scene):
-    """Return the trees with a disturbance beside the series, at its starting values."""
+    """Return the trees with an additive disturbance, at its starting values."""
     return [
         scene.tree.edited(name, Beside(model, disturbance))
         for start in model.starting_values(scene.residuals)
@@ -136,8 +136,8 @@ def inserted(name, model, scene):
 def _redistributed(candidates, at, scene, first):
     """Return candidates whose linear dynamics all start anew, from poles of their total number.
 
-    A declared model that lacks a pole bends its own poles to make up for it, and a local search
-    would leave them there, as it would those that are lost for want of whatever effect.
+    A declared model that lacks a pole shifts its own poles to compensate for it, and a local search
+    would leave them there, as it would poles that were lost because an effect was missing.
     """
     operators, lost = candidates[0].operators, scene.has_lost_poles
     delayed = not _has_poles(operators[first])

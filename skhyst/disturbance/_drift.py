@@ -95,8 +95,10 @@ class Drift(Disturbance):
         "degree": [Interval(Integral, 0, None, closed="left")],
     }
 
-    def __init__(self, degree=3, *, initial_state="rest", dt=1.0, method="variable_projection"):
-        super().__init__(initial_state=initial_state, dt=dt, method=method)
+    def __init__(
+        self, degree=3, *, initial_state="rest", dt=None, drive=None, method="variable_projection"
+    ):
+        super().__init__(initial_state=initial_state, dt=dt, drive=drive, method=method)
         self.degree = degree
 
     def starting_values(self, records):

@@ -107,9 +107,15 @@ class PeriodicDisturbance(Disturbance):
     }
 
     def __init__(
-        self, n_frequencies=1, *, initial_state="rest", dt=1.0, method="variable_projection"
+        self,
+        n_frequencies=1,
+        *,
+        initial_state="rest",
+        dt=None,
+        drive=None,
+        method="variable_projection",
     ):
-        super().__init__(initial_state=initial_state, dt=dt, method=method)
+        super().__init__(initial_state=initial_state, dt=dt, drive=drive, method=method)
         self.n_frequencies = n_frequencies
 
     def starting_values(self, records):

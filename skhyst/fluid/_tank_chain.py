@@ -522,10 +522,11 @@ class TankChain(ParametricModel):
         hold="foh",
         n_substeps=4,
         initial_state="rest",
-        dt=1.0,
+        dt=None,
+        drive=None,
         method="variable_projection",
     ):
-        super().__init__(initial_state=initial_state, dt=dt, method=method)
+        super().__init__(initial_state=initial_state, dt=dt, drive=drive, method=method)
         self.n_tanks = n_tanks
         self.overflow = overflow
         self.limit = limit

@@ -94,9 +94,15 @@ class Backlash(ParametricModel):
     }
 
     def __init__(
-        self, *, place="drive", initial_state="rest", dt=1.0, method="variable_projection"
+        self,
+        *,
+        place="drive",
+        initial_state="rest",
+        dt=None,
+        drive=None,
+        method="variable_projection",
     ):
-        super().__init__(initial_state=initial_state, dt=dt, method=method)
+        super().__init__(initial_state=initial_state, dt=dt, drive=drive, method=method)
         self.place = place
 
     @property

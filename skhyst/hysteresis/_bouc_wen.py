@@ -739,10 +739,11 @@ class BoucWen(ParametricModel):
         fit_gain=True,
         fit_intercept=True,
         initial_state="rest",
-        dt=1.0,
+        dt=None,
+        drive=None,
         method="variable_projection",
     ):
-        super().__init__(initial_state=initial_state, dt=dt, method=method)
+        super().__init__(initial_state=initial_state, dt=dt, drive=drive, method=method)
         self.exponent = exponent
         self.asymmetry = asymmetry
         self.fit_gain = fit_gain

@@ -597,10 +597,11 @@ class BoucWenStage(OscillatorModel):
         mass=1.0,
         n_substeps=None,
         initial_state="rest",
-        dt=1.0,
+        dt=None,
+        drive=None,
         method="variable_projection",
     ):
-        super().__init__(initial_state=initial_state, dt=dt, method=method)
+        super().__init__(initial_state=initial_state, dt=dt, drive=drive, method=method)
         self.exponent = exponent
         self.fit_exponent = fit_exponent
         self.fit_intercept = fit_intercept

@@ -51,7 +51,7 @@ def in_direction(starts, records, fixed, initial_state):
     Weights of one sign follow the drive in one direction. ``starts`` are of several forms, the
     first the one that is expected. Another one than that, or its mirror image, is put in front
     where it explains more than as many linear parameters do by chance, which is the mean square of
-    what is left for each.
+    the residual for each.
     """
     if not getattr(starts[0], "non_negative", True):
         return starts

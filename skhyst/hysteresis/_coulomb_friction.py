@@ -243,10 +243,11 @@ class CoulombFriction(FrictionModel):
         fit_intercept=True,
         smoothing=1,
         initial_state="rest",
-        dt=1.0,
+        dt=None,
+        drive=None,
         method="variable_projection",
     ):
-        super().__init__(initial_state=initial_state, dt=dt, method=method)
+        super().__init__(initial_state=initial_state, dt=dt, drive=drive, method=method)
         self.stribeck = stribeck
         self.asymmetry = asymmetry
         self.fit_damping = fit_damping

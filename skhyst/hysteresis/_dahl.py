@@ -168,10 +168,11 @@ class Dahl(FrictionModel):
         fit_stiffness=False,
         fit_intercept=True,
         initial_state="rest",
-        dt=1.0,
+        dt=None,
+        drive=None,
         method="variable_projection",
     ):
-        super().__init__(initial_state=initial_state, dt=dt, method=method)
+        super().__init__(initial_state=initial_state, dt=dt, drive=drive, method=method)
         self.exponent = exponent
         self.fit_damping = fit_damping
         self.fit_stiffness = fit_stiffness

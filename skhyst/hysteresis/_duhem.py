@@ -326,10 +326,11 @@ class Duhem(ParametricModel):
         *,
         fit_intercept=True,
         initial_state="rest",
-        dt=1.0,
+        dt=None,
+        drive=None,
         method="variable_projection",
     ):
-        super().__init__(initial_state=initial_state, dt=dt, method=method)
+        super().__init__(initial_state=initial_state, dt=dt, drive=drive, method=method)
         self.degree = degree
         self.fit_intercept = fit_intercept
 

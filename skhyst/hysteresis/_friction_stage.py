@@ -380,10 +380,11 @@ class FrictionStage(OscillatorModel):
         mass=1.0,
         n_substeps=None,
         initial_state="rest",
-        dt=1.0,
+        dt=None,
+        drive=None,
         method="variable_projection",
     ):
-        super().__init__(initial_state=initial_state, dt=dt, method=method)
+        super().__init__(initial_state=initial_state, dt=dt, drive=drive, method=method)
         self.stribeck = stribeck
         self.fit_bristle_damping = fit_bristle_damping
         self.fit_intercept = fit_intercept

@@ -355,10 +355,11 @@ class JilesAtherton(ParametricModel):
         *,
         fit_intercept=True,
         initial_state="rest",
-        dt=1.0,
+        dt=None,
+        drive=None,
         method="variable_projection",
     ):
-        super().__init__(initial_state=initial_state, dt=dt, method=method)
+        super().__init__(initial_state=initial_state, dt=dt, drive=drive, method=method)
         self.gain = gain
         self.fit_intercept = fit_intercept
 

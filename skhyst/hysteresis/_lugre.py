@@ -219,10 +219,11 @@ class LuGre(FrictionModel):
         fit_stiffness=False,
         fit_intercept=True,
         initial_state="rest",
-        dt=1.0,
+        dt=None,
+        drive=None,
         method="variable_projection",
     ):
-        super().__init__(initial_state=initial_state, dt=dt, method=method)
+        super().__init__(initial_state=initial_state, dt=dt, drive=drive, method=method)
         self.stribeck = stribeck
         self.fit_bristle_damping = fit_bristle_damping
         self.fit_damping = fit_damping

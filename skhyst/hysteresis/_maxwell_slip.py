@@ -249,10 +249,11 @@ class MaxwellSlip(FrictionModel):
         fit_stiffness=False,
         fit_intercept=True,
         initial_state="rest",
-        dt=1.0,
+        dt=None,
+        drive=None,
         method="variable_projection",
     ):
-        super().__init__(initial_state=initial_state, dt=dt, method=method)
+        super().__init__(initial_state=initial_state, dt=dt, drive=drive, method=method)
         self.n_elements = n_elements
         self.thresholds = thresholds
         self.non_negative = non_negative

@@ -89,10 +89,11 @@ class ModifiedPrandtlIshlinskii(PlayModel):
         drive_offset=0.0,
         fit_intercept=True,
         initial_state="rest",
-        dt=1.0,
+        dt=None,
+        drive=None,
         method="variable_projection",
     ):
-        super().__init__(initial_state=initial_state, dt=dt, method=method)
+        super().__init__(initial_state=initial_state, dt=dt, drive=drive, method=method)
         self.n_operators = n_operators
         self.n_dead_zones = n_dead_zones
         self.thresholds = thresholds

@@ -384,7 +384,7 @@ class PlayModel(ParametricModel):
             If the model is not strictly monotone: the threshold zero must have a positive weight.
         """
         check_is_fitted(self)
-        slices, X, _ = read_data(self, X, reset=False, dt=self.dt)
+        slices, X, _ = read_data(self, X, reset=False)
         return run_records(self.operator_.inverse(), X[:, 0], slices, self.free_run_state)
 
 
@@ -461,10 +461,11 @@ class PrandtlIshlinskii(PlayModel):
         drive_offset=0.0,
         fit_intercept=True,
         initial_state="rest",
-        dt=1.0,
+        dt=None,
+        drive=None,
         method="variable_projection",
     ):
-        super().__init__(initial_state=initial_state, dt=dt, method=method)
+        super().__init__(initial_state=initial_state, dt=dt, drive=drive, method=method)
         self.n_operators = n_operators
         self.form = form
         self.thresholds = thresholds

@@ -678,7 +678,8 @@ class Preisach(RelayGridModel):
         fit_intercept=True,
         center=0.0,
         initial_state="rest",
-        dt=1.0,
+        dt=None,
+        drive=None,
         method="variable_projection",
     ):
         super().__init__(
@@ -690,6 +691,7 @@ class Preisach(RelayGridModel):
             center=center,
             initial_state=initial_state,
             dt=dt,
+            drive=drive,
             method=method,
         )
         self.reversible = reversible

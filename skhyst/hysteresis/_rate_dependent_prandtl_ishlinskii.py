@@ -612,10 +612,11 @@ class RateDependentPrandtlIshlinskii(PlayModel):
         non_negative=True,
         fit_intercept=True,
         initial_state="rest",
-        dt=1.0,
+        dt=None,
+        drive=None,
         method="variable_projection",
     ):
-        super().__init__(initial_state=initial_state, dt=dt, method=method)
+        super().__init__(initial_state=initial_state, dt=dt, drive=drive, method=method)
         self.n_operators = n_operators
         self.variant = variant
         self.smoothing = smoothing

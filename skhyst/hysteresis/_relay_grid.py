@@ -170,10 +170,11 @@ class RelayGridModel(ParametricModel):
         fit_intercept=True,
         center=0.0,
         initial_state="rest",
-        dt=1.0,
+        dt=None,
+        drive=None,
         method="variable_projection",
     ):
-        super().__init__(initial_state=initial_state, dt=dt, method=method)
+        super().__init__(initial_state=initial_state, dt=dt, drive=drive, method=method)
         self.n_levels = n_levels
         self.levels = levels
         self.smoothness = smoothness

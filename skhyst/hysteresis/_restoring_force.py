@@ -515,10 +515,11 @@ class RestoringForce(OscillatorModel):
         mass=1.0,
         n_substeps=None,
         initial_state="rest",
-        dt=1.0,
+        dt=None,
+        drive=None,
         method="variable_projection",
     ):
-        super().__init__(initial_state=initial_state, dt=dt, method=method)
+        super().__init__(initial_state=initial_state, dt=dt, drive=drive, method=method)
         self.stiffness_degree = stiffness_degree
         self.damping_degree = damping_degree
         self.fit_hysteresis = fit_hysteresis

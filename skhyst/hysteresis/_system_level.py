@@ -274,7 +274,7 @@ class SystemLevelHysteresis(ParametricModel):
         instead of integrating, so it jumps where the drive reverses.
     fit_intercept : bool, default=True
         Whether the response has a constant.
-    dt : float, default=1.0
+    dt : float or None, default=None
         Sampling interval in s of data without a time index. The integral does not depend on it.
 
     Attributes
@@ -328,10 +328,11 @@ class SystemLevelHysteresis(ParametricModel):
         *,
         fit_intercept=True,
         initial_state="rest",
-        dt=1.0,
+        dt=None,
+        drive=None,
         method="variable_projection",
     ):
-        super().__init__(initial_state=initial_state, dt=dt, method=method)
+        super().__init__(initial_state=initial_state, dt=dt, drive=drive, method=method)
         self.variant = variant
         self.fit_intercept = fit_intercept
 

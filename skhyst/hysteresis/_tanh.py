@@ -238,9 +238,15 @@ class TanhHysteresis(ParametricModel):
     operator_class = TanhHysteresisOperator
 
     def __init__(
-        self, fit_intercept=False, *, initial_state="rest", dt=1.0, method="variable_projection"
+        self,
+        fit_intercept=False,
+        *,
+        initial_state="rest",
+        dt=None,
+        drive=None,
+        method="variable_projection",
     ):
-        super().__init__(initial_state=initial_state, dt=dt, method=method)
+        super().__init__(initial_state=initial_state, dt=dt, drive=drive, method=method)
         self.fit_intercept = fit_intercept
 
     def starting_values(self, records):

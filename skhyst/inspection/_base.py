@@ -7,6 +7,7 @@ from typing import Self
 import numpy as np
 
 from .._documentation import documented_like, inherit_documentation
+from .._validation import interval_of
 from ..io import unit_of
 from ..records import Units, record_slices
 from ._drawing import MUTED, plain
@@ -103,8 +104,7 @@ class SignalDisplay(Display):
         -------
         display
         """
-        dt = getattr(estimator, "dt", None)
-        dt = dt if isinstance(dt, int | float) else 1.0
+        dt = interval_of(estimator)
         label = type(estimator).__name__
         return cls.from_predictions(
             X, y, {label: estimator.predict(X)}, dt=dt, ax=ax, **plot_options
@@ -112,7 +112,7 @@ class SignalDisplay(Display):
 
     @classmethod
     @documented_like(from_estimator)
-    def from_predictions(cls, X, y, y_pred, *, dt=1.0, ax=None, **plot_options) -> Self:
+    def from_predictions(cls, X, y, y_pred, *, dt=None, ax=None, **plot_options) -> Self:
         """Draw predictions and the measured response.
 
         Parameters
@@ -121,7 +121,7 @@ class SignalDisplay(Display):
             Column 0 is the drive; an index carries records and time.
         y_pred : array-like of shape (n_samples,), or dict of str to such
             One prediction, or several by name.
-        dt : float, default=1.0
+        dt : float or None, default=None
             Sampling interval in s, where the index carries no time.
 
         Raises

@@ -45,8 +45,8 @@ class HysteresisLoopDisplay(SignalDisplay):
             Subtract the straight line that fits the measured response best, from everything. The
             loop opens, and differences of a percent of the range become visible.
         max_cycles : int, default=10
-            Cycles of the drive to draw. Of a longer recording every record gives a stretch of
-            whole cycles around its largest excursion.
+            Cycles of the drive to draw. In a longer recording, each record is cut to
+            complete cycles around its largest excursion.
         """
         n_models = len(self.predictions)
         one = ax is not None and np.size(np.asarray(ax, dtype=object)) == 1

@@ -22,9 +22,9 @@ class PoleZeroDisplay(Display):
 
     Make one with :meth:`from_estimator`. All parameters are kept as attributes. A cross is a pole,
     a ring a zero; only the upper half plane is drawn, the lower one mirrors it. Dotted rays have
-    one damping ratio each. The two axes are in Hz and scaled apart, since the modes of a light
+    one damping ratio each. The axes are in Hz and scaled independently, since the modes of a light
     structure lie next to the imaginary axis; where other poles or zeros lie far from it, the real
-    axis is logarithmic on both sides, but for a stretch around zero.
+    axis is logarithmic on both sides, and linear only near zero.
 
     Parameters
     ----------

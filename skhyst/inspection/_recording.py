@@ -31,7 +31,7 @@ class RecordingDisplay(SignalDisplay):
 
     @classmethod
     @documented_like(SignalDisplay.from_predictions)
-    def from_recording(cls, X, y, *, dt=1.0, ax=None, **plot_options):
+    def from_recording(cls, X, y, *, dt=None, ax=None, **plot_options):
         """Draw a recording."""
         return cls.from_predictions(X, y, {}, dt=dt, ax=ax, **plot_options)
 

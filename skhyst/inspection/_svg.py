@@ -1,4 +1,4 @@
-"""Pictures as SVG text that stands inside a page."""
+"""Pictures as SVG elements embedded in a page."""
 
 import html
 import io

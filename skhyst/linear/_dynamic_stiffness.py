@@ -164,7 +164,7 @@ class DynamicStiffness(ParametricModel):
     fit_intercept : bool, default=True
         Whether the response has a constant (a force offset).
     drive : {"displacement", "velocity"}, default="displacement"
-        What the drive is.
+        What the drive, column 0 of X, is.
     smoothing : int, default=1
         Sampling intervals over which slopes are taken. 1 is the backward difference, exact for a
         drive that is linear between samples; take more for an encoder whose noise or quantisation
@@ -217,6 +217,7 @@ class DynamicStiffness(ParametricModel):
     }
 
     operator_class = DynamicStiffnessOperator
+    redefined = ("drive",)  # says what it is, not where
 
     def __init__(
         self,
@@ -228,7 +229,7 @@ class DynamicStiffness(ParametricModel):
         drive="displacement",
         smoothing=1,
         initial_state="rest",
-        dt=1.0,
+        dt=None,
         method="variable_projection",
     ):
         super().__init__(initial_state=initial_state, dt=dt, method=method)

@@ -43,7 +43,7 @@ _SEGMENTS = 8  # segments in the recording by default, without overlap
         "period": [Interval(Integral, 3, None, closed="left"), None],
         "transient_periods": [Interval(Integral, 0, None, closed="left")],
         "min_excitation": [Interval(Real, 0, 1, closed="neither")],
-        "dt": [Interval(Real, 0, None, closed="neither")],
+        "dt": [Interval(Real, 0, None, closed="neither"), None],
     },
     prefer_skip_nested_validation=True,
 )
@@ -60,7 +60,7 @@ def frequency_response(
     period=None,
     transient_periods=1,
     min_excitation=1e-3,
-    dt=1.0,
+    dt=None,
 ) -> FrequencyResponse:
     r"""Estimate the nonparametric frequency response of a recording and its uncertainty.
 
@@ -117,7 +117,7 @@ def frequency_response(
     min_excitation : float, default=1e-3
         ``"periodic"`` takes the lines where the drive has at least this fraction of its largest
         amplitude and exceeds its own noise. With several inputs the weakest combination counts.
-    dt : float, default=1.0
+    dt : float or None, default=None
         Sampling interval in s of data without a time index.
 
     Returns

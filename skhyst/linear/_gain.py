@@ -114,13 +114,15 @@ class Gain(LinearModel):
         fit_gain=True,
         fit_intercept=True,
         initial_state="rest",
-        dt=1.0,
+        dt=None,
+        drive=None,
         method="variable_projection",
     ):
         self.fit_gain = fit_gain
         self.fit_intercept = fit_intercept
         self.initial_state = initial_state
         self.dt = dt
+        self.drive = drive
         self.method = method
 
     def starting_values(self, records):

@@ -149,7 +149,8 @@ class KelvinVoigt(LinearModel):
         fit_intercept=True,
         hold="foh",
         initial_state="rest",
-        dt=1.0,
+        dt=None,
+        drive=None,
         method="variable_projection",
     ):
         self.n_units = n_units
@@ -158,6 +159,7 @@ class KelvinVoigt(LinearModel):
         self.hold = hold
         self.initial_state = initial_state
         self.dt = dt
+        self.drive = drive
         self.method = method
 
     def resolved(self, operator) -> Self:

@@ -323,7 +323,8 @@ class LinearModel(ParametricModel):
         fit_intercept=True,
         hold="foh",
         initial_state="rest",
-        dt=1.0,
+        dt=None,
+        drive=None,
         method="variable_projection",
     ):
         self.fit_gain = fit_gain
@@ -331,6 +332,7 @@ class LinearModel(ParametricModel):
         self.hold = hold
         self.initial_state = initial_state
         self.dt = dt
+        self.drive = drive
         self.method = method
 
     @property

@@ -262,7 +262,8 @@ class LogCreep(LinearModel):
         fit_intercept=True,
         hold="foh",
         initial_state="rest",
-        dt=1.0,
+        dt=None,
+        drive=None,
         method="variable_projection",
     ):
         self.time_constant = time_constant
@@ -271,6 +272,7 @@ class LogCreep(LinearModel):
         self.hold = hold
         self.initial_state = initial_state
         self.dt = dt
+        self.drive = drive
         self.method = method
 
     def held_parameters(self) -> frozenset[str]:

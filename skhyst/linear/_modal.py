@@ -10,7 +10,14 @@ from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import Interval, StrOptions, fit_context
-from .._validation import as_floats, keep_seen, refuse_extreme, rest_of
+from .._validation import (
+    as_floats,
+    drive_column,
+    keep_seen,
+    read_slices,
+    refuse_extreme,
+    rest_of,
+)
 from ..base import one_thread
 from ..exceptions import ConvergenceWarning
 from ..operators import (
@@ -30,7 +37,7 @@ from ..optimize import (
     vector_fit,
     warp,
 )
-from ..records import chosen_interval, record_slices
+from ..records import chosen_interval
 from ._linear import complex_gain
 from ._modes import ModesMixin, section_poles
 from ._periodic import find_period, period_spectra
@@ -248,7 +255,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
     max_evaluations : int, default=60
         Largest number of evaluations; where they do not suffice, there is a
         :class:`~skhyst.exceptions.ConvergenceWarning`.
-    dt : float, default=1.0
+    dt : float or None, default=None
         Sampling interval in s of data without a time index.
 
     Attributes
@@ -301,7 +308,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         "initial_state": [StrOptions({"rest", "zero"})],
         "tolerance": [Interval(Real, 0, None, closed="left")],
         "max_evaluations": [Interval(Integral, 1, None, closed="left")],
-        "dt": [Interval(Real, 0, None, closed="neither")],
+        "dt": [Interval(Real, 0, None, closed="neither"), None],
     }
 
     def __init__(
@@ -313,7 +320,8 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         initial_state="rest",
         tolerance=1e-6,
         max_evaluations=60,
-        dt=1.0,
+        dt=None,
+        drive=None,
     ):
         self.n_poles = n_poles
         self.fit_intercept = fit_intercept
@@ -322,6 +330,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         self.tolerance = tolerance
         self.max_evaluations = max_evaluations
         self.dt = dt
+        self.drive = drive
 
     @fit_context(prefer_skip_nested_validation=True)
     def fit(self, X, y) -> Self:
@@ -342,8 +351,8 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         refuse_extreme(array, response)
         self._one_response = response.ndim == 1
         response = response.reshape(len(array), -1)
-        self.records_ = slices = record_slices(X, y, dt=self.dt)
-        keep_seen(self, array[:, 0], slices)
+        self.records_ = slices = read_slices(self, X, y, reset=True)
+        keep_seen(self, array[:, drive_column(self)], slices)
         dt, scales = slices[0].dt, (_size(array), _size(response))
         records = [(array[s.rows] / scales[0], response[s.rows] / scales[1]) for s in slices]
         with one_thread():
@@ -441,7 +450,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         """
         check_is_fitted(self)
         array = as_floats(self, X, reset=False)
-        slices = record_slices(X, dt=self.dt)
+        slices = read_slices(self, X, reset=False)
         y = run_records(self.operator_, array, slices, self.initial_state)
         return y[:, 0] if self._one_response else y
 

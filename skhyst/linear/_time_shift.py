@@ -211,13 +211,15 @@ class TimeShift(ParametricModel):
         fit_skew=False,
         between="curve",
         initial_state="rest",
-        dt=1.0,
+        dt=None,
+        drive=None,
         method="variable_projection",
     ):
         self.fit_skew = fit_skew
         self.between = between
         self.initial_state = initial_state
         self.dt = dt
+        self.drive = drive
         self.method = method
 
     def starting_values(self, records):

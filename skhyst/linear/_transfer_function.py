@@ -25,6 +25,7 @@ from sklearn.utils.validation import check_array, check_is_fitted
 
 from .._jit import jit
 from .._sklearn import Interval, StrOptions
+from .._validation import read_slices
 from ..base import one_thread, refine
 from ..exceptions import DivergenceWarning
 from ..operators import (
@@ -46,7 +47,6 @@ from ..optimize import (
     sections,
     vector_fit,
 )
-from ..records import record_slices
 from ._conversion import control_system, poles_and_response, scipy_system
 from ._delay import DelayOperator
 from ._estimate_response import chosen_columns
@@ -802,7 +802,8 @@ class TransferFunction(ModesMixin, LinearModel):
         fit_intercept=True,
         hold="foh",
         initial_state="rest",
-        dt=1.0,
+        dt=None,
+        drive=None,
         method="variable_projection",
     ):
         self.n_poles = n_poles
@@ -816,6 +817,7 @@ class TransferFunction(ModesMixin, LinearModel):
         self.hold = hold
         self.initial_state = initial_state
         self.dt = dt
+        self.drive = drive
         self.method = method
 
     @property
@@ -1094,5 +1096,5 @@ class TransferFunction(ModesMixin, LinearModel):
                 f"{array.shape[1]} column(s) instead."
             )
         signal = array[:, : self._n_inputs] if self.reads_columns else array[:, 0]
-        slices = record_slices(X, dt=self.dt)
+        slices = read_slices(self, X, reset=False)
         return run_records(self.operator_, signal, slices, self.free_run_state)

@@ -104,7 +104,7 @@ def _refuse_joined(rows, labels, time, gap):
     joined = np.flatnonzero((np.diff(labels[rows]) != 0) & (step >= 0) & (step <= gap))
     if joined.size:
         raise RecordError(
-            f"The records need labels, as in this fold the times alone do not tell them apart: "
+            f"The records need labels, as in this fold the times alone do not distinguish them: "
             f"rows {rows[joined[0]]} and {rows[joined[0] + 1]} belong to different records, but "
             f"follow each other in time. skhyst.records.stack_records builds an index with labels."
         )
@@ -122,14 +122,14 @@ class RecordKFold(_RecordSplitter):
     n_splits : int, default=5
         Number of folds, from 2 to the number of records.
     shuffle : bool, default=False
-        Whether records are dealt to the folds at random, not in their order. Rows stay in order.
+        Whether records are assigned to the folds at random, not in their order. Rows stay in order.
     random_state : int, RandomState instance or None, default=None
         Seed of the shuffle.
 
     See Also
     --------
     BlockedTimeSeriesSplit : For a single record, or records fewer than folds.
-    sklearn.model_selection.KFold : Deals single rows; this one deals records in the same way.
+    sklearn.model_selection.KFold : Assigns single rows; this one assigns records in the same way.
 
     Notes
     -----
@@ -155,7 +155,7 @@ class RecordKFold(_RecordSplitter):
 
     def _folds(self, records, labelled, X, y):
         keys = [record.label if labelled else i for i, record in enumerate(records)]
-        if X is not None and y is not None:  # what is recorded once is never on both sides
+        if X is not None and y is not None:  # equal records stay on one side
             keys = [keys[first] for first in first_of_equals(records, X, y)]
         numbers = {key: i for i, key in enumerate(dict.fromkeys(keys))}
         if len(numbers) < self.n_splits:
@@ -183,7 +183,8 @@ class BlockedTimeSeriesSplit(_RecordSplitter):
 
     Every row of a record that is long enough for blocks of two samples is in the test rows of
     exactly one fold; shorter records are always trained on. Training rows lie before and after
-    the test block: the question is how well the model describes the device, not the future.
+    the test block: the score says how well the model describes the device, not how well it
+    extrapolates in time.
 
     Parameters
     ----------
@@ -194,8 +195,8 @@ class BlockedTimeSeriesSplit(_RecordSplitter):
         the memory of the device, so that training and test rows share none of it.
     staggered : bool, default=False
         Whether the k-th fold tests different blocks of different records, so that each fold trains
-        on all parts of a drive that the records repeat. Which, goes by what is in the records
-        (:func:`by_content`), whatever their order.
+        on all parts of a drive that the records repeat. The assignment depends on
+        the content of the records, not on their order.
 
     See Also
     --------
@@ -210,8 +211,7 @@ class BlockedTimeSeriesSplit(_RecordSplitter):
     record, although the training rows jump at each cut. A frame avoids that, also one with a
     default index.
 
-    A training row that a gap leaves alone, without a neighbour, is left out: a record has two
-    samples at least.
+    A training row without a neighbour is left out: a record has at least two samples.
 
     Examples
     --------

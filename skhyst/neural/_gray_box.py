@@ -22,11 +22,10 @@ from scipy.linalg import block_diag
 from .._jit import bind, jit
 from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
-from ..exceptions import DivergenceWarning, RecordError
+from ..exceptions import DivergenceWarning
 from ..hysteresis import SystemLevelHysteresis, SystemLevelOperator
 from ..operators import CompiledLaw, Operator, ParameterSpec, as_signal, sum_of_products
 from ..optimize import IdentificationResult, identify
-from ..records import record_slices
 
 _LARGEST = 1e100  # largest output; squares of larger ones may overflow
 
@@ -579,7 +578,8 @@ class GrayBoxHysteresis(ParametricModel):
         degree=1,
         fit_intercept=True,
         initial_state="rest",
-        dt=1.0,
+        dt=None,
+        drive=None,
         method="levenberg_marquardt",
     ):
         self.training = training
@@ -592,6 +592,7 @@ class GrayBoxHysteresis(ParametricModel):
         self.fit_intercept = fit_intercept
         self.initial_state = initial_state
         self.dt = dt
+        self.drive = drive
         self.method = method
 
     def predict(self, X) -> np.ndarray:
@@ -610,13 +611,6 @@ class GrayBoxHysteresis(ParametricModel):
             :class:`~skhyst.exceptions.DivergenceWarning`.
         """
         y = super().predict(X)
-        for record in record_slices(X, dt=self.dt):
-            if abs(record.dt - self.dt_) > _SAME_INTERVAL * self.dt_:
-                raise RecordError(
-                    f"The records must be sampled at {self.dt_:g} s, as those of the fit: the lags "
-                    f"of GrayBoxHysteresis are in samples. Got {record.dt:g} s instead; use "
-                    "resample_records."
-                )
         if np.abs(y).max() > self.bound_:
             warnings.warn(
                 "The simulation diverged; outputs far beyond the range of the response in fit were "
@@ -697,7 +691,6 @@ class GrayBoxHysteresis(ParametricModel):
             stages = [_stage("joint", result, sum(record.n_samples for record in self.records_))]
         self.history_ = {key: np.concatenate([s[key] for s in stages]) for key in stages[0]}
         self.n_epochs_ = {s["stage"][0]: int(s["epoch"][-1]) for s in stages}
-        self.dt_ = self.records_[0].dt
         return super().adopt(result)
 
 

@@ -471,7 +471,16 @@ class Scheduled(WrappedOperator):
     def over(self, base):
         """Return the same polynomials over a base some of whose parts are held or released.
 
-        What the polynomials do not have yet is constant, what is held has none.
+        Parameters
+        ----------
+        base : Operator
+            With some of the entries of the present base, or more. An entry that has no polynomial
+            yet is constant.
+
+        Returns
+        -------
+        Scheduled
+            With polynomials of the entries of ``base`` alone.
         """
         ends = zip(self.base.entries(), self._counts, np.cumsum(self._counts), strict=True)
         own = {name: self.coefficients[end - n : end] for (name, _), n, end in ends}

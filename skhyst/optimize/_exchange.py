@@ -249,7 +249,7 @@ class _Columns:
 def _held_out(place, folds):
     """Return the sum of squares that folds predict, by a step from the solution for all.
 
-    Nothing is told, and infinity returned, where the weights are held or no term is left.
+    Infinity where the weights are held or no term is left.
     """
     problem = place.problem(_movable(place))
     if not _Columns(place, problem, place.part).groups.size:

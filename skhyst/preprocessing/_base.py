@@ -11,8 +11,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from .._documentation import inherit_documentation
 from .._sklearn import check_feature_names_in, fit_context
-from .._validation import as_floats, refuse_large
-from ..records import record_slices
+from .._validation import as_floats, find_column, read_slices, refuse_large
 
 _EXTREME = 1e250  # largest values, whose differences over a short interval are finite
 
@@ -114,7 +113,8 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
                 f"The 'columns' parameter of {type(self).__name__} must name at least one column."
             )
         refuse_large("X", array[:, self.columns_], _EXTREME)
-        self._fit_records(array, self._records(X, y))
+        given = () if y is None else (y,)
+        self._fit_records(array, read_slices(self, X, *given, reset=True))
         return self
 
     def transform(self, X) -> pd.DataFrame:
@@ -135,7 +135,7 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
         refuse_large("X", array[:, self.columns_], _EXTREME)
         names = self.get_feature_names_out()
         features = np.empty((len(array), len(names)))
-        for record in self._records(X):
+        for record in read_slices(self, X, reset=False):
             self._transform_record(array[record.rows], record.dt, features[record.rows])
         if hasattr(X, "iloc"):
             return type(X)(features, index=X.index, columns=names, copy=False)
@@ -156,50 +156,3 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
         check_is_fitted(self)
         names = check_feature_names_in(self, input_features)
         return np.asarray(self._names(names), dtype=object)
-
-    def _records(self, X, y=None):
-        options = {"dt": getattr(self, "dt", 1.0), "one_interval": self.one_interval}
-        return record_slices(X, y, **options)
-
-
-def find_column(estimator, column, parameter) -> int:
-    """Return the position of a column given by position or name.
-
-    Parameters
-    ----------
-    estimator : estimator
-        Estimator with ``n_features_in_`` and, for names, ``feature_names_in_``.
-    column : int or str
-        Position, counted from the end if negative, or name.
-    parameter : str
-        Name of the parameter that holds ``column``, for the error message.
-
-    Returns
-    -------
-    int
-
-    Raises
-    ------
-    ValueError
-        If there is no such column.
-
-    Examples
-    --------
-    >>> import pandas as pd
-    >>> from skhyst.preprocessing import PlayOperators, find_column
-    >>> plays = PlayOperators().fit(pd.DataFrame({"drive": [0.0, 1.0], "load": [2.0, 2.0]}))
-    >>> find_column(plays, "load", "columns"), find_column(plays, -2, "columns")
-    (1, 0)
-    """
-    if isinstance(column, str):
-        names = list(getattr(estimator, "feature_names_in_", ()))
-        if column in names:
-            return names.index(column)
-    else:
-        n_features = estimator.n_features_in_
-        if isinstance(column, Integral) and -n_features <= column < n_features:
-            return int(column) % n_features
-    raise ValueError(
-        f"The '{parameter}' parameter of {type(estimator).__name__} must be positions or names of "
-        f"columns of X, which has {estimator.n_features_in_} features. Got {column!r} instead."
-    )

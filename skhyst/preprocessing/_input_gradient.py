@@ -37,7 +37,7 @@ class GeneralizedInputGradient(RecordTransformer):
         True adds the last extreme of the drive and the distance from it; a number adds that many of
         the last extremes, the latest first and followed by the distance from it. Each record begins
         with a first loading from zero: until the drive turns, the last extreme is 0.
-    dt : float, default=1.0
+    dt : float or None, default=None
         Sampling interval in s of data without a time index.
 
     See Also
@@ -66,6 +66,8 @@ class GeneralizedInputGradient(RecordTransformer):
            [ 2., -1.,  3., -1.]])
     """
 
+    one_interval = False  # the rate is per s
+
     _parameter_constraints = {
         **RecordTransformer._parameter_constraints,
         "method": [StrOptions({"backward", "forward"})],
@@ -73,7 +75,7 @@ class GeneralizedInputGradient(RecordTransformer):
         "include_rate": ["boolean"],
         "direction": ["boolean"],
         "turning_points": ["boolean", Interval(Integral, 0, None, closed="left")],
-        "dt": [Interval(Real, 0, None, closed="neither")],
+        "dt": [Interval(Real, 0, None, closed="neither"), None],
     }
 
     def __init__(
@@ -85,7 +87,7 @@ class GeneralizedInputGradient(RecordTransformer):
         direction=False,
         turning_points=False,
         columns=0,
-        dt=1.0,
+        dt=None,
     ):
         self.method = method
         self.include_drive = include_drive

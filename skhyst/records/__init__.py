@@ -4,6 +4,7 @@ from ._data_quality import data_quality
 from ._data_quality import lost_readings as lost_readings
 from ._data_quality import with_reactions as with_reactions
 from ._frames import iter_records, stack_records
+from ._index import MISMATCH as MISMATCH
 from ._index import RecordSlice, record_slices, sampling_interval
 from ._index import by_interval as by_interval
 from ._index import chosen_interval as chosen_interval

@@ -10,7 +10,7 @@ from ..exceptions import RecordError
 from ._index import record_slices, refuse_interval, time_level, time_stamps
 
 
-def iter_records(X, y=None, *, dt=1.0) -> Iterator[tuple]:
+def iter_records(X, y=None, *, dt=None) -> Iterator[tuple]:
     """Iterate over the records.
 
     Parameters
@@ -19,7 +19,7 @@ def iter_records(X, y=None, *, dt=1.0) -> Iterator[tuple]:
         Input whose index carries the time, as in :func:`record_slices`.
     y : array-like or Series of shape (n_samples,), optional
         Response.
-    dt : float, default=1.0
+    dt : float or None, default=None
         Interval in s where the index counts samples or is absent.
 
     Yields

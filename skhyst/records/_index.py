@@ -54,7 +54,7 @@ class RecordSlice:
     n_samples : int
         Number of rows.
     time_unit : {"s", "sample"}, default="s"
-        "sample" where neither the index nor ``dt`` gives the interval; it is then taken as 1.
+        "sample" where neither the index nor ``dt`` gives the interval; it is then 1.
     """
 
     label: Hashable
@@ -79,7 +79,7 @@ def refuse_interval(dt, caller):
         )
 
 
-def record_slices(X, y=None, *, dt=1.0, one_interval=True) -> tuple[RecordSlice, ...]:
+def record_slices(X, y=None, *, dt=None, one_interval=True) -> tuple[RecordSlice, ...]:
     """Find the records in ``X``.
 
     A new record starts where the record level changes, where time steps back, or after a gap of
@@ -94,8 +94,9 @@ def record_slices(X, y=None, *, dt=1.0, one_interval=True) -> tuple[RecordSlice,
         a hole in them starts a new record; an array is one record without holes.
     y : array-like or Series of shape (n_samples,), optional
         Response. Its index must not have records or times that the index of ``X`` lacks.
-    dt : float, default=1.0
-        Sampling interval in s where the index counts samples or is absent.
+    dt : float or None, default=None
+        Sampling interval in s where the index counts samples or is absent; None: not known, time
+        is in samples.
     one_interval : bool, default=True
         Whether all records must share one sampling interval.
 
@@ -118,6 +119,8 @@ def record_slices(X, y=None, *, dt=1.0, one_interval=True) -> tuple[RecordSlice,
     >>> [(r.rows, r.dt) for r in record_slices(np.zeros((5, 1)), dt=0.1)]
     [(slice(0, 5, None), 0.1)]
     """
+    counted = "sample" if dt is None else "s"
+    dt = 1.0 if dt is None else dt
     refuse_interval(dt, "record_slices")
     dt = float(dt)
     if y is not None:
@@ -127,13 +130,13 @@ def record_slices(X, y=None, *, dt=1.0, one_interval=True) -> tuple[RecordSlice,
         index = pd.RangeIndex(len(X if hasattr(X, "__len__") else np.asarray(X)))
     if isinstance(index, pd.RangeIndex) and index.step == 1 and len(index):
         rows = slice(0, len(index))
-        return (RecordSlice(0, rows, dt, index.start * dt, len(index), _counted_in(dt)),)
+        return (RecordSlice(0, rows, dt, index.start * dt, len(index), counted),)
     stamps = time_stamps(index, dt)
     if stamps.values.size == 0:
         return ()
     pieces = _pieces(stamps)
     intervals = _sampling_intervals(stamps, pieces, one_interval)
-    unit, found = _counted_in(dt) if stamps.counts else "s", []
+    unit, found = counted if stamps.counts else "s", []
     for (run, start, stop), interval in zip(pieces, intervals, strict=True):
         label, start_time = stamps.label(start, run), float(stamps.values[start] * stamps.unit)
         rows = slice(start, stop)
@@ -141,26 +144,20 @@ def record_slices(X, y=None, *, dt=1.0, one_interval=True) -> tuple[RecordSlice,
     return tuple(found)
 
 
-def _counted_in(dt):
-    """Return the unit of time of counted samples."""
-    # an interval of 1, the default, counts as not given
-    return "sample" if dt == 1.0 else "s"
-
-
-def sampling_interval(X, *, dt=1.0) -> float:
+def sampling_interval(X, *, dt=None) -> float:
     """Return the sampling interval of ``X``.
 
     Parameters
     ----------
     X : array-like or DataFrame of shape (n_samples, n_inputs)
         Input whose index carries the time, as in :func:`record_slices`.
-    dt : float, default=1.0
-        Interval in s where the index counts samples or is absent.
+    dt : float or None, default=None
+        Interval in s where the index counts samples or is absent; None: in samples.
 
     Returns
     -------
     float
-        Interval in s, one for all records.
+        Interval in s, one for all records; 1 in samples.
 
     Raises
     ------

@@ -10,7 +10,10 @@ SIDES = {"lower": (-1,), "upper": (1,), "both": (-1, 1)}
 
 
 class StaticOperator(Operator):
-    """Base of the memoryless operators; a subclass defines ``_evaluate`` and, if any, ``curve``.
+    """Base of the memoryless operators; a subclass defines :meth:`evaluate`.
+
+    With a compiled ``curve`` and its :meth:`curve_constants` it is also stepped, exported and
+    observed.
 
     Attributes
     ----------
@@ -26,27 +29,46 @@ class StaticOperator(Operator):
     stage_order = 40
     curve = None
 
-    def _evaluate(self, v):
-        """Return the curve (n,), its slope (n,) and its parameter derivatives (n, n_parameters)."""
+    def evaluate(self, v):
+        """Return the curve, its slope and its derivatives by the parameters.
+
+        Parameters
+        ----------
+        v : ndarray of shape (n_samples,)
+            Input.
+
+        Returns
+        -------
+        y, slope : ndarray of shape (n_samples,)
+            Output, and its derivative by the input.
+        own : ndarray of shape (n_samples, n_parameters)
+            Derivatives by the parameters, in the order of the fields.
+        """
         raise NotImplementedError
 
     def init(self, u0, initial_state="rest"):
         return ()
 
     def run(self, u, dt, state=None):
-        return self._evaluate(np.asarray(u, dtype=float))[0], ()
+        return self.evaluate(np.asarray(u, dtype=float))[0], ()
 
-    def _constants(self):
-        """Return the constants of ``curve``."""
+    def curve_constants(self):
+        """Return the constants of ``curve``.
+
+        Returns
+        -------
+        tuple of float and ndarray
+            By default none.
+        """
         return ()
 
     def compiled_step(self, dt, state):
         if self.curve is None:
             return super().compiled_step(dt, state)
-        return CompiledLaw(self.curve, self._constants(), ())
+        return CompiledLaw(self.curve, self.curve_constants(), ())
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
-        y, slope, own = self._evaluate(u)
+        y, slope, own = self.evaluate(u)
         return y, np.concatenate([du * slope[:, None], own], axis=1)
 
     def bend(self, seen):

@@ -45,10 +45,10 @@ class DeadBandOperator(StaticOperator):
 
     curve = staticmethod(dead_band)
 
-    def _constants(self):
+    def curve_constants(self):
         return self.half_width, self.center
 
-    def _evaluate(self, v):
+    def evaluate(self, v):
         distance = v - self.center
         side = np.sign(distance) * (np.abs(distance) > self.half_width)
         slope = np.abs(side)

@@ -73,10 +73,10 @@ class DeadZoneOperator(StaticOperator):
         self._require_size("thresholds", np.size(self.weights), "weight")
         self._require_size("side", np.size(self.weights), "weight")
 
-    def _constants(self):
+    def curve_constants(self):
         return self.weights, self.thresholds, self.side
 
-    def _evaluate(self, v):
+    def evaluate(self, v):
         distance = v[:, None] - self.thresholds
         active = (distance * self.side > 0.0).astype(float)
         zones = distance * active
@@ -164,7 +164,7 @@ class MonotoneDeadZoneOperator(StaticOperator):
 
     curve = staticmethod(dead_zones)
 
-    def _constants(self):
+    def curve_constants(self):
         return self.weights, self.thresholds, self.side
 
     def _segments(self):
@@ -182,7 +182,7 @@ class MonotoneDeadZoneOperator(StaticOperator):
         y += slopes[0] * np.minimum(v - t[0], 0.0) + slopes[-1] * np.maximum(v - t[-1], 0.0)
         return y, ()
 
-    def _evaluate(self, v):
+    def evaluate(self, v):
         slopes, _ = self._segments()
         _, parts = self.parts(v)
         return self.run(v, 1.0)[0], slopes[np.searchsorted(self.thresholds, v)], parts
@@ -251,9 +251,16 @@ class DeadZones(StaticModel):
     operator_class = DeadZoneOperator
 
     def __init__(
-        self, n_zones=3, *, sides="both", initial_state="rest", dt=1.0, method="variable_projection"
+        self,
+        n_zones=3,
+        *,
+        sides="both",
+        initial_state="rest",
+        dt=None,
+        drive=None,
+        method="variable_projection",
     ):
-        super().__init__(initial_state=initial_state, dt=dt, method=method)
+        super().__init__(initial_state=initial_state, dt=dt, drive=drive, method=method)
         self.n_zones = n_zones
         self.sides = sides
 

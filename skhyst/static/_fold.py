@@ -48,10 +48,10 @@ class FoldOperator(StaticOperator):
 
     curve = staticmethod(fold)
 
-    def _constants(self):
+    def curve_constants(self):
         return self.level, self.side
 
-    def _evaluate(self, v):
+    def evaluate(self, v):
         slope = self.side * np.where(v < self.level, -1.0, 1.0)
         return self.level + slope * (v - self.level), slope, (1.0 - slope)[:, None]
 
@@ -122,8 +122,16 @@ class Fold(StaticModel):
         "side": [StrOptions({"lower", "upper"})],
     }
 
-    def __init__(self, side="lower", *, initial_state="rest", dt=1.0, method="variable_projection"):
-        super().__init__(initial_state=initial_state, dt=dt, method=method)
+    def __init__(
+        self,
+        side="lower",
+        *,
+        initial_state="rest",
+        dt=None,
+        drive=None,
+        method="variable_projection",
+    ):
+        super().__init__(initial_state=initial_state, dt=dt, drive=drive, method=method)
         self.side = side
 
     def starting_values(self, records):

@@ -46,10 +46,10 @@ class SaturationOperator(StaticOperator):
 
     curve = staticmethod(clip)
 
-    def _constants(self):
+    def curve_constants(self):
         return self.lower, self.upper
 
-    def _evaluate(self, v):
+    def evaluate(self, v):
         beyond = {"lower": v < self.lower, "upper": v > self.upper}
         own = np.empty((len(v), self.n_parameters))
         for column, name in enumerate(self.parameter_specs()):
@@ -89,10 +89,11 @@ class Saturation(SaturationModel):
         sides="both",
         place="sensor",
         initial_state="rest",
-        dt=1.0,
+        dt=None,
+        drive=None,
         method="variable_projection",
     ):
-        super().__init__(initial_state=initial_state, dt=dt, method=method)
+        super().__init__(initial_state=initial_state, dt=dt, drive=drive, method=method)
         self.sides = sides
         self.place = place
 

@@ -78,10 +78,10 @@ class PolynomialCurveOperator(StaticOperator):
         n = np.size(self.coefficients)
         return n + 2 + np.arange(max(n, 2))
 
-    def _constants(self):
+    def curve_constants(self):
         return self.coefficients, self.center, self.scale
 
-    def _evaluate(self, v):
+    def evaluate(self, v):
         z = (v - self.center) / self.scale
         inside = np.clip(z, -1.0, 1.0)
         beyond = z - inside
@@ -137,8 +137,10 @@ class SmoothCurve(StaticModel):
 
     operator_class = PolynomialCurveOperator
 
-    def __init__(self, degree=5, *, initial_state="rest", dt=1.0, method="variable_projection"):
-        super().__init__(initial_state=initial_state, dt=dt, method=method)
+    def __init__(
+        self, degree=5, *, initial_state="rest", dt=None, drive=None, method="variable_projection"
+    ):
+        super().__init__(initial_state=initial_state, dt=dt, drive=drive, method=method)
         self.degree = degree
 
     def resolved(self, operator) -> Self:

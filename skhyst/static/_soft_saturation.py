@@ -62,10 +62,10 @@ class SoftSaturationOperator(StaticOperator):
 
     curve = staticmethod(soft_saturation)
 
-    def _constants(self):
+    def curve_constants(self):
         return self.level, self.knee, self.center, self.side
 
-    def _evaluate(self, v):
+    def evaluate(self, v):
         n, distance = self.knee, v - self.center
         # logarithms: a power of the distance would overflow
         size = np.log(np.maximum(np.abs(distance), _LEAST)) - np.log(self.level)
@@ -168,10 +168,11 @@ class SoftSaturation(SaturationModel):
         place="sensor",
         fit_center=True,
         initial_state="rest",
-        dt=1.0,
+        dt=None,
+        drive=None,
         method="variable_projection",
     ):
-        super().__init__(initial_state=initial_state, dt=dt, method=method)
+        super().__init__(initial_state=initial_state, dt=dt, drive=drive, method=method)
         self.sides = sides
         self.place = place
         self.fit_center = fit_center

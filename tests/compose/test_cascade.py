@@ -266,7 +266,7 @@ def test_thinning_keeps_the_samples_and_the_drive(n):
 # ------------------------------------------------------------------------------------ parameters
 
 
-def test_steps_are_left_as_they_were_and_their_interval_and_state_are_not_used():
+def test_steps_are_left_as_they_were_and_what_the_composition_says_is_in_place_of_theirs():
     X, y = measure(HYSTERESIS, LAG)
     steps = [STEP, LAG_STEP]
     model = Cascade(steps, dt=DT).fit(X, y)
@@ -275,7 +275,7 @@ def test_steps_are_left_as_they_were_and_their_interval_and_state_are_not_used()
         with pytest.raises(Exception, match="not fitted"):
             check_is_fitted(step)
     steps = [("plays", plays(dt=7.0)), ("lag", FirstOrderLag(dt=3.0, initial_state="zero"))]
-    other = Cascade(steps, dt=DT).fit(X, y)
+    other = Cascade(steps, initial_state="rest", dt=DT).fit(X, y)
     np.testing.assert_array_equal(other.predict(X), model.predict(X))
 
 

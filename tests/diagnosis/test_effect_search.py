@@ -334,7 +334,7 @@ class DeadBandOperator(StaticOperator):
     level: float = parameter(lower=0.0, unit="drive")
     stage_order = 0
 
-    def _evaluate(self, v):
+    def evaluate(self, v):
         inside = np.abs(v) < self.level
         y = np.where(inside, 0.0, v - np.sign(v) * self.level)
         own = np.where(inside, 0.0, -np.sign(v))[:, None]

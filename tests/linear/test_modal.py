@@ -116,7 +116,7 @@ def test_one_response_and_pickle():
 def test_refusals():
     X, Y = noisy((300,), 0.01)
     model = ModalModel(7, dt=DT).fit(X.to_numpy(), Y.to_numpy())
-    with pytest.raises(ValueError, match=r"sampled every 0\.01 s"):
+    with pytest.raises(ValueError, match=r"that of the fit, 0\.01 s"):
         model.set_params(dt=2.0 * DT).predict(X.to_numpy())
     with pytest.raises(ValueError, match="at least 3 samples"):
         ModalModel(1).fit(np.ones((2, 1)), np.ones(2))
