@@ -617,8 +617,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             )
         if result.is_local:
             yield (
-                f"The fit of {type(self).__name__} has not converged for sure: its residual is not "
-                "white, and further starts lead to other optima. Its parameters may be those of a "
+                f"The fit of {type(self).__name__} has not converged to one optimum: its residual "
+                "is not white, and further starts lead to others. Its parameters may be those of a "
                 "local optimum.",
                 ConvergenceWarning,
             )

@@ -21,7 +21,7 @@ _STARTS = 12  # of a round
 _BUDGET = 4.0  # evaluations over those of the fit, after which no further way is begun
 _TRIAL_EVALUATIONS = 4
 _FULL_RUNS = 3  # starts of a round that are followed to the end
-_SAME = 1e-4  # relative difference of sums of squares at the same optimum
+_NOTICEABLE = 0.01  # part of the sum of squares by which another optimum is a better one
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,8 +45,9 @@ class _Neighbours(VariableProjection):
         ends = [variable_projection(problem, trial.x) for trial in trials[:_FULL_RUNS]]
         runs = [best, *trials, *ends]
         evaluations = 1 + sum(run.n_evaluations for run in runs)  # 1: the search box
-        found = min([best, *ends], key=lambda run: run.cost)
-        again = sum(run.cost <= (1.0 + _SAME) * found.cost for run in [best, *ends]) > 1
+        least = min([best, *ends], key=lambda run: run.cost)
+        found = least if least.cost < (1.0 - _NOTICEABLE) * best.cost else best
+        again = sum(run.cost <= found.cost / (1.0 - _NOTICEABLE) for run in [best, *ends]) > 1
         return problem, replace(found, converged=again), evaluations
 
 
@@ -109,7 +110,7 @@ def with_further_starts(result, records, starts, others=(), *, fixed=(), initial
     most = (1.0 + _BUDGET) * result.n_evaluations
     for other in others:
         result = _better(result, other)
-        if result.error == other.error and not is_coloured(result, records, initial_state):
+        if result.operator is other.operator and not is_coloured(result, records, initial_state):
             return result
         if result.n_evaluations > most:
             break
@@ -117,9 +118,9 @@ def with_further_starts(result, records, starts, others=(), *, fixed=(), initial
     for seed in range(_ROUNDS):
         own = [(result.operator, result.disturbances), *given]
         found = identify(own, records, method=_Neighbours(random_state=seed), **how)
-        better = found.error < (1.0 - _SAME) * result.error
+        before, result = result, _better(result, found)
+        better = result.error < before.error
         in_vain = 0 if better else in_vain + found.converged
-        result = _better(result, found)
         spent = found.converged and result.n_evaluations > most
         if (
             spent
@@ -131,10 +132,11 @@ def with_further_starts(result, records, starts, others=(), *, fixed=(), initial
 
 
 def _better(result, other):
-    """Return the result of the smaller error, with the evaluations of both.
+    """Return the other result where it is noticeably better, with the evaluations of both.
 
     Where it leaves more undetermined, it explains by chance: then it is no better.
     """
     evaluations = result.n_evaluations + other.n_evaluations
-    better = other.error < result.error and set(other.undetermined) <= set(result.undetermined)
+    better = other.error**2 < (1.0 - _NOTICEABLE) * result.error**2
+    better &= set(other.undetermined) <= set(result.undetermined)
     return replace(other if better else result, n_evaluations=evaluations)
