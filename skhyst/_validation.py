@@ -19,39 +19,40 @@ _TOO_FAR = (
 )
 
 
-def read_data(estimator, X, *y, reset, dt=None):
+def read_data(estimator, X, *y, reset, dt=None, bridge=False):
     """Validate X and y; return the records, X as an array, and y, or None if it is not given.
 
     With ``reset``, in a fit, ``drive_range_``, ``drive_rate_``, ``dt_`` and ``time_unit_`` of the
-    estimator are set. ``dt`` is as for :func:`read_slices`.
+    estimator are set. ``dt`` and ``bridge`` are as for :func:`read_slices`.
     """
     if not y:
         array = as_floats(estimator, X, reset=reset)
         drive_column(estimator)
-        return read_slices(estimator, X, reset=reset, dt=dt), array, None
+        return read_slices(estimator, X, reset=reset, dt=dt, bridge=bridge), array, None
     least = 2 if reset else 1
     array, response = as_floats(estimator, X, *y, reset=reset, ensure_min_samples=least)
     drive = array[:, drive_column(estimator)]
     refuse_extreme(drive, response, _least(estimator))
-    slices = read_slices(estimator, X, *y, reset=reset, dt=dt)
+    slices = read_slices(estimator, X, *y, reset=reset, dt=dt, bridge=bridge)
     if reset:
         keep_seen(estimator, drive, slices)
     return slices, array, response
 
 
-def read_slices(estimator, X, *y, reset, dt=None):
+def read_slices(estimator, X, *y, reset, dt=None, bridge=False):
     """Return the records of X, sampled as an estimator asks for.
 
     Data without a time have the interval that was said, in a fit, with ``reset``, and that of the
     fit elsewhere; ``dt`` is in place of either. What contradicts the fit is refused: another
     interval that was said since; a time of another interval, where the estimator counts samples.
+    ``bridge`` is as for :func:`~skhyst.records.record_slices`.
 
     Raises
     ------
     RecordError
         If the interval is not that of the fit, or is not known.
     """
-    options = {"one_interval": _counts_samples(estimator)}
+    options = {"one_interval": _counts_samples(estimator), "bridge": bridge}
     slices = record_slices(X, *y, **options)
     counted = bool(slices) and slices[0].time_unit == "sample"
     known = interval_of(estimator, fitted=not reset) if dt is None else dt
@@ -62,17 +63,18 @@ def read_slices(estimator, X, *y, reset, dt=None):
         estimator.dt_ = intervals.pop() if len(intervals) == 1 else None
         estimator.time_unit_ = slices[0].time_unit
     elif slices:
-        _refuse_other_interval(estimator, slices[0].dt, counted)
+        _refuse_other_interval(estimator, slices[0].dt, counted, known)
     return slices
 
 
-def _refuse_other_interval(estimator, dt, counted):
+def _refuse_other_interval(estimator, dt, counted, known):
     kind, (own, unit) = type(estimator).__name__, fitted_interval(estimator)
     if counted:
-        if unit is None and getattr(estimator, "records_", ()):
+        has_no_one = hasattr(estimator, "dt_") or getattr(estimator, "records_", ())
+        if known is None and unit is None and has_no_one:
             raise RecordError(
-                f"The records that {kind} was fitted to have several sampling intervals: X must "
-                "have a time index. Got an X without one instead."
+                f"{kind} was fitted to records of several sampling intervals, or to none: X must "
+                "have a time index, or 'dt' be given. Got neither instead."
             )
         said = getattr(estimator, "dt", None) if hasattr(estimator, "dt_") else None
         if said is not None and unit is not None and not _agree(said, own):
@@ -217,7 +219,10 @@ def keep_seen(estimator, drive, slices):
     See :class:`ParametricModel` for ``drive_range_`` and ``drive_rate_``.
     """
     with np.errstate(over="ignore"):
-        rates = [np.abs(np.diff(drive[s.rows])).max(initial=0.0) / s.dt for s in slices]
+        rates = [
+            np.abs(np.diff(drive[s.rows]) / np.diff(s.samples)).max(initial=0.0) / s.dt
+            for s in slices
+        ]
     estimator.drive_range_ = (float(drive.min()), float(drive.max()))
     estimator.drive_rate_ = float(max(rates))
 

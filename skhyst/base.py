@@ -39,7 +39,7 @@ from .optimize import (
     with_further_starts,
     with_input_history,
 )
-from .records import chosen_interval
+from .records import chosen_interval, with_lost_rows
 
 __all__ = ["ParametricModel"]
 
@@ -48,6 +48,12 @@ _OUT_OF_RANGE = (
     "Identification has left the range of floating point: choose other units of X, y or time, in "
     "which the numbers are nearer to one."
 )
+_NO_REST = (
+    "{} has found no state of rest, as of an integrator: start with initial_state='zero', or from "
+    "a known response with predict_from"
+)
+_CLEARLY = 0.5  # of the error: as much as chance and the colour of a residual do not make
+_NOTHING = 0.99  # of the standard deviation of the response, which a constant leaves
 _FEW = "Records this short tell like few independent samples, and params_std_ is too small for"
 
 
@@ -114,6 +120,14 @@ def with_params(model, **params):
     model = copy.copy(model)
     vars(model).update(params)
     return model
+
+
+def scored_where(data, slices, read):
+    """Return records of which only the rows that were read count, not those that were lost."""
+    return [
+        replace(record, weights=read[s.rows].astype(float)) if not read[s.rows].all() else record
+        for record, s in zip(data, slices, strict=True)
+    ]
 
 
 def as_node(model, **parts):
@@ -194,6 +208,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         Simulations of all records that identification took.
     fit_error_ : float
         Root mean square of the residual in the records of the fit, units of the response.
+    has_rest_ : bool
+        False where the records of the fit begin at no state of rest, as those of an integrator; a
+        model with the initial state ``"estimate"`` then starts from zero.
     records_ : tuple of RecordSlice
         The records of the fit.
     dt_ : float or None
@@ -231,6 +248,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     reads_columns = False  # of X other than the first
     one_interval = False  # an operator runs at the interval of each record
     any_interval = False  # and, for a straight drive, gives the same however fine the interval is
+    has_rest_ = True
     disturbance_names = ()  # of what the model adds to the driven response
 
     def __init_subclass__(cls, **options):
@@ -353,10 +371,11 @@ class ParametricModel(RegressorMixin, BaseEstimator):
 
     def _read_records(self, X, y):
         """Validate X and y, store the records, and return them as identification uses them."""
-        slices, X, y = read_data(self, X, y, reset=True)
-        data = self.record_data(slices, X, y)
-        self.records_ = slices
-        return data
+        slices, X, y = read_data(self, X, y, reset=True, bridge=True)
+        self.records_, self.has_rest_ = slices, True
+        even, X, y, read = with_lost_rows(slices, X, y)
+        data = self.record_data(even, X, y)
+        return data if read is None else scored_where(data, even, read)
 
     def record_data(self, slices, X, y):
         """Return each record as identification uses it.
@@ -553,16 +572,48 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     def _fit_records(self, records):
         """Fit validated records."""
         model, result = identified(self, records)
+        moving = None if self.free_run_state == "zero" else self._without_rest(result, records)
+        if moving is None:
+            return self.finish(self._settled(model, result, records), records)
+        warnings.warn(
+            f"{_NO_REST.format(type(self).__name__)}: with initial_state='zero' the error is "
+            f"{moving.error:.3g} in place of {result.error:.3g}.",
+            ConvergenceWarning,
+            stacklevel=4,
+        )
+        self.has_rest_ = False
+        return self.finish(
+            moving if agreed(self, "initial_state") == "estimate" else result, records
+        )
+
+    def _settled(self, model, result, records):
+        """Return a result after further starts where the residual asks for them, and in order.
+
+        ``model`` has its hold decided.
+        """
         if self.method == "variable_projection":
             own = {"fixed": model.held_parameters(), "initial_state": self.free_run_state}
             further = partial(model.further_starts, records), model.identified_otherwise(records)
             result = with_further_starts(result, records, *further, **own)
         ordered = model.in_order(result.operator)
-        if ordered is not result.operator:
-            again = refine(model, [(ordered, result.disturbances)], records, "variable_projection")
-            evaluations = result.n_evaluations + again.n_evaluations
-            result = replace(again, n_evaluations=evaluations, is_local=result.is_local)
-        return self.finish(result, records)
+        if ordered is result.operator:
+            return result
+        again = refine(model, [(ordered, result.disturbances)], records, "variable_projection")
+        evaluations = result.n_evaluations + again.n_evaluations
+        return replace(again, n_evaluations=evaluations, is_local=result.is_local)
+
+    def _without_rest(self, result, records):
+        """Return what a start from zero leaves room for, if the response has no state of rest.
+
+        A pole that has not decayed within the longest record is one whose rest is not recorded; an
+        integrator has none, and then no record begins at it.
+        """
+        longest = max(len(record.u) * record.dt for record in records)
+        if not result.operator.slowest_decay() > longest:
+            return None
+        moving = identified(with_params(self, initial_state="zero"), records)[1]
+        clearly = moving.error < _CLEARLY * result.error
+        return moving if clearly and moving.operator.slowest_decay() > longest else None
 
     def finish(self, result, records):
         """Store the result of identification, and warn of parameters that are not determined.
@@ -582,7 +633,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """
         if not np.isfinite(result.error):
             raise RecordError(_OUT_OF_RANGE)
-        if agreed(self, "initial_state") == "estimate":
+        if agreed(self, "initial_state") == "estimate" and self.has_rest_:
             if any(record.before is None for record in records):
                 result = with_input_history(result, records, self.method)
             else:
@@ -609,9 +660,24 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         category : type
             Of the warning that a fit gives.
         """
+        name, drives = type(self).__name__, np.concatenate([record.drive for record in records])
+        driven = not (self.operator_class.is_disturbance or self.reads_columns)
+        if driven and self.free_run_state == "rest" and not np.ptp(drives):
+            yield (
+                f"The drive does not move: it is {drives[0]:g} in every sample, which leaves open "
+                f"how {name} responds. If it was switched on at the first sample, say so by "
+                "initial_state='zero'.",
+                ConvergenceWarning,
+            )
+        if driven and _opposes(drives, result.error, records):
+            yield (
+                f"{name} explains nothing of the response, which falls where the drive rises: turn "
+                "the sign of one of them.",
+                ConvergenceWarning,
+            )
         if _is_constant(result.operator) and any(np.ptp(record.y) > 0.0 for record in records):
             yield (
-                f"No weight of {type(self).__name__} is other than zero: the response follows the "
+                f"No weight of {name} is other than zero: the response follows the "
                 "drive in neither direction.",
                 ConvergenceWarning,
             )
@@ -682,8 +748,20 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             model depends on it, or the model counts samples and they are others.
         """
         check_is_fitted(self)
-        slices, X, _ = read_data(self, X, reset=False)
+        if self.free_run_state == "rest" and not self.has_rest_:
+            warnings.warn(
+                f"{_NO_REST.format(type(self).__name__)}, from which this run starts.",
+                ConvergenceWarning,
+                stacklevel=2,
+            )
+        slices, X, _ = read_data(self, X, reset=False, bridge=True)
+        slices, X, read = with_lost_rows(slices, X)
         signal, schedules = self.operator_input(X, slices)
+        y = self._free_run(signal, slices, schedules)
+        return y if read is None else y[read]
+
+    def _free_run(self, signal, slices, schedules):
+        """Return the free run; refuse times in s where the model is in samples, and they matter."""
         options = self.free_run_state, schedules
         y = run_records(self.operator_, signal, slices, *options)
         if slices[0].time_unit == "s" and fitted_interval(self)[1] == "sample":
@@ -727,10 +805,11 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         True
         """
         rest = self.predict(X)
-        slices, X, _ = read_data(self, X, reset=False)
+        slices, X, _ = read_data(self, X, reset=False, bridge=True)
         y = check_array(y, ensure_2d=False, ensure_all_finite="allow-nan", dtype=float)
         check_consistent_length(X, y)
-        known = np.isfinite(y)
+        slices, X, y, rest, read = with_lost_rows(slices, X, y, rest)
+        known = np.isfinite(y) if read is None else np.isfinite(y) & read
         data = [
             replace(record, weights=known[s.rows].astype(float))
             for s, record in zip(
@@ -744,7 +823,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         parts = problem.predictions(problem.x0, np.ones(len(data), dtype=bool))
         told = [known[s.rows].any() for s in slices]
         own = [p if t else rest[s.rows] for s, p, t in zip(slices, parts, told, strict=True)]
-        return np.concatenate(own)
+        found = np.concatenate(own)
+        return found if read is None else found[read]
 
     def stepper(self, dt=None, u0=0.0, initial_state=None, *, schedule=None) -> Stepper:
         """Return the fitted model as a device that is fed the drive sample by sample.
@@ -796,7 +876,21 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     @property
     def free_run_state(self) -> str:
         """State before each record of a free run, "rest" or "zero"."""
-        return "zero" if agreed(self, "initial_state") == "zero" else "rest"
+        state = agreed(self, "initial_state")
+        known = state == "zero" or (state == "estimate" and not self.has_rest_)
+        return "zero" if known else "rest"
+
+
+def _opposes(drives, error, records):
+    """Whether a falling line explains most of a response of which a fit explains nothing."""
+    counts = np.concatenate([record.counts() for record in records])
+    y = np.concatenate([record.y for record in records])
+    if not (np.ptp(y) > 0.0 and np.ptp(drives) > 0.0):
+        return False
+    both = y / np.ptp(y), drives / np.ptp(drives)
+    (power, product), (_, own) = np.cov(*both, ddof=0, aweights=counts)
+    least = error >= _NOTHING * np.sqrt(power) * np.ptp(y)
+    return bool(least and product < 0.0 and product**2 > 0.5 * power * own)
 
 
 def _is_constant(operator):

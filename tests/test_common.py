@@ -460,7 +460,7 @@ def test_clone_and_parameters(model):
         assert again.get_params(deep=False)[key] == params[key]
     again.set_params(initial_state="zero", dt=0.5)
     assert (again.initial_state, again.dt) == ("zero", 0.5)
-    assert model.initial_state == "rest"
+    assert (model.initial_state, model.dt) == (params["initial_state"], params["dt"])
     signature = inspect.signature(type(model).__init__).parameters
     kinds = [p.kind for p in signature.values()]
     assert all(kind is inspect.Parameter.KEYWORD_ONLY for kind in kinds[2:])

@@ -347,7 +347,7 @@ _COMPOSITION = [
     ),
     (
         "the free run starts from rest although zero was asked for",
-        'return "zero" if self.initial_state == "zero" else "rest"',
+        'return "zero" if known else "rest"',
         'return "rest"',
         "tests/test_base.py tests/test_common.py -k 'state or zero or rest'",
     ),

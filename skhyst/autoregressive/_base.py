@@ -18,7 +18,7 @@ from ..base import read_data
 from ..exceptions import DivergenceWarning, RecordError
 from ..operators import Stepper
 from ..preprocessing import SampleRules, lagged_columns, read_lag_table, read_lags
-from ..records import MISMATCH, chosen_interval
+from ..records import MISMATCH, chosen_interval, with_lost_rows
 from ._initial_outputs import estimate_history, fit_line, rest_outputs
 from ._runs import Lags, Start, free_runs, runs_ahead
 from ._streaming import compiled_lags
@@ -143,8 +143,8 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         self.output_lags_ = tuple(read_lags(self, "output_lags", self.output_lags, 1))
         X, names = self._widen(X, records, reset=True)
         self._n_columns = X.shape[1]
-        self.lag_names_ = [_shifted(names[column], lag) for column, lag in self.input_lags_]
-        self.lag_names_ += [_shifted("y", lag) for lag in self.output_lags_]
+        self.lag_names_ = [shifted(names[column], lag) for column, lag in self.input_lags_]
+        self.lag_names_ += [shifted("y", lag) for lag in self.output_lags_]
         self.records_ = records
         self.output_range_ = (float(y.min()), float(y.max()))
         largest = max(abs(value) for value in self.output_range_)
@@ -191,7 +191,10 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
                     "response where 'horizon' is given. Got None instead."
                 )
         given = () if y is None else (y,)
-        records, X, y = read_data(self, X, *given, reset=False)
+        # a free run goes on through lost rows, what sees the response begins anew behind them
+        records, X, y = read_data(self, X, *given, reset=False, bridge=horizon is None)
+        records, X, *given, read = with_lost_rows(records, X, *(() if y is None else (y,)))
+        y = given[0] if given else None
         refuse_large("X", X)
         X, _ = self._widen(X, records)
         starts = self.starting_values(X, records, y)
@@ -212,7 +215,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
             if start.n_past:
                 values[: start.n_past] = y[record.rows][: start.n_past]
             values[start.n_past :] = part
-        return result
+        return result if read is None else result[read]
 
     def predict_one_step(self, X, y) -> np.ndarray:
         """Return the prediction one step ahead, from past measured responses.
@@ -440,5 +443,5 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         return runs_ahead(self._one_step, starts, horizon, self._lags, self.bound_)
 
 
-def _shifted(name, lag):
+def shifted(name, lag):
     return f"{name}(k-{lag})" if lag else f"{name}(k)"

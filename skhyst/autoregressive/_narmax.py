@@ -6,13 +6,16 @@ from numbers import Integral
 import numpy as np
 import pandas as pd
 from sklearn.base import clone
+from sklearn.utils.validation import check_is_fitted
 
-from .._sklearn import Interval, StrOptions
-from .._validation import drive_column
+from .._sklearn import Interval, StrOptions, check_feature_names_in
+from .._validation import drive_column, fitted_interval
 from ..base import one_thread
 from ..optimize import coloured_covariance
 from ..preprocessing import GeneralizedInputGradient, PlayOperators, read_lags
-from ._base import AutoregressiveRegressor
+from ..records import chosen_interval
+from ._base import AutoregressiveRegressor, shifted
+from ._difference_equation import at_ratio
 from ._polynomial import PolynomialStep, candidate_terms, term_name, term_products
 from ._problems import FreeRunProblem, InnovationProblem, innovations
 from ._runs import Start
@@ -25,6 +28,7 @@ _FEATURES = {
     "play": PlayOperators(5),
 }
 _MOST_TERMS = 5000
+_ONE = -1  # stands for the column of an input that is always one
 
 
 class NARMAXRegressor(AutoregressiveRegressor):
@@ -185,6 +189,74 @@ class NARMAXRegressor(AutoregressiveRegressor):
                 "error_reduction_ratio": self.error_reduction_ratio_,
             }
         )
+
+    def resampled(self, dt) -> "NARMAXRegressor":
+        """Return a model of linear terms at another sampling interval.
+
+        It is exact for inputs that are held between the samples of both models, and refused where
+        it cannot be.
+
+        Parameters
+        ----------
+        dt : float
+            Sampling interval of the new model, in ``time_unit_``.
+
+        Returns
+        -------
+        NARMAXRegressor
+            Fitted, of degree 1; its standard errors are NaN.
+
+        Raises
+        ------
+        ValueError
+            If a term is a product, or there are features or noise terms; if ``initial_output`` is
+            a number per lag; or if ``dt`` is not a multiple of the interval of the fit and a pole
+            is zero, as that of a delay, or negative.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from skhyst.autoregressive import NARXRegressor
+        >>> u = np.random.default_rng(0).normal(size=(500, 1))
+        >>> y = np.zeros(500)
+        >>> for k in range(1, 500):
+        ...     y[k] = 0.81 * y[k - 1] + 0.19 * u[k - 1, 0]
+        >>> model = NARXRegressor(input_lags=[1], dt=0.02).fit(u, y)
+        >>> print(model.resampled(0.01).terms_[["term", "coefficient"]].round(6).to_string())
+              term  coefficient
+        0  x0(k-1)          0.1
+        1   y(k-1)          0.9
+        2        1          0.0
+        """
+        check_is_fitted(self)
+        caller = f"{type(self).__name__}.resampled"
+        ratio = chosen_interval((), dt, caller) / fitted_interval(self)[0]
+        linear = self._linear_terms()
+        if linear is None or np.ndim(self.initial_output):
+            raise ValueError(
+                f"{caller} is exact for linear terms of inputs and outputs and one initial output. "
+                "Got products, features, noise terms or a number per lag instead: fit the model to "
+                "data at the other interval."
+            )
+        weights, intercept = linear
+        n_inputs = len(self.input_lags_)
+        with_constant = [*self.input_lags_, (_ONE, 0)]
+        weights = np.insert(weights, n_inputs, intercept)
+        terms, outputs, weights = at_ratio(with_constant, self.output_lags_, weights, ratio)
+        is_one = np.array([*(column == _ONE for column, _ in terms), *np.zeros(len(outputs), bool)])
+        constant = weights[is_one].sum()
+        inputs = tuple(term for term in terms if term[0] != _ONE)
+        return _of_terms(self, inputs, tuple(outputs), [*weights[~is_one], constant], float(dt))
+
+    def _linear_terms(self):
+        """Return the weights of all lagged signals and the constant; None where that is not all."""
+        factors, n_signals = self.term_factors_, len(self.input_lags_) + len(self.output_lags_)
+        plain = (factors >= 0).sum(axis=1) <= 1
+        if not plain.all() or self.noise_lags_ or self.transformers_:
+            return None
+        weights = np.zeros(n_signals + 1)  # the last one is of a term without factors, -1
+        np.add.at(weights, factors.max(axis=1), self.coef_)
+        return weights[:-1], weights[-1]
 
     # ------------------------------------------------------------------------------- the features
 
@@ -403,3 +475,37 @@ def _unit_scale(values):
     """Return a power of two near the largest magnitude, so that dividing by it is exact."""
     largest = np.abs(values).max(axis=0)
     return 2.0 ** np.round(np.log2(np.where(largest > 0.0, largest, 1.0)))
+
+
+def _of_terms(model, input_lags, output_lags, weights, dt):
+    """Return a fitted linear model that has seen what another has, at another interval."""
+    own, unit = vars(model), fitted_interval(model)[1]
+    new = NARMAXRegressor(
+        1,
+        input_lags={column: [k for c, k in input_lags if c == column] for column, _ in input_lags},
+        output_lags=output_lags,
+        initial_output=model.initial_output,
+        dt=dt if unit == "s" else None,
+        drive=model.drive,
+    )
+    for name in (
+        *("n_features_in_", "feature_names_in_", "records_", "drive_range_", "drive_rate_"),
+        *("output_range_", "bound_", "_line", "_n_columns"),
+    ):
+        if name in own:
+            setattr(new, name, own[name])
+    new.dt_, new.time_unit_ = dt, unit
+    new.input_lags_, new.output_lags_, new.noise_lags_ = input_lags, output_lags, ()
+    names = [check_feature_names_in(model, None)[column] for column, _ in input_lags]
+    new.lag_names_ = [shifted(n, lag) for n, (_, lag) in zip(names, input_lags, strict=True)]
+    new.lag_names_ += [shifted("y", lag) for lag in output_lags]
+    n_signals = len(input_lags) + len(output_lags)
+    new.transformers_, new._signs = [], []
+    new.n_candidates_, new.n_evaluations_, new.noise_std_ = n_signals + 1, 0, np.nan
+    new._input_scale, new._output_scale = np.ones(model._n_columns), 1.0
+    new.coef_ = new._theta = np.array(weights)
+    new.coef_std_ = new.coef_std_white_ = np.full(n_signals + 1, np.nan)
+    new.error_reduction_ratio_ = np.full(n_signals + 1, np.nan)
+    new.term_factors_ = np.append(np.arange(n_signals), -1)[:, None]
+    new._step = new._polynomial()
+    return new

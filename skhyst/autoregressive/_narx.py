@@ -14,6 +14,7 @@ from .._sklearn import HasMethods, StrOptions
 from ..base import one_thread
 from ._base import AutoregressiveRegressor
 from ._extract import extract_step
+from ._narmax import NARMAXRegressor
 from ._output_weights import fit_output_weights
 from ._steps import LinearStep
 
@@ -131,6 +132,12 @@ class NARXRegressor(AutoregressiveRegressor):
         self.initial_output = initial_output
         self.dt = dt
         self.drive = drive
+
+    resampled = NARMAXRegressor.resampled
+
+    def _linear_terms(self):
+        """Return the weights of all lagged signals and the constant; None where that is not all."""
+        return (self.coef_, self.intercept_) if isinstance(self._step, LinearStep) else None
 
     def _fit_records(self, X, y, records):
         Z, target = self._regression(X, y, records)

@@ -77,7 +77,7 @@ class Composition(ParametricModel, BaseComposition):
     """
 
     _parameter_constraints = {
-        **ParametricModel._parameter_constraints,
+        **{k: v for k, v in ParametricModel._parameter_constraints.items() if k != "drive"},
         "initial_state": [*ParametricModel._parameter_constraints["initial_state"], None],
         "steps": [list],
     }
@@ -163,6 +163,11 @@ class Composition(ParametricModel, BaseComposition):
             HeldStep(step.estimator) if isinstance(step, FrozenEstimator) else informed(step, self)
             for _, step in self.steps
         ]
+
+    def _starting_models(self):
+        """Return the steps as models whose records start as those of the whole do."""
+        state = agreed(self, "initial_state")
+        return [with_params(model, initial_state=state) for model in self._models()]
 
     @property
     def any_interval(self):
@@ -385,7 +390,7 @@ class Cascade(Composition):
         None where the steps have other parameters than the stages, or are no single models.
         """
         found, records = [], data
-        for stage, model in zip(stages, self._models(), strict=True):
+        for stage, model in zip(stages, self._starting_models(), strict=True):
             if isinstance(model, Cascade) and isinstance(stage, Series):
                 stage = model._resume(stage.stages, records)
             elif isinstance(model, HeldStep):
@@ -481,7 +486,7 @@ class Cascade(Composition):
 
     def _add_steps(self, data, order, method):
         """Add the steps in an order, each behind those before it; refine all after each."""
-        models = self._models()
+        models = self._starting_models()
         stages, evaluations, result = {}, 0, None
         for i, model in enumerate(models):
             if isinstance(model, HeldStep):

@@ -7,6 +7,7 @@ from typing import Self
 import numpy as np
 
 from .._sklearn import HasMethods, Interval, StrOptions
+from .._validation import agreed
 from ..base import ParametricModel, as_node, informed, with_params
 from ..linear import FirstOrderLagOperator
 from ..operators import OnColumnOperator, Scaled, add_disturbances, split_disturbances
@@ -56,6 +57,8 @@ class AroundModel(ParametricModel):
         "estimator": [HasMethods(["fit", "predict"])],
     }
 
+    around_columns = False  # the model inside may read columns of X
+
     def held_parameters(self) -> frozenset[str]:
         return self.estimator.held_parameters()
 
@@ -63,11 +66,20 @@ class AroundModel(ParametricModel):
         estimator = self.estimator.with_hold(hold)
         return self if estimator is self.estimator else with_params(self, estimator=estimator)
 
+    def _starting_model(self, model):
+        """Return the model inside as one whose records start as those of the whole do."""
+        return with_params(model, initial_state=agreed(self, "initial_state"))
+
     def _check_estimator(self):
         if not isinstance(self.estimator, ParametricModel):
             raise TypeError(
                 f"The 'estimator' parameter of {type(self).__name__} must be a parametric model of "
                 f"skhyst. Got {self.estimator!r} instead."
+            )
+        if self.estimator.reads_columns and not self.around_columns:
+            raise TypeError(
+                f"The 'estimator' parameter of {type(self).__name__} must be a model of one input. "
+                f"Got {self.estimator!r}, which reads columns of X, instead."
             )
         self.estimator._validate_params()  # nobody calls its `fit`
 
@@ -186,7 +198,7 @@ class OnColumn(_ColumnModel):
     def starting_values(self, records):
         reference = _mean(records, self.column) if self.centered else 0.0
         own = [replace(r, u=np.ascontiguousarray(r.u[:, self.column]) - reference) for r in records]
-        starts = map(split_disturbances, self.estimator.starting_values(own))
+        starts = map(split_disturbances, self._starting_model(self.estimator).starting_values(own))
         return [
             add_disturbances(OnColumnOperator(driven, self.column, reference), beside)
             for driven, beside in starts
@@ -254,6 +266,8 @@ class Modulated(_ColumnModel):
         "lag": ["boolean"],
     }
 
+    around_columns = True
+
     def __init__(
         self,
         estimator,
@@ -278,9 +292,10 @@ class Modulated(_ColumnModel):
     def starting_values(self, records):
         column = -1 if self.column == "amplitude" else self.column
         reference = _mean(records, column)
+        model = self._starting_model(self._driven())
         return [
             add_disturbances(Scaled(driven, column, reference, lag=lag), beside)
-            for driven, beside in map(split_disturbances, self._driven().starting_values(records))
+            for driven, beside in map(split_disturbances, model.starting_values(records))
             for lag in (lags_of_column(records) if self.lag else [None])
         ]
 

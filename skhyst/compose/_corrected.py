@@ -20,6 +20,7 @@ from ..base import (
     one_thread,
     read_data,
     refine,
+    scored_where,
     with_params,
 )
 from ..linear import Gain
@@ -31,7 +32,7 @@ from ..operators import (
     run_records,
 )
 from ..optimize import OperatorProblem
-from ..records import chosen_interval
+from ..records import chosen_interval, fill_lost_rows, with_lost_rows
 from ._backfitting import Backfitting, Turn, fold_of_rows
 
 
@@ -139,6 +140,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
                 "The 'effects' parameter of Corrected must be a parametric model of skhyst. "
                 f"Got {effects!r} instead."
             )
+        X, y, read = fill_lost_rows(X, y)
         slices, columns, y = read_data(self, X, y, reset=True)
         X = in_native_order(X) if hasattr(X, "iloc") else columns
         if len(slices) == 1 and len(y) < self.cv:
@@ -159,6 +161,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
 
         def records_of(p):
             data = effects.record_data(slices, _as_first_column(p, columns), y)
+            data = data if read is None else scored_where(data, slices, read)
             return [replace(r, segments=own) for r, own in zip(data, segments, strict=True)]
 
         def problem_of(result, p):
@@ -210,13 +213,15 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     def predict(self, X) -> np.ndarray:
         """Return the response, each record from its own start."""
         check_is_fitted(self)
-        slices, columns, _ = read_data(self, X, reset=False)
+        slices, columns, _ = read_data(self, X, reset=False, bridge=True)
         X = X if hasattr(X, "iloc") else columns
         p = np.ravel(self.estimator_.predict(X)).astype(float)
+        slices, columns, p, read = with_lost_rows(slices, columns, p)
         effects, inputs = self.effects_, _as_first_column(p, columns)
         signal, schedules = effects.operator_input(inputs, slices)
         state = effects.free_run_state
-        return run_records(effects.operator_, signal, slices, state, schedules)
+        y = run_records(effects.operator_, signal, slices, state, schedules)
+        return y if read is None else y[read]
 
     def stepper(self, dt=None, u0=0.0, initial_state=None, *, schedule=None) -> Stepper:
         """Return the fitted model as a device that is fed its inputs sample by sample.

@@ -11,8 +11,9 @@ from .._sklearn import Interval
 from .._validation import drive_column
 from ..base import as_node, informed, refine, with_params
 from ..exceptions import RecordError
-from ..operators import Scheduled
+from ..operators import Scheduled, split_disturbances
 from ..optimize import RecordData, VariableProjection
+from ..records import record_names
 from ._columns import AroundModel, amplitude, is_constant
 
 _LEAST = 1e-3  # of a positive parameter, relative to its constant value
@@ -117,12 +118,12 @@ class ScheduledParameters(AroundModel):
             return [amplitude(X[s.rows, drive_column(self)]) for s in slices]
         column = self._column(X.shape[1])
         found = []
-        for s in slices:
+        for s, name in zip(slices, record_names(slices), strict=True):
             values = X[s.rows, column]
             if not is_constant(values, np.abs(X[:, column]).max()):
                 raise RecordError(
                     f"The column {self.by!r} of ScheduledParameters must be constant in each "
-                    f"record. In record {s.label!r} it goes from {values.min():g} to "
+                    f"record. In record {name!r} it goes from {values.min():g} to "
                     f"{values.max():g}: cut the record where it changes."
                 )
             found.append(float(values.mean()))
@@ -152,7 +153,7 @@ class ScheduledParameters(AroundModel):
                 "ScheduledParameters stands outermost, or in a Sum: put the Cascade into it, and "
                 "search effects of the model inside."
             )
-        model = informed(clone(self.estimator), self)
+        model = self._starting_model(informed(clone(self.estimator), self))
         plain = [RecordData(r.u, r.y, r.dt, r.segments, weights=r.weights) for r in records]
         result = model.identify(plain)
         if result.disturbances:
@@ -162,7 +163,8 @@ class ScheduledParameters(AroundModel):
             )
         values, found = [r.schedule for r in records], []
         # parameters that differ from record to record may look like another form in all of them
-        others = {_form(own): own for own in model.starting_values(plain)}
+        starts = map(split_disturbances, model.starting_values(plain))
+        others = {_form(own): own for own, _ in starts}
         others.pop(_form(result.operator), None)
         for own in (result, *(refine(model, [start], plain) for start in others.values())):
             degrees = self._degrees(own)

@@ -75,7 +75,7 @@ class Sum(Composition):
     def identify(self, data):
         self._check_steps()
         state = self.free_run_state
-        models = self._models()
+        models = self._starting_models()
         found, disturbances, evaluations = {}, [], 0
         records, last = data, None
         # what is held is known: it is subtracted from the response first
@@ -105,7 +105,7 @@ class Sum(Composition):
         so its values found alone need not lead to the joint optimum. Where all are linear in the
         signal there is little to gain from further starts.
         """
-        model = self._models()[i]
+        model = self._starting_models()[i]
         if isinstance(model, Composition) or found[i].signal_linear:
             return []
         starts = [split_disturbances(start)[0] for start in model.starting_values(records)]

@@ -59,7 +59,7 @@ from ..operators import (
     inverse_of,
     split_disturbances,
 )
-from ..records import chosen_interval
+from ..records import chosen_interval, record_names
 from ._drive_limits import DriveLimits
 
 _ORDER = 4  # of the low-pass, run forwards and backwards
@@ -300,12 +300,12 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         """
         slices, references = self._references(X)
         found = []
-        for s in slices:
+        for s, name in zip(slices, record_names(slices), strict=True):
             own, size = references[s.rows], float(np.abs(residual[s.rows]).max())
             scale = np.ptp(own) or np.abs(own).max() or np.abs(references).max()
             if not scale:  # a rest at zero: an error as small as that of the fit is no miss
                 scale = np.inf if size <= getattr(self.model_, "fit_error_", 0.0) else size
-            found.append((size / scale, size, s.label if len(slices) > 1 else None))
+            found.append((size / scale, size, name if len(slices) > 1 else None))
         return max(found, key=lambda miss: miss[0])
 
     def refine(self, X, measure, n_trials=6) -> np.ndarray:

@@ -7,7 +7,7 @@ from ..exceptions import RecordError
 from ..io import unit_of
 from ..model_selection import stretches
 from ..optimize import RecordData
-from ..records import Units
+from ..records import Units, fill_lost_rows
 from ._black_box import drive_of
 from ._candidates import held_out_residuals, root_mean_square
 from ._reference import column_of, without_column
@@ -56,12 +56,12 @@ def with_others(drive, columns):
     return drive, columns[:, 1:] if drive.ndim == 1 and columns.shape[1] > 1 else None
 
 
-def record_data(s, drive, others, response, segments):
-    """Return what identification sees of the rows of a record."""
-    auxiliary = None if others is None else others[s.rows]
-    return RecordData(
-        drive[s.rows], response[s.rows], s.dt, segments=tuple(segments), auxiliary=auxiliary
-    )
+def record_data(s, drive, others, response, segments, read=None):
+    """Return what identification sees of the rows of a record; those not ``read`` do not count."""
+    own = {"auxiliary": None if others is None else others[s.rows]}
+    if read is not None and not read[s.rows].all():
+        own["weights"] = read[s.rows].astype(float)
+    return RecordData(drive[s.rows], response[s.rows], s.dt, segments=tuple(segments), **own)
 
 
 def scoring_folds(slices, segments, folds):
@@ -86,13 +86,14 @@ def first_row(search, record):
 
 def held_out_error(search, X, y, declared):
     """Return the error of a fitted search, see its method, on data that lie on even grids."""
+    X, y, read = fill_lost_rows(X, y)
     slices, columns, response = read_data(search, X, y, reset=False)
     X, columns = (without_column(own, column_of(search)) for own in (X, columns))
     driver = search.declared_estimator_ if declared else search._driver
     inputs, records = with_others(drive_of(driver, X, columns, slices), columns), []
     for s in slices:
         segments = stretches(first_row(search, s), s.n_samples)
-        records.append(record_data(s, *inputs, response, segments))
+        records.append(record_data(s, *inputs, response, segments, read))
     structure = search._declared_structure if declared else search._structure
     if structure.input_history:
         structure = structure.led_by(records)
@@ -100,4 +101,4 @@ def held_out_error(search, X, y, declared):
     nothing = np.zeros(len(problem.segment_record), dtype=bool)
     predictions = problem.predictions(problem.x0, nothing)
     residuals = held_out_residuals(problem, predictions, [r.segments[0][0] for r in records])
-    return root_mean_square(residuals, [None] * len(residuals))
+    return root_mean_square(residuals, [record.weights for record in records])

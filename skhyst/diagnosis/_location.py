@@ -5,6 +5,8 @@ from itertools import pairwise
 import numpy as np
 import pandas as pd
 
+from ..records import record_names
+
 _COLUMNS = ["by", "record", "low", "high", "unit", "share", "concentration"]
 
 
@@ -31,11 +33,11 @@ def locate(slices, drive, residual, units):
         return by, record, float(low), float(high), units.of(unit), share, concentration
 
     rows = []
-    for s, keep, own in zip(slices, known, power, strict=True):
+    for s, name, keep, own in zip(slices, record_names(slices), known, power, strict=True):
         time, last = s.dt * np.flatnonzero(keep), s.dt * (len(keep) - 1)
-        rows.append(row("record", s.label, 0.0, last, "s", own.sum(), own.size))
+        rows.append(row("record", name, 0.0, last, "s", own.sum(), own.size))
         parts = _parts(np.linspace(0.0, last, 11), time, own)
-        rows += [row("time", s.label, low, high, "s", *own) for low, high, *own in parts if own[1]]
+        rows += [row("time", name, low, high, "s", *own) for low, high, *own in parts if own[1]]
     rates = [np.gradient(u, s.dt) for u, s in zip(drives, slices, strict=True)]
     for by, unit, signals in (("drive", "drive", drives), ("rate", "drive/s", rates)):
         values = np.concatenate([own[k] for own, k in zip(signals, known, strict=True)])

@@ -31,7 +31,7 @@ from ..inspection import (
     spectrum,
     svg_text,
 )
-from ..records import by_interval
+from ..records import by_interval, record_names
 from ._constants import NOTICEABLE
 from ._effects import EFFECTS
 from ._location import locate
@@ -392,7 +392,7 @@ def _not_it(ranking, claims):
 def _folds(search):
     """Return the held-out errors of every fold in every record."""
     rows = []
-    for record in search.records_:
+    for record, name in zip(search.records_, record_names(search.records_), strict=True):
         own = search.folds_[record.rows]
         squares = {
             f"error_{name}": getattr(search, f"residual_{name}_")[record.rows] ** 2
@@ -402,7 +402,7 @@ def _folds(search):
         for fold in np.unique(own[scored & (own >= 0)]):
             at = scored & (own == fold)
             errors = {name: float(np.sqrt(square[at].mean())) for name, square in squares.items()}
-            which = {"record": str(record.label), "fold": int(fold), "n_samples": int(at.sum())}
+            which = {"record": str(name), "fold": int(fold), "n_samples": int(at.sum())}
             rows.append(which | errors)
     return rows
 
@@ -428,13 +428,13 @@ def _parameters(estimator, words):
 def _data(search):
     """Return what the recording is: records, samples, interval, ranges."""
     signals, records = {"drive": search.drive_, "response": search.response_}, []
-    for record in search.records_:
+    for record, name in zip(search.records_, record_names(search.records_), strict=True):
         own = {
-            "label": str(record.label),
+            "label": str(name),
             "n_samples": record.n_samples,
             "start_time": record.start_time,
             "interval": record.dt,
-            "duration": record.dt * record.n_samples,
+            "duration": record.duration,
         }
         for name, signal in signals.items():
             part = signal[record.rows]
@@ -477,7 +477,7 @@ def _held_out(search, X, y):
 
 def _location(table, slices):
     """Return the strongest entry of each way to look at the residual."""
-    labels = {s.label: str(s.label) for s in slices}  # the table holds 1 as 1.0
+    labels = {name: str(name) for name in record_names(slices)}  # the table holds 1 as 1.0
     strongest = table[table["concentration"] > 1.5].groupby("by", sort=False).head(1)
     rows = strongest.to_dict("records")
     return [{**row, "record": labels.get(row["record"])} for row in rows]
@@ -552,7 +552,7 @@ def next_steps(claims, not_it, location, verdict, faults, settings, advice=""):
             "Record next, as a file: skhyst.diagnosis.next_experiment, or skhyst next on the "
             "command line, proposes the drive within your limits that tells most of this."
         )
-    if faults:
+    if any(fault["fault"] != "lost_rows" for fault in faults):
         steps.append("Mend the faults of the recording listed under Data, and search again.")
     return steps
 

@@ -19,8 +19,10 @@ from ..base import read_data
 from ..model_selection import by_content, segment_folds
 from ..records import (
     data_quality,
+    fill_lost_rows,
     first_of_equals,
     lost_readings,
+    record_slices,
     resample_like,
     resample_records,
     resampling_error,
@@ -188,8 +190,10 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         of the power, and ``concentration``, mean power there over that of the whole, 1 for white
         noise. Of use where the verdict is ``"unexplained"``.
     residual_before_, residual_after_, prediction_before_, prediction_after_ : ndarray
-        Held out, shape (n_samples,), NaN in the washout.
+        Held out, shape (n_samples,), NaN in the washout and where rows were lost.
     records_ : tuple of RecordSlice
+        Of the samples that the arrays here have: those of X, resampled where that is asked for, and
+        one for each row that was lost, as ``data_quality_`` tells.
     folds_ : ndarray of shape (n_samples,)
         Number of the fold that scores each sample, -1 where none does.
     drive_range_ : tuple of (float, float)
@@ -318,14 +322,14 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         self.resampling_error_ = 0.0
         if even is not X:
             self.resampling_error_ = resampling_error(X, y, dt=self.resample)
-        X, y = even, response
+        (X, y, self._read), given = fill_lost_rows(even, response), (even, response)
         slices, drive, response = read_data(self, X, y, reset=True)
         at, every = column_of(self), drive
         X, drive = without_column(X, at), without_column(drive, at)
         segments, folds = segment_folds(slices, self.cv, X, response, washout=self.washout)
         self.folds_ = scoring_folds(slices, segments, folds)
         refuse_no_experiment(every, response, slices)
-        self.data_quality_ = data_quality(X, response, slices)
+        self.data_quality_ = self._quality(given, (X, response, slices), at)
         reference = self._reference = reference_of(self, every, slices)
         self.reference_share_ = None if at is None else reference.share
         declared = declare(declared, X, drive, response, slices, self.random_state, reference)
@@ -346,6 +350,22 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
             return X, y
         found = resample_records(X, y, dt=self.resample)
         return (found, None) if y is None else found
+
+    def _quality(self, given, filled, at):
+        """Return the faults of the recording, by its own rows where rows of it were lost."""
+        if self._read is None:
+            return data_quality(*filled)
+        X, y = given
+        return data_quality(
+            without_column(X, at), y, record_slices(X, y, one_interval=False, bridge=True)
+        )
+
+    def _lost(self, slices):
+        """Return masks (n_record,), one per record, of samples that are no readings."""
+        lost = lost_readings(self.drive_, self.response_, slices)
+        if self._read is None:
+            return lost
+        return [own | ~self._read[s.rows] for own, s in zip(lost, slices, strict=True)]
 
     def _folds_of_records(self, slices, X, y):
         """Return segments and folds in which whole records are held out; None of a single one."""
@@ -373,7 +393,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
     def _search(self, declared, slices, effects, segments, folds, tell):
         begin = time.perf_counter()
         records = [
-            record_data(s, *self._inputs, self.response_, own)
+            record_data(s, *self._inputs, self.response_, own, self._read)
             for s, own in zip(slices, segments, strict=True)
         ]
         if self._reference is not None:
@@ -399,7 +419,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
             tell,
             declared.renew,
             lambda base: self._judged(declared.measured(contest.records), base, contest),
-            lost_readings(self.drive_, self.response_, slices) if self.loss == "huber" else None,
+            self._lost(slices) if self.loss == "huber" else None,
         )
         for _ in range(REWEIGHTED if contest.lost else 0):
             base = first = contest.weighed(base)
@@ -449,7 +469,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         self.residual_location_ = locate(slices, self.drive_, self.residual_after_, self.units_)
         self.seconds_["noise floor"] = time.perf_counter() - begin
         begin = time.perf_counter()
-        del self._inputs, self._reference, self._whole
+        del self._inputs, self._reference, self._whole, self._read
         self._structure, self._records = base.structure, tuple(records)
         self.best_estimator_, result = self.declared_estimator_, None
         if self.effects_ or self.resolution_:

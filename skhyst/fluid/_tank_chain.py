@@ -121,6 +121,20 @@ def tank_step(u, c, s):
 
 
 @jit
+def tank_begin(u, c, s):
+    """Do :func:`tank_step` where no drive leads to the first sample.
+
+    ``s`` ends with a mark that is zero before it.
+    """
+    _, _, _, _, _, _, _, _, gain, intercept, most = c
+    n = c[0].size
+    if s[n + 1] > 0.0:
+        return tank_step(u, c, s)
+    s[n], s[n + 1] = u, 1.0
+    return gain * min(s[n - 1], most) + intercept
+
+
+@jit
 def tank_tangents(
     u, du, before, dbefore, levels, d, k, tau, p, ceiling, share, offset, scale, n_substeps, held,
     out, dout,
@@ -370,42 +384,48 @@ class TankChainOperator(Operator):
         return levels, dlevels
 
     def init(self, u0, initial_state="rest"):
-        if initial_state == "zero":
-            return (0.0,) * (self.n_tanks + 1)
+        if initial_state == "zero":  # a ramp from zero would lead to the first sample
+            return (*(0.0,) * self.n_tanks, 0.0 if self.hold == "zoh" else None)
         return (*self._rest(float(u0))[0].tolist(), float(u0))
 
     def run(self, u, dt, state=None):
         u = as_signal(u)
         if state is None:
             state = self.init(u[0] if u.size else 0.0)
-        levels, before = np.array(state[:-1], dtype=float), float(state[-1])
+        *levels, before = state
+        levels, first = np.array(levels, dtype=float), int(before is None and u.size > 0)
         k, *rest = self._structure(dt)
-        w = np.empty(u.size)
-        tank_run(u, before, levels, k, self.exponents, *self._limits(), *rest, w)
+        w = np.full(u.size, levels[-1])
+        before = float(u[0]) if first else before
+        tank_run(u[first:], before, levels, k, self.exponents, *self._limits(), *rest, w[first:])
         y = self.gain * np.minimum(w, self._most()) + self.intercept
         return y, (*levels.tolist(), float(u[-1]) if u.size else before)
 
     def compiled_step(self, dt, state):
         k, *rest = self._structure(dt)
-        reading = self.gain, self.intercept, self._most()
-        return CompiledLaw(tank_step, (k, self.exponents, *self._limits(), *rest, *reading), state)
+        constants = k, self.exponents, *self._limits(), *rest, self.gain, self.intercept
+        constants = *constants, self._most()
+        if state[-1] is None:
+            return CompiledLaw(tank_begin, constants, (*state[:-1], 0.0, 0.0))
+        return CompiledLaw(tank_step, constants, state)
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
         u, du = as_signal(u), as_signal(du)
         m, n_own = du.shape[1], self.n_parameters - 2
         levels, d = np.zeros(self.n_tanks), np.zeros((self.n_tanks, m + n_own))
-        before, dbefore = 0.0, np.zeros(m)
-        if initial_state == "rest" and u.size:
+        before, dbefore, first = 0.0, np.zeros(m), 0
+        if initial_state == "zero" and self.hold == "foh" and u.size:
+            before, dbefore, first = float(u[0]), du[0], 1
+        elif initial_state == "rest" and u.size:
             before, dbefore = float(u[0]), du[0]
             levels, by = self._rest(before)
             d[:, :m] = np.outer(by[:, 0], dbefore)
             d[:, m:] = by[:, 1:]
         k, *rest = self._structure(dt)
-        w, dw = np.empty(u.size), np.empty((u.size, d.shape[1]))
-        given = k, self.time_constants, self.exponents
-        tank_tangents(
-            u, du, before, as_signal(dbefore), levels, d, *given, *self._limits(), *rest, w, dw
-        )
+        w, dw = np.zeros(u.size), np.zeros((u.size, d.shape[1]))
+        given, own = (k, self.time_constants, self.exponents), slice(first, None)
+        begin = u[own], du[own], before, as_signal(dbefore), levels, d
+        tank_tangents(*begin, *given, *self._limits(), *rest, w[own], dw[own])
         reading, over = np.minimum(w, self._most()), w > self._most()
         if over.any():
             dw[over] = 0.0

@@ -30,6 +30,7 @@ from ..operators import (
     block_table,
     first_order_run,
     second_order_run,
+    state_space_begin,
     state_space_run,
     state_space_step,
     state_space_tangents,
@@ -67,6 +68,12 @@ def complex_gain(a, b, c, d, points):
     """Return C (s - A)^-1 B + D at the complex points s (n,), (n, n_outputs, n_inputs)."""
     resolvent = points[:, None, None] * np.eye(len(a)) - a
     return c @ np.linalg.solve(resolvent, np.broadcast_to(b, (len(points), *b.shape))) + d
+
+
+def decay_of(poles):
+    """Return the longest time in s in which what poles (rad/s) stand for falls to 1/e."""
+    slowest = np.max(np.real(poles), initial=-np.inf)
+    return float(-1.0 / slowest) if slowest < 0.0 else np.inf
 
 
 def _equilibrium(a, b):
@@ -184,6 +191,9 @@ class LinearOperator(DiscretizedOperator):
         """Return the poles in rad/s, complex, shape (n_states,)."""
         return np.linalg.eigvals(self.state_space()[0])
 
+    def slowest_decay(self):
+        return decay_of(self.poles())
+
     def _rest(self):
         """Return the state at rest for a unit input."""
         if "rest" not in self._memory:
@@ -237,19 +247,27 @@ class LinearOperator(DiscretizedOperator):
         return InverseLinearOperator(self)
 
     def init(self, u0, initial_state="rest"):
-        if initial_state == "zero":
-            return np.zeros_like(self._rest()), 0.0
+        if initial_state == "zero":  # a ramp from zero would lead to the first sample
+            return np.zeros_like(self._rest()), None if self.hold == "foh" else 0.0
         return self._rest() * u0, float(u0)
 
     def run(self, u, dt, state=None):
         u = as_signal(u)
         x, previous = self.init(u[0]) if state is None else state
-        y, x = self._advance(u, dt, x, previous)
+        if previous is None:
+            _, _, _, c, d = self.discrete(dt)
+            first = c @ x + d * u[0]
+            y, x = self._advance(u[1:], dt, x, float(u[0]))
+            y = np.append(first, y)
+        else:
+            y, x = self._advance(u, dt, x, previous)
         return y + self.intercept, (x, float(u[-1]))
 
     def compiled_step(self, dt, state):
         x, previous = state
         constants = *self.discrete(dt), self.intercept
+        if previous is None:
+            return CompiledLaw(state_space_begin, constants, [*x, 0.0, *x, 0.0])
         return CompiledLaw(state_space_step, constants, [*x, previous, *x])
 
     def _advance(self, u, dt, x, previous):

@@ -56,6 +56,22 @@ def creep_step(u, c, s):
 
 
 @jit
+def creep_begin(u, c, s):
+    """Do :func:`creep_step` where no drive leads to the first sample.
+
+    ``s`` ends with a mark that is zero before it.
+    """
+    _, _, _, weights, gain, intercept = c
+    n = weights.size
+    if s[n + 2] > 0.0:
+        return creep_step(u, c, s)
+    s[n], s[n + 2], y = u - s[n + 1], 1.0, u
+    for j in range(n):
+        y += weights[j] * s[j]
+    return gain * y + intercept
+
+
+@jit
 def _creep_bank(decay, b0, b1, weights, u, v, u_previous):
     """Return the sums (n_samples, n_sums) and the last state; ``v`` is not modified.
 
@@ -165,12 +181,14 @@ class LogCreepOperator(Operator):
 
     def init(self, u0, initial_state="rest"):
         # states of the units relative to the level at rest, that level, last input relative to it
-        return np.zeros(len(self._rates)), 0.0 if initial_state == "zero" else float(u0), 0.0
+        if initial_state == "zero":  # a ramp from zero would lead to the first sample
+            return np.zeros(len(self._rates)), 0.0, None if self.hold == "foh" else 0.0
+        return np.zeros(len(self._rates)), float(u0), 0.0
 
     def run(self, u, dt, state=None):
         u = np.ascontiguousarray(u, dtype=float)
         v, level, previous = self.init(u[0]) if state is None else state
-        sums, v = _creep_bank(*self._discrete(dt), self._weights()[:1], u - level, v, previous)
+        sums, v = self._sums(dt, self._weights()[:1], u - level, v, previous)
         y = self.gain * (u + self.creep * _DECADE * sums[:, 0]) + self.intercept
         return y, (v, level, float(u[-1] - level))
 
@@ -178,19 +196,28 @@ class LogCreepOperator(Operator):
         v, level, previous = state
         weights = self.creep * _DECADE * self._weights()[0]
         constants = *self._discrete(dt), weights, self.gain, self.intercept
+        if previous is None:
+            return CompiledLaw(creep_begin, constants, [*v, 0.0, level, 0.0])
         return CompiledLaw(creep_step, constants, [*v, previous, level])
+
+    def _sums(self, dt, weights, u, v, previous):
+        """Return what :func:`_creep_bank` does; no drive leads to ``u`` if ``previous`` is None."""
+        if previous is not None:
+            return _creep_bank(*self._discrete(dt), weights, u, v, previous)
+        sums, state = _creep_bank(*self._discrete(dt), weights, u[1:], v, float(u[0]))
+        return np.vstack([weights @ v, sums]), state
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
         u = np.ascontiguousarray(u, dtype=float)
-        m = du.shape[1]
-        discrete, weights, units = self._discrete(dt), self._weights(), np.zeros(len(self._rates))
+        m, weights = du.shape[1], self._weights()
+        units, level, previous = self.init(u[0], initial_state)
         rest = initial_state == "rest"
         scale = self.creep * _DECADE
-        sums, _ = _creep_bank(*discrete, weights, u - (u[0] if rest else 0.0), units, 0.0)
+        sums, _ = self._sums(dt, weights, u - level, units, previous)
         dy = np.empty((len(u), m + 4))
         for q in range(m):
             change = np.ascontiguousarray(du[:, q] - (du[0, q] if rest else 0.0))
-            own, _ = _creep_bank(*discrete, weights[:1], change, units, 0.0)
+            own, _ = self._sums(dt, weights[:1], change, units, previous)
             dy[:, q] = self.gain * (du[:, q] + scale * own[:, 0])
         dy[:, m] = self.gain * _DECADE * sums[:, 0]
         dy[:, m + 1] = self.gain * scale * sums[:, 1]

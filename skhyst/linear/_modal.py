@@ -12,7 +12,6 @@ from sklearn.utils.validation import check_is_fitted
 from .._sklearn import Interval, StrOptions, fit_context
 from .._validation import (
     as_floats,
-    drive_column,
     keep_seen,
     read_slices,
     refuse_extreme,
@@ -37,7 +36,7 @@ from ..optimize import (
     vector_fit,
     warp,
 )
-from ..records import chosen_interval
+from ..records import chosen_interval, with_lost_rows
 from ._linear import complex_gain
 from ._modes import ModesMixin, section_poles
 from ._periodic import find_period, period_spectra
@@ -321,7 +320,6 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         tolerance=1e-6,
         max_evaluations=60,
         dt=None,
-        drive=None,
     ):
         self.n_poles = n_poles
         self.fit_intercept = fit_intercept
@@ -330,7 +328,6 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         self.tolerance = tolerance
         self.max_evaluations = max_evaluations
         self.dt = dt
-        self.drive = drive
 
     @fit_context(prefer_skip_nested_validation=True)
     def fit(self, X, y) -> Self:
@@ -352,7 +349,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         self._one_response = response.ndim == 1
         response = response.reshape(len(array), -1)
         self.records_ = slices = read_slices(self, X, y, reset=True)
-        keep_seen(self, array[:, drive_column(self)], slices)
+        keep_seen(self, array[:, 0], slices)
         dt, scales = slices[0].dt, (_size(array), _size(response))
         records = [(array[s.rows] / scales[0], response[s.rows] / scales[1]) for s in slices]
         with one_thread():
@@ -450,8 +447,9 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         """
         check_is_fitted(self)
         array = as_floats(self, X, reset=False)
-        slices = read_slices(self, X, reset=False)
+        slices, array, read = with_lost_rows(read_slices(self, X, reset=False, bridge=True), array)
         y = run_records(self.operator_, array, slices, self.initial_state)
+        y = y if read is None else y[read]
         return y[:, 0] if self._one_response else y
 
     def stepper(self, dt=None, u0=0.0, initial_state=None) -> Stepper:

@@ -35,7 +35,7 @@ from ..operators import (
     CompiledSum,
     Series,
     parameter,
-    run_records,
+    state_space_begin,
     state_space_step,
 )
 from ..optimize import (
@@ -47,6 +47,7 @@ from ..optimize import (
     sections,
     vector_fit,
 )
+from ..records import with_lost_rows
 from ._conversion import control_system, poles_and_response, scipy_system
 from ._delay import DelayOperator
 from ._estimate_response import chosen_columns
@@ -54,6 +55,7 @@ from ._linear import (
     DiscretizedOperator,
     LinearModel,
     LinearOperator,
+    decay_of,
     discretize,
     log_grid,
     refuse_open_hold,
@@ -400,6 +402,9 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
         """Return the poles in rad/s, complex, shape (n_states,)."""
         return self.part(0).poles()
 
+    def slowest_decay(self):
+        return decay_of(self.poles())
+
     def zeros(self):
         """Return the zeros of each input in rad/s: a list of complex arrays."""
         return [part.zeros() for part in self._parts()]
@@ -496,7 +501,8 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
         at_rest = initial_state == "rest"
         x = -np.linalg.solve(a, b @ u0) if at_rest else np.zeros(len(a))
         pasts = (o.init(v, initial_state) for o, v in zip(self._delays(), u0, strict=False))
-        return x, u0 * at_rest, tuple(pasts)
+        previous = None if self.hold == "foh" and not at_rest else u0 * at_rest
+        return x, previous, tuple(pasts)
 
     def run(self, u, dt, state=None):
         u = np.ascontiguousarray(u, dtype=float)
@@ -508,7 +514,13 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
             ]
             u = np.stack([signal for signal, _ in delayed], axis=1)
             pasts = tuple(past for _, past in delayed)
-        y, x = state_space_run_many(*self._discrete(dt), u, x, previous)
+        discrete = self._discrete(dt)
+        if previous is None:
+            first = discrete[-2] @ x + discrete[-1] @ u[0]
+            y, x = state_space_run_many(*discrete, u[1:], x, u[0])
+            y = np.vstack([first, y])
+        else:
+            y, x = state_space_run_many(*discrete, u, x, previous)
         return y[:, 0] + self.intercept, (x, u[-1].copy(), pasts)
 
     def compiled_step(self, dt, state):
@@ -519,7 +531,11 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
         for i in range(self.n_inputs):
             constants = ad, b0[:, i], b1[:, i], c, d[i], self.intercept if i == 0 else 0.0
             own = x if i == 0 else np.zeros_like(x)
-            stages = (CompiledLaw(state_space_step, constants, [*own, previous[i], *own]),)
+            if previous is None:
+                law = CompiledLaw(state_space_begin, constants, [*own, 0.0, *own, 0.0])
+            else:
+                law = CompiledLaw(state_space_step, constants, [*own, previous[i], *own])
+            stages = (law,)
             if pasts:
                 stages = self._delays()[i].compiled_step(dt, pasts[i]), *stages
             branches.append(CompiledColumn((CompiledSeries(stages),), i, 0.0))
@@ -966,7 +982,8 @@ class TransferFunction(ModesMixin, LinearModel):
             result = choose_orders(fit, self.n_poles, self.n_zeros, self.max_poles)
         self._response_inputs = tuple(response.input_names[i] for i in columns)
         self._n_inputs = self.n_features_in_ = len(columns)
-        self.records_ = ()
+        self.records_, self.time_unit_ = (), response.time_unit
+        self.dt_ = response.dt if self.dt is None else None  # it is in continuous time
         return self.adopt(result)
 
     def adopt(self, result):
@@ -1032,6 +1049,7 @@ class TransferFunction(ModesMixin, LinearModel):
         model._n_inputs = model.n_features_in_ = n_inputs
         model._response_inputs = tuple(f"input{i}" for i in range(n_inputs))
         model.operator_, model.records_ = operator, ()
+        model.dt_, model.time_unit_ = None, "s"
         model.params_ = dict(zip(entries, operator.pack().tolist(), strict=True))
         model.params_std_ = dict.fromkeys(entries, 0.0)
         model.params_std_white_ = dict.fromkeys(entries, 0.0)
@@ -1096,5 +1114,7 @@ class TransferFunction(ModesMixin, LinearModel):
                 f"{array.shape[1]} column(s) instead."
             )
         signal = array[:, : self._n_inputs] if self.reads_columns else array[:, 0]
-        slices = read_slices(self, X, reset=False)
-        return run_records(self.operator_, signal, slices, self.free_run_state)
+        slices = read_slices(self, X, reset=False, bridge=True)
+        slices, signal, read = with_lost_rows(slices, signal)
+        y = self._free_run(signal, slices, [None] * len(slices))
+        return y if read is None else y[read]

@@ -105,10 +105,10 @@ class _WashoutScorer:
         """Return the score of the predicted rows that count."""
         y_pred = np.asarray(estimator.predict(X))
         check_consistent_length(X, y, y_pred)
-        records = record_slices(X, y, one_interval=False)
+        records = record_slices(X, y, one_interval=False, bridge=True)
         counts = np.zeros(len(y_pred), dtype=bool)
         for record in records:
-            counts[record.rows.start + self.washout : record.rows.stop] = True
+            counts[record.rows] = record.samples >= self.washout
         if not counts.any():
             longest = max((record.n_samples for record in records), default=0)
             raise ValueError(

@@ -62,7 +62,7 @@ class _RecordSplitter(BaseCrossValidator):
             )
         check_integer("n_splits", self.n_splits, 2, type(self).__name__)
         X, y = indexable(X, y)
-        records = record_slices(X, y, one_interval=False)
+        records = record_slices(X, y, one_interval=False, bridge=True)
         labelled = isinstance(getattr(X, "index", None), pd.MultiIndex)
         return self._row_numbers(records, labelled, self._folds(records, labelled, X, y))
 
@@ -287,7 +287,7 @@ def _clock(records, washout):
         if previous is not None and record.label == previous.label:
             ahead = record.start_time - previous.start_time
             if ahead > 0:
-                jump = max(round(ahead / record.dt) - previous.n_samples + 1, 2)
-        ticks.append(last + jump + np.arange(record.n_samples))
+                jump = max(round(ahead / record.dt) - previous.samples[-1], 2)
+        ticks.append(last + jump + record.samples)
         last, previous = ticks[-1][-1], record
     return np.concatenate(ticks)

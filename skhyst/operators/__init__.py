@@ -66,6 +66,7 @@ from ._state_space import block_run as block_run
 from ._state_space import block_table as block_table
 from ._state_space import first_order_run as first_order_run
 from ._state_space import second_order_run as second_order_run
+from ._state_space import state_space_begin as state_space_begin
 from ._state_space import state_space_run as state_space_run
 from ._state_space import state_space_step as state_space_step
 from ._state_space import state_space_tangents as state_space_tangents

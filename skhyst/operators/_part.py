@@ -158,6 +158,13 @@ class Part:
         """
         return None
 
+    def slowest_decay(self) -> float:
+        """Return the longest time in which a state falls to 1/e, s; infinite for an integrator.
+
+        Of the linear parts alone; 0 where there is none.
+        """
+        return max((child.slowest_decay() for child in self.children), default=0.0)
+
     def at(self, schedule):
         """Return the operator of a record, whose parameters may depend on a number of it.
 

@@ -208,7 +208,8 @@ class Operator(Part, ABC):
         initial_state : {"rest", "zero"}, default="rest"
             ``"rest"``: the device has rested at ``u0`` until all dynamics settled, and its
             hysteresis memory is that of a first loading from zero to ``u0``. ``"zero"``: every
-            state is zero and so was the input.
+            state is zero and so was the input; an operator with a ``hold`` has its state zero at
+            the first sample, whose input it had all at once.
 
         Returns
         -------

@@ -78,6 +78,24 @@ def state_space_step(u, c, s):
     return y + intercept
 
 
+@jit
+def state_space_begin(u, c, s):
+    """Do :func:`state_space_step` where no drive leads to the first sample.
+
+    ``s`` ends with a mark that is zero before it.
+    """
+    _, _, _, output, d, intercept = c
+    n_states = output.size
+    if s[2 * n_states + 1] > 0.0:
+        return state_space_step(u, c, s)
+    y = d * u
+    for i in range(n_states):
+        y += output[i] * s[i]
+    s[n_states] = u
+    s[2 * n_states + 1] = 1.0
+    return y + intercept
+
+
 def block_table(ad, b0, b1, c, d, length):
     """Return the matrix that advances ``length`` samples at once, for :func:`block_run`.
 
@@ -146,7 +164,8 @@ def state_space_tangents(ad, b0, b1, c, d, dad, db0, db1, dc, dd, u, du, x, dx, 
     ``du`` (n, m) are tangents of the input; the arrays ``dad`` (p, n_states, n_states) to ``dd``
     (p,) are derivatives of the discrete form with respect to ``p`` parameters. ``dx``
     (n_states, m + p) are the tangents of the initial state ``x``, ``u0`` and ``du0`` (m,) the
-    input and its tangents before the first sample.
+    input and its tangents before the first sample. Where ``u0`` is None, no input leads to the
+    first sample, and ``x`` is the state there.
 
     The recursion runs on ``w[k] = x[k] - B1 u[k]``, which needs one sample of the input only:
     ``w[k+1] = Ad w[k] + B u[k]``, ``y[k] = C w[k] + (D + C B1) u[k]`` with ``B = B0 + Ad B1``.
@@ -157,11 +176,16 @@ def state_space_tangents(ad, b0, b1, c, d, dad, db0, db1, dc, dd, u, du, x, dx, 
     db = db0 + dad @ b1 + db1 @ ad.T
     by = np.concatenate([dad, db[:, :, None]], axis=2).transpose(1, 2, 0)
     output_by = np.concatenate([dc, (dd + dc @ b1 + db1 @ c)[:, None]], axis=1).T
-    dw = ad @ dx
-    dw[:, :m] += np.outer(b0, du0)
-    dw[:, m:] += (dad @ x + db0 * u0).T
+    if u0 is None:
+        w, dw = x - b1 * u[0], dx.copy()
+        dw[:, :m] -= np.outer(b1, du[0])
+        dw[:, m:] -= (db1 * u[0]).T
+    else:
+        w, dw = ad @ x + b0 * u0, ad @ dx
+        dw[:, :m] += np.outer(b0, du0)
+        dw[:, m:] += (dad @ x + db0 * u0).T
     columns = np.ascontiguousarray(by), np.ascontiguousarray(output_by)
-    system = np.ascontiguousarray(ad), b, c, float(direct), *columns, ad @ x + b0 * u0, dw, u, du
+    system = np.ascontiguousarray(ad), b, c, float(direct), *columns, w, dw, u, du
     return _second_order_tangents(*system) if len(x) == 2 else _tangent_loop((0,) * len(x), *system)
 
 

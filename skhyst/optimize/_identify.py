@@ -4,8 +4,10 @@ import time
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.linalg import norm
 
 from ..operators import split_disturbances
+from ._bounded_step import bounded_step
 from ._levenberg_marquardt import LevenbergMarquardt
 from ._population import CuckooSearch, DifferentialEvolution, ModifiedCuckooSearch, ParticleSwarm
 from ._problem import OperatorProblem
@@ -24,6 +26,8 @@ METHODS = {
 _SILENT = 1e-13  # of the response
 _LOST = np.sqrt(np.finfo(float).tiny / np.finfo(float).eps)  # below it squares lose their digits
 NOISELESS = 1e-8  # part of the response's power that is no noise, but what numbers are rounded to
+_STIFF = 1e10  # of what the data determine, beside what they do not
+_ROUNDING = 1e-6  # part of the linear unknowns that is no change of them
 _SINGULAR = 1e-11  # relative eigenvalue of the scaled normal equations
 
 
@@ -162,6 +166,38 @@ def _determined(problem, solution, powers):
     return root, marks, tuple(sorted(undetermined)), float(condition)
 
 
+def _least_norm(problem, solution):
+    """Return the solution with the least of what the data do not determine of linear unknowns.
+
+    Else it would be what the start had. The norm is that of their parts of the response, so that
+    it depends on no unit; what has none is as near to zero as its bounds let it be.
+    """
+    x, index = solution.x.copy(), np.flatnonzero(problem.linear)
+    hessian = solution.gram[np.ix_(index, index)]
+    scale = np.sqrt(np.maximum(np.diag(hessian), 0.0))
+    shown = scale > _LOST
+    silent = index[~shown]
+    x[silent] = np.clip(0.0, problem.lower[silent], problem.upper[silent])
+    index, scale = index[shown], scale[shown]
+    if not len(index):
+        return x
+    values, vectors = np.linalg.eigh(hessian[np.ix_(shown, shown)] / np.outer(scale, scale))
+    free = vectors[:, values < _SINGULAR * values[-1]]
+    if not free.shape[1]:
+        return x
+    z = x[index] * scale
+    step = -free @ (free.T @ z)
+    low, high = problem.lower[index] * scale, problem.upper[index] * scale
+    if not np.all((low <= z + step) & (z + step <= high)):
+        # a way that the data determine costs so much that none is gone
+        held = np.eye(len(z)) - free @ free.T
+        step = bounded_step(np.eye(len(z)) + _STIFF * held, z, low - z, high - z)
+        step = free @ (free.T @ step)
+    if norm(step) > _ROUNDING * norm(z):
+        x[index] = np.clip(z + step, low, high) / scale
+    return x
+
+
 def _errors(problem, x, covariance, marks):
     """Return the standard errors of the parameters and their covariance in their own units."""
     chain = np.where(problem.log, problem.values(x), 1.0)
@@ -263,6 +299,10 @@ def solve(problems, method, with_errors=True):
     begin = time.perf_counter()
     method = METHODS[method]() if isinstance(method, str) else method
     problem, solution, n_evaluations = method.solve(problems)
+    least = _least_norm(problem, solution)
+    if np.any(least != solution.x):
+        gram = problem.total(problem.evaluate(least))
+        solution, n_evaluations = replace(solution, x=least, gram=gram), n_evaluations + 1
     seconds = time.perf_counter() - begin
     n_samples = problem.segment_weight.sum()  # a sample of weight 2 stands for two
     operator, disturbances = problem.unpack(solution.x)

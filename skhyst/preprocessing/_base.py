@@ -12,6 +12,7 @@ from sklearn.utils.validation import check_is_fitted
 from .._documentation import inherit_documentation
 from .._sklearn import check_feature_names_in, fit_context
 from .._validation import as_floats, find_column, read_slices, refuse_large
+from ..records import with_lost_rows
 
 _EXTREME = 1e250  # largest values, whose differences over a short interval are finite
 
@@ -134,9 +135,11 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
         array = as_floats(self, X, reset=False)
         refuse_large("X", array[:, self.columns_], _EXTREME)
         names = self.get_feature_names_out()
+        records, array, read = with_lost_rows(read_slices(self, X, reset=False, bridge=True), array)
         features = np.empty((len(array), len(names)))
-        for record in read_slices(self, X, reset=False):
+        for record in records:
             self._transform_record(array[record.rows], record.dt, features[record.rows])
+        features = features if read is None else features[read]
         if hasattr(X, "iloc"):
             return type(X)(features, index=X.index, columns=names, copy=False)
         return features

@@ -37,6 +37,7 @@ from scipy.stats import f as fisher
 
 from ..noise import block_p_value, white_noise_floor
 
+SIDE = 8  # samples of a cubic on either side of a row
 _ENOUGH = 10_000  # samples used at once: windows of 2 sqrt(n) lags of them take 16 MB
 
 
@@ -142,7 +143,7 @@ def are_exchanged(u, y, alpha=0.01):
 
 def lost_samples(u, y, alpha=0.001):
     """Return pairs (rows, number): before each of these rows so many samples are missing."""
-    side, n = 8, len(u)
+    side, n = SIDE, len(u)
     if n < 4 * side or not (np.ptp(u) > 0.0 and np.ptp(y) > 0.0):
         return []
     drive, response = _Stretches(u, side), _Stretches(y, side)

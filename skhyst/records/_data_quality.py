@@ -10,8 +10,8 @@ For faults that show in the relation of drive and response see ``_channels``.
 import numpy as np
 import pandas as pd
 
-from ._channels import are_exchanged, lost_samples, noise_on_drive, reaction_p_value
-from ._index import first_of_equals
+from ._channels import SIDE, are_exchanged, lost_samples, noise_on_drive, reaction_p_value
+from ._index import first_of_equals, record_names
 
 _ADVICE = {
     "outlier": "take the rows out as missing readings, or use a robust loss",
@@ -21,7 +21,10 @@ _ADVICE = {
     "wrapped_reading": "unwrap the reading, as np.unwrap(y, period=value) does",
     "clock_jitter": "resample with skhyst.records.resample_records",
     "lost_samples": "start a new record at each of these rows; a time index would show the gap",
+    "lost_rows": "nothing to do: a model runs on through them, and they are not scored",
     "repeated_record": "leave it out: it is equal to an earlier one to the last bit",
+    "constant_drive": "drive the device: what does not move tells nothing of its response",
+    "same_signal": "check the columns: the drive is in another column, too",
     "swapped_channels": "check the columns: the drive reads like a response, and lags",
     "noisy_drive": "give the drive as it was commanded, or average it over repetitions",
     "closed_loop": "record what the controller follows, and search with it as the reference",
@@ -38,18 +41,20 @@ def data_quality(X, y, records) -> pd.DataFrame:
     y : ndarray of shape (n_samples,)
         Response.
     records : sequence of RecordSlice
-        Rows and sampling interval of each record.
+        Rows and sampling interval of each record, with what it has lost where that is wanted
+        (``record_slices(X, bridge=True)``).
 
     Returns
     -------
     DataFrame
         One row per fault and record: ``fault`` (one of ``outlier``, ``lost_reading``,
         ``stuck_sensor``, ``clipped_range``, ``wrapped_reading``, ``clock_jitter``,
-        ``lost_samples``, ``swapped_channels``, ``noisy_drive``, ``repeated_record``), ``record``,
-        ``n_samples``, ``rows`` (the first few), ``value`` (reading at which it was stuck, clipped
-        or lost; jump of a wrapped reading; relative standard deviation of the interval; number of
-        samples lost before each row; standard deviation of the drive's noise; NaN for others),
-        ``advice``.
+        ``lost_samples``, ``lost_rows`` (of which the index tells), ``swapped_channels``,
+        ``noisy_drive``, ``repeated_record``, and of all records ``constant_drive`` and
+        ``same_signal``), ``record``, ``n_samples``, ``rows`` (the first few;
+        of lost ones those behind), ``value`` (reading at which it was stuck, clipped or lost; jump
+        of a wrapped reading; relative standard deviation of the interval; number of samples lost
+        before each row; standard deviation of the drive's noise; NaN for others), ``advice``.
 
     Notes
     -----
@@ -70,11 +75,18 @@ def data_quality(X, y, records) -> pd.DataFrame:
     drive = np.asarray(X, dtype=float)[:, 0]
     y = np.asarray(y, dtype=float)
     found, firsts = [], first_of_equals(records, X, y)
-    for number, record in enumerate(records):
+    still = drive.size > 0 and not np.ptp(drive)
+    others = [y, *np.asarray(X, dtype=float).T[1:]]
+    same = not still and any(np.array_equal(drive, other) for other in others)
+    for number, (record, name) in enumerate(zip(records, record_names(records), strict=True)):
         u, own = drive[record.rows], y[record.rows]
         whole = np.arange(record.rows.start, record.rows.stop)
+        if still:
+            found.append(("constant_drive", name, whole, u[0]))
+        if same:
+            found.append(("same_signal", name, whole, np.nan))
         if firsts[number] < number:
-            found.append(("repeated_record", record.label, whole, np.nan))
+            found.append(("repeated_record", name, whole, np.nan))
         runs = _runs(own)
         faults = list(_spikes(u, own, *runs))
         codes = [value for fault, _, value in faults if fault == "lost_reading"]
@@ -86,17 +98,25 @@ def data_quality(X, y, records) -> pd.DataFrame:
             if _scatter(own) > step:
                 faults += _stuck(u, own, *runs)
         for fault, rows, value in faults:
-            found.append((fault, record.label, rows + record.rows.start, value))
+            found.append((fault, name, rows + record.rows.start, value))
         jitter = _jitter(X, record)
         if jitter > 0.05:  # rounding of the interval by a tenth gives 0.04
-            found.append(("clock_jitter", record.label, np.arange(record.n_samples), jitter))
+            found.append(("clock_jitter", name, np.arange(record.n_samples), jitter))
         noise = noise_on_drive(u, own)
         if noise > 0.0 and are_exchanged(u, own):
-            found.append(("swapped_channels", record.label, whole, np.nan))
+            found.append(("swapped_channels", name, whole, np.nan))
         elif noise > 0.0:
-            found.append(("noisy_drive", record.label, whole, noise))
+            found.append(("noisy_drive", name, whole, noise))
+        steps = np.diff(record.samples, prepend=-1) - 1
+        if record.lost:
+            rows = np.repeat(np.arange(record.n_samples), steps) + record.rows.start
+            found.append(("lost_rows", name, rows, np.nan))
         for rows, number in lost_samples(u, own):
-            found.append(("lost_samples", record.label, rows + record.rows.start, number))
+            # what the index tells is no other fault
+            told = np.abs(rows[:, None] - np.flatnonzero(steps)).min(axis=1, initial=len(u))
+            rows = rows[told >= SIDE]
+            if rows.size:
+                found.append(("lost_samples", name, rows + record.rows.start, number))
     return _table(found)
 
 
@@ -107,12 +127,13 @@ def with_reactions(table, drive, residuals, records):
     """
     found = []
     others = set(table["record"][table["fault"].isin(["noisy_drive", "swapped_channels"])])
-    for record, own in zip(records, residuals, strict=True):
+    names = record_names(records)
+    for record, name, own in zip(records, names, residuals, strict=True):
         start = int(np.argmax(np.isfinite(own)))
         p_value = reaction_p_value(drive[record.rows][start:], np.nan_to_num(own[start:]))
-        if len(records) * p_value < 0.001 and record.label not in others:
+        if len(records) * p_value < 0.001 and name not in others:
             rows = np.arange(record.rows.start, record.rows.stop)
-            found.append(("closed_loop", record.label, rows, p_value))
+            found.append(("closed_loop", name, rows, p_value))
     tables = [own for own in (table, _table(found)) if len(own)]
     return pd.concat(tables, ignore_index=True) if tables else table
 
@@ -238,4 +259,5 @@ def _jitter(X, record):
         times = times.tz_convert(None)  # to_numpy of times with a zone gives objects
     steps = np.diff(times[record.rows].to_numpy())
     steps = steps / np.timedelta64(1, "s") if steps.dtype.kind == "m" else steps
+    steps = steps / np.diff(record.samples) if record.lost else steps
     return float(steps.std() / steps.mean()) if len(steps) > 1 else 0.0

@@ -8,6 +8,10 @@ Each piece must be sampled evenly, and all of ``X`` at one interval.
 A shuffled index steps back at about every second row, which leaves runs of a single row; this
 distinguishes shuffling from concatenation. A random subset in the right order (``KFold`` with
 ``shuffle=True``) leaves single rows between gaps, or no common interval at all.
+
+A short gap may be *lost rows* instead, as where a bus has dropped a packet: a whole number of
+sampling intervals, at most ``BRIDGED``, of a run that has lost at most ``MOST_LOST`` of its rows.
+Whoever asks for it (``bridge=True``) is told which samples a record lacks in place of two records.
 """
 
 import dataclasses
@@ -23,6 +27,10 @@ from ..exceptions import RecordError
 from ..io import JITTER, describe_rows
 
 GAP = 1.5  # an interval longer than this many sampling intervals separates two records
+# A straight line over k sampling intervals of a sine with n samples a period is wrong by up to
+# (pi k / n)^2 / 2 of its amplitude: five intervals are one hundredth with n = 100.
+BRIDGED = 5
+MOST_LOST = 0.05  # of the rows of a run; more is left out by a shuffled fold, and is a subset
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 # Longest interval in s; beyond it, or below its inverse, squares of second derivatives overflow.
 LONGEST = 1e25
@@ -55,6 +63,8 @@ class RecordSlice:
         Number of rows.
     time_unit : {"s", "sample"}, default="s"
         "sample" where neither the index nor ``dt`` gives the interval; it is then 1.
+    lost : tuple of int, default=()
+        Samples, counted from the start of the record, that have no row.
     """
 
     label: Hashable
@@ -63,11 +73,22 @@ class RecordSlice:
     start_time: float
     n_samples: int
     time_unit: str = "s"
+    lost: tuple[int, ...] = ()
+
+    @property
+    def samples(self) -> np.ndarray:
+        """Sampling intervals since the start of the record, shape (n_samples,)."""
+        return np.delete(np.arange(self.n_samples + len(self.lost)), self.lost)
+
+    @property
+    def duration(self) -> float:
+        """Sampling intervals in s, one a sample, lost ones included."""
+        return (self.n_samples + len(self.lost)) * self.dt
 
     @property
     def time(self) -> np.ndarray:
-        """Uniform time stamps in s, shape (n_samples,)."""
-        return self.start_time + self.dt * np.arange(self.n_samples)
+        """Time stamps in s, shape (n_samples,), uniform but for lost rows."""
+        return self.start_time + self.dt * self.samples
 
 
 def refuse_interval(dt, caller):
@@ -79,7 +100,9 @@ def refuse_interval(dt, caller):
         )
 
 
-def record_slices(X, y=None, *, dt=None, one_interval=True) -> tuple[RecordSlice, ...]:
+def record_slices(
+    X, y=None, *, dt=None, one_interval=True, bridge=False
+) -> tuple[RecordSlice, ...]:
     """Find the records in ``X``.
 
     A new record starts where the record level changes, where time steps back, or after a gap of
@@ -99,6 +122,10 @@ def record_slices(X, y=None, *, dt=None, one_interval=True) -> tuple[RecordSlice
         is in samples.
     one_interval : bool, default=True
         Whether all records must share one sampling interval.
+    bridge : bool, default=False
+        Whether gaps of a whole number of intervals, five at most, are lost rows of one record
+        (``RecordSlice.lost``) and not ends of records, as long as 5 % of the rows at most are lost.
+        For callers that know what a record lacks.
 
     Returns
     -------
@@ -134,13 +161,14 @@ def record_slices(X, y=None, *, dt=None, one_interval=True) -> tuple[RecordSlice
     stamps = time_stamps(index, dt)
     if stamps.values.size == 0:
         return ()
-    pieces = _pieces(stamps)
+    pieces = _pieces(stamps, bridge)
     intervals = _sampling_intervals(stamps, pieces, one_interval)
     unit, found = counted if stamps.counts else "s", []
-    for (run, start, stop), interval in zip(pieces, intervals, strict=True):
+    for (run, start, stop, lost), interval in zip(pieces, intervals, strict=True):
         label, start_time = stamps.label(start, run), float(stamps.values[start] * stamps.unit)
         rows = slice(start, stop)
-        found.append(RecordSlice(label, rows, interval, start_time, stop - start, unit))
+        n_samples = stop - start
+        found.append(RecordSlice(label, rows, interval, start_time, n_samples, unit, lost))
     return tuple(found)
 
 
@@ -275,14 +303,19 @@ def _has_no_time(index):
     return not (pd.api.types.is_float_dtype(index.dtype) or index.dtype.kind in "mM")
 
 
-def _pieces(stamps):
-    """Cut the runs at their gaps; return (run, start, stop) of each record."""
-    pieces = [
-        (run, a, b)
-        for run, (start, stop) in enumerate(pairwise(stamps.runs()))
-        for a, b in pairwise(stamps.cuts(start, stop))
-    ]
-    single = [start for _, start, stop in pieces if stop - start == 1]
+def _pieces(stamps, bridge):
+    """Cut the runs at their gaps; return (run, start, stop, lost samples) of each record."""
+    pieces = []
+    for run, (start, stop) in enumerate(pairwise(stamps.runs())):
+        cuts = stamps.cuts(start, stop)
+        missing = _missing(stamps.values, cuts) if bridge and len(cuts) > 2 else {}
+        for a, b in pairwise([cut for cut in cuts if cut not in missing]):
+            lost: list[int] = []
+            for row in sorted(cut for cut in missing if a < cut < b):
+                first = row - a + len(lost)
+                lost += range(first, first + missing[row])
+            pieces.append((run, a, b, tuple(lost)))
+    single = [start for _, start, stop, _ in pieces if stop - start == 1]
     if single:
         counts = (
             " The integers of the index count samples: give times in seconds as floats."
@@ -297,12 +330,29 @@ def _pieces(stamps):
     return pieces
 
 
+def _missing(values, cuts):
+    """Return the number of rows that are lost before each of the cuts at which rows are lost."""
+    start, *inner, stop = cuts
+    gaps = np.array([values[row] - values[row - 1] for row in inner], dtype=float)
+    # of all steps but those over the gaps
+    n_steps = stop - start - 1 - len(inner)
+    if not n_steps:
+        return {}
+    interval = float(values[stop - 1] - values[start] - gaps.sum()) / n_steps
+    number = np.rint(gaps / interval)
+    is_lost = (np.abs(gaps / interval - number) <= JITTER) & (number > 1) & (number <= BRIDGED)
+    if number[is_lost].sum() - is_lost.sum() > MOST_LOST * (stop - start):
+        return {}
+    rows = zip(inner, number, is_lost, strict=True)
+    return {row: int(n) - 1 for row, n, own in rows if own}
+
+
 def _sampling_intervals(stamps, pieces, one_interval):
     """Return the sampling interval of each piece in s, equal for pieces of about one interval."""
     if stamps.counts:
         return [stamps.unit] * len(pieces)
-    spans = np.array([float(stamps.values[b - 1] - stamps.values[a]) for _, a, b in pieces])
-    intervals = np.array([b - a - 1 for _, a, b in pieces])
+    spans = np.array([float(stamps.values[b - 1] - stamps.values[a]) for _, a, b, _ in pieces])
+    intervals = np.array([b - a - 1 + len(lost) for _, a, b, lost in pieces])
     means = spans / intervals
     shortest, longest = means.min() * stamps.unit, means.max() * stamps.unit
     if not 1.0 / LONGEST <= shortest <= longest <= LONGEST:
@@ -310,10 +360,11 @@ def _sampling_intervals(stamps, pieces, one_interval):
             f"The sampling interval must be between {1.0 / LONGEST:g} and {LONGEST:g} s. Got "
             f"{shortest:g} to {longest:g} s instead; choose another unit of time."
         )
-    for (run, a, b), mean, span in zip(pieces, means, spans, strict=True):
+    for (run, a, b, lost), mean, span in zip(pieces, means, spans, strict=True):
         times = stamps.values[a:b] - stamps.values[a]
-        drift = np.abs(times - mean * np.arange(b - a)).max()
-        jitter = np.abs(np.diff(times) - mean).max()
+        samples = np.delete(np.arange(b - a + len(lost)), lost) if lost else np.arange(b - a)
+        drift = np.abs(times - mean * samples).max()
+        jitter = np.abs(np.diff(times) - mean * np.diff(samples)).max()
         if jitter > JITTER * mean or drift > max(JITTER * mean, DRIFT * span):
             raise RecordError(
                 f"The sampling must be even. Got record {stamps.label(a, run)!r}, rows {a} to "
@@ -332,7 +383,7 @@ def _sampling_intervals(stamps, pieces, one_interval):
         same = remaining & (np.abs(means - reference) <= allowed * reference)
         differs = np.flatnonzero(~same)
         if one_interval and differs.size:
-            run, a, _ = pieces[differs[0]]
+            run, a, _, _ = pieces[differs[0]]
             raise RecordError(
                 f"All records must have the same sampling interval. Got "
                 f"{reference * stamps.unit:.6g} s, and {means[differs[0]] * stamps.unit:.6g} s in "
@@ -469,6 +520,36 @@ def _numbers(times, dt, codes=None):
             f"drop these rows."
         )
     return TimeStamps(values, unit, dtype, counts)
+
+
+def record_names(records) -> list:
+    """Return the labels of records, with the time where several have the same one.
+
+    Parameters
+    ----------
+    records : sequence of RecordSlice
+        Those on both sides of a long gap share their label.
+
+    Returns
+    -------
+    list of hashable
+        All different.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pandas as pd
+    >>> from skhyst.records import record_names, record_slices
+    >>> times = 0.1 * np.r_[0:10, 50:60]
+    >>> record_names(record_slices(pd.DataFrame({"drive": times}, times)))
+    ['0 from 0 s', '0 from 5 s']
+    """
+    labels = [record.label for record in records]
+    units = ("sample" if record.time_unit == "sample" else "s" for record in records)
+    return [
+        label if labels.count(label) == 1 else f"{label} from {record.start_time:.9g} {unit}"
+        for label, record, unit in zip(labels, records, units, strict=True)
+    ]
 
 
 def first_of_equals(records, *signals) -> np.ndarray:

@@ -6,7 +6,7 @@ import pandas as pd
 
 from ..exceptions import RecordError
 from ..io import inspect_columns
-from ._index import record_slices
+from ._index import record_names, record_slices
 from ._read_records import read_records
 
 _MOST = 100  # largest number of records that are printed
@@ -40,11 +40,13 @@ class RecordingOverview:
 
     def __repr__(self):
         lines = [self.name, *(f"  {column}" for column in self.columns)]
-        for record in self.records[:_MOST]:
+        names = record_names(self.records)
+        for record, name in list(zip(self.records, names, strict=True))[:_MOST]:
             every = "at an unknown interval (samples are counted)"
             if record.time_unit == "s":
-                every = f"every {record.dt:g} s, {record.n_samples * record.dt:.4g} s in all"
-            lines.append(f"  record {record.label}: {record.n_samples} samples {every}")
+                every = f"every {record.dt:g} s, {record.duration:.4g} s in all"
+            lost = f", {len(record.lost)} lost" if record.lost else ""
+            lines.append(f"  record {name}: {record.n_samples} samples {every}{lost}")
         faults = [f"  {fault}" for fault in self.faults] or ["  none found"]
         return "\n".join([*lines, "faults:", *faults])
 
@@ -98,10 +100,18 @@ def inspect_recording(path, **reading):
 
 def _records(X, y, faults):
     try:
-        return () if X is None else record_slices(X, y, one_interval=False)
+        records = () if X is None else record_slices(X, y, one_interval=False, bridge=True)
     except RecordError as error:
         faults.append(str(error))
         return ()
+    for record, name in zip(records, record_names(records), strict=True):
+        if record.lost:
+            faults.append(
+                f"record {name} has lost {len(record.lost)} of "
+                f"{record.n_samples + len(record.lost)} rows: a model runs on through them, and "
+                "they are not scored"
+            )
+    return records
 
 
 def _read(path, options, faults):

@@ -12,6 +12,7 @@ from ..exceptions import RecordError
 from ..io import describe_rows
 from ._frames import as_frame, as_series, refuse_lengths
 from ._index import (
+    BRIDGED,
     GAP,
     record_slices,
     refuse_interval,
@@ -21,7 +22,6 @@ from ._index import (
 
 FILTER_ORDER = 8
 PASSED = 0.8  # cut-off of the anti-alias filter as a fraction of the new Nyquist frequency
-BRIDGED = 5.0  # uneven records are interpolated over at most this many median intervals
 
 
 @overload
@@ -193,7 +193,7 @@ def resampling_error(X, y, *, dt="auto", max_gap=None) -> float:
 def _is_even(frame, stamps):
     """Whether all records are even; raise a RecordError if the index only counts samples."""
     try:
-        record_slices(frame, one_interval=False)
+        record_slices(frame, one_interval=False, bridge=True)
     except RecordError:
         if stamps.counts:
             raise RecordError(

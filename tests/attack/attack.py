@@ -37,7 +37,7 @@ from small_estimators import NO_GAIN, small_estimators
 import skhyst
 from skhyst.exceptions import DivergenceWarning, ReachWarning
 
-__all__ = ["attack", "examine", "instance"]
+__all__ = ["attack", "attack_composition", "attack_interval", "examine", "instance"]
 
 _SECONDS, _BYTES = 10, 4 * 2**30
 _OWN, _VALIDATION = (str(Path(package.__file__).parent) for package in (skhyst, sklearn))
@@ -166,6 +166,34 @@ def attack(name, case, fitted=None):
     if fitted is None and outcome == "done" and _scales(name, case):
         return _in_other_units(estimator, case, found)
     return ""
+
+
+def attack_interval(name):
+    """Take the time away from what a fitted estimator is given; return what broke, or ""."""
+    X, y = Case(index="seconds").given()
+    fitted = small_estimators()[name].fit(X, y)
+    expected = use(fitted, X, y)
+    for container in ("float64", "frame", "polars"):
+        outcome, found = _attempt(use, fitted, Case(container=container).given()[0], np.asarray(y))
+        if outcome not in _OUTCOMES:
+            return outcome
+        if outcome == "done" and not np.array_equal(found, expected):
+            return f"off by {_differ(found, expected):.1e} of the range without the time"
+    return ""
+
+
+def attack_composition(name, kind, **said):
+    """Say parameters in a step, and in the composition of it; return what differs, or ""."""
+    data = Case().given()
+    step = small_estimators()[name]
+    if not said.keys() <= step.get_params().keys():
+        return ""
+    own = kind(clone(step).set_params(**said))
+    outcomes = [_attempt(fitted_use, one, *data) for one in (own, kind(step, **said))]
+    (by_step, found), (by_whole, expected) = outcomes
+    if by_step != by_whole or by_step not in _OUTCOMES:
+        return f"{by_step}, but {by_whole} where the composition says it"
+    return "" if by_step == "refused" or np.array_equal(found, expected) else "is another model"
 
 
 def _tolerance(name, case):

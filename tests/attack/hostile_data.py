@@ -309,6 +309,18 @@ INDEXES = {
         pd.Index(DT * np.arange(n) + 5.0 * (np.arange(n) >= 20)),
         (np.arange(n) >= 20, DT * np.arange(n)),
     ),
+    "a lost row": lambda n: (
+        pd.Index(DT * (np.arange(n) + (np.arange(n) >= 20))),
+        (np.zeros(n), DT * (np.arange(n) + (np.arange(n) >= 20))),
+    ),
+    "dates, a lost row": lambda n: (
+        _day(n + 1, "2024-02-29")[np.arange(n) + (np.arange(n) >= 20)],
+        (np.zeros(n), DT * (np.arange(n) + (np.arange(n) >= 20))),
+    ),
+    "counted, a lost row": lambda n: (
+        pd.Index(np.arange(n) + (np.arange(n) >= 20)),
+        (np.zeros(n), DT * (np.arange(n) + (np.arange(n) >= 20))),
+    ),
     "it restarts": lambda n: (
         pd.Index(DT * (np.arange(n) % 24)),
         (_counted(n, 24), DT * (np.arange(n) % 24)),

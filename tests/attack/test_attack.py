@@ -2,12 +2,20 @@
 
 from zlib import crc32
 
+import numpy as np
+import pandas as pd
 import pytest
-from attack import attack, examine, instance
-from hostile_data import Case
+from attack import attack, attack_composition, attack_interval, examine, instance, use
+from hostile_data import DT, Case
 from small_estimators import SLOW, small_estimators
 
+from skhyst.base import ParametricModel
+from skhyst.compose import Cascade, Modulated, OnColumn, ScheduledParameters, Sum
+
 pytestmark = pytest.mark.filterwarnings("ignore::skhyst.exceptions.ConvergenceWarning")
+
+QUICK = [name for name in small_estimators() if name not in SLOW]
+MODELS = [name for name in QUICK if isinstance(small_estimators()[name], ParametricModel)]
 
 # what was neither right nor refused
 FOUND = [
@@ -79,3 +87,44 @@ def test_what_was_found(name, case):
 def test_what_is_too_large_for_the_fitted(name, case):
     fitted = instance(name).fit(*Case().given())
     assert attack(name, case, fitted) == ""
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_without_the_time_of_the_fit(name):
+    assert attack_interval(name) == ""
+
+
+KINDS = {
+    "Cascade": lambda step, **own: Cascade([("step", step)], **own),
+    "Sum": lambda step, **own: Sum([("step", step)], **own),
+    "OnColumn": lambda step, **own: OnColumn(step, 0, **own),
+    "Modulated": lambda step, **own: Modulated(step, "amplitude", **own),
+    "ScheduledParameters": lambda step, **own: ScheduledParameters(step, degree=0, **own),
+}
+SAID = {"dt": 0.05}, {"initial_state": "zero"}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", ["Cascade", "Dahl", "FirstOrderLag", "KelvinVoigt"])
+def test_what_a_step_says(name, kind):
+    assert [attack_composition(name, KINDS[kind], **said) for said in SAID] == ["", ""]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", MODELS)
+def test_what_any_step_says(name, kind):
+    assert [attack_composition(name, KINDS[kind], **said) for said in SAID] == ["", ""]
+
+
+@pytest.mark.parametrize("name", sorted(set(small_estimators()) - SLOW))
+def test_a_lost_row_on_a_straight_line_changes_nothing(name):
+    """What the drive was there is known, so all other rows are predicted as if it were there."""
+    drive, response = Case().numbers()
+    at = len(drive) // 2
+    drive[at] = 0.5 * (drive[at - 1] + drive[at + 1])
+    times = DT * np.arange(len(drive))
+    X, y = pd.DataFrame(drive, times, ["c0"]), pd.Series(response, times)
+    fitted, kept = instance(name).fit(X, y), np.arange(len(drive)) != at
+    whole, found = use(fitted, X, y)[kept], use(fitted, X[kept], y[kept])
+    np.testing.assert_allclose(found, whole, atol=1e-9 * np.abs(whole).max())

@@ -291,7 +291,7 @@ def test_clone_has_the_same_parameters_and_no_results(found):
     assert copy.get_params().keys() == search.get_params().keys()
     assert not [name for name in vars(copy) if name.endswith("_")]
     assert copy.set_params(estimator__dt=0.5).estimator.dt == 0.5
-    assert search.estimator.dt == 1.0
+    assert search.estimator.dt is None
 
 
 def test_the_declared_model_is_left_unfitted(found):

@@ -1,5 +1,7 @@
 """The hold of the drive that a fit finds by itself, on data held by steps and by lines."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lsim
@@ -7,15 +9,22 @@ from sklearn.frozen import FrozenEstimator
 
 from skhyst.compose import Cascade, OnColumn, Sum
 from skhyst.diagnosis import EffectSearchCV
+from skhyst.fluid import TankChainOperator
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import (
     FirstOrderLag,
     FirstOrderLagOperator,
+    KelvinVoigtOperator,
     LogCreep,
+    LogCreepOperator,
+    MultiInputTransferFunctionOperator,
     SecondOrderMode,
+    SecondOrderModeOperator,
     TransferFunction,
+    TransferFunctionOperator,
     frequency_response,
 )
+from skhyst.operators import Stepper, check_operator
 from skhyst.records import stack_records
 
 DT, TAU, OMEGA, ZETA = 0.01, 0.03, 60.0, 0.2
@@ -141,3 +150,68 @@ def test_what_no_record_can_decide_is_refused(u):
         TransferFunction(hold="auto").fit_frequency_response(measured)
     with pytest.raises(ValueError, match="'hold' parameter of FirstOrderLag"):
         FirstOrderLag(hold="both").fit(u[:, None], u)
+
+
+POLES = np.array([0.05]), np.array([OMEGA]), np.array([ZETA])
+HELD = [
+    FirstOrderLagOperator(TAU, gain=2.0, intercept=0.5),
+    KelvinVoigtOperator(np.array([0.2]), np.array([0.1])),
+    LogCreepOperator(0.1, time_constant=0.02, intercept=0.5),
+    SecondOrderModeOperator(OMEGA, ZETA, intercept=-1.0),
+    TankChainOperator(np.array([0.1, 0.2]), np.array([0.5, 1.0]), gain=2.0, intercept=0.5),
+    TransferFunctionOperator(*POLES, np.array([0.3, 0.2, 0.1])),
+]
+SERIES = HELD[-1] | FirstOrderLagOperator(TAU) | LogCreepOperator(0.1, time_constant=0.02)
+
+
+@pytest.mark.parametrize("operator", HELD, ids=lambda o: type(o).__name__)
+def test_no_ramp_leads_to_a_start_from_zero(operator):
+    """A constant drive is a straight line and held: both holds start alike, at the first sample."""
+    u, levels = np.ones(50), []
+    for hold in HOLDS:
+        own = replace(operator, hold=hold)
+        levels.append(own.run(u, DT, own.init(1.0, "zero"))[0])
+        stepper = Stepper(own.compiled_step(DT, own.init(1.0, "zero")))
+        np.testing.assert_allclose([stepper.step(v) for v in u], levels[-1], rtol=1e-12)
+    np.testing.assert_allclose(*levels, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("operator", [*HELD, SERIES], ids=lambda o: type(o).__name__)
+def test_a_start_from_zero_keeps_the_protocol(operator, u):
+    check_operator(operator, 2.0 + u[:60], DT)
+
+
+def test_several_inputs_start_from_zero_as_the_sum_of_single_ones(u):
+    several = MultiInputTransferFunctionOperator(
+        *POLES, np.array([[0.3], [0.1]]), np.array([2.0, -1.0])
+    )
+    X = np.column_stack([u, 1.0 + u[::-1]])
+    expected = 0.0
+    for i in range(2):
+        part = several.part(i)
+        expected = expected + part.run(X[:, i], DT, part.init(X[0, i], "zero"))[0]
+    start = several.init(X[0], "zero")
+    np.testing.assert_allclose(several.run(X, DT, start)[0], expected, atol=1e-12)
+    stepper = Stepper(several.compiled_step(DT, start))
+    np.testing.assert_allclose([stepper.step(x) for x in X], expected, atol=1e-12)
+    y, _ = several.sensitivities(X, np.empty((len(X), 0)), DT, "zero")
+    np.testing.assert_allclose(y, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("system", [LAG, MODE], ids=["lag", "mode"])
+def test_a_model_that_starts_from_zero_is_that_of_scipy(system, u):
+    u = 1.0 + u
+    _, y, _ = lsim(system, u, DT * np.arange(len(u)))
+    order = len(system[1]) - 1
+    model = TransferFunction(order, initial_state="zero", dt=DT).fit(u[:, None], y)
+    np.testing.assert_allclose(model.predict(u[:, None]), y, atol=1e-8)
+    assert model.params_["gain"] == pytest.approx(1.0, abs=1e-7)
+    assert model.params_["intercept"] == pytest.approx(0.0, abs=1e-7)
+
+
+def test_the_gain_of_a_step_at_the_first_sample_is_right():
+    y = 10.0 * (1.0 - np.exp(-np.arange(100.0) / 4.0))
+    model = TransferFunction(1, initial_state="zero").fit(np.ones((100, 1)), y)
+    assert model.params_["gain"] == pytest.approx(10.0)
+    assert model.params_["intercept"] == pytest.approx(0.0, abs=1e-9)
+    assert model.params_["time_constants[0]"] == pytest.approx(4.0)

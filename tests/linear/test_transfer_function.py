@@ -11,9 +11,15 @@ from scipy.linalg import block_diag
 
 from skhyst.compose import Cascade, Sum
 from skhyst.disturbance import Drift
-from skhyst.exceptions import DivergenceWarning
+from skhyst.exceptions import ConvergenceWarning, DivergenceWarning
 from skhyst.hysteresis import PrandtlIshlinskii
-from skhyst.linear import FrequencyResponse, TransferFunction, frequency_response
+from skhyst.linear import (
+    FirstOrderLagOperator,
+    FrequencyResponse,
+    SecondOrderModeOperator,
+    TransferFunction,
+    frequency_response,
+)
 
 DT = 0.01
 LINES = np.linspace(0.1, 45.0, 150)
@@ -331,3 +337,49 @@ def test_message_without_python_control(monkeypatch):
     monkeypatch.setitem(sys.modules, "control", None)
     with pytest.raises(ImportError, match=r"skhyst\[control\]"):
         TransferFunction.from_system(plant(2, 0)).to_control()
+
+
+def integrated(seed):
+    """Return a held drive, and the response of 4 / (s (0.1 s + 1)) from zero by scipy."""
+    u = np.repeat(np.random.default_rng(seed).uniform(-1.0, 1.0, 60), 50)
+    *system, _ = signal.cont2discrete(signal.tf2ss([4.0], [0.1, 1.0, 0.0]), DT)
+    return u[:, None], signal.dlsim((*system, DT), u)[1][:, 0]
+
+
+NO_REST = "no state of rest"
+
+
+def test_an_integrator_that_is_said_to_rest_says_that_it_cannot():
+    X, y = integrated(0)
+    with pytest.warns(ConvergenceWarning, match=f"{NO_REST}.*initial_state='zero' the error is"):
+        model = TransferFunction(2, hold="zoh", dt=DT).fit(X, y)
+    assert not model.has_rest_
+    with pytest.warns(ConvergenceWarning, match=NO_REST):
+        model.predict(integrated(1)[0])
+
+
+@pytest.mark.parametrize("initial_state", ["zero", "estimate"])
+@pytest.mark.filterwarnings("ignore:The data do not determine")
+def test_an_integrator_is_found_from_zero(initial_state):
+    X, y = integrated(0)
+    model = TransferFunction(2, hold="zoh", dt=DT, initial_state=initial_state)
+    if initial_state == "zero":
+        model.fit(X, y)
+    else:
+        with pytest.warns(ConvergenceWarning, match=NO_REST):
+            model.fit(X, y)
+    assert model.score(X, y) == pytest.approx(1.0, abs=1e-9)
+    X, y = integrated(1)
+    assert model.score(X, y) == pytest.approx(1.0, abs=1e-9)
+    known = np.where(np.arange(2000) < 100, y[1000:], np.nan)
+    late = model.predict_from(X[1000:], known)
+    assert np.std(late - y[1000:]) < 0.02 * np.std(y[1000:])
+
+
+def test_what_rests_keeps_its_rest():
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.uniform(-1.0, 1.0, 20), 20)
+    slow = SecondOrderModeOperator(60.0, 0.05) | FirstOrderLagOperator(30.0)
+    y = slow.run(u, DT)[0] + 1e-4 * rng.normal(size=400)
+    model = TransferFunction(3, dt=DT).fit(u[:, None], y)
+    assert model.has_rest_

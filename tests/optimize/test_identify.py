@@ -217,3 +217,34 @@ def test_what_is_lost_in_squares_is_not_determined():
     result = identify([GainOperator(1.0)], [record])
     assert result.undetermined == ("gain",)
     assert result.params_std["intercept"] == pytest.approx(0.1 / np.sqrt(200), rel=0.2)
+
+
+PLAYS = PrandtlIshlinskiiOperator(np.array([0.0, 0.5, 3.0]), np.array([1.0, 1.0, 1.4]))
+
+
+def test_what_no_sample_shows_is_zero_wherever_the_fit_has_started():
+    """No drive of this size moves the third play."""
+    u = np.sin(np.arange(300) / 20.0)
+    result = identify([PLAYS], [RecordData(u, 2.0 * u, DT)])
+    np.testing.assert_allclose(result.operator.weights, [2.0, 0.0, 0.0], atol=1e-9)
+    assert "weights[2]" in result.undetermined
+
+
+@pytest.mark.parametrize("start", [(1.0, 0.0), (1.4, -7.0), (-20.0, 300.0)])
+@pytest.mark.parametrize("scale", [1.0, 1e6])
+def test_what_cannot_be_told_apart_is_shared_in_equal_parts(start, scale):
+    """At a drive that does not move, gain and intercept have half of the response each."""
+    records = [RecordData(np.full(50, 2.0 * scale), np.full(50, 6.0), DT)]
+    result = identify([GainOperator(start[0] / scale, start[1])], records)
+    assert result.operator.gain * scale == pytest.approx(1.5, rel=1e-6)
+    assert result.operator.intercept == pytest.approx(3.0, rel=1e-6)
+    assert set(result.undetermined) == {"gain", "intercept"}
+
+
+@pytest.mark.parametrize("start", [(0.0, 0.0), (5.0, 0.0), (0.0, 9.0)])
+def test_equal_plays_share_their_weight_within_its_bounds(start):
+    u = drive(0, 200)
+    twice = PrandtlIshlinskiiOperator(np.array([0.5, 0.5]), np.array(start))
+    y = 2.0 * PrandtlIshlinskiiOperator(np.array([0.5]), np.array([1.0])).run(u, DT)[0]
+    result = identify([twice], [RecordData(u, y, DT)])
+    np.testing.assert_allclose(result.operator.weights, [1.0, 1.0], rtol=1e-6)

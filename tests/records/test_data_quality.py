@@ -112,7 +112,7 @@ def test_clock_jitter():
     rng = np.random.default_rng(0)
     time = 0.01 * (np.arange(500) + 0.08 * rng.normal(size=500).clip(-1.2, 1.2))
     X = pd.DataFrame({"drive": np.sin(time)}, index=pd.Index(time, name="time"))
-    table = data_quality(X, np.sin(time), record_slices(X))
+    table = data_quality(X, 2.0 * np.sin(time), record_slices(X))
     assert table["fault"].tolist() == ["clock_jitter"]
     assert table["value"].iloc[0] == pytest.approx(np.diff(time).std() / 0.01, rel=0.01)
 
