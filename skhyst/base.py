@@ -6,7 +6,7 @@ import warnings
 from abc import abstractmethod
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from numbers import Integral, Real
 from threading import Lock
 from typing import Self
@@ -37,6 +37,7 @@ from .optimize import (
     RecordData,
     identify,
     input_history_of,
+    with_further_starts,
     with_input_history,
 )
 from .records import chosen_interval, with_lost_rows
@@ -459,6 +460,50 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """
         return refine(self, self.starting_values(data), data)
 
+    def in_order(self, operator):
+        """Return an operator with the same response whose exchangeable parts are in their order.
+
+        Parameters
+        ----------
+        operator : Operator
+            Driven part of a fit.
+
+        Returns
+        -------
+        Operator
+            The operator itself where they are.
+        """
+        return operator.in_order()
+
+    def further_starts(self, records):
+        """Return operators around which starts are drawn, where the residual of a fit is coloured.
+
+        Parameters
+        ----------
+        records : sequence of RecordData
+            Records of the fit.
+
+        Returns
+        -------
+        list of Operator
+            Other structures than that of the fit are passed over.
+        """
+        return self.starting_values(records)
+
+    def identified_otherwise(self, data):
+        """Yield what other ways of starting lead to, where the residual of :meth:`fit` is coloured.
+
+        Parameters
+        ----------
+        data : sequence of RecordData
+            Records of the fit.
+
+        Yields
+        ------
+        IdentificationResult
+        """
+        yield from ()
+
     def with_hold(self, hold):
         """Return the model with a hold of the drive where its own is "auto".
 
@@ -549,10 +594,10 @@ class ParametricModel(RegressorMixin, BaseEstimator):
 
     def _fit_records(self, records):
         """Fit validated records."""
-        result = identified(self, records)[1]
+        model, result = identified(self, records)
         moving = None if self.free_run_state == "zero" else self._without_rest(result, records)
         if moving is None:
-            return self.finish(result, records)
+            return self.finish(self._settled(model, result, records), records)
         warnings.warn(
             f"{_NO_REST.format(type(self).__name__)}: with initial_state='zero' the error is "
             f"{moving.error:.3g} in place of {result.error:.3g}.",
@@ -563,6 +608,22 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         return self.finish(
             moving if agreed(self, "initial_state") == "estimate" else result, records
         )
+
+    def _settled(self, model, result, records):
+        """Return a result after further starts where the residual asks for them, and in order.
+
+        ``model`` has its hold decided.
+        """
+        if self.method == "variable_projection":
+            own = {"fixed": model.held_parameters(), "initial_state": self.free_run_state}
+            further = partial(model.further_starts, records), model.identified_otherwise(records)
+            result = with_further_starts(result, records, *further, **own)
+        ordered = model.in_order(result.operator)
+        if ordered is result.operator:
+            return result
+        again = refine(model, [(ordered, result.disturbances)], records, "variable_projection")
+        evaluations = result.n_evaluations + again.n_evaluations
+        return replace(again, n_evaluations=evaluations, is_local=result.is_local)
 
     def _without_rest(self, result, records):
         """Return what a start from zero leaves room for, if the response has no state of rest.
@@ -641,6 +702,13 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             yield (
                 f"No weight of {name} is other than zero: the response follows the "
                 "drive in neither direction.",
+                ConvergenceWarning,
+            )
+        if result.is_local:
+            yield (
+                f"The fit of {type(self).__name__} has not converged to one optimum: its residual "
+                "is not white, and further starts lead to others. Its parameters may be those of a "
+                "local optimum.",
                 ConvergenceWarning,
             )
         for names, told, kind in (

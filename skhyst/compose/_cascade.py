@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from dataclasses import replace
-from itertools import islice
+from itertools import groupby, islice, permutations
 from operator import attrgetter
 from typing import Self
 
@@ -28,6 +28,7 @@ _ALONG_THE_WAY = VariableProjection(tolerance=1e-4)
 _CLEARLY = 1.1  # ratio of errors in thinned records
 _ENOUGH = 5_000  # samples in all
 _LONG = 20_000  # of which thinning pays
+_MOST_ORDERS, _MOST_PRODUCTS = 6, 48  # that are tried where the residual is coloured
 _CHANGE = 0.01  # of the drive's standard deviation, that thinning may cost
 
 
@@ -257,6 +258,26 @@ class Composition(ParametricModel, BaseComposition):
         result = self.identify(records)
         return [add_disturbances(result.operator, result.disturbances, self.disturbance_names)]
 
+    def further_starts(self, records):
+        return []
+
+    def in_order(self, operator):
+        """Return an operator in which linear steps that are alike are slowest first; see the base.
+
+        Neighbours of equal parameters are alike: their names say nothing of which is which.
+        """
+        operator = super().in_order(operator)
+        models, stages = dict(self.steps), dict(operator.members())
+        for _, group in groupby(stages, key=lambda name: repr(models[name])):
+            names = [name for name in group if hasattr(stages[name], "poles")]
+            found = sorted(names, key=lambda name: np.abs(stages[name].poles()).min())
+            if found != names:
+                moved = [stages[name] for name in found]
+                stages |= dict(zip(names, moved, strict=True))
+        if all(stages[name] is stage for name, stage in operator.members()):
+            return operator
+        return replace(operator, stages=tuple(stages.values())).normalized()
+
     def unfitted(self, operator) -> Self:
         stages = zip(operator.names, operator.stages, strict=True)
         return with_params(self, steps=[(name, stage.unfitted()) for name, stage in stages])
@@ -485,6 +506,54 @@ class Cascade(Composition):
         orders = [given, others, late]
         return [order for k, order in enumerate(orders) if order not in orders[:k]]
 
+    def identified_otherwise(self, data):
+        """Yield what further orders lead to, starts of all steps together, and a way back.
+
+        A step that is added last starts where the others alone have ended, so that the whole fits
+        no worse than these.
+        """
+        models, usual = self._models(), self._orders()
+        free = [i for i, model in enumerate(models) if not isinstance(model, HeldStep)]
+        for order in islice(permutations(free), _MOST_ORDERS):
+            if list(order) not in usual:
+                yield self._add_steps(data, order, self.method)
+        products = self.further_starts(data)
+        if products:
+            yield refine(self, products, data, self.method)
+        yield from self._led_back(data)
+
+    def further_starts(self, data):
+        """Return combinations of the steps' starting values, each behind those before it.
+
+        Of each step are those whose output fits best itself, up to a gain and a constant.
+        """
+        models, found = self._models(), [([], data)]
+        if models[0].reads_columns:
+            return []
+        most = max(int(_MOST_PRODUCTS ** (1.0 / len(models))), 2)
+        for model in models:
+            longer = []
+            for stages, records in found:
+                own = [(s, self._behind([s], records)) for s in _driven_starts(model, records)]
+                own = sorted(own, key=lambda pair: _unlike(pair[1]))[:most]
+                longer += [([*stages, stage], behind) for stage, behind in own]
+            found = longer
+        return [self._compose([name for name, _ in self.steps], stages) for stages, _ in found]
+
+    def _led_back(self, data):
+        """Yield what is found where the others follow what the last step may have been given."""
+        names = [name for name, _ in self.steps]
+        for last in _driven_starts(self._models()[-1], data) if len(names) > 1 else ():
+            given = [last.preimage(record.y) for record in data]
+            if given[0] is None:
+                return
+            records = [replace(record, y=y) for record, y in zip(data, given, strict=True)]
+            others = with_params(self, steps=self.steps[:-1])
+            before = others._add_steps(records, others._orders()[0], _ALONG_THE_WAY)
+            start = self._compose(names, [*before.operator.stages, last])
+            result = refine(self, [start], data, self.method)
+            yield replace(result, n_evaluations=before.n_evaluations + result.n_evaluations)
+
     def _add_steps(self, data, order, method):
         """Add the steps in an order, each behind those before it; refine all after each."""
         steps, models = self._kept_steps(), self._starting_models()
@@ -514,6 +583,18 @@ class Cascade(Composition):
             stages = dict(zip(places, result.operator.stages, strict=True))
             evaluations += result.n_evaluations
         return replace(result, n_evaluations=evaluations)
+
+
+def _unlike(records):
+    """Return the part of the response's power that its regression on the drive leaves."""
+    u, y = (np.concatenate([getattr(r, name) for r in records]) for name in ("u", "y"))
+    u, y = u - u.mean(), y - y.mean()
+    power = (u @ u) * (y @ y)
+    return 1.0 - (u @ y) ** 2 / power if power > 0.0 else 1.0
+
+
+def _driven_starts(model, records):
+    return [driven for driven, _ in map(split_disturbances, model.starting_values(records))]
 
 
 def _distinct(results):

@@ -320,9 +320,15 @@ class TankChainOperator(Operator):
         return self.ceilings is not None
 
     def characteristics(self, seen):
-        """Return the exponents, and the response at the ceiling of the last tank."""
+        """Return time constants and exponents, and the response at the ceiling of the last tank.
+
+        The time constants are those of small changes about the middle of the drive.
+        """
         ceiling = self.gain * self.ceilings[-1] + self.intercept if self.is_limited else np.nan
+        levels, _ = self._rest(0.5 * sum(seen.ends))
+        slopes = np.array([outflow(w, p)[1] for w, p in zip(levels, self.exponents, strict=True)])
         return {
+            "time constants at the middle of the drive": (self.time_constants / slopes, "s"),
             "power of the level": (self.exponents, ""),
             "response at the ceiling": (ceiling, "response"),
         }
@@ -456,7 +462,10 @@ class TankChain(ParametricModel):
         q_1 = \max\left(\frac{u - u_0}{s}, 0\right), \quad q_{i+1} = w_i^{p_i} + \kappa_i o_i,
         \qquad y = G w_n + b
 
-    Levels and flows are relative to the scale s of the drive, so no unit of volume is needed;
+    Levels and flows are relative to the scale s of the drive, so no unit of volume is needed. It is
+    not fitted, since another one only changes the unit of the time constants: it is the mean drive
+    of the fit above its least value, or above zero where the offset is zero. At an inflow of s each
+    level is 1, and a small change decays with the time constant :math:`\tau / p`;
     :math:`o_i` is the overflow. With p = 1/2 the outflow is Torricelli's; p = 1 is a chain of
     first-order lags. Around a level w the time constant is :math:`\tau w^{1-p} / p`, so for p < 1
     the chain is slower, and its gain larger, at high levels.
@@ -580,16 +589,19 @@ class TankChain(ParametricModel):
         span = max(float(r.u.max()) for r in records) - low
         middle = float(np.mean(np.concatenate([r.u for r in records])))
         offsets = [low - part * span for part in _OFFSETS] if self.fit_offset else [0.0]
+        # of data alone, so that time constants from all starts are in the same unit
+        scale = abs(middle - (low if self.fit_offset else 0.0)) or span or 1.0
         slowest = np.sort(_EXPONENT / np.asarray(rates, dtype=float))
         found = []
         for offset in offsets:
+            # at the mean inflow q the rate is p w^(p - 1) / tau with the level w = q^(1 / p)
+            around = (abs(middle - offset) / scale or 1.0) ** (1.0 - 1.0 / _EXPONENT)
             for constants in [slowest[::-1], slowest][: self.n_tanks]:
-                # the level at the mean drive is 1, and around it the rates are those given
                 chain = TankChainOperator(
-                    constants,
+                    around * constants,
                     np.full(self.n_tanks, _EXPONENT),
                     drive_offset=offset,
-                    scale=abs(middle - offset) or span or 1.0,
+                    scale=scale,
                     limit=self.limit,
                     hold=self.hold,
                     n_substeps=self.n_substeps,

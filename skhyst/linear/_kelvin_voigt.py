@@ -63,6 +63,14 @@ class KelvinVoigtOperator(LinearOperator):
         dt, span = time_span(records)
         return log_grid(2.0 * dt, max(span, 4.0 * dt), _PER_DECADE)
 
+    def in_order(self):
+        """Return the operator with its units by time constant; see the base."""
+        order = np.argsort(self.time_constants, kind="stable")
+        if np.all(np.diff(order) > 0):
+            return self
+        own = {name: getattr(self, name)[order] for name in ("compliances", "time_constants")}
+        return replace(self, **own)
+
     @property
     def n_poles(self):
         return np.size(self.compliances), 0

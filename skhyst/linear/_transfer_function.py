@@ -198,6 +198,45 @@ class TransferFunctionOperator(LinearOperator):
         # zeros at infinity come out finite but large, by rounding: keep the smallest ones
         return unit * found[np.argsort(np.abs(found))[: np.size(self.numerator)]]
 
+    def in_order(self):
+        """Return the operator with its modes by frequency; see the base."""
+        order = np.argsort(self.natural_frequencies, kind="stable")
+        return self if np.all(np.diff(order) > 0) else self.with_modes(order)
+
+    def with_modes(self, order):
+        """Return the operator with its second-order sections in another order.
+
+        The numerator weighs other outputs then; that it gives the same response at a few more
+        frequencies than it has weights determines these.
+
+        Parameters
+        ----------
+        order : ndarray of shape (n_pairs,)
+            Numbers of the sections.
+
+        Returns
+        -------
+        TransferFunctionOperator
+        """
+        moved = replace(
+            self,
+            natural_frequencies=self.natural_frequencies[order],
+            damping_ratios=self.damping_ratios[order],
+        )
+        if not np.size(self.numerator):
+            return moved
+        size = np.concatenate([self.natural_frequencies, np.abs(1.0 / self.time_constants)])
+        count = _POINTS * (sum(self.n_poles) + 2)
+        frequency = np.geomspace(0.1 * size.min(), 10.0 * size.max(), count) / (2.0 * np.pi)
+        first, n = len(size) + len(order), np.size(self.numerator)
+        columns = moved.frequency_tangents(frequency)[1][:, 0, first : first + n]
+        plain = replace(moved, numerator=np.zeros(n)).frequency_response(frequency)
+        target = self.frequency_response(frequency) - plain
+        rows, target = (np.concatenate([part.real, part.imag]) for part in (columns, target))
+        scale = np.abs(rows).max(axis=0)
+        found = np.linalg.lstsq(rows / scale, target, rcond=None)[0] / scale
+        return replace(moved, numerator=found)
+
     @property
     def n_poles(self):
         return np.size(self.time_constants), np.size(self.natural_frequencies)
@@ -309,6 +348,18 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
         self._require("numerators", is_right, f"have {self.n_inputs} row(s), one per gain")
         if np.size(self.delays):
             self._require_size("delays", self.n_inputs, "gain")
+
+    def in_order(self):
+        """Return the operator with its modes by frequency; see the base."""
+        order = np.argsort(self.natural_frequencies, kind="stable")
+        if np.all(np.diff(order) > 0):
+            return self
+        return replace(
+            self,
+            natural_frequencies=self.natural_frequencies[order],
+            damping_ratios=self.damping_ratios[order],
+            numerators=np.stack([part.with_modes(order).numerator for part in self._parts()]),
+        )
 
     @property
     def n_inputs(self):

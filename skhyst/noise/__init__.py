@@ -10,5 +10,6 @@ from ._differences import white_noise_floor as white_noise_floor
 from ._model import STEEPEST as STEEPEST
 from ._model import NoiseModel, fit_noise
 from ._model import stretches as stretches
+from ._whiteness import whiteness_p_value as whiteness_p_value
 
 __all__ = ["NoiseModel", "difference_noise", "fit_noise"]

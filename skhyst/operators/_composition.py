@@ -678,6 +678,11 @@ class _Composition(_ByEntries):
     def n_parameters(self):
         return sum([stage.n_parameters for stage in self.stages])
 
+    def in_order(self):
+        stages = tuple(stage.in_order() for stage in self.stages)
+        same = all(new is old for new, old in zip(stages, self.stages, strict=True))
+        return self if same else replace(self, stages=stages)
+
     def normalized(self):
         """Return a copy whose held freedoms (static gains, intercepts) stand at their gauge."""
         return self._at_gauge()

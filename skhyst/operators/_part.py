@@ -133,6 +133,31 @@ class Part:
         """Return the second-order mode without hysteresis and nonlinearity, or None."""
         return None
 
+    def in_order(self):
+        """Return the operator with the same response whose exchangeable parts are in their order.
+
+        Such as the modes of a transfer function, by frequency. Where they are, the operator itself.
+
+        Returns
+        -------
+        Operator
+        """
+        return self
+
+    def preimage(self, y):
+        """Return an input that gives an output which turns where the input does not, or None.
+
+        Parameters
+        ----------
+        y : ndarray of shape (n_samples,)
+            Output.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,) or None
+        """
+        return None
+
     def slowest_decay(self) -> float:
         """Return the longest time in which a state falls to 1/e, s; infinite for an integrator.
 

@@ -8,6 +8,7 @@ from ._exchange import merged_segments as merged_segments
 from ._exchange import whole_record_folds as whole_record_folds
 from ._frequency_problem import FrequencyProblem as FrequencyProblem
 from ._frequency_problem import identify_response as identify_response
+from ._further_starts import with_further_starts as with_further_starts
 from ._identify import METHODS as METHODS
 from ._identify import IdentificationResult, identify
 from ._identify import constant_entries as constant_entries

@@ -25,7 +25,7 @@ METHODS = {
 
 _SILENT = 1e-13  # of the response
 _LOST = np.sqrt(np.finfo(float).tiny / np.finfo(float).eps)  # below it squares lose their digits
-_NOISELESS = 1e-8  # part of the response's power that is no noise, but what numbers are rounded to
+NOISELESS = 1e-8  # part of the response's power that is no noise, but what numbers are rounded to
 _STIFF = 1e10  # of what the data determine, beside what they do not
 _ROUNDING = 1e-6  # part of the linear unknowns that is no change of them
 _SINGULAR = 1e-11  # relative eigenvalue of the scaled normal equations
@@ -77,6 +77,9 @@ class IdentificationResult:
         One value per entry of ``history``, if steps were damped.
     input_history : ndarray of shape (n_records, n_values), default=None
         Drive 1, 2, 4, ... samples before each record, in its units, if it was estimated.
+    is_local : bool, default=False
+        Whether the residual is coloured and further starts have ended elsewhere, each at another
+        optimum.
     """
 
     operator: object
@@ -98,6 +101,7 @@ class IdentificationResult:
     short: tuple = ()
     damping: tuple = ()
     input_history: np.ndarray | None = None
+    is_local: bool = False
 
     def released(self):
         """Return the result with operators that belong to no estimator, and none of them held."""
@@ -342,7 +346,7 @@ def _uncertainty(problem, solution, blocks, n_coefficients):
     covariance = coloured_covariance(lambda: problem.rows(x), root, n_samples)
     covariance = white if covariance is None else covariance
     few = (marks == 0.0) & (n_samples * np.diag(white) < FEWEST * np.diag(covariance))
-    few &= solution.cost > _NOISELESS * problem.scale
+    few &= solution.cost > NOISELESS * problem.scale
     params_std_white, _ = _errors(problem, x, white, marks)
     params_std, covariance = _errors(problem, x, covariance, marks)
     return {

@@ -198,7 +198,8 @@ def sections(poles):
     """Split poles (rad/s) into time constants, natural frequencies and damping ratios.
 
     Complex poles and pairs of real ones make second-order sections; a real pole that is left over,
-    the slowest, makes a first-order one, and so does each real pole of the right half plane.
+    the slowest, makes a first-order one, and so does each real pole of the right half plane. The
+    second-order ones are in the order of their frequencies.
     """
     poles = np.asarray(poles, dtype=complex)
     upper = poles[poles.imag > 1e-9 * np.abs(poles)]
@@ -211,4 +212,5 @@ def sections(poles):
     for a, b in zip(real[::2], real[1::2], strict=True):
         frequencies.append(np.sqrt(a * b))
         dampings.append((a + b) / (2.0 * np.sqrt(a * b)))
-    return np.array(constants), np.array(frequencies), np.array(dampings)
+    order = np.argsort(frequencies, kind="stable")
+    return np.array(constants), np.array(frequencies)[order], np.array(dampings)[order]

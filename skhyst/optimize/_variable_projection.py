@@ -383,6 +383,24 @@ def search_box(problems):
     return lower, np.maximum(upper, lower)
 
 
+def random_starts(problems, bases, count, random_state):
+    """Return starts (count, n) in the search box of problems, each with about half of a base.
+
+    Part of a solution may be right already: starts that keep it succeed most often. Bases (k, n)
+    are drawn, the first as often as all others together.
+    """
+    rng = np.random.default_rng(random_state)
+    lower, upper = search_box(problems)
+    shape = count, len(lower)
+    drawn = rng.uniform(lower, upper, shape)
+    kept = rng.random(shape) < _KEPT
+    kept[kept[:, ~problems[0].linear].all(axis=1)] = False  # the linear ones are solved anyway
+    if len(bases) > 1:
+        others = rng.integers(1, len(bases), count)
+        bases = np.asarray(bases)[np.where(rng.random(count) < 0.5, 0, others)]
+    return np.where(kept, bases, drawn)
+
+
 @dataclass(frozen=True, kw_only=True)
 class VariableProjection(Method):
     """Separable least squares with exact derivatives: variable projection.
@@ -433,14 +451,10 @@ class VariableProjection(Method):
         if not self.n_random_starts:
             return *found, evaluations
         problem, solution = found
-        rng = np.random.default_rng(self.random_state)
-        lower, upper = search_box([problem, *(p for p in problems if p is not problem)])
-        shape = self.n_random_starts, len(lower)
-        drawn = rng.uniform(lower, upper, shape)
-        # part of the solution may be right already: starts that keep it succeed most often
-        kept = rng.random(shape) < _KEPT
-        starts = [(problem, x) for x in np.where(kept, solution.x, drawn)]
-        other, more = self._best_of(starts)
+        others = [p for p in problems if p is not problem]
+        how = self.n_random_starts, self.random_state
+        drawn = random_starts([problem, *others], [solution.x], *how)
+        other, more = self._best_of([(problem, x) for x in drawn])
         best = min(found, other, key=lambda pair: pair[1].cost)
         return *best, evaluations + 1 + more
 

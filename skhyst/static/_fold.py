@@ -9,7 +9,12 @@ from .._sklearn import StrOptions
 from ..operators import parameter
 from ._base import StaticModel, StaticOperator, range_of_drive
 
-_PARTS = (0.1, 0.3, 0.5, 0.7, 0.9)  # starting levels, fractions of the drive's range
+_PARTS = (
+    0.3,
+    0.5,
+    0.7,
+    0.9,
+)  # starting levels beside the reading's end: fractions of the drive's range
 
 
 @jit
@@ -49,6 +54,9 @@ class FoldOperator(StaticOperator):
     def evaluate(self, v):
         slope = self.side * np.where(v < self.level, -1.0, 1.0)
         return self.level + slope * (v - self.level), slope, (1.0 - slope)[:, None]
+
+    def preimage(self, y):
+        return self.unfolded(y)
 
     def unfolded(self, y):
         """Return a smooth signal that the fold maps to ``y``.
@@ -129,4 +137,7 @@ class Fold(StaticModel):
     def starting_values(self, records):
         low, high = range_of_drive(records)
         side = 1 if self.side == "lower" else -1
-        return [FoldOperator(low + part * (high - low), side) for part in _PARTS]
+        end = side * min(float((side * record.y).min()) for record in records)
+        return [FoldOperator(end, side)] + [
+            FoldOperator(low + part * (high - low), side) for part in _PARTS
+        ]

@@ -1,0 +1,40 @@
+r"""Whether a residual is white: the portmanteau test.
+
+With the autocorrelations :math:`\hat\rho_k` of n samples,
+
+.. math:: Q = n (n + 2) \sum_{k=1}^{m} \frac{\hat\rho_k^2}{n - k}
+
+has a chi-squared distribution of m degrees of freedom where the samples are white (Ljung and Box,
+*Biometrika*, 1978). The lags are 1, 2, 4, ... samples: noise whose correlation lasts is seen at the
+long ones, and as few numbers as that tell short correlation apart with little loss.
+"""
+
+import numpy as np
+from scipy.special import chdtrc
+
+
+def whiteness_p_value(series):
+    """Return how probable the autocorrelation of a list of series is where they are white.
+
+    Parameters
+    ----------
+    series : sequence of ndarray
+        Residuals of zero mean together, each without a gap.
+
+    Returns
+    -------
+    float
+        1 where there is nothing to be tested.
+    """
+    n = sum(map(len, series))
+    power = sum(float(own @ own) for own in series)
+    if not power > 0.0:
+        return 1.0
+    longest = max(map(len, series)) // 4  # beyond it few products are left
+    lags = 2 ** np.arange(max(longest, 1).bit_length()) if longest else np.empty(0, dtype=int)
+    total = 0.0
+    for lag in lags:
+        pairs = sum(max(len(own) - lag, 0) for own in series)
+        product = sum(float(own[lag:] @ own[:-lag]) for own in series if len(own) > lag)
+        total += n * (n + 2.0) * (product / power) ** 2 / pairs
+    return float(chdtrc(len(lags), total)) if len(lags) else 1.0
