@@ -7,20 +7,33 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from skhyst.diagnosis import EFFECTS, _open_questions
+from skhyst.diagnosis import EFFECTS, _open_questions, _structure
 from skhyst.diagnosis._candidates import Candidate
 from skhyst.diagnosis._changes import _before, _differ
 from skhyst.diagnosis._claim import Claim
-from skhyst.diagnosis._constants import FLAT, REPEATS
+from skhyst.diagnosis._constants import FLAT, LAGS, PLAYS, REPEATS, SLOW
 from skhyst.diagnosis._contest import Contest
 from skhyst.diagnosis._criterion import Criterion
 from skhyst.diagnosis._edits import Drive
 from skhyst.diagnosis._location import locate
 from skhyst.diagnosis._open_questions import Intervals
-from skhyst.diagnosis._periods import drive_period
+from skhyst.diagnosis._periods import drive_period, near_period, turns
 from skhyst.diagnosis._plausibility import has_own_lines, levels_off, stops
 from skhyst.diagnosis._starts import starting_trees
-from skhyst.diagnosis._structure import _settled, repeatability
+from skhyst.diagnosis._structure import (
+    N_PRESENT,
+    Trial,
+    _driven,
+    _own,
+    _settled,
+    _wiped,
+    by_black_boxes,
+    by_shifted_drive,
+    in_repetitions,
+    moved,
+    past_mean,
+    repeatability,
+)
 from skhyst.diagnosis._tree import Tree
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import Gain, GainOperator
@@ -35,6 +48,148 @@ from skhyst.static import SoftSaturationOperator
 def test_the_period_of_a_drive_is_its_shortest(period):
     drive = np.random.default_rng(period).normal(size=period)
     assert drive_period(np.tile(drive, 6)) == period
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("odd", [0.0, 0.3])
+def test_a_rough_period_is_neither_a_multiple_nor_a_half_that_repeats_worse(odd, seed):
+    """With an odd harmonic, half a period repeats all but that."""
+    n, period = 500, 100 if odd else 50
+    turn = 2 * np.pi * np.arange(n) / 100
+    u = np.sin(2.0 * turn) + odd * np.sin(turn)
+    u += 0.05 * np.random.default_rng(seed).normal(size=n)
+    assert near_period(u) == pytest.approx(period, rel=0.01)
+
+
+def test_a_drive_that_does_not_come_back_has_no_rough_period():
+    assert near_period(np.linspace(0.0, 1.0, 200)) == 0
+    assert near_period(np.random.default_rng(0).normal(size=200)) == 0
+    assert near_period(np.ones(200)) == 0
+
+
+@pytest.mark.parametrize(("ripple", "expected"), [(0.02, [50, 150]), (0.2, [25, 30, 50, 150])])
+def test_a_drive_turns_where_it_reverses_by_more_than_a_twentieth_of_its_range(ripple, expected):
+    corners = [(0, 0.0), (25, 0.5), (30, 0.5 - ripple), (50, 1.0), (150, -1.0), (200, 0.0)]
+    u = np.interp(np.arange(201), *zip(*corners, strict=True))
+    np.testing.assert_array_equal(turns(u), expected)
+
+
+@pytest.mark.parametrize(("first", "second", "expected"), [(20, 60, 60), (60, 20, 60), (20, 90, 0)])
+def test_a_memory_is_wiped_out_once_both_ends_are_reached(first, second, expected):
+    """It is borne where less than a quarter of the record would be left."""
+    u = np.zeros(100)
+    u[first], u[second] = 1.0, -1.0
+    assert _wiped(u) == expected
+    assert _wiped(-u) == expected
+    assert _wiped(5.0 + u) == expected
+
+
+@pytest.mark.parametrize("n", [20, 64, 1000])
+def test_stationary_noise_between_repetitions_counts_whole(n):
+    """All of it counts, but for the freedom of a cubic drift."""
+    noise = np.random.default_rng(0).permutation(np.resize([1.0, -1.0], n))
+    power, freedom = _settled(noise)
+    assert freedom == n - SLOW - 1
+    time = np.linspace(-1.0, 1.0, n)
+    rest = noise - np.polynomial.Polynomial.fit(time, noise, 3)(time)
+    assert power == pytest.approx(rest @ rest)
+
+
+@pytest.mark.parametrize("n", [24, 160])
+def test_how_a_repetition_began_does_not_count(n):
+    """A transient in the first sixteenth of the difference goes with it, and no more."""
+    noise = np.random.default_rng(1).permutation(np.resize([1.0, -1.0], n))
+    begun = noise.copy()
+    size = n // 16
+    begun[:size] += 100.0
+    power, freedom = _settled(begun)
+    assert (power, freedom) == (pytest.approx(_settled(noise[size:])[0]), n - size - SLOW - 1)
+
+
+def test_rounding_between_repetitions_is_no_start():
+    difference = np.zeros(160)
+    difference[:3] = 2.0**-52
+    difference[80] = 1.0
+    assert _settled(difference)[1] == 160 - SLOW - 1
+
+
+@pytest.mark.parametrize("common", [0.0, 0.5, 1.0])
+def test_what_repetitions_have_in_common_is_a_part_of_the_power(common):
+    q = np.linalg.qr(np.random.default_rng(0).normal(size=(300, 3)))[0].T
+    both, first, second = np.sqrt(300.0) * q  # power one, none is seen in another
+    residuals = [np.sqrt(common) * both + np.sqrt(1.0 - common) * own for own in (first, second)]
+    rows = slice(0, 300)
+    trial = in_repetitions([(0, rows, 1, rows)], residuals, 1.0)
+    assert trial.share == pytest.approx(1.0 - common)
+    assert np.mean(np.square(trial.left[0])) == pytest.approx(1.0 - common)
+    opposite = in_repetitions([(0, rows, 1, rows)], [both, -both], 1.0)
+    assert opposite.share == 1.0
+
+
+def test_black_boxes_of_several_intervals_are_a_family(monkeypatch):
+    """The p-value is Bonferroni's, and shares count by the power that they are of."""
+    found = iter([Trial(0.5, 0.001, ["a"]), Trial(0.9, 0.7, ["b"])])
+    monkeypatch.setattr(_structure, "_by_black_box", lambda *_: next(found))
+    u = np.arange(10.0)
+    records = [RecordData(u, u, dt) for dt in (0.1, 0.2)]
+    residuals = [np.full(10, 1.0), np.full(10, np.sqrt(3.0))]
+    trial = by_black_boxes(records, residuals, [u, u], None, None)
+    assert trial.p_value == pytest.approx(0.002)
+    assert trial.share == pytest.approx(0.25 * 0.5 + 0.75 * 0.9)
+    assert trial.left == ["a", "b"]
+    found = iter([Trial(1.0, 0.6, []), Trial(1.0, 0.7, [])])
+    assert by_black_boxes(records, residuals, [u, u], None, None).p_value == 1.0
+
+
+def test_a_rest_before_a_record_changes_nothing_that_a_black_box_sees_of_its_drive():
+    """A device rests at the first value of its drive until the record begins."""
+    rng, n = np.random.default_rng(0), 300
+    u = np.cumsum(rng.normal(size=n)) + 3.0
+    rested = np.concatenate([np.full(n, u[0]), u])
+    records = [RecordData(own, own, 0.1) for own in (u, rested)]
+    short, long = (np.array(list(own)) for own in _driven(records, [u**2, rested**2], LAGS))
+    in_time = np.arange(len(short)) >= len(short) - 2  # in proportion to the time in the record
+    np.testing.assert_allclose(short[~in_time], long[~in_time, n:], atol=1e-9)
+    assert not np.allclose(short[in_time], long[in_time, n:])
+    assert np.linalg.matrix_rank(short) == len(short)  # none says what others say
+
+
+def test_features_that_need_no_past_come_first():
+    rng = np.random.default_rng(0)
+    u = rng.normal(size=50)
+    at = rng.permutation(50)
+    records = [RecordData(own, own, 0.1) for own in (u, u[at])]
+    first, second = (np.array(list(own)) for own in _driven(records, [u**3, u[at] ** 3]))
+    np.testing.assert_array_equal(first[:N_PRESENT, at], second[:N_PRESENT])
+    same = [np.allclose(a[at], b) for a, b in zip(first, second, strict=True)]
+    assert same == [True] * N_PRESENT + [False] * (len(first) - N_PRESENT)
+
+
+@pytest.mark.parametrize("size", [1, 2, 5, 40])
+def test_means_and_values_of_the_past_end_before_the_sample(size):
+    signal = np.random.default_rng(0).normal(size=20)
+    means = [signal[max(k - size, 0) : k].mean() if k else 0.0 for k in range(20)]
+    np.testing.assert_allclose(past_mean(signal, size), means, atol=1e-12)
+    values = [signal[k - size] if k >= size else 7.0 for k in range(20)]
+    np.testing.assert_array_equal(moved(signal, size, 7.0), values)
+
+
+def test_a_residual_is_seen_by_its_past_alone():
+    """What a residual is from a sample on changes no feature of its past up to there."""
+    rng = np.random.default_rng(0)
+    u, r = rng.normal(size=(2, 200))
+    changed = np.r_[r[:100], rng.normal(size=100)]
+    before, after = np.array(list(_own(u, r))), np.array(list(_own(u, changed)))
+    np.testing.assert_array_equal(before[:, :101], after[:, :101])
+    assert np.sum(np.any(before != after, axis=1)) == len(before) - 1  # all but the time
+
+
+def test_a_gain_that_the_residual_had_with_the_drive_foretells_it():
+    """Of a gain on the drive beside its mean, the features of that gain are the residual."""
+    u = 3.0 + np.random.default_rng(0).choice([-1.0, 1.0], size=2000)
+    features = np.array(list(_own(u, 0.7 * (u - u.mean()))))[:, 1000:]
+    off = np.max(np.abs(features - 0.7 * (u - u.mean())[1000:]), axis=1)
+    assert np.count_nonzero(off < 0.01) == len(LAGS[4::4])
 
 
 def test_a_resting_record_does_not_hide_that_others_repeat():
