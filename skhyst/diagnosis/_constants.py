@@ -33,6 +33,13 @@ PROBES = 64  # samples that rule out most lags
 # ---- the black box that bounds the noise
 LAGS = 2 ** np.arange(9)  # samples that it looks back, logarithmically spaced
 STRETCHES = 60  # of consecutive samples, which folds take in turn
+TREES = {  # few and small: enough to tell that something is left, not to describe it
+    "max_iter": 40,
+    "learning_rate": 0.15,
+    "max_leaf_nodes": 15,
+    "min_samples_leaf": 40,
+    "early_stopping": False,
+}
 PLAYS = 5  # of the drive, evenly spaced
 SHIFTS = 200  # of the drive to either side: p-values down to half a per cent
 DRAWS = 100  # of noise on the drive: its power to a seventh

@@ -36,7 +36,18 @@ from sklearn.linear_model import Ridge
 from ..noise import block_length, block_p_value, fit_noise, stretches
 from ..operators import play_basis, play_thresholds
 from ..records import by_interval
-from ._constants import BLOCKS, ENOUGH, FACTOR, LAGS, PLAYS, SHIFTS, SLOW, STRETCHES, TRANSIENT
+from ._constants import (
+    BLOCKS,
+    ENOUGH,
+    FACTOR,
+    LAGS,
+    PLAYS,
+    SHIFTS,
+    SLOW,
+    STRETCHES,
+    TRANSIENT,
+    TREES,
+)
 from ._criterion import paired_p_value
 from ._periods import drive_period, repeats
 
@@ -120,7 +131,7 @@ def _settled(difference):
     """Return the sum of squares of a difference without its start and drift, and its freedom."""
     rest = difference
     # of a sum of so many
-    rounding = (len(difference) * np.spacing(np.max(np.abs(difference), initial=0.0))) ** 2
+    rounding = (len(difference) * np.spacing(np.abs(difference).max())) ** 2
     for _ in range(BLOCKS // 2):
         rest = difference - _slow(difference)
         size = max(len(difference) // BLOCKS, 1)
@@ -224,14 +235,8 @@ def _left_by_boxes(x, y, block, rng):
         if not test.any() or not len(train):
             continue
         ridge = Ridge(alpha=1e-3 * len(train)).fit(x[train], y[train])
-        trees = HistGradientBoostingRegressor(
-            max_iter=40,
-            learning_rate=0.15,
-            max_leaf_nodes=15,
-            min_samples_leaf=40,
-            early_stopping=False,
-            random_state=int(rng.integers(2**31)),
-        ).fit(x[train], y[train] - ridge.predict(x[train]))
+        trees = HistGradientBoostingRegressor(**TREES, random_state=int(rng.integers(2**31)))
+        trees.fit(x[train], y[train] - ridge.predict(x[train]))
         # a straight line goes on beyond what it was fitted to
         linear = np.clip(ridge.predict(x[test]), y[train].min(), y[train].max())
         left[:, test] -= linear
@@ -286,7 +291,7 @@ def _driven(records, predictions, lags=()):
     shift, size = drives.mean(), np.ptp(drives) or 1.0
     level, height = finite.mean(), np.ptp(finite) or 1.0
     longest = max(len(record.u) for record in records)
-    poles = np.exp(-1.0 / 4.0 ** np.arange(1, max(-(-longest.bit_length() // 2), 2)))
+    poles = np.exp(-1.0 / 4.0 ** np.arange(1, -(-longest.bit_length() // 2)))
     thresholds = play_thresholds([(r.u - shift) / size for r in records], PLAYS + 1)[1:]
 
     def columns(u, q, auxiliary):

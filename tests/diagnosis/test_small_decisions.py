@@ -1,6 +1,7 @@
 """What the small parts of the search decide by: a theorem each, on signals made for it."""
 
 from dataclasses import replace
+from itertools import cycle
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 from skhyst.diagnosis import EFFECTS, _open_questions, _structure
 from skhyst.diagnosis._candidates import Candidate
-from skhyst.diagnosis._changes import _before, _differ
+from skhyst.diagnosis._changes import Folded, _before, _differ
 from skhyst.diagnosis._claim import Claim
 from skhyst.diagnosis._constants import FLAT, LAGS, PLAYS, REPEATS, SLOW
 from skhyst.diagnosis._contest import Contest
@@ -23,16 +24,19 @@ from skhyst.diagnosis._starts import starting_trees
 from skhyst.diagnosis._structure import (
     N_PRESENT,
     Trial,
+    _by_black_box,
     _driven,
+    _left_by_boxes,
     _own,
+    _seen,
     _settled,
     _wiped,
     by_black_boxes,
-    by_shifted_drive,
     in_repetitions,
     moved,
     past_mean,
     repeatability,
+    repetitions,
 )
 from skhyst.diagnosis._tree import Tree
 from skhyst.hysteresis import PrandtlIshlinskii
@@ -41,7 +45,7 @@ from skhyst.noise import NoiseModel
 from skhyst.noise._block_test import _autocovariance
 from skhyst.optimize import RecordData
 from skhyst.records import RecordSlice, Units
-from skhyst.static import SoftSaturationOperator
+from skhyst.static import Fold, SoftSaturationOperator
 
 
 @pytest.mark.parametrize("period", [2, 3, 4, 5, 17])
@@ -95,15 +99,20 @@ def test_stationary_noise_between_repetitions_counts_whole(n):
     assert power == pytest.approx(rest @ rest)
 
 
-@pytest.mark.parametrize("n", [24, 160])
+@pytest.mark.parametrize("n", [7, 24, 160])
 def test_how_a_repetition_began_does_not_count(n):
     """A transient in the first sixteenth of the difference goes with it, and no more."""
     noise = np.random.default_rng(1).permutation(np.resize([1.0, -1.0], n))
     begun = noise.copy()
-    size = n // 16
+    size = max(n // 16, 1)
     begun[:size] += 100.0
     power, freedom = _settled(begun)
     assert (power, freedom) == (pytest.approx(_settled(noise[size:])[0]), n - size - SLOW - 1)
+
+
+def test_of_what_does_not_settle_seven_times_a_sixteenth_goes():
+    noise = np.random.default_rng(0).normal(size=6400) * np.exp(-0.01 * np.arange(6400))
+    assert _settled(noise)[1] == pytest.approx(6400 * (15 / 16) ** 7, rel=0.01)
 
 
 def test_rounding_between_repetitions_is_no_start():
@@ -111,6 +120,43 @@ def test_rounding_between_repetitions_is_no_start():
     difference[:3] = 2.0**-52
     difference[80] = 1.0
     assert _settled(difference)[1] == 160 - SLOW - 1
+
+
+@pytest.mark.parametrize("part", [0.0, 0.02, 0.1, 0.5])
+def test_a_candidate_matters_by_the_error_that_it_takes_away(part):
+    """Shares are of the power: what takes the part p of the error leaves (1 - p)^2 of that."""
+    criterion = Criterion(0.01, 0.05)
+    assert Trial((1.0 - part) ** 2, 0.0, None).matters(criterion) == (part >= 0.05)
+    assert Trial((1.0 - part) ** 2, 0.0, None).is_structure(criterion) == (part >= 0.05)
+    assert not Trial((1.0 - part) ** 2, 0.02, None).is_structure(criterion)
+
+
+def test_the_noise_is_that_of_one_of_two_repetitions():
+    """The difference of two has twice the variance; a cubic drift has taken its freedom."""
+    rng = np.random.default_rng(0)
+    u = np.r_[1.0, -1.0, rng.uniform(-1.0, 1.0, 98)]
+    noise = rng.permutation(np.resize([1.0, -1.0], 99))
+    records = [RecordData(u, np.r_[0.0, y], 0.01) for y in (0.3 * noise, -0.3 * noise)]
+    power, freedom = _settled(0.6 * noise)
+    assert freedom == 99 - SLOW - 1
+    assert repeatability(records) == pytest.approx(np.sqrt(0.5 * power / freedom))
+    assert repeatability(records) == pytest.approx(np.sqrt(0.5) * 0.6, rel=0.05)
+
+
+def test_repetitions_have_the_same_drive_at_the_same_interval():
+    """Each is compared with the next, so that three give two pairs."""
+    rng = np.random.default_rng(0)
+    u = np.r_[1.0, -1.0, rng.uniform(-1.0, 1.0, 98)]
+    other = u + 1e-3 * rng.normal(size=100)
+    drives = [(u, 0.01), (other, 0.01), (u, 0.01), (u[:-1], 0.01), (u, 0.02), (u, 0.01)]
+    records = [RecordData(own, own, dt) for own, dt in drives]
+    assert [(i, j) for i, _, j, _ in repetitions(records)] == [(0, 2), (2, 5)]
+
+
+def test_periods_are_compared_from_the_second_on():
+    u = np.tile(np.random.default_rng(0).normal(size=30), 4)[:-5]
+    found = list(repetitions([RecordData(u, u, 0.01)]))
+    assert found == [(0, slice(60, 115), 0, slice(30, 85))]
 
 
 @pytest.mark.parametrize("common", [0.0, 0.5, 1.0])
@@ -165,6 +211,200 @@ def test_features_that_need_no_past_come_first():
     assert same == [True] * N_PRESENT + [False] * (len(first) - N_PRESENT)
 
 
+def boxes_of(y, x, *, blocks=9):
+    block = np.arange(len(y)) * blocks // len(y)
+    return _left_by_boxes(x, y, block, np.random.default_rng(0)), block
+
+
+def test_a_black_box_is_a_ridge_of_little_shrinkage_whatever_the_units_of_its_columns():
+    """Of one column of variance 1, a penalty of 0.001 a sample keeps the part 1 / 1.001."""
+    x = np.random.default_rng(0).normal(size=(900, 1)) + 5.0
+    y = 3.0 * (x[:, 0] - 5.0)
+    (ridge, trees), _ = boxes_of(y, x)
+    inner = np.abs(y) < 3.0  # further out a prediction may be limited to what was fitted
+    assert ridge[inner] @ y[inner] == pytest.approx(1e-3 * y[inner] @ y[inner], rel=0.2)
+    assert trees @ trees < 0.01 * y @ y
+    for unit in (1e-6, 1e6):
+        np.testing.assert_allclose(
+            boxes_of(y, np.c_[unit * x, np.ones(900)])[0][0], ridge, atol=1e-9
+        )
+
+
+def test_trees_see_what_no_straight_line_does():
+    x = np.random.default_rng(0).uniform(-1.0, 1.0, size=(900, 1))
+    y = np.sign(np.abs(x[:, 0]) - 0.5)
+    (ridge, trees), _ = boxes_of(y, x)
+    assert ridge @ ridge > 0.9 * y @ y
+    assert trees @ trees < 0.2 * y @ y
+
+
+def test_what_a_black_box_leaves_of_a_stretch_was_not_learned_there():
+    """Another residual there is left with the same prediction, within what was learned from."""
+    rng = np.random.default_rng(0)
+    x, y = rng.normal(size=(600, 3)), rng.normal(size=600)
+    left, block = boxes_of(y, x)
+    for fold in range(3):
+        own = block % 3 == fold
+        other = np.where(own, rng.normal(size=600), y)
+        again, _ = boxes_of(other, x)
+        np.testing.assert_allclose((again - other)[:, own], (left - y)[:, own], atol=1e-9)
+        assert np.any(again[:, ~own] != left[:, ~own])
+    far = np.where(block % 3 == 0, 100.0, 1.0)[:, None] * x
+    prediction = boxes_of(far[:, 0] / 100.0, far)[0][0] - far[:, 0] / 100.0
+    assert np.abs(prediction[block % 3 == 0]).max() <= 0.04  # it was fitted to less than that
+
+
+@pytest.mark.parametrize("blocks", [1, 2])
+def test_of_few_stretches_those_are_predicted_that_others_teach(blocks):
+    x = np.random.default_rng(0).normal(size=(200, 1))
+    left, _ = boxes_of(x[:, 0], x, blocks=blocks)
+    if blocks == 1:
+        np.testing.assert_array_equal(left, np.stack([x[:, 0]] * 2))
+    else:
+        assert np.abs(left[0]).max() < 0.5 * np.abs(x).max()
+
+
+def box_trial(monkeypatch, law, leaves, p_values=(0.001,)):
+    """Return the trial of black boxes that leave those parts in turn, and what they were shown."""
+    parts, chances, shown = iter(leaves), cycle(p_values), []
+
+    def left_by_boxes(x, y, block, rng):
+        shown.append((x, y))
+        part = next(parts)
+        return np.stack([y, part * y])
+
+    noise = SimpleNamespace(law=law, innovations=lambda series: [0.5 * own for own in series])
+    monkeypatch.setattr(_structure, "fit_noise", lambda _: noise)
+    monkeypatch.setattr(_structure, "_left_by_boxes", left_by_boxes)
+    monkeypatch.setattr(_structure, "paired_p_value", lambda *_: next(chances))
+    rng = np.random.default_rng(0)
+    records = [RecordData(u, u, 0.01) for u in rng.normal(size=(2, 200))]
+    residuals = list(rng.normal(size=(2, 200)))
+    residuals[0][7] = 0.0
+    predictions = [r.u**2 for r in records]
+    trial = _by_black_box(records, residuals, predictions, rng, Criterion(0.02, 0.05))
+    return trial, shown, np.concatenate(residuals)
+
+
+def test_a_black_box_of_white_noise_is_one_of_two(monkeypatch):
+    """The better one counts, and its p-value twice."""
+    trial, shown, residual = box_trial(monkeypatch, "white", [0.5])
+    assert (trial.share, trial.p_value) == (pytest.approx(0.25), 0.002)
+    np.testing.assert_allclose(np.concatenate(trial.left), 0.5 * residual)
+    assert [len(part) for part in trial.left] == [200, 200]  # nothing follows across records
+    assert len(shown) == 1
+    assert box_trial(monkeypatch, "white", [2.0])[0].share == 1.0  # nothing is taken away
+    assert box_trial(monkeypatch, "white", [0.5], [0.9])[0].p_value == 1.0
+
+
+def test_black_boxes_of_coloured_noise_are_a_family(monkeypatch):
+    """Of two boxes, three targets, and errors as they are and as innovations: twelve."""
+    leaves, chances = [0.99, 0.98, 0.999], [0.004, 0.001]
+    trial, shown, residual = box_trial(monkeypatch, "autoregressive", leaves, chances)
+    assert (trial.share, trial.p_value) == (pytest.approx(0.98**2), pytest.approx(0.012))
+    targets = [y for _, y in shown]
+    rest = np.square(0.5 * residual)  # what its law predicts of the residual
+    for target, right in zip(targets, [residual, 0.5 * residual, rest - rest.mean()], strict=True):
+        np.testing.assert_allclose(target, right)
+    driven, past, also_driven = (x for x, _ in shown)
+    np.testing.assert_array_equal(driven, also_driven)
+    np.testing.assert_array_equal(past[:, :N_PRESENT], driven[:, :N_PRESENT])
+    own = len(list(_own(residual[:200], residual[:200])))
+    assert past.shape[1] == N_PRESENT + own
+    swapped = box_trial(monkeypatch, "autoregressive", leaves, chances[::-1])[0]
+    assert swapped.p_value == pytest.approx(0.012)
+
+
+@pytest.mark.parametrize("which", [0, 1, 2])
+def test_structure_in_coloured_noise_is_what_is_found_of_the_whole(monkeypatch, which):
+    """What the drive alone explains is that; the rest is told by all that can be seen."""
+    leaves = [0.5 if k == which else 1.0 for k in range(3)]
+    trial, shown, residual = box_trial(monkeypatch, "autoregressive", [*leaves, 0.25])
+    assert trial.p_value == pytest.approx(0.012)
+    part = 0.25 if which else 0.5
+    assert trial.share == pytest.approx(part**2)
+    np.testing.assert_allclose(np.concatenate(trial.left), part * residual)
+    assert len(shown) == (4 if which else 3)
+    if which:
+        np.testing.assert_array_equal(shown[3][1], residual)
+        driven, own = shown[0][0], shown[1][0][:, N_PRESENT:]
+        np.testing.assert_array_equal(shown[3][0], np.c_[driven, own])
+
+
+@pytest.mark.parametrize(("slow", "length"), [(False, 10), (True, 200)])
+def test_of_long_records_evenly_spread_stretches_are_seen(slow, length, monkeypatch):
+    """A stretch lasts as long as neighbours have something in common, but nine are left.
+
+    Rows without a residual are left out, and none is taken to follow another across a gap.
+    """
+    monkeypatch.setattr(_structure, "ENOUGH", 600)
+    rng = np.random.default_rng(0)
+    sizes = 1505, 300
+    records = [RecordData(u, u, 0.01) for u in (rng.normal(size=n) for n in sizes)]
+    residuals = [rng.normal(size=n) for n in sizes]
+    if slow:
+        residuals = [np.cumsum(own) for own in residuals]
+    residuals[0][500:505] = np.nan
+    noise = SimpleNamespace(innovations=lambda series: [2.0 * own for own in series])
+    predictions = [r.u for r in records]
+    x, n_driven, y, new, block, ends = _seen(records, residuals, predictions, rng, noise)
+    assert len(x) == len(y) == len(block) == pytest.approx(600, abs=length)
+    np.testing.assert_array_equal(new, 2.0 * y)
+    every = np.concatenate(residuals)
+    rows = np.array([np.flatnonzero(every == value).item() for value in y])
+    parts = np.split(rows, ends)
+    assert all(np.all(np.diff(own) == 1) for own in parts)
+    begins = [own[0] for own in parts[1:]]
+    assert all(b > a[-1] + 1 or b == 1505 for a, b in zip(parts, begins, strict=False))
+    numbers = [block[rows == row].item() for row in rows]
+    np.testing.assert_array_equal(np.unique(numbers), np.arange(block[-1] + 1))
+    seen = np.bincount(block)
+    assert seen.max() == length
+    assert np.count_nonzero(seen == length) >= len(seen) - 2  # all but the ends of records
+    assert np.diff(rows).max() <= 2 * length + 6  # two of three stretches, and the hole
+    drives = np.concatenate([r.u for r in records])
+    np.testing.assert_allclose(x[:, 0], (drives[rows] - drives.mean()) / np.ptp(drives))
+    assert n_driven == len(list(next(_driven(records, predictions, LAGS))))
+
+
+def test_units_of_drive_and_prediction_do_not_matter_to_a_black_box():
+    """A cubic of the prediction is seen exactly, whatever its level."""
+    rng = np.random.default_rng(0)
+    u, p = np.cumsum(rng.normal(size=(2, 100)), axis=1)
+    record = RecordData(u, u, 0.01)
+    own = np.array(list(next(_driven([record], [p], LAGS))))
+    other = replace(record, u=1e3 * u + 5.0)
+    np.testing.assert_allclose(
+        np.array(list(next(_driven([other], [1e-6 * p - 7.0], LAGS)))), own, atol=1e-9
+    )
+    cubic = (p - 3.0) ** 3
+    basis = np.c_[np.ones(100), own[1:N_PRESENT].T]
+    left = cubic - basis @ np.linalg.lstsq(basis, cubic, rcond=None)[0]
+    assert np.abs(left).max() < 1e-9 * np.abs(cubic).max()
+
+
+@pytest.mark.parametrize(("n", "largest"), [(60, 16), (70, 64), (1000, 256), (1030, 1024)])
+def test_slow_reactions_are_seen_up_to_the_length_of_a_record(n, largest):
+    """A first-order reaction to a step is 1 - 1/e after its time constant: a power of four."""
+    u = np.r_[0.0, np.ones(n - 1)]
+    features = np.array(list(next(_driven([RecordData(u, u, 0.01)], [u]))))
+    first = features[N_PRESENT + PLAYS :]
+    constants = [4**k for k in range(1, 6) if 4**k <= largest]
+    level = np.ptp(u) * (1.0 - np.exp(-1.0))
+    found = [np.argmax(own >= level - 1e-9) for own in first[: len(constants)]]
+    np.testing.assert_array_equal(
+        found, [constant if constant < n else 0 for constant in constants]
+    )
+    assert len(first) == 2 * len(constants) + 2
+
+
+def test_the_time_in_a_record_is_counted_from_its_middle():
+    u = np.sin(np.linspace(0.0, np.pi, 101))  # the same backwards
+    in_time = np.array(list(next(_driven([RecordData(u, u, 0.01)], [u]))))[-2:]
+    np.testing.assert_allclose(in_time, -in_time[:, ::-1], atol=1e-12)
+    assert np.abs(in_time).max() > 0.1
+
+
 @pytest.mark.parametrize("size", [1, 2, 5, 40])
 def test_means_and_values_of_the_past_end_before_the_sample(size):
     signal = np.random.default_rng(0).normal(size=20)
@@ -182,14 +422,18 @@ def test_a_residual_is_seen_by_its_past_alone():
     before, after = np.array(list(_own(u, r))), np.array(list(_own(u, changed)))
     np.testing.assert_array_equal(before[:, :101], after[:, :101])
     assert np.sum(np.any(before != after, axis=1)) == len(before) - 1  # all but the time
+    np.testing.assert_allclose(before[-1], np.linspace(0.0, 1.0, 200, endpoint=False))
+    assert np.count_nonzero(before[:-1, 0]) == 0  # nothing has been
+    n_changes = len(LAGS[4::4])  # gains with the change of the drive, which there was none of
+    assert np.count_nonzero(before[-1 - n_changes : -1, 1]) == 0
 
 
 def test_a_gain_that_the_residual_had_with_the_drive_foretells_it():
     """Of a gain on the drive beside its mean, the features of that gain are the residual."""
-    u = 3.0 + np.random.default_rng(0).choice([-1.0, 1.0], size=2000)
+    u = 3.0 + 0.01 * np.random.default_rng(0).choice([-1.0, 1.0], size=2000)
     features = np.array(list(_own(u, 0.7 * (u - u.mean()))))[:, 1000:]
     off = np.max(np.abs(features - 0.7 * (u - u.mean())[1000:]), axis=1)
-    assert np.count_nonzero(off < 0.01) == len(LAGS[4::4])
+    assert np.count_nonzero(off < 1e-4) == len(LAGS[4::4])
 
 
 def test_a_resting_record_does_not_hide_that_others_repeat():
@@ -205,7 +449,9 @@ def test_a_resting_record_does_not_hide_that_others_repeat():
 def test_a_cubic_drift_between_repetitions_is_no_noise(n):
     time = np.linspace(-1.0, 2.0, n)
     drift = 3.0 - time + 2.0 * time**3
-    assert _settled(drift)[0] < 1e-20 * (drift @ drift)
+    power, freedom = _settled(drift - drift[0])
+    assert power < 1e-20 * (drift @ drift)
+    assert freedom == n - SLOW - 1  # rounding is no transient
 
 
 def test_shares_of_octaves_are_those_of_the_power():
@@ -219,6 +465,146 @@ def test_shares_of_octaves_are_those_of_the_power():
         table[(table["low"] < f) & (f <= table["high"])]["share"].item() for f in (20.0, 300.0)
     ]
     np.testing.assert_allclose(shares, [0.2, 0.8], atol=1e-3)
+
+
+def test_octaves_are_those_of_the_longest_record_and_of_the_shortest_interval():
+    """Lines of one amplitude share by the numbers of samples, each within an octave."""
+    intervals, sizes, lines = (1e-3, 1e-2, 1e-3), (4000, 1000, 200), (300.0, 0.6, 35.0)
+    stops = np.cumsum(sizes)
+    slices = [
+        RecordSlice(k, slice(stop - n, stop), dt, 0.0, n)
+        for k, stop, n, dt in zip("abc", stops, sizes, intervals, strict=True)
+    ]
+    residual = np.concatenate(
+        [
+            np.sin(2 * np.pi * f * dt * np.arange(n) + 0.3)
+            for f, n, dt in zip(lines, sizes, intervals, strict=True)
+        ]
+    )
+    table = locate(slices, np.sin(np.arange(stops[-1])), residual, Units())
+    table = table[table["by"] == "frequency"].sort_values("low")
+    np.testing.assert_allclose(table["high"].iloc[1:] / table["low"].iloc[1:], 2.0)
+    assert table["high"].iloc[-1] == 500.0
+    assert 2.0 / 10.0 <= table["high"].iloc[0] < 4.0 / 10.0  # of ten seconds
+    for f, n in zip(lines, sizes, strict=True):
+        at = (table["low"] < f) & (f <= table["high"])
+        assert table[at]["share"].item() == pytest.approx(n / stops[-1], abs=0.02)
+
+
+def test_concentration_is_the_power_relative_to_that_of_all_samples():
+    n, dt = 1000, 0.01
+    u = np.linspace(0.0, 2.0, n) ** 2
+    residual = np.where(np.arange(n) < 100, 3.0, 1.0)  # 900 and 900 of a power of 1800
+    slices = [RecordSlice("a", slice(0, n), dt, 0.0, n)]
+    table = locate(slices, u, residual, Units())
+    for by, low, high in (("time", 0.0, 0.999), ("drive", 0.0, 0.04), ("rate", 0.0, 0.08)):
+        row = table[table["by"] == by].iloc[0]
+        assert (row["low"], row["high"]) == pytest.approx((low, high), abs=0.01)
+        assert (row["share"], row["concentration"]) == pytest.approx((0.5, 5.0), rel=0.02)
+    whole = table[table["by"] == "record"].iloc[0]
+    assert tuple(whole[["low", "high", "share", "concentration"]]) == pytest.approx((0, 9.99, 1, 1))
+
+
+def test_parameters_of_a_claim_are_those_of_its_stage():
+    operator = SimpleNamespace(entries=lambda: [("radius", None), ("gain", None)])
+
+    def keys(kind, params, place=None, label="backlash"):
+        return Claim.keys.func(
+            SimpleNamespace(
+                structure=SimpleNamespace(disturbance_names=[]),
+                edits=[SimpleNamespace(place=place)],
+                label=label,
+                kind=kind,
+                is_part=False,
+                _biases=False,
+                operator=operator,
+                result=SimpleNamespace(params=dict.fromkeys(params)),
+            )
+        )
+
+    stage = {"radius": "model__plays__radius"}
+    both = ["gain", "model__plays__radius", "model__lag__gain", "model__lag__time_constant"]
+    assert keys("exchange", both, place="plays") == stage
+    assert keys("exchange", ["model__radius", "offset__gain"]) == {"radius": "model__radius"}
+    assert keys("insert", ["gain", "model__radius"]) == {}  # all of the effect's own are fixed
+
+
+def pruned(needless, names="abc"):
+    """Prune effects of which those sets are not missed; errors count what is left."""
+
+    def candidate(names):
+        structure = SimpleNamespace(effects=tuple(names))
+        return SimpleNamespace(structure=structure, error=1.0 + len(names))
+
+    def without(base, name):
+        return candidate([n for n in base.structure.effects if n != name])
+
+    def is_missed(reduced, base, n_tried=None):
+        gone = set(names) - set(reduced.structure.effects)
+        return gone not in [set(own) for own in needless]
+
+    contest = SimpleNamespace(
+        without=without,
+        n_tried=1,
+        criterion=SimpleNamespace(is_better=is_missed, matters=lambda worse, better: True),
+        _is_needed=lambda base, name, reduced: is_missed(reduced, base),
+        _keeps_names=lambda *_: True,
+        dropped=[],
+        _say=lambda *_: None,
+    )
+    return Contest.prune(contest, candidate(names)).structure.effects, contest.dropped
+
+
+def test_effects_that_compensate_for_each_other_are_taken_out_together():
+    assert pruned([]) == (("a", "b", "c"), [])
+    assert pruned(["ac"]) == (("b",), ["a", "c"])
+    assert pruned(["b"]) == (("a", "c"), ["b"])
+    assert pruned(["b", "abc"]) == ((), ["b", "a", "c"])
+
+
+def test_a_candidate_is_nested_up_to_what_the_noise_of_its_parameters_hides():
+    """The misfit to the other's prediction is compared with the variance for each parameter."""
+    rng = np.random.default_rng(0)
+    u = np.cumsum(rng.normal(size=400)) / 5.0
+    records = [RecordData(u, u + 0.1 * np.sin(3.0 * u), 0.01)]
+    plays, line = (Tree.from_result(m, m.identify(records)) for m in (PrandtlIshlinskii(4), Gain()))
+    small = Candidate((), plays, 1.0, 1.0, 5, np.empty(0))
+    basis = np.stack([u, np.ones(400)], axis=1)
+    predicted = plays.run(records)[0]
+    misfit = predicted - basis @ np.linalg.lstsq(basis, predicted, rcond=None)[0]
+    contest = SimpleNamespace(records_of=lambda _: records)
+    for part, contained in ((0.9, True), (1.1, False)):
+        cost = misfit @ misfit / part / 2 * 400  # of noise that two parameters follow
+        large = Candidate((), line, cost, cost, 2, np.empty(0))
+        assert Contest._contains(contest, large, small) == contained
+
+
+@pytest.mark.parametrize("folds_back", [True, False])
+def test_a_reading_is_folded_where_it_is_smoother_without(folds_back):
+    """The record that moves most is unfolded, about the end of all records."""
+    turn = np.linspace(0.5, 20.0, 800)
+    moves = np.sin(turn)
+    records = [
+        RecordData(turn, 0.2 + scale * (np.abs(moves) if folds_back else moves + 1.0), 0.01)
+        for scale in (0.5, 1.0, 0.7)
+    ]
+    identified = []
+    tree = SimpleNamespace(
+        input_history=(),
+        lines=(),
+        identified=lambda records: identified.extend(records) or tree,
+        edited=lambda name, edit: edit.operator,
+    )
+    scene = SimpleNamespace(tree=tree, records=records)
+    found = Folded(Fold("lower")).trees("rectification", scene)
+    if not folds_back:
+        assert found == identified == []
+        return
+    ((operator,), (record,)) = found, identified
+    level = min(record.y.min() for record in records)
+    assert (operator.level, operator.side) == (level, 1)
+    np.testing.assert_allclose(np.abs(record.y - 0.2), np.abs(moves), atol=0.01)
+    np.testing.assert_allclose(record.y - 0.2, np.sign(moves[0]) * moves, atol=0.02)
 
 
 def test_what_a_column_adds_starts_from_that_column():
