@@ -32,6 +32,7 @@ from skhyst.diagnosis._structure import (
     _settled,
     _wiped,
     by_black_boxes,
+    by_shifted_drive,
     in_repetitions,
     moved,
     past_mean,
@@ -434,6 +435,66 @@ def test_a_gain_that_the_residual_had_with_the_drive_foretells_it():
     features = np.array(list(_own(u, 0.7 * (u - u.mean()))))[:, 1000:]
     off = np.max(np.abs(features - 0.7 * (u - u.mean())[1000:]), axis=1)
     assert np.count_nonzero(off < 1e-4) == len(LAGS[4::4])
+
+
+def shifted_trial(residuals, drives, **known):
+    records = [RecordData(u, u, 0.01, **known) for u in drives]
+    return by_shifted_drive(records, residuals, drives)
+
+
+@pytest.mark.parametrize(("n", "shifts"), [(400, 100), (800, 200), (1200, 200)])
+def test_what_follows_the_drive_now_does_so_better_than_at_any_shift(n, shifts):
+    """It is the first of r + 1, with a quarter of the record, but 200, to either side."""
+    u = np.random.default_rng(0).normal(size=n)
+    for residual in (u, 1e-6 * u**3 + 4.0):
+        trial = shifted_trial([residual], [u])
+        assert trial.p_value == pytest.approx(1 / (shifts + 1))
+        assert trial.share < 1e-6
+    to_come = shifted_trial([np.r_[u[1:], 0.0]], [u])
+    assert to_come.p_value > 1.5 / (shifts + 1)
+    assert to_come.share > 0.9
+
+
+def test_what_the_drive_explains_of_a_residual_is_a_part_of_its_power():
+    rng = np.random.default_rng(0)
+    u, noise = rng.normal(size=(2, 4000))
+    trial = shifted_trial([u + 2.0 * noise], [u])
+    assert trial.share == pytest.approx(0.8, abs=0.05)
+    assert trial.p_value == pytest.approx(1 / 201)
+    flat = shifted_trial([noise], [u])
+    assert flat.share == pytest.approx(1.0, abs=0.05)
+    assert flat.p_value > 0.01
+
+
+def test_a_drive_that_repeats_itself_is_shifted_by_less_than_a_third_of_its_period():
+    u = np.tile(np.random.default_rng(0).normal(size=120), 5)
+    trial = shifted_trial([u + 3.0], [u])
+    assert trial.p_value == pytest.approx(1 / 41)
+    assert trial.share < 1e-6
+
+
+def test_records_with_gaps_and_columns_that_say_nothing_new_change_nothing():
+    rng = np.random.default_rng(0)
+    u, noise, other = rng.normal(size=(3, 600))
+    right = shifted_trial(
+        [np.r_[np.full(9, np.nan), u + noise][:600]], [np.r_[np.zeros(9), u][:600]]
+    )
+    drive, residual = np.r_[np.zeros(9), u][:600], np.r_[np.full(9, np.nan), u + noise][:600]
+    gap = np.where(np.arange(600) == 300, np.nan, other)
+    records = [RecordData(own, own, 0.01) for own in (drive, drive)]
+    found = by_shifted_drive(records, [gap, residual], [drive, drive])
+    assert (found.share, found.p_value) == pytest.approx((right.share, right.p_value), rel=1e-6)
+    again = shifted_trial([residual], [drive], auxiliary=np.c_[np.ones(600), 5.0 * drive])
+    assert (again.share, again.p_value) == pytest.approx((right.share, right.p_value), rel=1e-6)
+
+
+@pytest.mark.parametrize("n", [3, 20, 40])
+def test_too_few_samples_follow_no_drive(n):
+    """Twice as many samples as features are asked for."""
+    u = np.random.default_rng(0).normal(size=n)
+    assert shifted_trial([u], [u]) == Trial(1.0, 1.0, None)
+    assert shifted_trial([np.full(n, np.nan)], [u]) == Trial(1.0, 1.0, None)
+    assert shifted_trial([u], [np.ones(n)]) == Trial(1.0, 1.0, None)
 
 
 def test_a_resting_record_does_not_hide_that_others_repeat():
