@@ -80,7 +80,7 @@ class NoiseModel:
     @cached_property
     def _forecast(self):
         """Weights of the past samples, the last one first, that predict the next."""
-        n = 8 * (_MEMORY + 1)  # fine enough for these lags
+        n = 8 * _MEMORY  # fine enough for these lags
         power = self.spectrum(np.arange(0.5, n) / (2 * n))
         correlations = dct(power)[: _MEMORY + 1] / (2 * n)
         return solve_toeplitz(correlations[:-1], correlations[1:])

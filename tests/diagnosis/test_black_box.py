@@ -4,8 +4,10 @@ import pickle
 import warnings
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.signal import lfilter
+from sklearn.dummy import DummyRegressor
 from sklearn.ensemble import RandomForestRegressor
 from sklearn.linear_model import LinearRegression, Ridge
 from sklearn.pipeline import make_pipeline
@@ -14,11 +16,13 @@ from sklearn.preprocessing import PolynomialFeatures
 from skhyst.autoregressive import NARXRegressor
 from skhyst.compose import Cascade, Corrected, ScheduledParameters, Sum
 from skhyst.diagnosis import EffectSearchCV
+from skhyst.diagnosis._black_box import declare
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import Gain, TransferFunction
 from skhyst.neural import SCNRegressor
+from skhyst.optimize import RecordData
 from skhyst.preprocessing import LaggedFeatures, PlayOperators
-from skhyst.records import stack_records
+from skhyst.records import RecordSlice, stack_records
 
 DT = 0.01
 N = 250
@@ -176,6 +180,41 @@ def test_a_single_record_is_cut_into_blocks():
     assert search.error_after_ < 0.011
     assert np.isnan(search.residual_before_[:5]).all()
     assert rms(search.predict(u.reshape(-1, 1)) - y) < 0.012
+
+
+def test_records_are_driven_by_a_fit_to_the_others():
+    """A regression through the mean of the rows that each was fitted to, and once so far."""
+    sizes = 4, 6, 5
+    y = np.concatenate([np.full(n, 10.0 * i) for i, n in enumerate(sizes)])
+    X, columns, stops = np.zeros((15, 1)), np.zeros((15, 1)), np.cumsum(sizes)
+    slices = [
+        RecordSlice(i, slice(stop - n, stop), DT, 0.0, n)
+        for i, (stop, n) in enumerate(zip(stops, sizes, strict=True))
+    ]
+    records = [
+        RecordData(X[s.rows, 0], y[s.rows], DT, segments=((0, s.n_samples),)) for s in slices
+    ]
+    of = np.arange(3)
+    folds = [(of != k, of == k) for k in range(3)] + [(of >= 0, of >= 0)]
+    stands_for = declare(DummyRegressor(), X, columns, y, slices, 0)
+    driven, scored = stands_for.begin(records, folds)
+    assert len(scored) == 3  # what is trained on everything scores nothing
+    for k, record in enumerate(driven):
+        np.testing.assert_allclose(record.u, y[np.repeat(of, sizes) != k].mean())
+        np.testing.assert_array_equal(record.y, records[k].y)
+    assert stands_for.measured(driven) is records
+    box = stands_for._declared
+    assert box.turns == 0
+    np.testing.assert_array_equal(box.targets, [y] * 3)
+
+
+def test_columns_by_name_are_found_in_a_composition_by_their_place():
+    X = pd.DataFrame({"time": np.arange(9.0), "volt": np.arange(9.0), "warm": np.ones(9)})
+    slices = [RecordSlice(0, slice(0, 9), DT, 0.0, 9)]
+    data = X, X.to_numpy(), np.arange(9.0), slices, 0
+    named = declare(TransferFunction(1, inputs=["warm", "volt"]), *data)
+    assert named.model.inputs == [2, 1]
+    assert declare(TransferFunction(1, inputs="all"), *data).model.inputs == "all"
 
 
 @pytest.mark.slow

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from skhyst.hysteresis import FrictionStage, FrictionStageOperator
+from skhyst.hysteresis._friction_stage import displacement, displacement_tangents
+from skhyst.hysteresis._oscillator import OWN, P
 
 W, ZETA, FS, RATIO, VS, RHO, BRISTLE = 60.0, 0.3, 0.3, 0.65, 4.0, 10.0, 0.2
 STAGE = FrictionStageOperator(W, ZETA, FS, RATIO, VS, RHO, BRISTLE)
@@ -40,6 +42,24 @@ def test_slow_motion_is_independent_of_the_rate():
     u = np.interp(np.arange(4001) / 1000.0, [0, 1, 2, 3, 4], [0.0, 1.0, -0.5, 0.7, 0.2])
     slow, slower = (stage.run(u, dt)[0] for dt in (0.02, 0.04))
     np.testing.assert_allclose(slow, slower, atol=1e-3)
+
+
+def test_derivatives_at_rest_are_the_mean_of_both_directions():
+    """The exponent grows with the size of the displacement: its derivative at zero is zero."""
+    law, free_d, b, f, h = (
+        (FS, RATIO, 1.0 / (DT * VS), RHO, 2.0 * BRISTLE / (W * DT)),
+        0.1,
+        0.3,
+        0.2,
+        1e-6,
+    )
+    by = np.zeros((3, OWN + 7))
+    by[0, P] = 1.0  # the guess alone depends on it
+    value = displacement_tangents(0.0, free_d, b, f, law, VS, 0.0, 0.0, by)
+    np.testing.assert_allclose(value, displacement(0.0, free_d, b, f, law))
+    ahead, behind = (np.array(displacement(d, free_d, b, f, law)) for d in (h, -h))
+    np.testing.assert_allclose(by[:, P], (ahead - behind) / (2.0 * h), atol=1e-6)
+    assert np.abs(ahead - value).max() > 1e-3 * h  # to either side it is not
 
 
 def test_without_stribeck_effect():

@@ -170,6 +170,21 @@ def test_a_step_remembers_what_matters_most():
     assert 0.0 < np.abs(found - y).max() < bound * np.ptp(y)
 
 
+@pytest.mark.parametrize("count", [510, 511, 512, 513, 600])
+def test_a_step_goes_on_from_a_long_state(count):
+    """It holds all turning points of the state, and drops a pair where there is no room."""
+    operator = example()
+    u = (-1.0) ** np.arange(count + 2) * np.linspace(1.2, 0.1, count + 2)
+    _, state = operator.run(u, 1.0)
+    assert abs(len(state[0]) - count) <= 2
+    after = np.r_[0.0, 0.05, -0.02, np.linspace(-0.02, 1.1, 50), np.linspace(1.1, -1.1, 50)]
+    compiled_step = operator.compiled_step(1.0, state)
+    assert compiled_step.possible(compiled_step.state, compiled_step.constants)
+    found = compiled_step.streaming(compiled_step.state.copy())(after)
+    y = run(operator, after, state)
+    close(found, y, 2.0 * 2.0 / 512**2 * np.ptp(y))
+
+
 def test_long_states():
     operator = example()
     u = 1.2 * (-1.0) ** np.arange(2000) * np.linspace(1.0, 0.1, 2000)

@@ -77,6 +77,24 @@ def test_innovations_are_what_the_past_does_not_foretell(coefficient):
     )
 
 
+@pytest.mark.parametrize("share", [0.3, 0.8])
+@pytest.mark.parametrize("coefficient", [0.5, 0.95])
+def test_white_noise_beside_a_first_order_process_is_forecast_as_by_a_kalman_filter(
+    coefficient, share
+):
+    """A step weighs what was k samples ago by g a (a (1 - g))^(k - 1), g the filter's gain."""
+    model = NoiseModel("autoregressive", 1.0, coefficient, share)
+    driven, white = share * (1.0 - coefficient**2), 1.0 - share
+    ahead = share
+    for _ in range(1000):
+        ahead = coefficient**2 * ahead * white / (ahead + white) + driven
+    gain = ahead / (ahead + white)
+    weights = gain * coefficient * (coefficient * (1.0 - gain)) ** np.arange(100)
+    impulse = np.r_[1.0, np.zeros(99)]
+    (found,) = model.innovations([impulse])
+    np.testing.assert_allclose(found, np.r_[1.0, -weights[:-1]], atol=1e-6)
+
+
 def test_a_gap_ends_what_the_past_tells():
     """Behind it the innovations are those of a record of its own."""
     own = first_order(0.9, np.random.default_rng(4107))

@@ -5,7 +5,13 @@ import pytest
 from scipy.signal import lfilter
 
 from skhyst.noise import white_noise_floor
-from skhyst.records._channels import _is_followed, _Stretches, are_exchanged, reaction_p_value
+from skhyst.records._channels import (
+    _innovations,
+    _is_followed,
+    _Stretches,
+    are_exchanged,
+    reaction_p_value,
+)
 
 SIDE = 8
 
@@ -38,6 +44,24 @@ def test_noise_of_the_response_hides_whether_it_follows():
         assert not _is_followed(u, slow, floor)
         assert _is_followed(u, slow + 0.1 * rng.normal(size=n), floor)
         assert _is_followed(u, lfilter([0.05], [1.0, -0.95], u), floor)
+
+
+def test_innovations_of_a_signal_have_no_offset():
+    """Whole numbers keep all their digits beside a large one."""
+    codes = np.random.default_rng(0).integers(0, 8, size=300).astype(float)
+    plain, past = _innovations(codes, 6)
+    np.testing.assert_allclose(_innovations(2.0**45 + codes, 6)[0], plain, atol=1e-6)
+    np.testing.assert_allclose(past.T @ past, np.eye(7), atol=1e-12)
+    np.testing.assert_allclose(past.T @ plain, 0.0, atol=1e-12)
+    np.testing.assert_allclose(past @ (past.T @ codes[2:-4]), codes[2:-4], atol=1e-9)
+
+
+def test_no_sample_dominates_innovations():
+    """None is further off than three standard deviations of normal noise with that median."""
+    noise = np.random.default_rng(0).laplace(size=2000)
+    found, _ = _innovations(noise, 3)
+    deviation = np.median(np.abs(found)) / 0.67449
+    assert np.abs(found).max() == pytest.approx(3.0 * deviation, rel=0.1)
 
 
 @pytest.mark.parametrize("unit", [1e-6, 1e6])

@@ -9,7 +9,7 @@ from skhyst.datasets.simulation import first_order, plays
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.records import RecordSlice, data_quality, record_slices, stack_records
-from skhyst.records._data_quality import _clipped, _jitter, _noisy, _spikes
+from skhyst.records._data_quality import _clipped, _jitter, _noisy, _runs, _spikes, _stuck, _wrapped
 
 N = 4000
 
@@ -272,3 +272,115 @@ def test_two_intervals_have_a_jitter():
 )
 def test_readings_are_noisy_where_most_differ_from_the_one_before(lengths, noisy):
     assert _noisy(np.array(lengths)) == noisy
+
+
+@pytest.mark.parametrize(
+    ("y", "starts", "lengths"),
+    [
+        ([5.0, 5.0, 7.0], [0, 2], [2, 1]),
+        ([1.0, 2.0, 2.0, 2.0], [0, 1], [1, 3]),
+        ([3.0], [0], [1]),
+    ],
+)
+def test_runs_begin_with_the_first_reading_and_end_with_the_last(y, starts, lengths):
+    np.testing.assert_array_equal(np.stack(_runs(np.array(y))), [starts, lengths])
+
+
+def test_clipping_at_the_start_of_a_record_is_clipping(signals):
+    drive, y = signals
+    y[:40] = 3.2
+    table = faults(drive, y)
+    assert table[["fault", "n_samples", "value"]].to_numpy().tolist() == [
+        ["clipped_range", 40, 3.2]
+    ]
+
+
+@pytest.mark.parametrize(("part", "are_faults"), [(0.01, True), (0.018, True), (0.025, False)])
+def test_more_than_one_in_fifty_belongs_to_the_signal(part, are_faults, signals):
+    drive, y = signals
+    rows = np.linspace(10, N - 10, int(part * N)).astype(int)
+    y[rows] += np.linspace(5.0, 6.0, len(rows))
+    table = faults(drive, y)
+    assert table["fault"].tolist() == (["outlier"] if are_faults else [])
+    assert table["n_samples"].tolist() == ([len(rows)] if are_faults else [])
+
+
+def spikes(y, u=None):
+    y = np.asarray(y, dtype=float)
+    return list(_spikes(np.zeros(len(y)) if u is None else u, y, *_runs(y)))
+
+
+@pytest.mark.parametrize(("height", "found"), [(0.9, 0), (1.1, 1)])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_spike_is_higher_than_twelve_deviations(height, found, sign):
+    """Of the distance from the mean of the neighbours, whatever the slope; one way only."""
+    noise = np.random.default_rng(0).normal(size=2001)
+    noise[1000] = 0.5 * (noise[999] + noise[1001])
+    distance = noise[1:-1] - 0.5 * (noise[:-2] + noise[2:])
+    deviation = np.median(np.abs(distance - np.median(distance))) / 0.67449
+    y = noise + sign * np.where(np.arange(2001) == 1000, 12.0 * height * deviation, 0.0)
+    off = abs(noise[999] - noise[1001])
+    assert off < 0.5 * deviation  # else the height is that above the nearer neighbour
+    assert len(spikes(y)) == found
+    step = np.where(np.arange(2001) >= 1000, 500.0 * deviation, 0.0)
+    assert spikes(noise + sign * step) == []
+
+
+@pytest.mark.parametrize(("length", "found"), [(20, True), (21, False)])
+def test_a_code_lasts_up_to_twenty_readings(length, found):
+    y = np.sin(np.arange(3000))
+    y[1500 : 1500 + length] = -9.0
+    assert [kind for kind, *_ in spikes(y)] == (["lost_reading"] if found else [])
+
+
+@pytest.mark.parametrize(("span", "found"), [(0.1, True), (0.9, True), (1.1, False)])
+def test_a_spike_goes_where_it_came_from(span, found):
+    """Between readings that differ by less than half of its height."""
+    y = np.where(np.arange(400) < 200, 0.0, 0.5 * span) + 1e-9 * np.sin(np.arange(400) ** 2)
+    y[200] = 1.0 + 0.5 * span  # one above the reading behind
+    assert [rows.tolist() for _, rows, _ in spikes(y)] == ([[200]] if found else [])
+
+
+@pytest.mark.parametrize(("moves", "found"), [(0.2, True), (0.4, False)])
+def test_a_jump_there_and_back_of_the_drive_explains_a_spike(moves, found):
+    """By a third of what it would take, relative to the ranges."""
+    y, u = np.sin(np.arange(2000)), np.zeros(2000)
+    y[1000] = 9.0
+    u[0], u[1000] = 1.0, moves
+    height = (9.0 - max(y[999], y[1001])) / np.ptp(y)
+    assert len(spikes(y, u)) == (moves < 0.3 * height) == found
+
+
+@pytest.mark.parametrize(("drive_moves", "stuck"), [(0.02, False), (0.04, True)])
+@pytest.mark.parametrize(("length", "long"), [(9, False), (10, True)])
+def test_a_sensor_is_stuck_where_the_drive_moves(drive_moves, stuck, length, long):
+    """Over three per cent of its range, during ten readings or more, inside the range."""
+    y, u = np.sin(np.arange(300.0)), np.zeros(300)
+    u[0], u[299] = -0.5, 0.5
+    rows = slice(100, 100 + length)
+    y[rows], u[rows] = 0.3, np.linspace(0.0, drive_moves, length)
+    found = list(_stuck(u, y, *_runs(y)))
+    assert len(found) == (stuck and long)
+    for kind, at, value in found:
+        assert (kind, at.tolist(), value) == ("stuck_sensor", list(range(100, 110)), 0.3)
+    y[rows] = y.max() + 1.0
+    assert list(_stuck(u, y, *_runs(y))) == []
+
+
+def test_a_counter_overflows_by_one_size_while_the_drive_goes_on():
+    turns = np.linspace(0.0, 3.5, 700)
+    y = 8.0 * (turns % 1.0)
+    at = [200, 400, 600]
+    (found,) = _wrapped(turns, y)
+    assert (found[0], found[1].tolist()) == (
+        "wrapped_reading",
+        (1 + np.flatnonzero(np.diff(y) < 0)).tolist(),
+    )
+    np.testing.assert_allclose(found[1], at, atol=1)
+    assert found[2] == pytest.approx(8.0, rel=0.01)
+    jumping = turns + np.where(np.arange(700) >= found[1][0], 1.5, 0.0)  # 0.3 of its range
+    assert list(_wrapped(jumping, y)) == []
+    uneven = y - 2.0 * (turns > 2.0)  # its jumps are of several sizes
+    assert list(_wrapped(turns, uneven)) == []
+    assert list(_wrapped(turns, np.tile([0.0, 1.0], 350))) == []  # it does nothing but jump
+    assert list(_wrapped(turns, np.sin(turns))) == []
