@@ -1,16 +1,17 @@
 """What the small parts of the search decide by: a theorem each, on signals made for it."""
 
 from dataclasses import replace
-from itertools import cycle
+from itertools import cycle, pairwise
 from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from skhyst.diagnosis import EFFECTS, _open_questions, _structure
+from skhyst.compose import amplitude
+from skhyst.diagnosis import EFFECTS, _contest, _open_questions, _structure
 from skhyst.diagnosis._candidates import Candidate
-from skhyst.diagnosis._changes import Folded, _before, _differ
+from skhyst.diagnosis._changes import Folded, Scaled, UnderWay, _before, _differ, _levels
 from skhyst.diagnosis._claim import Claim
 from skhyst.diagnosis._constants import FLAT, LAGS, PLAYS, REPEATS, SLOW
 from skhyst.diagnosis._contest import Contest
@@ -109,6 +110,11 @@ def test_how_a_repetition_began_does_not_count(n):
     begun[:size] += 100.0
     power, freedom = _settled(begun)
     assert (power, freedom) == (pytest.approx(_settled(noise[size:])[0]), n - size - SLOW - 1)
+
+
+@pytest.mark.parametrize("n", [1, 2, 4, 5])
+def test_a_drift_takes_all_freedom_of_few_samples(n):
+    assert _settled(np.ones(n))[1] == max(n - 4, 0)
 
 
 def test_of_what_does_not_settle_seven_times_a_sixteenth_goes():
@@ -621,6 +627,145 @@ def test_effects_that_compensate_for_each_other_are_taken_out_together():
     assert pruned(["ac"]) == (("b",), ["a", "c"])
     assert pruned(["b"]) == (("a", "c"), ["b"])
     assert pruned(["b", "abc"]) == ((), ["b", "a", "c"])
+
+
+def test_the_family_is_of_all_that_was_screened_in_a_model_and_of_all_pairs():
+    """A p-value counts as often as something was tried in a round, whichever had most."""
+    rows = [{"effect": "a", "p_value": p} for p in (0.01, 0.3, np.nan)]
+    steps = [(20, False, rows[:1]), (7, False, rows[1:]), (10, True, []), (3, True, [])]
+    names = "n_tried", "in_pairs", "rows"
+    visited = {k: dict(zip(names, step, strict=True)) for k, step in enumerate(steps)}
+    contest = SimpleNamespace(_visited=visited)
+    contest.n_tried = Contest.n_tried.fget(contest)
+    assert contest.n_tried == 30
+    found = [row["p_value"] for row in Contest.ranking.fget(contest)]
+    np.testing.assert_allclose(found, [0.3, 1.0, np.nan])
+    assert Contest.n_tried.fget(SimpleNamespace(_visited={})) == 1
+
+
+def of_effects(names, error=1.0, n_parameters=1):
+    structure = SimpleNamespace(effects=tuple(names), root=SimpleNamespace(n_parameters=1))
+    return SimpleNamespace(structure=structure, error=error, n_parameters=n_parameters)
+
+
+def test_the_best_path_goes_on_and_the_simplest_that_is_not_told_from_it():
+    """Of all candidates, and of those that would be claimed; of each set of effects the best."""
+    criterion = SimpleNamespace(is_better=lambda worse, better: worse.error > 1.2 * better.error)
+    contest = SimpleNamespace(criterion=criterion)
+    best, simple, simpler = (
+        of_effects("a", 1.0, 5),
+        of_effects("b", 1.1, 3),
+        of_effects("c", 1.15, 3),
+    )
+    worse, again = of_effects("d", 2.0, 1), of_effects("a", 1.05, 1)
+    every = [worse, simpler, again, simple, best]
+    assert Contest._few(contest, every, []) == [best, simple]
+    assert Contest._few(contest, every, [worse]) == [best, simple, worse]
+    assert Contest._few(contest, [], []) == []
+
+
+def better_of(driven, additive, pairs, *, room=2, error=1.0, structured=True):
+    path = of_effects("p", error)
+    criterion = SimpleNamespace(
+        matters=lambda worse, better: better.error < 0.95 * worse.error,
+        is_better=lambda worse, better, n_tried: better.error < 0.5 * worse.error,
+    )
+    contest = SimpleNamespace(
+        max_effects=1 + room,
+        negligible=1e-3,
+        n_tried=1,
+        criterion=criterion,
+        extended=lambda path, fully=True, additive=False: beside if additive else drivens,
+        judgement=lambda path: SimpleNamespace(structured=structured),
+        _pairs=lambda path, singles: two,
+    )
+    drivens, beside, two = ([of_effects("x", e) for e in own] for own in (driven, additive, pairs))
+    return [c.error for c in Contest._better(contest, path, True)]
+
+
+def test_what_responds_to_the_drive_is_added_before_functions_of_time_and_pairs():
+    assert better_of([0.9, 0.99], [0.1], [0.1]) == [0.9]
+    assert better_of([0.99], [0.4, 0.6], [0.1]) == [0.4]  # alone only where it is significant
+    assert better_of([0.99], [0.6], [0.3, 0.98]) == [0.3]
+    assert better_of([0.99], [0.6], [0.3], structured=False) == []
+    assert better_of([0.99], [0.6], [0.3], room=1) == []
+    assert better_of([0.9], [], [], room=1) == [0.9]
+    assert better_of([0.9], [], [], room=0) == []
+    assert better_of([1e-6], [], [], error=1e-3) == []
+
+
+def test_claims_are_told_by_what_they_remove_of_the_error():
+    """Of three effects the error without each, and without the next, and so on."""
+    errors = {"abc": 1.0, "ab": 1.5, "bc": 4.0, "ac": 2.0, "b": 6.0, "a": 3.0, "": 9.0}
+    found = {names: of_effects(names, error) for names, error in errors.items()}
+
+    def without(base, name):
+        return found["".join(n for n in base.structure.effects if n != name)]
+
+    criterion = SimpleNamespace(p_value=lambda worse, better, n_tried: n_tried * worse.error / 1e3)
+    contest = SimpleNamespace(without=without, criterion=criterion, n_tried=10)
+    with pytest.MonkeyPatch.context() as patch:
+        known = {name: SimpleNamespace(experiment=f"record {name}") for name in "abc"}
+        patch.setattr(_contest, "EFFECTS", known)
+        rows = Contest.claims(contest, found["abc"], {"b": ("x",)})
+    told = [(r["effect"], r["error_before"], r["error_after"], r["experiment"]) for r in rows]
+    assert told == [("a", 9.0, 3.0, ""), ("b", 3.0, 1.5, "record b"), ("c", 1.5, 1.0, "")]
+    assert [row["p_value"] for row in rows] == pytest.approx([0.04, 0.02, 0.015])
+
+
+def changed(variant, records, **tree):
+    """Return what is done to a model for a variant of an effect."""
+    known = {"input_history": (), "lines": (), "multi_input": False, "scaled_by": (), **tree}
+    fake = SimpleNamespace(**known, edited=lambda name, edit: edit)
+    return variant.trees("effect", SimpleNamespace(tree=fake, records=records, residuals=records))
+
+
+def test_the_response_is_scaled_by_what_differs_between_records():
+    rng = np.random.default_rng(0)
+    drives = [np.r_[-a, a, np.zeros(n - 2)] for a, n in ((1.0, 100), (4.0, 300))]
+    columns = [
+        np.c_[rng.normal(size=len(u)), np.ones(len(u)), np.full(len(u), u[1])] for u in drives
+    ]
+    records = [RecordData(u, u, 0.01, auxiliary=c) for u, c in zip(drives, columns, strict=True)]
+    sizes = [amplitude(u) for u in drives]
+    (edit,) = changed(Scaled("amplitude"), records)
+    assert (edit.column, edit.reference) == (
+        "amplitude",
+        pytest.approx(0.25 * sizes[0] + 0.75 * sizes[1]),
+    )
+    assert changed(Scaled("amplitude"), records[:1] * 2) == []
+    assert changed(Scaled("amplitude"), records, scaled_by=("amplitude",)) == []
+    assert changed(Scaled("amplitude"), records, multi_input=True) == []
+    found = changed(Scaled("column"), records)
+    means = np.concatenate(columns).mean(axis=0)
+    assert [(edit.column, edit.reference) for edit in found] == [
+        (1, pytest.approx(means[0])),
+        (3, pytest.approx(means[2])),
+    ]
+    assert [edit.column for edit in changed(Scaled("column"), records, scaled_by=("1",))] == [3]
+    scene = SimpleNamespace(tree=SimpleNamespace(multi_input=False), records=records)
+    assert _levels(scene) == [3]  # constant in each record, and not the same in all
+
+
+@pytest.mark.parametrize("segments", [1, 60])
+def test_what_came_before_records_is_seen_in_their_first_third(segments):
+    u = np.sin(np.arange(90.0))
+    edges = np.linspace(0, 90, segments + 1).astype(int).tolist()
+    record = RecordData(u, u, 0.01, segments=tuple(pairwise(edges)))
+    seen = []
+    known = {
+        "model": SimpleNamespace(get_params=lambda: {"initial_state": "rest"}),
+        "operators": [SimpleNamespace(memoryless=False), SimpleNamespace(memoryless=True)],
+        "led_by": lambda parts: seen.extend(parts) or SimpleNamespace(input_history=("past",)),
+    }
+    (edit,) = changed(UnderWay(), [record], **known)
+    assert edit.input_history == ("past",)
+    assert [len(part.u) for part in seen] == [max(30, segments)]
+    still = {**known, "operators": [SimpleNamespace(memoryless=True)]}
+    assert changed(UnderWay(), [record], **still) == []
+    zero = {**known, "model": SimpleNamespace(get_params=lambda: {"initial_state": "zero"})}
+    assert changed(UnderWay(), [record], **zero) == []
+    assert changed(UnderWay(), [record], **{**known, "multi_input": True}) == []
 
 
 def test_a_candidate_is_nested_up_to_what_the_noise_of_its_parameters_hides():
