@@ -145,7 +145,7 @@ def _settled(difference):
 def _slow(difference):
     if len(difference) <= 4 * SLOW:
         return np.mean(difference)
-    time = np.linspace(-1.0, 1.0, len(difference))
+    time = np.arange(len(difference))
     return np.polynomial.legendre.Legendre.fit(time, difference, SLOW)(time)
 
 
