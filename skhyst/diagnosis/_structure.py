@@ -255,7 +255,7 @@ def _seen(records, residuals, predictions, rng, noise):
     lasting, _ = block_length([r[rows] for r in residuals for rows in stretches(r)])
     length = max(min(total, ENOUGH) // STRETCHES, min(lasting, total // FACTOR**2), 1)
     every = max(total // ENOUGH, 1)  # of so many stretches one is seen
-    features, target, innovations, block, ends, n_driven = [], [], [], [], [], 0
+    features, target, innovations, block, ends = [], [], [], [], []
     start, count = int(rng.integers(every)), 0
     driven_columns = _driven(records, predictions, LAGS)
     for record, r, new in zip(records, residuals, noise.innovations(residuals), strict=True):

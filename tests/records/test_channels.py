@@ -3,11 +3,15 @@
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from scipy.stats import f as fisher
+from scipy.stats import kstest
 
 from skhyst.noise import white_noise_floor
 from skhyst.records._channels import (
     _innovations,
     _is_followed,
+    _p_value,
+    _predicted,
     _Stretches,
     are_exchanged,
     reaction_p_value,
@@ -62,6 +66,34 @@ def test_no_sample_dominates_innovations():
     found, _ = _innovations(noise, 3)
     deviation = np.median(np.abs(found)) / 0.67449
     assert np.abs(found).max() == pytest.approx(3.0 * deviation, rel=0.1)
+
+
+@pytest.mark.parametrize("used", [1, 7])
+def test_columns_that_explain_nothing_have_the_p_value_of_an_f_test(used):
+    """From the sums of squares of regressions with and without the columns."""
+    rng = np.random.default_rng(used)
+    columns, target = rng.normal(size=(60, 4)) + 3.0, rng.normal(size=60)
+    target += 0.4 * columns[:, 1]
+    target -= target.mean()
+    basis = np.c_[np.ones(60), columns]
+    without = target @ target
+    left = target - basis @ np.linalg.lstsq(basis, target, rcond=None)[0]
+    freedom = 60 - 4 - used
+    ratio = (without - left @ left) / 4 / (left @ left / freedom)
+    assert _p_value(target, columns, used) == pytest.approx(fisher.sf(ratio, 4, freedom))
+
+
+@pytest.mark.parametrize("test", [reaction_p_value, _predicted])
+def test_p_values_of_channels_without_relation_are_uniform(test):
+    chances = []
+    for seed in range(200):
+        u, y = np.random.default_rng(seed).normal(size=(2, 150))
+        chances.append(test(u, y))
+    assert kstest(chances, "uniform").pvalue > 0.05
+    past = np.random.default_rng(0).normal(size=400)
+    follows = np.r_[0.0, past[:-1]] + np.random.default_rng(1).normal(size=400)
+    assert test(follows, past) < 1e-6  # the first is driven by the past of the second
+    assert test(past, follows) > 1e-3
 
 
 @pytest.mark.parametrize("unit", [1e-6, 1e6])
