@@ -442,6 +442,10 @@ def test_a_gain_that_the_residual_had_with_the_drive_foretells_it():
     features = np.array(list(_own(u, 0.7 * (u - u.mean()))))[:, 1000:]
     off = np.max(np.abs(features - 0.7 * (u - u.mean())[1000:]), axis=1)
     assert np.count_nonzero(off < 1e-4) == len(LAGS[4::4])
+    change = 0.7 * np.diff(u, prepend=u[0])  # or of one on the change of the drive
+    features = np.array(list(_own(u, change)))[:, 1000:]
+    off = np.max(np.abs(features - change[1000:]), axis=1)
+    assert np.count_nonzero(off < 1e-4) == len(LAGS[4::4])
 
 
 def shifted_trial(residuals, drives, **known):
