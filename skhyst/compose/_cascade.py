@@ -261,12 +261,12 @@ class Composition(ParametricModel, BaseComposition):
     def further_starts(self, records):
         return []
 
-    def in_order(self, operator):
+    def in_order(self, operator, records):
         """Return an operator in which linear steps that are alike are slowest first; see the base.
 
         Neighbours of equal parameters are alike: their names say nothing of which is which.
         """
-        operator = super().in_order(operator)
+        operator = super().in_order(operator, records)
         models, stages = dict(self.steps), dict(operator.members())
         for _, group in groupby(stages, key=lambda name: repr(models[name])):
             names = [name for name in group if hasattr(stages[name], "poles")]

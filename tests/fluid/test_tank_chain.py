@@ -126,3 +126,13 @@ def test_fit_finds_the_plant(unit):
     level = found.ceilings[0] * (found.scale / unit) ** 2  # of the unit flow
     assert level == pytest.approx(1.2, rel=0.2)
     assert 0.3 < found.shares[0] < 0.9
+
+
+def test_another_scale_is_another_unit():
+    u = waves()
+    tank = TankChainOperator(
+        [40.0, 25.0], [0.5, 0.7], [1.1, 1.0], [0.4], drive_offset=0.1, scale=0.8, gain=2.0
+    )
+    other = tank.with_scale(3.0)
+    assert other.scale == 3.0
+    np.testing.assert_allclose(other.run(u, DT)[0], tank.run(u, DT)[0], rtol=1e-12)
