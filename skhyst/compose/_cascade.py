@@ -511,6 +511,15 @@ class Cascade(Composition):
 
         A step that is added last starts where the others alone have ended, so that the whole fits
         no worse than these.
+
+        Parameters
+        ----------
+        data : sequence of RecordData
+            Records of the fit.
+
+        Yields
+        ------
+        IdentificationResult
         """
         models, usual = self._models(), self._orders()
         free = [i for i, model in enumerate(models) if not isinstance(model, HeldStep)]
@@ -526,6 +535,15 @@ class Cascade(Composition):
         """Return combinations of the steps' starting values, each behind those before it.
 
         Of each step are those whose output fits best itself, up to a gain and a constant.
+
+        Parameters
+        ----------
+        data : sequence of RecordData
+            Records of the fit.
+
+        Returns
+        -------
+        list of Operator
         """
         models, found = self._models(), [([], data)]
         if models[0].reads_columns:

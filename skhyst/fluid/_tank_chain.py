@@ -320,7 +320,9 @@ class TankChainOperator(Operator):
         return self.ceilings is not None
 
     def with_scale(self, scale):
-        """Return the operator with the same response, its levels and flows in another unit.
+        """Return the operator with its levels and flows in another unit.
+
+        The response is the same but at levels where the outflow is laminar, 0.01 in either unit.
 
         Parameters
         ----------
