@@ -460,13 +460,15 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """
         return refine(self, self.starting_values(data), data)
 
-    def in_order(self, operator):
+    def in_order(self, operator, records):
         """Return an operator with the same response whose exchangeable parts are in their order.
 
         Parameters
         ----------
         operator : Operator
             Driven part of a fit.
+        records : sequence of RecordData
+            Records of the fit.
 
         Returns
         -------
@@ -618,7 +620,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             own = {"fixed": model.held_parameters(), "initial_state": self.free_run_state}
             further = partial(model.further_starts, records), model.identified_otherwise(records)
             result = with_further_starts(result, records, *further, **own)
-        ordered = model.in_order(result.operator)
+        ordered = model.in_order(result.operator, records)
         if ordered is result.operator:
             return result
         again = refine(model, [(ordered, result.disturbances)], records, "variable_projection")

@@ -277,6 +277,7 @@ def fitted(model, data):
 # --------------------------------------------------------------------------------------- memory
 
 
+@pytest.mark.filterwarnings("ignore::skhyst.exceptions.ExtrapolationWarning")
 def test_future_does_not_change_the_past(fitted, data):
     X, _ = data
     if not fitted.operator_.causal:

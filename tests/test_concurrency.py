@@ -44,6 +44,7 @@ def in_threads(task, n=2 * THREADS):
         return list(pool.map(task, range(n)))
 
 
+@pytest.mark.filterwarnings("ignore::skhyst.exceptions.ExtrapolationWarning")
 def test_threads_share_a_fitted_model(fitted):
     found = in_threads(lambda k: fitted.predict((1.0 + k) * X))
     np.testing.assert_array_equal(found, [fitted.predict((1.0 + k) * X) for k in range(len(found))])

@@ -15,12 +15,14 @@ that it attenuates are restored as far as the noise allows. A linear L reduces t
 change it would grow where :math:`|1 - L| > 1`, as before a resonance or a long delay.
 """
 
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
 from sklearn.base import clone
 
 from .._validation import take_rows
+from ..exceptions import ExtrapolationWarning
 from ..operators import FrozenOperator, Series, SumOperator
 from ._columns import OnColumnOperator, Scaled
 from ._scheduled_parameters import Scheduled
@@ -90,7 +92,9 @@ class Backfitting:
         for k, target in enumerate(targets):
             rows = np.flatnonzero(self._fold != k)
             fitted = clone(self._estimator).fit(take_rows(self._X, rows), target[rows])
-            found[k] = np.ravel(fitted.predict(self._X))
+            with warnings.catch_warnings():  # a fold may go further than those outside it
+                warnings.simplefilter("ignore", ExtrapolationWarning)
+                found[k] = np.ravel(fitted.predict(self._X))
         return found
 
     def out_of_fold(self, predictions):

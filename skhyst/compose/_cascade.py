@@ -261,12 +261,12 @@ class Composition(ParametricModel, BaseComposition):
     def further_starts(self, records):
         return []
 
-    def in_order(self, operator):
+    def in_order(self, operator, records):
         """Return an operator in which linear steps that are alike are slowest first; see the base.
 
         Neighbours of equal parameters are alike: their names say nothing of which is which.
         """
-        operator = super().in_order(operator)
+        operator = super().in_order(operator, records)
         models, stages = dict(self.steps), dict(operator.members())
         for _, group in groupby(stages, key=lambda name: repr(models[name])):
             names = [name for name in group if hasattr(stages[name], "poles")]
@@ -511,6 +511,15 @@ class Cascade(Composition):
 
         A step that is added last starts where the others alone have ended, so that the whole fits
         no worse than these.
+
+        Parameters
+        ----------
+        data : sequence of RecordData
+            Records of the fit.
+
+        Yields
+        ------
+        IdentificationResult
         """
         models, usual = self._models(), self._orders()
         free = [i for i, model in enumerate(models) if not isinstance(model, HeldStep)]
@@ -526,6 +535,15 @@ class Cascade(Composition):
         """Return combinations of the steps' starting values, each behind those before it.
 
         Of each step are those whose output fits best itself, up to a gain and a constant.
+
+        Parameters
+        ----------
+        data : sequence of RecordData
+            Records of the fit.
+
+        Returns
+        -------
+        list of Operator
         """
         models, found = self._models(), [([], data)]
         if models[0].reads_columns:

@@ -319,6 +319,29 @@ class TankChainOperator(Operator):
         """Whether there are ceilings."""
         return self.ceilings is not None
 
+    def with_scale(self, scale):
+        """Return the operator with its levels and flows in another unit.
+
+        The response is the same but at levels where the outflow is laminar, 0.01 in either unit.
+
+        Parameters
+        ----------
+        scale : float
+            Drive, above the offset, at which each level is 1.
+
+        Returns
+        -------
+        TankChainOperator
+            The operator itself where that is its scale.
+        """
+        if scale == self.scale:
+            return self
+        flows = self.scale / scale
+        levels = flows ** (1.0 / self.exponents)  # of q = w^p
+        ceilings = self.ceilings * levels if self.is_limited else None
+        own = {"time_constants": self.time_constants * flows / levels, "ceilings": ceilings}
+        return dataclasses.replace(self, scale=scale, gain=self.gain / levels[-1], **own)
+
     def characteristics(self, seen):
         """Return time constants and exponents, and the response at the ceiling of the last tank.
 
@@ -405,8 +428,11 @@ class TankChainOperator(Operator):
         k, *rest = self._structure(dt)
         constants = k, self.exponents, *self._limits(), *rest, self.gain, self.intercept
         constants = *constants, self._most()
-        if state[-1] is None:
-            return CompiledLaw(tank_begin, constants, (*state[:-1], 0.0, 0.0))
+        if self.hold == "foh":
+            *levels, before = state
+            begun = before is not None
+            state = (*levels, before if begun else 0.0, float(begun))
+            return CompiledLaw(tank_begin, constants, state)
         return CompiledLaw(tank_step, constants, state)
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
@@ -589,25 +615,27 @@ class TankChain(ParametricModel):
         span = max(float(r.u.max()) for r in records) - low
         middle = float(np.mean(np.concatenate([r.u for r in records])))
         offsets = [low - part * span for part in _OFFSETS] if self.fit_offset else [0.0]
-        # of data alone, so that time constants from all starts are in the same unit
-        scale = abs(middle - (low if self.fit_offset else 0.0)) or span or 1.0
         slowest = np.sort(_EXPONENT / np.asarray(rates, dtype=float))
         found = []
         for offset in offsets:
-            # at the mean inflow q the rate is p w^(p - 1) / tau with the level w = q^(1 / p)
-            around = (abs(middle - offset) / scale or 1.0) ** (1.0 - 1.0 / _EXPONENT)
             for constants in [slowest[::-1], slowest][: self.n_tanks]:
+                # the level at the mean drive is 1, and around it the rates are those given
                 chain = TankChainOperator(
-                    around * constants,
+                    constants,
                     np.full(self.n_tanks, _EXPONENT),
                     drive_offset=offset,
-                    scale=scale,
+                    scale=abs(middle - offset) or span or 1.0,
                     limit=self.limit,
                     hold=self.hold,
                     n_substeps=self.n_substeps,
                 )
                 found += self._limited(chain, records) if self.overflow else [chain]
         return found
+
+    def in_order(self, operator, records):
+        low = min(float(r.u.min()) for r in records) if self.fit_offset else 0.0
+        mean = float(np.mean(np.concatenate([r.u for r in records])))
+        return operator.with_scale(abs(mean - low) or operator.scale)
 
     def _limited(self, chain, records):
         """Return chains with ceilings: the largest reading, and quantiles of the other levels."""

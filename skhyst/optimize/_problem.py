@@ -111,7 +111,17 @@ class RecordData:
         return np.concatenate([rest, self.u]), len(path)
 
     def first_part(self, stop):
-        """Return the record up to a sample, in as many segments."""
+        """Return the record up to a sample, in as many segments.
+
+        Parameters
+        ----------
+        stop : int
+            Number of samples that are kept.
+
+        Returns
+        -------
+        RecordData
+        """
         edges = np.linspace(0, stop, len(self.segments) + 1).astype(int)
         rows = ("u", "y", "auxiliary", "weights", "beside", "explained")
         own = {name: getattr(self, name) for name in rows}

@@ -96,8 +96,8 @@ class StaticModel(ParametricModel):
 
     Parameters
     ----------
-    initial_state, dt, method : str, float, str or Method
-        As for every model; a memoryless model depends on neither.
+    initial_state, dt, drive, method : str, float, str or int, str or Method
+        As for every model; a memoryless model does not depend on the first two.
     """
 
     operator_class = StaticOperator

@@ -42,7 +42,7 @@ from small_estimators import NO_GAIN, small_estimators
 import skhyst
 from skhyst.base import ParametricModel
 from skhyst.discovery import all_estimators
-from skhyst.exceptions import DivergenceWarning, ReachWarning
+from skhyst.exceptions import DivergenceWarning, ExtrapolationWarning, ReachWarning
 from skhyst.operators import Operator
 from skhyst.records import stack_records
 
@@ -60,7 +60,10 @@ __all__ = [
 
 _SECONDS, _BYTES = 10, 4 * 2**30
 _OWN, _VALIDATION = (str(Path(package.__file__).parent) for package in (skhyst, sklearn))
-_WARNINGS = (ConvergenceWarning, DataConversionWarning, DivergenceWarning, ReachWarning)
+_WARNINGS = (
+    *(ConvergenceWarning, DataConversionWarning, DivergenceWarning),
+    *(ExtrapolationWarning, ReachWarning),
+)
 _OUTCOMES = ("refused", "done", "unsettled")
 _ROUNDING = 1e-9  # of the range of the result
 _CLOCK = 1e-6  # where times are rounded

@@ -34,7 +34,7 @@ def recording():
 def searched(request):
     """A search, and the interval in s where it is known."""
     drive, response = recording()
-    X, dt, own = drive[:, None], None, 1.0
+    X, dt, own = drive[:, None], None, None
     if request.param == "frame":
         X = pd.DataFrame(X, columns=["drive"])
     if request.param == "interval":
@@ -67,7 +67,7 @@ def test_without_a_time_all_is_counted_in_samples_and_never_in_seconds(searched)
 
 def test_axes_count_samples_where_there_is_no_time():
     drive, response = recording()
-    for dt, unit in ((1.0, "cycles/sample"), (0.01, "Hz")):
+    for dt, unit in ((None, "cycles/sample"), (0.01, "Hz")):
         model = TransferFunction(1, dt=dt).fit(drive[:, None], response)
         (*_, spectrum), bode = (
             ResidualDisplay.from_estimator(model, drive[:, None], response).ax_.ravel(),

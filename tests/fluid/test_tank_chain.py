@@ -126,3 +126,15 @@ def test_fit_finds_the_plant(unit):
     level = found.ceilings[0] * (found.scale / unit) ** 2  # of the unit flow
     assert level == pytest.approx(1.2, rel=0.2)
     assert 0.3 < found.shares[0] < 0.9
+
+
+def test_another_scale_is_another_unit():
+    """But for the level below which the outflow is laminar, far below these."""
+    u = waves()
+    ends = {"drive_offset": -20.0, "scale": 2.0, "gain": 2.0}
+    tank = TankChainOperator([40.0, 25.0], [0.5, 0.7], [112.0, 30.0], [0.4], **ends)
+    other = tank.with_scale(3.0)
+    assert other.scale == 3.0
+    found, expected = other.run(u, DT)[0], tank.run(u, DT)[0]
+    assert np.ptp(expected) > 0.5
+    np.testing.assert_allclose(found, expected, rtol=1e-6)

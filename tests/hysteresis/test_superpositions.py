@@ -360,7 +360,10 @@ def test_inverse_and_attributes_after_pickling(model, tolerance):
 )
 def test_parameters_that_a_drive_at_rest_does_not_show_are_named(model):
     X = np.full((20, 1), 3.0)
-    with pytest.warns(ConvergenceWarning, match="do not determine"):
+    with (
+        pytest.warns(ConvergenceWarning, match="do not determine"),
+        pytest.warns(ConvergenceWarning, match="The drive does not move"),
+    ):
         model.fit(X, np.full(20, 5.0))
     assert model.identifiability_["undetermined"]
     assert np.isfinite(model.predict(np.linspace(-1.0, 3.0, 20)[:, None])).all()

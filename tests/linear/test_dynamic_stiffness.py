@@ -119,7 +119,10 @@ def test_what_is_held_is_zero():
 
 def test_drive_that_stands_still_determines_the_constant_alone():
     y = np.random.default_rng(0).normal(size=N)
-    with pytest.warns(ConvergenceWarning, match="damping, intercept, mass, stiffness"):
+    with (
+        pytest.warns(ConvergenceWarning, match="damping, intercept, mass, stiffness"),
+        pytest.warns(ConvergenceWarning, match="The drive does not move"),
+    ):
         model = DynamicStiffness(dt=DT).fit(np.full((N, 1), 0.3), y + 5.0)
     np.testing.assert_allclose(model.predict(np.full((5, 1), 0.3)), y.mean() + 5.0)
 

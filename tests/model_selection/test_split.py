@@ -247,6 +247,7 @@ def test_searches_nest():
         assert [one.best_params_["alpha"] for one in fitted] == [1e-6] * 3
 
 
+@pytest.mark.filterwarnings("ignore::skhyst.exceptions.ExtrapolationWarning")
 def test_blocks_work_on_arrays():
     X, y = (part.to_numpy() for part in stacked([90]))
     scores = cross_val_score(LinearRegression(), X, y, cv=BlockedTimeSeriesSplit(3))
@@ -278,6 +279,7 @@ def test_the_washout_takes_the_unknown_memory_out_of_the_score():
     assert settled == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.filterwarnings("ignore::skhyst.exceptions.ExtrapolationWarning")
 def test_a_search_that_halves_takes_a_parameter_as_its_resource():
     rng = np.random.default_rng(0)
     records = [np.cumsum(rng.normal(size=(200, 1)), axis=0) for _ in range(4)]

@@ -236,6 +236,7 @@ def test_every_method_trains_the_same_network(data, joint):
     assert (other.history_["mu"] > 0.0).all()
 
 
+@pytest.mark.filterwarnings("ignore::skhyst.exceptions.ExtrapolationWarning")
 def test_held_out_amplitude_and_frequency(joint):
     time = DT * np.arange(800)
     u = 20.0 + 50.0 * np.sin(2 * np.pi * 7.0 * time) * np.exp(-2.0 * time) + 15.0 * time
