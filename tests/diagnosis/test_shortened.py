@@ -42,7 +42,7 @@ def test_a_first_part_is_the_record_up_to_where_it_shows_as_much(short_is_long):
     for part, record in zip(parts, records, strict=True):
         np.testing.assert_array_equal(part.y, record.y[: len(part.y)])
         assert len(part.segments) == len(record.segments)
-        assert part.segments[-1][1] == len(part.u)
+        assert (part.segments[0][0], part.segments[-1][1]) == (0, len(part.u))
     assert shortened(records[:1], level[:1]) is None  # 900 samples in all
 
 
