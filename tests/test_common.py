@@ -120,6 +120,7 @@ def test_scikit_learn(estimator, check):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::skhyst.exceptions.ExtrapolationWarning")
 @parametrize_with_checks(
     [estimator for name, estimator in small_estimators().items() if name not in QUICK],
     expected_failed_checks=expected_failed_checks,

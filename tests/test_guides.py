@@ -22,6 +22,7 @@ def snippets(page):
     [(page, i) for page in ("model_files", "other_tools") for i in range(1, len(snippets(page)))],
 )
 @pytest.mark.filterwarnings("ignore:::mlflow", "ignore:::pydantic", "ignore:::skops")
+@pytest.mark.filterwarnings("ignore::skhyst.exceptions.ExtrapolationWarning")
 def test_a_snippet_runs_after_the_first(page, number, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MLFLOW_ALLOW_FILE_STORE", "true")  # the skinny one has no data base

@@ -545,7 +545,7 @@ class Cascade(Composition):
         -------
         list of Operator
         """
-        models, found = self._models(), [([], data)]
+        models, found = self._starting_models(), [([], data)]
         if models[0].reads_columns:
             return []
         most = max(int(_MOST_PRODUCTS ** (1.0 / len(models))), 2)

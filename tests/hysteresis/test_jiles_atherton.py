@@ -311,6 +311,7 @@ def twice(fields, flux, columns):
         ("10_APPA", "M130_27s", 2, 0.05),
     ],
 )
+@pytest.mark.filterwarnings("ignore::skhyst.exceptions.ExtrapolationWarning")
 def test_measured_loops_of_an_amplitude_not_seen(folder, name, held_out, limit):
     """Root mean square error over range, smaller and larger amplitudes being known."""
     fields, flux = measured(folder, name)
