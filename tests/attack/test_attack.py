@@ -1,5 +1,6 @@
 """Every estimator is right or refuses, whatever it is given; `attack.py` has many more cases."""
 
+from itertools import cycle
 from zlib import crc32
 
 import numpy as np
@@ -120,9 +121,9 @@ def test_what_a_step_says(name, kind):
     assert [attack_composition(name, KINDS[kind], **said) for said in SAID] == ["", ""]
 
 
+# models share the code of the compositions: each model in one, each composition of many
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize(("name", "kind"), list(zip(MODELS, cycle(KINDS), strict=False)))
 def test_what_any_step_says(name, kind):
     assert [attack_composition(name, KINDS[kind], **said) for said in SAID] == ["", ""]
 
@@ -151,7 +152,9 @@ def test_inside_a_meta_estimator(name, kind):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", META_ESTIMATORS)
-@pytest.mark.parametrize("name", sorted({*models()} - {*SLOW, *OF_EACH_KIND}))
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    list(zip(sorted({*models()} - {*SLOW, *OF_EACH_KIND}), cycle(META_ESTIMATORS), strict=False)),
+)
 def test_others_inside_a_meta_estimator(name, kind):
     assert attack_inside(name, kind) == ""
