@@ -267,7 +267,7 @@ class Composition(ParametricModel, BaseComposition):
         Neighbours of equal parameters are alike: their names say nothing of which is which.
         """
         operator = super().in_order(operator, records)
-        models, stages = dict(self.steps), dict(operator.members())
+        models, stages = dict(self._kept_steps()), dict(operator.members())
         for _, group in groupby(stages, key=lambda name: repr(models[name])):
             names = [name for name in group if hasattr(stages[name], "poles")]
             found = sorted(names, key=lambda name: np.abs(stages[name].poles()).min())
@@ -556,17 +556,18 @@ class Cascade(Composition):
                 own = sorted(own, key=lambda pair: _unlike(pair[1]))[:most]
                 longer += [([*stages, stage], behind) for stage, behind in own]
             found = longer
-        return [self._compose([name for name, _ in self.steps], stages) for stages, _ in found]
+        names = [name for name, _ in self._kept_steps()]
+        return [self._compose(names, stages) for stages, _ in found]
 
     def _led_back(self, data):
         """Yield what is found where the others follow what the last step may have been given."""
-        names = [name for name, _ in self.steps]
+        names = [name for name, _ in self._kept_steps()]
         for last in _driven_starts(self._models()[-1], data) if len(names) > 1 else ():
             given = [last.preimage(record.y) for record in data]
             if given[0] is None:
                 return
             records = [replace(record, y=y) for record, y in zip(data, given, strict=True)]
-            others = with_params(self, steps=self.steps[:-1])
+            others = with_params(self, steps=self._kept_steps()[:-1])
             before = others._add_steps(records, others._orders()[0], _ALONG_THE_WAY)
             start = self._compose(names, [*before.operator.stages, last])
             result = refine(self, [start], data, self.method)

@@ -232,6 +232,18 @@ TWO_STEPS = [("gain", Gain()), ("lag", FirstOrderLag())]
 IN_PARALLEL = [("lag", FirstOrderLag()), ("drift", Drift(1))]
 
 
+@pytest.mark.parametrize("place", [0, 1, 2])
+def test_a_step_that_is_left_out_has_no_part_in_further_starts(place):
+    """These are tried where the residual is coloured, as of a curve that no step has."""
+    u = np.cumsum(np.random.default_rng(5).normal(size=300)) / 5.0
+    y = FirstOrderLagOperator(0.05).run(u, STEP_DT)[0] + 0.1 * u**3
+    steps = [("plays", PrandtlIshlinskii(3)), ("lag", FirstOrderLag())]
+    expected = Cascade(steps, dt=STEP_DT).fit(u[:, None], y).predict(u[:, None])
+    steps.insert(place, ("none", "passthrough"))
+    found = Cascade(steps, dt=STEP_DT).fit(u[:, None], y).predict(u[:, None])
+    np.testing.assert_allclose(found, expected, atol=1e-6 * np.ptp(y))
+
+
 @pytest.mark.parametrize("word", ["passthrough", "drop"])
 def test_a_step_of_a_cascade_is_left_out(word):
     """In a search too: with the lag the fit is exact, without it it is not."""
