@@ -60,7 +60,7 @@ class UnderWay:
 
     def trees(self, name, scene):
         tree = scene.tree
-        unknown = tree.model.get_params().get("initial_state") != "rest" or tree.multi_input
+        unknown = tree.model.get_params().get("initial_state") != "rest"
         if unknown or all(operator.memoryless for operator in tree.operators):
             return []
         # a past shows in what comes first; that of a claim is found from whole records

@@ -544,24 +544,27 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
         return CompiledSum(tuple(branches))
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
-        if du.shape[-1]:
+        if du.ndim == 2 and du.shape[1]:
             raise ValueError(
                 "A model of several inputs must come first: it cannot be driven by another one."
             )
-        u = np.ascontiguousarray(u, dtype=float)
-        tangents = np.zeros((len(u), self.n_parameters))
+        u, m = np.ascontiguousarray(u, dtype=float), du.shape[-1]
+        propagated, tangents = np.zeros((len(u), m)), np.zeros((len(u), self.n_parameters))
         total, delays = np.zeros(len(u)), self._delays()
         for i, part in enumerate(self._parts()):
             signal, carried = np.ascontiguousarray(u[:, i]), np.empty((len(u), 0))
+            if m:
+                carried = np.ascontiguousarray(du[:, i])
             if delays:
                 signal, carried = delays[i].sensitivities(signal, carried, dt, initial_state)
             y, own = part.sensitivities(signal, carried, dt, initial_state)
             total += y
+            propagated += own[:, :m]
             self._place(tangents, i, own[:, carried.shape[1] :])
             if delays:
-                tangents[:, self._delay_column(i)] = own[:, 0]
+                tangents[:, self._delay_column(i)] = own[:, m]
         tangents[:, -1] = 1.0
-        return total + self.intercept, tangents
+        return total + self.intercept, np.hstack([propagated, tangents])
 
 
 _PATIENCE = 3  # orders without improvement after which the search for an order ends
@@ -754,8 +757,6 @@ class TransferFunction(ModesMixin, LinearModel):
         Delay in s, fixed, for all inputs or one for each; or fitted, one for each.
     stable : bool, default=True
         False lets :meth:`fit_frequency_response` keep poles in the right half-plane.
-    initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample; ``"estimate"`` only with ``inputs="drive"``.
 
     Attributes
     ----------
@@ -894,11 +895,6 @@ class TransferFunction(ModesMixin, LinearModel):
         records = super().record_data(slices, X, y)
         if self.reads_columns:
             self._n_inputs = records[0].u.shape[1]
-            if self.initial_state == "estimate":
-                raise ValueError(
-                    "The 'initial_state' parameter of TransferFunction must be 'rest' or 'zero' "
-                    "unless 'inputs' is 'drive'. Got 'estimate' instead."
-                )
         return records
 
     def starting_values(self, records):

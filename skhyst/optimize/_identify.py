@@ -75,7 +75,7 @@ class IdentificationResult:
         Parameters for which the records are worth fewer than two independent samples.
     damping : tuple of float, default=()
         One value per entry of ``history``, if steps were damped.
-    input_history : ndarray of shape (n_records, n_values), default=None
+    input_history : ndarray of shape (n_records, n_values) or (n_records, n_values, n_inputs)
         Drive 1, 2, 4, ... samples before each record, in its units, if it was estimated.
     is_local : bool, default=False
         Whether the residual is coloured and further starts have ended elsewhere, each at another
