@@ -48,7 +48,7 @@ from skhyst.linear import (
     TransferFunction,
 )
 from skhyst.neural import GrayBoxHysteresis
-from skhyst.optimize import LevenbergMarquardt
+from skhyst.optimize import LevenbergMarquardt, VariableProjection
 from skhyst.persistence import from_json, load_model, save_model, to_json
 from skhyst.static import DeadZones, Saturation, SmoothCurve, SoftSaturation
 
@@ -195,7 +195,9 @@ MODELS |= {
     "SmoothCurve": lambda: SmoothCurve(3, dt=DT),
     "SoftSaturation": lambda: SoftSaturation(sides="upper", dt=DT),
     "Drift": lambda: Drift(2, dt=DT),
-    "Feedback": lambda: Feedback(FirstOrderLag(), SmoothCurve(3), n_substeps=2, dt=DT),
+    "Feedback": lambda: Feedback(
+        FirstOrderLag(), SmoothCurve(3), n_substeps=2, dt=DT, method=VariableProjection()
+    ),
     "Cascade": lambda: Cascade(
         [("hysteresis", PrandtlIshlinskii(4)), ("lag", FirstOrderLag())], dt=DT
     ),

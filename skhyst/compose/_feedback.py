@@ -13,7 +13,7 @@ from ..exceptions import ConvergenceWarning
 from ..operators import FeedbackOperator, split_disturbances
 
 _FINE = 0.1  # longest substep, in radians of the fastest motion
-_RESTS = 9  # of the drive, about which stability is asked
+_RESTS = 9  # over the range of the response, about which stability is asked
 _NAMES = ("linear", "curve")
 
 
@@ -48,7 +48,7 @@ class Feedback(ParametricModel):
     Attributes
     ----------
     operator_ : FeedbackOperator
-        ``linear`` and ``curve``, their operators, and ``poles(drive)`` of small motions about a
+        ``linear`` and ``curve``, their operators, and ``poles(response)`` of small motions about a
         rest.
 
     Raises
@@ -59,7 +59,7 @@ class Feedback(ParametricModel):
     Warns
     -----
     ConvergenceWarning
-        If a rest within the range of the drive is not stable: a free run leaves it.
+        If a rest within the range of the response is not stable: a free run leaves it.
 
     See Also
     --------
@@ -175,8 +175,8 @@ class Feedback(ParametricModel):
         dt, n = max(record.dt for record in records), self.n_substeps
         operator = FeedbackOperator(_NAMES, (linear, curve), n_substeps=n or 1)
         if n is None:
-            drives = _rests(records)
-            fastest = max((np.abs(operator.poles(u)).max(initial=0.0) for u in drives), default=0.0)
+            rests = _rests(records)
+            fastest = max(np.abs(operator.poles(y)).max(initial=0.0) for y in rests)
             n = int(np.clip(np.ceil(min(dt * fastest, np.pi) / _FINE), 1, None))
         return replace(operator, n_substeps=n)
 
@@ -221,18 +221,18 @@ class Feedback(ParametricModel):
 
     def cautions(self, result, records):
         yield from super().cautions(result, records)
-        drives = _rests(records)
-        rates = [np.max(result.operator.poles(u).real, initial=-np.inf) for u in drives]
-        away = [f"{u:.3g}" for u, rate in zip(drives, rates, strict=True) if rate > 0.0]
+        rests = _rests(records)
+        rates = [np.max(result.operator.poles(y).real, initial=-np.inf) for y in rests]
+        away = [f"{y:.3g}" for y, rate in zip(rests, rates, strict=True) if rate > 0.0]
         if away:
             yield (
-                f"Feedback is not stable at rest under a drive of {', '.join(away)}: a free run "
-                "leaves it, for a limit cycle or for good.",
+                f"Feedback is not stable at rest at a response of {', '.join(away)}: a free run "
+                "leaves it, for another rest, a limit cycle, or for good.",
                 ConvergenceWarning,
             )
 
 
 def _rests(records):
-    """Return drives over the range of all records."""
-    drives = np.concatenate([record.drive for record in records])
-    return np.linspace(drives.min(), drives.max(), _RESTS).tolist()
+    """Return responses over the range of all records."""
+    response = np.concatenate([record.y for record in records])
+    return np.linspace(response.min(), response.max(), _RESTS).tolist()

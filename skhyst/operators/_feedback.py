@@ -292,16 +292,16 @@ class FeedbackOperator(_Composition, HeldInput):
         own = self.linear.gain, self.linear.intercept, self.n_substeps, self.linear.hold == "zoh"
         return *system, *map(float, own)
 
-    def poles(self, drive=0.0):
+    def poles(self, response):
         """Return the poles of small motions about a rest, rad/s, complex, shape (n_states,).
 
         Parameters
         ----------
-        drive : float, default=0.0
-            At which it rests.
+        response : float
+            Of the rest.
         """
-        q = self._rest(drive)
-        _, slope = self._force(np.array([q]))[:2]
+        q = (response - self.linear.intercept) / self.linear.gain
+        _, slope, _ = self._force(np.array([q]))
         a, b, c, d = self.linear.state_space()
         share = slope[0] / self.linear.gain
         return np.linalg.eigvals(a - np.outer(b, c) * (share / (1.0 + d * share)))
