@@ -33,6 +33,7 @@ from ..operators import (
     CompiledLaw,
     CompiledSeries,
     CompiledSum,
+    HeldInput,
     Series,
     parameter,
     state_space_begin,
@@ -52,7 +53,6 @@ from ._conversion import control_system, poles_and_response, scipy_system
 from ._delay import DelayOperator
 from ._estimate_response import chosen_columns
 from ._linear import (
-    DiscretizedOperator,
     LinearModel,
     LinearOperator,
     decay_of,
@@ -292,7 +292,7 @@ class TransferFunctionOperator(LinearOperator):
 
 
 @dataclass(frozen=True)
-class MultiInputTransferFunctionOperator(DiscretizedOperator):
+class MultiInputTransferFunctionOperator(HeldInput):
     r"""Transfer functions of several inputs with a common denominator, added.
 
     .. math:: y = \sum_i e^{-\theta_i s} \frac{N_i(s)}{D(s)} u_i + \text{intercept}
@@ -317,8 +317,9 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
         In s; empty where there are none.
     intercept : float, default=0.0
         Units of the response.
-    hold : {"foh", "zoh"}, default="foh"
-        Inputs between samples: straight lines, or constant. Fixed structure.
+    hold : {"foh", "zoh", "bandlimited"}, default="foh"
+        Inputs between samples: straight lines, constant, or without content above half the sampling
+        rate. Fixed structure.
 
     Examples
     --------
@@ -339,6 +340,7 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
     delays: np.ndarray = parameter(log=True, lower=0.0, unit="s", default=())
     intercept: float = parameter(linear=True, gauge=0.0, unit="response", default=0.0)
     hold: str = "foh"
+    signal_linear = True
     reads_columns = True
 
     def __post_init__(self):
@@ -944,7 +946,7 @@ class TransferFunction(ModesMixin, LinearModel):
             is "drive".
         """
         self._validate_params()
-        refuse_open_hold(self.hold)
+        refuse_open_hold(self.hold, HeldInput.holds)
         self._check_orders()
         g, std = response.response, response.std
         if g.shape[1] > 1 and not self.reads_columns:
@@ -1034,7 +1036,7 @@ class TransferFunction(ModesMixin, LinearModel):
         array([2., 2.])
         """
         model = cls(**params)
-        refuse_open_hold(model.hold)
+        refuse_open_hold(model.hold, HeldInput.holds)
         operator = TransferFunctionOperator.from_scipy(system, hold=model.hold)
         single = isinstance(operator, TransferFunctionOperator)
         shape = np.shape(operator.numerator if single else operator.numerators)

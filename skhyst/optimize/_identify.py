@@ -264,9 +264,15 @@ def identify(
         raise ValueError(
             "The records' 'weights' must be above zero for some samples. Got zero for all instead."
         )
+    problems = problems_of(starts, records, fixed=fixed, initial_state=initial_state)
+    return solve(problems, method, with_errors)
+
+
+def problems_of(starts, records, *, fixed=(), initial_state="rest"):
+    """Return one problem for each start; arguments are those of :func:`identify`."""
     starts = list(map(split_disturbances, starts))
     constants = constant_entries(*starts[0])
-    problems = [
+    return [
         OperatorProblem(
             _without(constants, operator),
             records,
@@ -276,7 +282,6 @@ def identify(
         )
         for operator, disturbances in starts
     ]
-    return solve(problems, method, with_errors)
 
 
 def constant_entries(operator, disturbances):
