@@ -30,6 +30,7 @@ from ..optimize import (
 )
 from ..records import RecordSlice
 from ._constants import FACTOR, TOLERANCE
+from ._edits import Divide, InsertAt
 from ._shortened import are_long
 
 BRIEFLY = VariableProjection(tolerance=TOLERANCE, max_evaluations=FACTOR**2)
@@ -191,8 +192,16 @@ class Tree:
         return Series(self.names, self.operators).normalized()
 
     def position(self, order):
-        """Return where in the series a stage of this order goes: behind what biases the drive."""
-        behind = [i + 1 for i, stage in enumerate(self.operators) if stage.stage_order <= order]
+        """Return where in the series a stage of this order goes: behind what biases the drive.
+
+        What stands at a joint of its own has no say.
+        """
+        placed = {self.label(n) for n, edit in self.edits if isinstance(edit, InsertAt | Divide)}
+        behind = [
+            i + 1
+            for i, (name, stage) in enumerate(self.stages)
+            if name not in placed and stage.stage_order <= order
+        ]
         biased = self.multi_input and not (self.declared or self).multi_input
         return max(behind, default=int(biased))
 
@@ -223,7 +232,8 @@ class Tree:
 
     def place(self, effect):
         """Return the number of the stage that an effect is, or has changed."""
-        places = [edit.place for edit in self.edits_of(effect) if edit.place]
+        edits = [edit for edit in self.edits_of(effect) if edit.kind != "stage"]
+        places = [edit.place for edit in edits if edit.place]
         return self.names.index(places[0] if places else self.label(effect))
 
     def is_part(self, effect):
