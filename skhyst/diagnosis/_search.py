@@ -298,6 +298,9 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
     def fit(self, X, y, *, on_progress=None) -> Self:
         """Search.
 
+        There are no weights of samples: the tests are of samples that count once each. Rows without
+        a reading are left out of X and y; up to five in a row are bridged.
+
         Parameters
         ----------
         X : DataFrame or array-like of shape (n_samples, n_inputs)
