@@ -481,12 +481,14 @@ class Cascade(Composition):
         starts = [self._compose(names, stages) for _, stages in found]
         if not starts:
             return None
-        evaluations = linear.n_evaluations
-        if len(records[0].u) < len(data[0].u):
-            early = refine(self, starts, records, _ALONG_THE_WAY, with_errors=False)
-            starts, evaluations = [early.operator], evaluations + early.n_evaluations
-        result = refine(self, starts, data, self.method)
-        return replace(result, n_evaluations=evaluations + result.n_evaluations)
+        result = refine(self, starts, records, _ALONG_THE_WAY, with_errors=False)
+        evaluations = linear.n_evaluations + result.n_evaluations
+        # what comes into the step goes as far as all samples and the parts as they are now let it
+        for method in (_ALONG_THE_WAY, self.method):
+            start = self._resume(result.operator.stages, data) or result.operator
+            result = refine(self, [start], data, method, with_errors=method is self.method)
+            evaluations += result.n_evaluations
+        return replace(result, n_evaluations=evaluations)
 
     def _resume(self, stages, data):
         """Return the operator with the structure that records ask for and the values of stages.

@@ -303,6 +303,10 @@ class Tree:
             held, marks = np.split(marks, [operator.n_parameters])
             present[name] = operator, held.astype(bool)
         values, stages = stage_values(other.whole, held=False), []
+        # a part of what is whole here has other poles of the same names
+        parts = {edit.place for _, edit in other.edits if isinstance(edit, Divide)}
+        parts -= {edit.place for _, edit in self.edits if isinstance(edit, Divide)}
+        values = {key: own for key, own in values.items() if key[0] not in parts}
         for stage in self.stages:
             fixed = stage.operator.held_entries()
             found, held = present.get(stage.name, (None, None))
