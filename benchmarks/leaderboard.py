@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from recordings import SHARED, WIENER_HAMMERSTEIN_RATE, load_emps, load_wiener_hammerstein
-
 from sklearn.base import clone
 
 from skhyst.compose import Cascade

@@ -254,7 +254,7 @@ def test_a_dead_zone_is_tried_at_every_joint_of_a_declared_series():
 
 
 def test_a_stage_at_a_joint_moves_no_stage_that_follows_its_order():
-    records, tree = in_series(("first", FirstOrderLag()), ("behind", SecondOrderMode()))
+    _, tree = in_series(("first", FirstOrderLag()), ("behind", SecondOrderMode()))
     edit = InsertAt("first", DeadBand(), DeadBandOperator(0.2))
     edited = tree.edited("dead_zone", edit)
     assert edited.names == ("first", "dead_zone", "behind")
