@@ -5,6 +5,7 @@ knows the operators to start from and no data, so that it can be done again on a
 """
 
 from dataclasses import dataclass, fields, replace
+from itertools import count
 
 import numpy as np
 from sklearn.base import clone
@@ -48,6 +49,43 @@ class Insert(_Edit):
         stages = list(tree.stages)
         at = tree.position(self.model.stage_order)
         stages.insert(at, Stage(name, self.model.tree(self.operator)))
+        return tree.with_stages(stages)
+
+
+@dataclass(frozen=True)
+class InsertAt:
+    """One more stage at a joint of the series: behind a stage, or before all (None)."""
+
+    place: str | None
+    model: object
+    operator: object
+    kind = "stage"
+
+    def __call__(self, tree, name):
+        stages = list(tree.stages)
+        at = 0 if self.place is None else tree.names.index(self.place) + 1
+        stages.insert(at, Stage(name, self.model.tree(self.operator)))
+        return tree.with_stages(stages)
+
+
+@dataclass(frozen=True)
+class Divide:
+    """A linear stage becomes two, with one more stage in between."""
+
+    place: str
+    model: object
+    operators: tuple  # of the first part, of what is in between, and of the second part
+    kind = "stage"
+
+    def __call__(self, tree, name):
+        stages, at = list(tree.stages), tree.names.index(self.place)
+        whole, (first, between, second) = tree.models[at], self.operators
+        behind = next(own for i in count(2) if (own := f"{self.place}_{i}") not in tree.names)
+        stages[at : at + 1] = [
+            Stage(self.place, whole.resolved(first).tree(first)),
+            Stage(name, self.model.tree(between)),
+            Stage(behind, whole.resolved(second).tree(second)),
+        ]
         return tree.with_stages(stages)
 
 
