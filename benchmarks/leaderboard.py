@@ -14,13 +14,12 @@ import warnings
 from dataclasses import dataclass
 
 import numpy as np
-from recordings import SHARED, WIENER_HAMMERSTEIN_RATE, load_emps, load_wiener_hammerstein
+from recordings import SHARED, WIENER_HAMMERSTEIN_RATE, load_wiener_hammerstein
 from sklearn.base import clone
 
 from skhyst.compose import Cascade
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.exceptions import ConvergenceWarning, ExtrapolationWarning
-from skhyst.hysteresis import FreeMass
 from skhyst.linear import TransferFunction
 from skhyst.optimize import VariableProjection
 from skhyst.static import SmoothCurve
@@ -28,7 +27,6 @@ from skhyst.static import SmoothCurve
 WIENER_HAMMERSTEIN_START = 50  # samples of the test record that are not scored
 WIENER_HAMMERSTEIN_DEGREES = 21, 31, 41
 WIENER_HAMMERSTEIN_SEARCHED = 16_384  # samples that a search sees; the refit sees all
-EMPS_KNOWN = 20  # samples of a test record from which its initial state may be estimated
 
 
 @dataclass(frozen=True)
@@ -41,42 +39,6 @@ class Row:
     source: str
     by_hand: object
     searched: object = None
-
-
-# ---------------------------------------------------------------------------------------- EMPS
-
-
-def _emps(split, data):
-    """Return force and position of a run of the axis."""
-    X, force = load_emps(split, data)
-    return force.to_frame("force"), X["position"]
-
-
-def _emps_error(model, data):
-    """Return the error of the free run of the test record in mm, started from its first samples."""
-    X, y = _emps("test", data)
-    known = y.where(np.arange(len(y)) < EMPS_KNOWN)
-    return 1e3 * float(np.sqrt(np.mean((model.predict_from(X, known) - y) ** 2)))
-
-
-def emps_by_hand(data=SHARED):
-    """Return the error in mm of a mass with friction that differs forward and backward.
-
-    In the estimation record the force at constant speed shows what there is: it rises with the
-    speed by 154 N s/m forward and by 230 N s/m backward, and what it is more forward than backward
-    falls by half a newton in the course of the record.
-    """
-    model = FreeMass(
-        friction=True, damping_asymmetry=True, fit_force_drift=True, initial_state="estimate"
-    )
-    return _emps_error(model.fit(*_emps("train", data)), data)
-
-
-def emps_searched(data=SHARED):
-    """Return the error in mm of what a search adds to a mass with a damper, and what it names."""
-    search = EffectSearchCV(FreeMass(fit_force_offset=False), random_state=0)
-    search.fit(*_emps("train", data))
-    return _emps_error(search.best_estimator_, data), search.effects_
 
 
 # ------------------------------------------------------------------------- Wiener-Hammerstein
@@ -130,14 +92,6 @@ BENCHMARKS = {
         "Beintema and others, 2021",
         wiener_hammerstein_by_hand,
         wiener_hammerstein_searched,
-    ),
-    "EMPS": Row(
-        "official",
-        "RMSE of position, mm",
-        2.65,
-        "nonlinearbenchmark.org",
-        emps_by_hand,
-        emps_searched,
     ),
 }
 
