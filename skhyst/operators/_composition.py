@@ -229,9 +229,9 @@ class OnColumnOperator(WrappedOperator):
         return self.operator.step(state, self._own(u), dt)
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
-        # the tangents are those of the drive, column 0
-        own = du if self.column == 0 else np.zeros_like(du)
-        return self.operator.sensitivities(self._own(u), own, dt, initial_state)
+        return self.operator.sensitivities(
+            self._own(u), _tangents_of(du, self.column), dt, initial_state
+        )
 
 
 @jit
@@ -434,10 +434,9 @@ class Scaled(WrappedOperator):
 
     def _factor_sensitivities(self, u, du, dt):
         """Return the factor and its derivatives by ``du`` and by its own parameters."""
-        m, a = du.shape[1], _one(u, self.column)
-        da = du if self.column == 0 else np.zeros_like(du)  # the tangents are those of the drive
+        a, da, m = _one(u, self.column), _tangents_of(du, self.column), du.shape[-1]
         if self.lag is not None:
-            a, da = self.lag.sensitivities(a, np.ascontiguousarray(da), dt)
+            a, da = self.lag.sensitivities(a, da, dt)
             da = da[:, [*range(m), *(m + i for i in self._rows_of_lag())]]
         factor = self._factor(a)
         sign = np.sign(a) if self.magnitude else np.ones(len(a))
@@ -451,11 +450,11 @@ class Scaled(WrappedOperator):
         return factor, found
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
-        m = du.shape[1]
+        m = du.shape[-1]
         factor, dfactor = self._factor_sensitivities(u, du, dt)
         if self._widens:
             plays = bare(self.operator)
-            return plays.widened_sensitivities(_one(u, 0), du, factor, dfactor)
+            return plays.widened_sensitivities(_one(u, 0), _tangents_of(du, 0), factor, dfactor)
         y, dy = self.operator.sensitivities(u, du, dt, initial_state)
         rest, drest = np.zeros_like(y), np.zeros_like(dy)
         if self.scales:
@@ -689,7 +688,7 @@ class Scheduled(WrappedOperator):
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
         y, dy = self.operator.sensitivities(u, du, dt, initial_state)
-        m = du.shape[1]
+        m = du.shape[-1]
         own = np.repeat(dy[:, m:], self._counts, axis=1) * self._basis
         return y, np.concatenate([dy[:, :m], own], axis=1)
 
@@ -1048,12 +1047,13 @@ class SumOperator(_Composition):
         return CompiledSum(self._compiled_step(dt, state) or (CompiledLaw(nothing, (), ()),))
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
-        total, carried, own = np.zeros(len(u)), np.zeros_like(du), []
+        m = du.shape[-1]
+        total, carried, own = np.zeros(len(u)), np.zeros((len(u), m)), []
         for stage in self.stages:
             y, dy = stage.sensitivities(u, du, dt, initial_state)
             total += y
-            carried += dy[:, : du.shape[1]]
-            own.append(dy[:, du.shape[1] :])
+            carried += dy[:, :m]
+            own.append(dy[:, m:])
         return total, np.concatenate([carried, *own], axis=1)
 
     def split(self):
@@ -1227,6 +1227,13 @@ def of_columns(operator):
 def _one(u, column):
     part = np.asarray(u, dtype=float)[..., column]
     return np.ascontiguousarray(part) if part.ndim else float(part)
+
+
+def _tangents_of(du, column):
+    """Return the tangents of a column of the input; those of one input are of column 0."""
+    if du.ndim > 2:
+        return np.ascontiguousarray(du[:, column])
+    return du if column == 0 else np.zeros_like(du)
 
 
 def _together(kind, *operands):
