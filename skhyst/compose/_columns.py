@@ -10,7 +10,7 @@ from .._sklearn import HasMethods, Interval, StrOptions
 from .._validation import agreed
 from ..base import ParametricModel, as_node, informed, with_params
 from ..linear import FirstOrderLagOperator
-from ..operators import OnColumnOperator, Scaled, add_disturbances, bare, split_disturbances
+from ..operators import OnColumnOperator, Scaled, add_disturbances, can_scale, split_disturbances
 
 _CONSTANT = 1e-3  # spread of a column within a record, relative to its size
 
@@ -370,22 +370,14 @@ class Modulated(_ColumnModel):
 
     def _check_scaled(self, operator):
         """Refuse to scale what an operator has not, or not linearly."""
-        names = self._scaled()
-        if names == ("thresholds",):
-            if not hasattr(bare(operator), "widened"):
-                raise ValueError(
-                    "The 'estimator' parameter of Modulated with scales='thresholds' must be a "
-                    f"PrandtlIshlinskii. Got {self.estimator!r} instead."
-                )
+        if self.scales == "response" or can_scale(operator, self._scaled()):
             return
-        linear = [name for name, spec in operator.entries() if spec.linear]
-        known = {*linear, *(name.split("[")[0] for name in linear)}
-        if not isinstance(self.scales, str) and not (names and known.issuperset(names)):
-            raise ValueError(
-                "The 'scales' parameter of Modulated must be 'response', 'thresholds' or names of "
-                f"parameters in which the response is linear: {', '.join(linear)}. "
-                f"Got {self.scales!r} instead."
-            )
+        linear = ", ".join(name for name, spec in operator.entries() if spec.linear)
+        raise ValueError(
+            "The 'scales' parameter of Modulated must be 'response', 'thresholds' of a "
+            "PrandtlIshlinskii, or names of parameters in which the response is linear: "
+            f"{linear}. Got {self.scales!r} instead."
+        )
 
     def unfitted(self, operator) -> Self:
         scales = "response" if not operator.scales else list(operator.scales)

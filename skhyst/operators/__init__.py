@@ -19,6 +19,7 @@ from ._composition import (
 )
 from ._composition import add_disturbances as add_disturbances
 from ._composition import bare as bare
+from ._composition import can_scale as can_scale
 from ._composition import of_columns as of_columns
 from ._composition import split_disturbances as split_disturbances
 from ._differences import latest as latest

@@ -304,6 +304,11 @@ class Scaled(WrappedOperator):
     reads_columns = True
     structure_of = "Modulated"
 
+    def __post_init__(self):
+        super().__post_init__()
+        wanted = "be names of entries in which the output is linear, or thresholds that widen"
+        self._require("scales", not self.scales or can_scale(self.operator, self.scales), wanted)
+
     def inner(self, name=None):
         # parameters that are scaled are those of this operator, not of what stages are added to
         return None if self.scales else super().inner(name)
@@ -1216,6 +1221,14 @@ def bare(operator):
     """Return an operator without what only says that it is driven by the drive."""
     implied = isinstance(operator, OnColumnOperator) and operator._is_implied
     return operator.operator if implied else operator
+
+
+def can_scale(operator, names):
+    """Whether parameters of an operator can be scaled sample by sample, see :class:`Scaled`."""
+    if tuple(names) == ("thresholds",):
+        return hasattr(bare(operator), "widened")
+    linear = {name for name, spec in operator.entries() if spec.linear}
+    return bool(names) and (linear | {n.split("[")[0] for n in linear}).issuperset(names)
 
 
 def of_columns(operator):

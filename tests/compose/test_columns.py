@@ -273,7 +273,7 @@ def test_a_play_stays_until_its_slack_takes_it_along():
 @pytest.mark.parametrize(
     ("model", "match"),
     [
-        (Modulated(Gain(), 1, scales="thresholds"), "must be a PrandtlIshlinskii"),
+        (Modulated(Gain(), 1, scales="thresholds"), "'thresholds' of a PrandtlIshlinskii"),
         (Modulated(FirstOrderLag(), 1, scales=["time_constant"]), "response is linear: gain"),
         (Modulated(Gain(), 1, scales=[]), "'scales' parameter"),
         (Modulated(Gain(), 1, degree=0), "'degree' parameter"),
