@@ -304,6 +304,10 @@ class Scaled(WrappedOperator):
     reads_columns = True
     structure_of = "Modulated"
 
+    @property
+    def memoryless(self):
+        return self.lag is None and self.operator.memoryless
+
     def __post_init__(self):
         super().__post_init__()
         wanted = "be names of entries in which the output is linear, or thresholds that widen"
