@@ -18,6 +18,7 @@ from skhyst.hysteresis import (
 from skhyst.linear import FirstOrderLag
 from skhyst.operators import CompiledColumn, CompiledLaw, CompiledSeries, Stepper
 from skhyst.operators._compiled_step import CompiledProduct
+from skhyst.operators._composition import factor_step
 
 FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror", "-pedantic") + (
     "-fsanitize=address,undefined",
@@ -154,7 +155,9 @@ def test_whatever_the_language_has(tmp_path):
     table = np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]])
     own = CompiledLaw(everything, (table, 0.3, 0.7), (0.1, 0.2, 0.3))
     to_c(own, tmp_path, "own", drive=np.linspace(-1.3, 1.7, 40))
-    to_c(CompiledProduct((CompiledColumn((own,), 1, 0.2),), 2, 0.1, 0.3), tmp_path, "columns")
+    factor = CompiledLaw(factor_step, ([0.3, -0.1], 0.1, 1.0, 1.0), ())
+    parts = CompiledColumn((own,), 1, 0.2), CompiledColumn((factor,), 2, 0.0)
+    to_c(CompiledProduct(parts), tmp_path, "columns")
     rows = CompiledLaw(sum_of_row, (2.0,), ())
     object.__setattr__(rows, "n_inputs", 2)
     to_c(rows, tmp_path, "rows")
