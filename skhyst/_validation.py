@@ -7,7 +7,7 @@ from reprlib import repr as shortened
 import numpy as np
 import pandas as pd
 from sklearn.frozen import FrozenEstimator
-from sklearn.utils.validation import validate_data
+from sklearn.utils.validation import check_array, check_consistent_length, validate_data
 
 from ._sklearn import StrOptions, validate_parameter_constraints
 from .exceptions import ExtrapolationWarning, RecordError
@@ -318,6 +318,33 @@ def as_floats(estimator, X, *y, **options):
         raise RecordError(
             f"The response y must be numbers. Got {response[0]!r} instead."
         ) from error
+
+
+def known_response(X, y):
+    """Return a response of as many samples as X has, NaN where it is not known, as a copy."""
+    options = {"ensure_2d": False, "ensure_all_finite": "allow-nan", "copy": True}
+    y = check_array(y, dtype=float, input_name="y", **options)
+    check_consistent_length(X, y)
+    return y
+
+
+def refuse_std(estimator, return_std, why):
+    """Refuse a standard deviation of a prediction of a model that has none."""
+    if return_std:
+        raise ValueError(
+            f"The 'return_std' parameter of {type(estimator).__name__}.predict must be False for a "
+            f"model {why}: it has no covariance from which a standard deviation follows. Got "
+            f"{return_std!r} instead."
+        )
+
+
+def refuse_several(estimator, records):
+    """Refuse more than one record of what a stepper is to go on from."""
+    if len(records) > 1:
+        raise ValueError(
+            f"The 'X' parameter of {type(estimator).__name__}.stepper_from must be one record. Got "
+            f"{len(records)} instead."
+        )
 
 
 def take_rows(values, rows):

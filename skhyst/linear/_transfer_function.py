@@ -47,7 +47,6 @@ from ..optimize import (
     sections,
     vector_fit,
 )
-from ..records import with_lost_rows
 from ._conversion import control_system, poles_and_response, scipy_system
 from ._delay import DelayOperator
 from ._estimate_response import chosen_columns
@@ -844,6 +843,8 @@ class TransferFunction(ModesMixin, LinearModel):
         return not (isinstance(self.inputs, str) and self.inputs == "drive")
 
     def operator_input(self, X, slices):
+        if hasattr(self, "_response_inputs"):
+            return X if self.reads_columns else X[:, 0], [None] * len(slices)
         signal, schedules = super().operator_input(X, slices)
         return X[:, self._columns(X.shape[1])] if self.reads_columns else signal, schedules
 
@@ -1082,20 +1083,12 @@ class TransferFunction(ModesMixin, LinearModel):
         check_is_fitted(self)
         return control_system(*self._rational())
 
-    def predict(self, X) -> np.ndarray:
+    def predict(self, X, y_start=None, return_std=False):
         """Return the free run: the response to the inputs alone, each record from its own start.
 
-        Parameters
-        ----------
-        X : DataFrame or array-like of shape (n_samples, n_columns)
-            After :meth:`fit_frequency_response` the inputs are taken by name from a DataFrame that
-            has these names, otherwise by position.
-
-        Returns
-        -------
-        ndarray of shape (n_samples,)
-            Units of the response, always finite. An unstable model gives a
-            :class:`~skhyst.exceptions.DivergenceWarning`.
+        After :meth:`fit_frequency_response` the inputs are taken by name from a DataFrame that has
+        these names, otherwise by position. An unstable model gives a
+        :class:`~skhyst.exceptions.DivergenceWarning`.
         """
         check_is_fitted(self)
         if np.any(self.poles_.real > 0.0):
@@ -1104,8 +1097,11 @@ class TransferFunction(ModesMixin, LinearModel):
                 DivergenceWarning,
                 stacklevel=2,
             )
+        return super().predict(X, y_start, return_std)
+
+    def _read_inputs(self, X):
         if not hasattr(self, "_response_inputs"):
-            return super().predict(X)
+            return super()._read_inputs(X)
         names = list(getattr(X, "columns", ()))
         if set(self._response_inputs) <= set(names):
             X = X[list(self._response_inputs)]
@@ -1115,8 +1111,4 @@ class TransferFunction(ModesMixin, LinearModel):
                 f"X must have the {self._n_inputs} input(s) {list(self._response_inputs)}. Got "
                 f"{array.shape[1]} column(s) instead."
             )
-        signal = array[:, : self._n_inputs] if self.reads_columns else array[:, 0]
-        slices = read_slices(self, X, reset=False, bridge=True)
-        slices, signal, read = with_lost_rows(slices, signal)
-        y = self._free_run(signal, slices, [None] * len(slices))
-        return y if read is None else y[read]
+        return read_slices(self, X, reset=False, bridge=True), array[:, : self._n_inputs]

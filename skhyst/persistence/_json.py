@@ -25,6 +25,11 @@ _RENAMED = {  # classes of skhyst, present names by earlier ones
     "ColumnOperator": "OnColumnOperator",
     "ScheduledOperator": "Scheduled",
 }
+_FIELDS = {  # and fields
+    "histories": "input_history",
+    "promise": "predicted_cost",
+    "covariance": "joint_covariance",
+}
 _DTYPES = ("bool", "int32", "int64", "float64", "complex128", "str", "object")
 
 
@@ -140,7 +145,7 @@ def field_named(name, kind) -> str:
     """Return the present name of a parameter or attribute of a class of skhyst, by its old one."""
     if name == "rank":  # of an operator its stage order, of an estimator where it is placed
         return "stage_order" if kind.endswith("Operator") else "place"
-    return {"histories": "input_history", "promise": "predicted_cost"}.get(name, name)
+    return _FIELDS.get(name, name)
 
 
 @cache
