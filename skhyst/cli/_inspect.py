@@ -1,10 +1,12 @@
 """`skhyst inspect`: columns, records and faults of recordings."""
 
 from .._files import check_outputs, replacing
-from ..inspection import RecordingDisplay
+from ..inspection import LoopFiguresDisplay, RecordingDisplay
 from ..records import inspect_recording
 from ._messages import as_options
 from ._reading_options import reading_options
+
+_MOST = 20  # loops that are printed
 
 
 def inspect(options):
@@ -16,6 +18,8 @@ def inspect(options):
     for number, path in enumerate(options.files):
         overview = inspect_recording(path, **reading_options(options))
         print(as_options(f"\n{overview}" if number else str(overview)))
+        if overview.records:
+            print("\n".join(_loops(overview)))
     if picture:
         if overview.X is None or overview.y is None:
             raise ValueError(f"{path} is not drawn: its drive and response are not known.")
@@ -23,3 +27,10 @@ def inspect(options):
         with replacing(picture) as (part,):
             display.figure_.savefig(part)
         print(f"written: {picture}")
+
+
+def _loops(overview):
+    """Return lines on the closed loops of a recording."""
+    lines = LoopFiguresDisplay.from_recording(overview.X, overview.y, draw=False).lines()
+    more = [f"and {len(lines) - _MOST} more"] if len(lines) > _MOST else []
+    return ["loops:", *(f"  {line}" for line in [*lines[:_MOST], *more])]

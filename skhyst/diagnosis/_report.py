@@ -31,6 +31,7 @@ from ..inspection import (
     spectrum,
     svg_text,
 )
+from ..metrics import closed_loops, figures_of
 from ..records import by_interval, record_names
 from ._constants import NOTICEABLE
 from ._effects import EFFECTS
@@ -441,6 +442,8 @@ def _data(search):
             own |= {f"{name}_min": float(part.min()), f"{name}_max": float(part.max())}
         records.append(own)
     faults = search.data_quality_.astype({"record": str})
+    loops = figures_of(*signals.values(), closed_loops(search.drive_, search.records_))
+    loops = loops[loops["n_cycles"] > 0].reset_index().astype({"record": str})
     return {
         "n_records": len(records),
         "n_samples": len(search.response_),
@@ -452,6 +455,7 @@ def _data(search):
         "extrapolated": float(search.extrapolated_),
         "reference": _reference(search),
         "faults": faults.to_dict("records"),
+        "loops": loops.to_dict("records"),
     }
 
 

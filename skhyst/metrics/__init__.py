@@ -10,7 +10,12 @@ from sklearn.metrics import max_error
 from ._loop_figures import FIGURES as FIGURES
 from ._loop_figures import branches as branches
 from ._loop_figures import closed_loops as closed_loops
+from ._loop_figures import figures_of as figures_of
 from ._loop_figures import loop_figures
+from ._loop_figures import read_loops as read_loops
+from ._loop_figures import response_at as response_at
+from ._loop_figures import sections as sections
+from ._loop_figures import widest_opening as widest_opening
 from ._regression import fit_percent, mape, nrmse, smape
 
 __all__ = ["fit_percent", "loop_figures", "mape", "max_error", "nrmse", "smape"]

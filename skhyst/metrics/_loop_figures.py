@@ -1,7 +1,8 @@
 r"""What characterises the closed loops of a recording: coercivity, remanence, area, opening.
 
 A cycle goes from a turning point of the drive to the next one of the same kind. It is closed where
-the drive is back where it was. Its path :math:`(u, y)` encloses the area
+the drive is back where it was; one that repeats the cycle before it is closed, too, if the drive
+then goes further, as where its amplitude is raised. Its path :math:`(u, y)` encloses the area
 
 .. math:: \oint u \, dy = \frac{1}{2} \sum_k (u_k y_{k+1} - u_{k+1} y_k) ,
 
@@ -18,12 +19,15 @@ from numbers import Real
 
 import numpy as np
 import pandas as pd
+from scipy.ndimage import uniform_filter1d
 from sklearn.utils.validation import check_array, check_consistent_length
 
 from .._jit import jit
 from ..records import record_names, record_slices
 
-_LEVELS = 1024  # of the drive, at most, among which the widest opening is looked for
+_LEVELS = 4096  # of the drive, among which the widest opening is looked for
+_WINDOW = 1 / 32  # of the drive's range, over which it is a mean: of an ellipse it is 2e-4 less
+TOLERANCE = 0.05  # by default, see loop_figures
 FIGURES = ("coercivity", "remanence", "area", "opening", "closure")
 
 
@@ -40,11 +44,14 @@ class Loop:
         no closed loop.
     dt : float
         Sampling interval.
+    time_unit : {"s", "sample"}, default="s"
+        Its unit.
     """
 
     record: object
     rows: tuple
     dt: float
+    time_unit: str = "s"
 
     @property
     def period(self):
@@ -52,7 +59,7 @@ class Loop:
         return self.dt * float(np.mean([c - a for a, _, c in self.rows] or [np.nan]))
 
 
-def loop_figures(X, y, *, center="loop", tolerance=0.05, skip=0, dt=None) -> pd.DataFrame:
+def loop_figures(X, y, *, center="loop", tolerance=TOLERANCE, skip=0, dt=None) -> pd.DataFrame:
     """Return coercivity, remanence, area, opening and closure of each closed loop.
 
     Parameters
@@ -86,7 +93,7 @@ def loop_figures(X, y, *, center="loop", tolerance=0.05, skip=0, dt=None) -> pd.
           falls and as it rises. Unit of the response.
         - ``area``: of the loop, unit of the drive times that of the response.
         - ``opening``: difference between the responses as the drive falls and as it rises, where
-          that is widest. Unit of the response.
+          that is widest: a mean over 1/32 of the range of the drive. Unit of the response.
         - ``closure``: the response at the end of the cycle minus that at its beginning.
 
         each followed by its standard error, ``coercivity_std`` and so on, NaN of one cycle. All but
@@ -110,6 +117,12 @@ def loop_figures(X, y, *, center="loop", tolerance=0.05, skip=0, dt=None) -> pd.
     >>> found.loc[0, ["coercivity", "remanence", "area"]].round(3).to_numpy()
     array([[0.591, 1.478, 9.284]])
     """
+    options = {"center": center, "tolerance": tolerance, "skip": skip, "dt": dt}
+    return figures_of(*read_loops(X, y, **options), center)
+
+
+def read_loops(X, y, *, center="loop", tolerance=TOLERANCE, skip=0, dt=None):
+    """Return drive (n,), response (n,) and the loops of a recording; see :func:`loop_figures`."""
     if center not in ("loop", "zero"):
         raise ValueError(
             "The 'center' parameter of loop_figures must be 'loop' or 'zero'. Got "
@@ -120,41 +133,51 @@ def loop_figures(X, y, *, center="loop", tolerance=0.05, skip=0, dt=None) -> pd.
             "The 'skip' parameter of loop_figures must be an integer of at least 0. Got "
             f"{skip!r} instead."
         )
-    u, y, loops = closed_loops(X, y, tolerance=tolerance, dt=dt)
-    rows, index, n_loops = [], [], {}
-    for loop in loops:
-        number = n_loops[loop.record] = n_loops.get(loop.record, -1) + 1
-        index.append((loop.record, number))
-        rows.append(_figures(u, y, loop, center, skip))
-    index = pd.MultiIndex.from_tuples(index, names=["record", "loop"])
-    return pd.DataFrame(rows, index).astype({"n_cycles": int})
-
-
-def closed_loops(X, y, *, tolerance=0.05, dt=None):
-    """Return drive (n,), response (n,), and the loops of all records in the order of time.
-
-    A record without a closed loop has one without cycles.
-    """
     if not (isinstance(tolerance, Real) and 0.0 < tolerance < 1.0):
         raise ValueError(
             "The 'tolerance' parameter of loop_figures must be between 0 and 1. Got "
             f"{tolerance!r} instead."
         )
     records = record_slices(X, y, dt=dt, one_interval=False)
-    u = check_array(X, ensure_2d=False, dtype=float, input_name="X")
-    u = u if u.ndim == 1 else np.ascontiguousarray(u[:, 0])
+    drive = X.iloc[:, 0] if getattr(X, "ndim", 1) == 2 and hasattr(X, "iloc") else np.asarray(X)
+    drive = drive[:, 0] if drive.ndim == 2 else drive
+    u = check_array(drive, ensure_2d=False, dtype=float, input_name="X")
     y = check_array(y, ensure_2d=False, dtype=float, input_name="y").ravel()
     check_consistent_length(u, y)
+    return u, y, closed_loops(u, records, tolerance, skip)
+
+
+def figures_of(u, y, loops, center="loop"):
+    """Return the figures of loops of a drive and a response; see :func:`loop_figures`."""
+    rows, index, n_loops = [], [], {}
+    for loop in loops:
+        number = n_loops[loop.record] = n_loops.get(loop.record, -1) + 1
+        index.append((loop.record, number))
+        rows.append(_figures(u, y, loop, center))
+    index = pd.MultiIndex.from_tuples(index, names=["record", "loop"])
+    return pd.DataFrame(rows, index).astype({"n_cycles": int})
+
+
+def closed_loops(u, records, tolerance=TOLERANCE, skip=0):
+    """Return the loops of all records of a drive, in the order of time.
+
+    A record without a closed loop has one without cycles. The first cycles of each are skipped.
+    """
     found = []
     for record, name in zip(records, record_names(records), strict=True):
         start = record.rows.start
         own = u[record.rows]
         groups = _repeated(own, _cycles(own, tolerance), tolerance)
         found += [
-            Loop(name, tuple(tuple(start + i for i in cycle) for cycle in cycles), record.dt)
+            Loop(
+                name,
+                tuple(tuple(start + i for i in cycle) for cycle in cycles[skip:]),
+                record.dt,
+                record.time_unit,
+            )
             for cycles in groups or [()]
         ]
-    return u, y, found
+    return found
 
 
 @jit
@@ -182,17 +205,32 @@ def _turning_points(u, least):
 
 def _cycles(u, tolerance):
     """Return the turning points (first, middle, last) of each closed cycle, in order."""
-    points = _turning_points(u, tolerance * np.ptp(u))
+    points = [int(k) for k in _turning_points(u, tolerance * np.ptp(u))]
     best = []
     for first in (0, 1):
-        parts = zip(points[first::2], points[first + 1 :: 2], points[first + 2 :: 2], strict=False)
         closed = [
-            (int(a), int(b), int(c))
-            for a, b, c in parts
-            if abs(u[c] - u[a]) <= tolerance * abs(u[b] - u[a])
+            own
+            for k in range(first, len(points) - 2, 2)
+            if (own := _closed(u, points, k, tolerance))
         ]
         best = closed if len(closed) > len(best) else best
     return best
+
+
+def _closed(u, points, k, tolerance):
+    """Return the cycle from a turning point on, None where it is not closed.
+
+    One that repeats the cycle before ends where the drive passes its beginning and goes further.
+    """
+    a, b, c = points[k : k + 3]
+    size = u[b] - u[a]
+    beyond = (u[a] - u[c]) / size
+    if abs(beyond) <= tolerance:
+        return a, b, c
+    if beyond > 0.0 and k and abs(u[points[k - 1]] - u[b]) <= tolerance * abs(size):
+        passed = b + int(np.argmax((u[b : c + 1] - u[a]) / size <= 0.0))
+        return a, b, min((passed, passed - 1), key=lambda k: abs(u[k] - u[a]))
+    return None
 
 
 def _repeated(u, cycles, tolerance):
@@ -222,7 +260,51 @@ def branches(u, y, cycle):
     return parts if u[a] < u[b] else parts[::-1]
 
 
-def _at(level, branch):
+def sections(pair, center="loop"):
+    """Return where a cycle is cut through its center, NaN where it does not reach it.
+
+    Parameters
+    ----------
+    pair : sequence of (ndarray, ndarray)
+        Drive and response as the drive rises, and as it falls.
+    center : {"loop", "zero"}, default="loop"
+        As for :func:`loop_figures`.
+
+    Returns
+    -------
+    drive, response : float
+        The center.
+    drives : list of float
+        At which the response passes the center, as the drive rises and as it falls.
+    responses : list of float
+        At the center, as the drive rises and as it falls.
+    """
+    drive, response = 0.0, 0.0
+    ranges = [(min(map(np.min, own)), max(map(np.max, own))) for own in zip(*pair, strict=True)]
+    if center == "loop":
+        drive, response = (0.5 * (low + high) for low, high in ranges)
+    is_reached = ranges[0][0] <= drive <= ranges[0][1]
+    responses = [float(response_at(drive, own)) if is_reached else np.nan for own in pair]
+    return drive, response, [_passes(response, own) for own in pair], responses
+
+
+def widest_opening(pairs):
+    """Return the drive at which the mean loop of cycles is widest, and the opening of each there.
+
+    It is looked for between the highest of the lower ends and the lowest of the upper ones. The
+    opening is a mean over a part of the drive's range, else noise would make it wider.
+    """
+    low = max(own[0].min() for pair in pairs for own in pair)
+    high = min(own[0].max() for pair in pairs for own in pair)
+    levels = np.linspace(low, high, _LEVELS)
+    openings = np.array([response_at(levels, up) for up, _ in pairs])
+    openings = np.array([response_at(levels, down) for _, down in pairs]) - openings
+    openings = uniform_filter1d(openings, int(_WINDOW * _LEVELS), axis=1, mode="nearest")
+    widest = np.argmax(np.abs(openings.mean(axis=0)))
+    return float(levels[widest]), openings[:, widest]
+
+
+def response_at(level, branch):
     """Return the response of a branch at levels of the drive."""
     u, y = branch
     order = np.argsort(u, kind="stable")
@@ -244,30 +326,22 @@ def _area(u, y):
     return 0.5 * float(u[:-1] @ y[1:] - u[1:] @ y[:-1])
 
 
-def _figures(u, y, loop, center, skip):
+def _figures(u, y, loop, center):
     """Return the figures of a loop by name."""
-    cycles = loop.rows[skip:]
+    cycles = loop.rows
     if not cycles:
         empty = {name: np.nan for figure in FIGURES for name in (figure, f"{figure}_std")}
         return {"low": np.nan, "high": np.nan, "period": loop.period, "n_cycles": 0} | empty
     pairs = [branches(u, y, cycle) for cycle in cycles]
-    ends = np.sort([[u[a], u[b]] for a, b, _ in cycles], axis=1)
-    # between the highest of the lower ends and the lowest of the upper ones, at samples of a cycle
-    levels = np.unique(np.concatenate([pairs[0][0][0], pairs[0][1][0]]))
-    levels = levels[(levels >= ends[:, 0].max()) & (levels <= ends[:, 1].min())]
-    levels = levels[np.linspace(0, len(levels) - 1, min(len(levels), _LEVELS)).astype(int)]
-    openings = np.array([_at(levels, falling) - _at(levels, rising) for rising, falling in pairs])
-    widest = np.argmax(np.abs(openings.mean(axis=0)))
+    _, openings = widest_opening(pairs)
     found = np.empty((len(FIGURES), len(cycles)))
-    for k, ((a, _, c), (rising, falling)) in enumerate(zip(cycles, pairs, strict=True)):
-        inside = slice(a, c + 1)
-        middle = [0.5 * (own[inside].min() + own[inside].max()) for own in (u, y)]
-        drive, response = middle if center == "loop" else (0.0, 0.0)
-        is_passed = u[inside].min() <= drive <= u[inside].max()
-        remanence = 0.5 * (_at(drive, falling) - _at(drive, rising)) if is_passed else np.nan
-        coercivity = 0.5 * (_passes(response, rising) - _passes(response, falling))
-        area, closure = _area(u[inside], y[inside]), y[c] - y[a]
-        found[:, k] = coercivity, remanence, area, openings[k, widest], closure
+    for k, ((start, _, stop), pair) in enumerate(zip(cycles, pairs, strict=True)):
+        inside = slice(start, stop + 1)
+        _, _, drives, responses = sections(pair, center)
+        coercivity, remanence = -0.5 * np.diff(drives)[0], 0.5 * np.diff(responses)[0]
+        area, closure = _area(u[inside], y[inside]), y[stop] - y[start]
+        found[:, k] = coercivity, remanence, area, openings[k], closure
+    ends = np.sort([[u[a], u[b]] for a, b, _ in cycles], axis=1)
     figures = {"low": ends[:, 0].mean(), "high": ends[:, 1].mean()}
     figures |= {"period": loop.period, "n_cycles": len(cycles)}
     n = len(cycles)
