@@ -11,7 +11,7 @@ from sklearn.utils.validation import check_array, check_consistent_length, valid
 
 from ._sklearn import StrOptions, validate_parameter_constraints
 from .exceptions import ExtrapolationWarning, RecordError
-from .records import MISMATCH, record_slices
+from .records import MISMATCH, chosen_interval, record_slices
 
 # Largest value and, inverted, the smallest, unless an estimator has its own `largest_value`: the
 # squares of such values, of their gains and of the inverses of these are finite.
@@ -163,6 +163,12 @@ def fitted_interval(estimator):
     if len({own.dt for own in records}) != 1:
         return None, None
     return records[0].dt, records[0].time_unit
+
+
+def used_interval(estimator, dt, caller):
+    """Return the interval at which a fitted model is used, by default that of its fit."""
+    own = fitted_interval(estimator)[0] if dt is None else dt
+    return chosen_interval(estimator.records_, own, caller)
 
 
 def interval_of(estimator, *, fitted=True):

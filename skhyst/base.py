@@ -28,6 +28,7 @@ from ._validation import (
     read_data,
     refuse_several,
     rest_of,
+    used_interval,
     warn_beyond,
 )
 from .exceptions import ConvergenceWarning, RecordError, ShortRecordWarning
@@ -49,7 +50,7 @@ from .optimize import (
     with_further_starts,
     with_input_history,
 )
-from .records import chosen_interval, with_lost_rows
+from .records import with_lost_rows
 
 __all__ = ["ParametricModel"]
 
@@ -1042,7 +1043,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """
         check_is_fitted(self)
         caller, operator = f"{type(self).__name__}.stepper", self.operator_
-        dt = chosen_interval(self.records_, dt, caller)
+        dt = used_interval(self, dt, caller)
         if schedule is not None:
             operator = operator.at(finite_number(schedule, caller, "schedule"))
         u0 = input_at_rest(self, u0, initial_state, caller)

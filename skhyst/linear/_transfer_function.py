@@ -47,7 +47,12 @@ from ..optimize import (
     sections,
     vector_fit,
 )
-from ._conversion import control_system, poles_and_response, scipy_system
+from ._conversion import (
+    control_system,
+    poles_and_response,
+    scipy_system,
+    without_sampling,
+)
 from ._delay import DelayOperator
 from ._estimate_response import chosen_columns
 from ._linear import (
@@ -141,25 +146,30 @@ class TransferFunctionOperator(LinearOperator):
 
     @classmethod
     def from_scipy(cls, system, *, hold="foh"):
-        """Convert a continuous-time system of SciPy or python-control.
+        """Convert a system of SciPy or python-control.
 
         Parameters
         ----------
-        system : scipy.signal.lti, control.StateSpace or control.TransferFunction
-            Continuous time, one response, one input or several, no pole at zero.
+        system : scipy.signal.lti, dlti, control.StateSpace or control.TransferFunction
+            One response, one input or several, no pole at zero. One in discrete time is converted
+            exactly to the one in continuous time that it samples under the hold; its poles at
+            z = 0 become delays.
         hold : {"foh", "zoh"}, default="foh"
             Input between samples.
 
         Returns
         -------
         TransferFunctionOperator
-            For several inputs a :class:`MultiInputTransferFunctionOperator`.
+            For several inputs a :class:`MultiInputTransferFunctionOperator`, for one with a delay a
+            series of the delay and the transfer function.
 
         Raises
         ------
         ValueError
-            If the system is in discrete time, has several responses, no pole, or a pole at zero.
+            If the system has several responses, no pole, or a pole at zero; or is in discrete time
+            and samples none in continuous time under the hold, with delays of whole samples.
         """
+        system, delays = without_sampling(system, hold)
         poles, response = poles_and_response(system)
         size = np.abs(poles)
         count = _POINTS * (len(poles) + 2)
@@ -180,8 +190,9 @@ class TransferFunctionOperator(LinearOperator):
             if np.abs(rows @ found - targets).max() <= _EXACT * np.abs(targets).max():
                 break
         if gains.shape[1] == 1:
-            return cls(*parts, found[:-1, 0], float(found[-1, 0]), hold=hold)
-        return MultiInputTransferFunctionOperator(*parts, found[:-1].T.copy(), found[-1], hold=hold)
+            return _behind_delay(cls(*parts, found[:-1, 0], float(found[-1, 0]), hold=hold), delays)
+        numerators = found[:-1].T.copy()
+        return MultiInputTransferFunctionOperator(*parts, numerators, found[-1], delays, hold=hold)
 
     def to_scipy(self):
         """Return the continuous-time ``scipy.signal.StateSpace``, without the intercept."""
@@ -1016,14 +1027,16 @@ class TransferFunction(ModesMixin, LinearModel):
 
     @classmethod
     def from_system(cls, system, **params) -> Self:
-        """Make a fitted model from a continuous-time system, such as that of a data sheet.
+        """Make a fitted model from a system, such as that of a data sheet.
 
         Parameters
         ----------
-        system : scipy.signal.lti, control.StateSpace or control.TransferFunction
-            One response, no pole at zero.
+        system : scipy.signal.lti, dlti, control.StateSpace or control.TransferFunction
+            One response, no pole at zero. One in discrete time is converted exactly to the one in
+            continuous time that it samples under the ``hold``; its poles at z = 0 become delays.
         **params
-            Parameters of the model, such as ``dt``, ``hold`` and ``initial_state``.
+            Parameters of the model, such as ``hold``, ``initial_state``, ``dt``, which is by
+            default that of a system in discrete time, and ``delay``, which is added.
 
         Returns
         -------
@@ -1040,15 +1053,28 @@ class TransferFunction(ModesMixin, LinearModel):
         """
         model = cls(**params)
         refuse_open_hold(model.hold)
-        operator = TransferFunctionOperator.from_scipy(system, hold=model.hold)
-        single = isinstance(operator, TransferFunctionOperator)
-        shape = np.shape(operator.numerator if single else operator.numerators)
+        if isinstance(model.delay, str):
+            raise ValueError(
+                "The 'delay' parameter of TransferFunction.from_system must be in s, one number or "
+                f"one per input. Got {model.delay!r} instead."
+            )
+        model.operator_ = TransferFunctionOperator.from_scipy(system, hold=model.hold)
+        rational, delays = model._rational()
+        single = isinstance(rational, TransferFunctionOperator)
+        n_inputs = 1 if single else rational.n_inputs
+        delays = np.zeros(n_inputs) + (delays if np.size(delays) else 0.0)
+        model.delay = model.delay + delays if np.any(delays) else model.delay
+        delays = model._delay_of(n_inputs)
+        operator = _behind_delay(rational, delays) if single else replace(rational, delays=delays)
+        shape = np.shape(rational.numerator if single else rational.numerators)
         model.set_params(
-            n_poles=len(operator.poles()), n_zeros=shape[-1], inputs="drive" if single else "all"
+            n_poles=len(rational.poles()),
+            n_zeros=shape[-1],
+            inputs="drive" if single else "all",
+            dt=model.dt or getattr(system, "dt", None) or None,
         )
         model._validate_params()
         entries = [name for name, _ in operator.entries()]
-        n_inputs = 1 if single else operator.n_inputs
         model._n_inputs = model.n_features_in_ = n_inputs
         model._response_inputs = tuple(f"input{i}" for i in range(n_inputs))
         model.operator_, model.records_ = operator, ()
@@ -1072,16 +1098,43 @@ class TransferFunction(ModesMixin, LinearModel):
         check_is_fitted(self)
         return scipy_system(*self._rational())
 
-    def to_control(self):
-        """Return the fitted model as a ``control.StateSpace``, as :meth:`to_scipy` does.
+    def to_control(self, *, pade=None):
+        """Return the fitted model as a continuous-time ``control.StateSpace``.
+
+        The intercept is left out. :func:`skhyst.export.to_control` gives a system in discrete time,
+        in which delays are exact.
+
+        Parameters
+        ----------
+        pade : int, default=None
+            Order of the Padé approximants of delays; by default these are refused.
+
+        Returns
+        -------
+        control.StateSpace
 
         Raises
         ------
         ImportError
             If the package ``control`` is not installed.
+        ValueError
+            If the model has a delay and ``pade`` is not given.
+
+        Examples
+        --------
+        >>> import control
+        >>> from skhyst.linear import TransferFunction
+        >>> model = TransferFunction.from_system(control.tf([1.0], [0.01, 1.0]), delay=0.002)
+        >>> model.to_control(pade=2).nstates
+        3
         """
         check_is_fitted(self)
-        return control_system(*self._rational())
+        if pade is not None and not (isinstance(pade, Integral) and pade > 0):
+            raise ValueError(
+                "The 'pade' parameter of TransferFunction.to_control must be a positive integer or "
+                f"None. Got {pade!r} instead."
+            )
+        return control_system(*self._rational(), pade)
 
     def predict(self, X, y_start=None, return_std=False):
         """Return the free run: the response to the inputs alone, each record from its own start.
