@@ -881,7 +881,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             warn_beyond(self, X[:, drive_column(self)])
         y = self._free_run(signal, slices, schedules)
         for number, own in begun.items():
-            y[slices[number].rows] = own.run()[0]
+            y[slices[number].rows] = np.nan_to_num(own.run()[0])
         if not return_std:
             return y if read is None else y[read]
         variance = np.empty(len(y))

@@ -409,6 +409,8 @@ def test_a_standard_deviation_that_is_not_known_is_refused():
     for model, why in ((whole.named_steps["lag"], "part of a"), (told, "without the covariance")):
         with pytest.raises(ValueError, match=f"'return_std' parameter of .* {why}"):
             model.predict(X, return_std=True)
+    pipeline = make_pipeline(clone(MODELS["lag"])).fit(X, Y)
+    assert pipeline.predict(X, return_std=True)[1].shape == (N,)
     held = Cascade([("plays", FrozenEstimator(whole[:1])), ("lag", FirstOrderLag())], dt=DT)
     assert held.fit(X, Y).predict(X, return_std=True)[1].min() > 0.0
 

@@ -51,8 +51,8 @@ class LoopFiguresDisplay(Display):
     >>> phase = 2 * np.pi * np.arange(4000) / 1000 - np.pi / 2
     >>> drive, response = 2.0 * np.sin(phase), 5.0 * np.sin(phase - 0.3)
     >>> display = LoopFiguresDisplay.from_recording(drive[:, None], response)
-    >>> print(display.lines()[0][:67])
-    record 0, 4 cycles from -2 to 2, 999.8 samples each: coercivity 0.59
+    >>> print(display.lines()[0][:69])
+    record 0, 4 cycles from -2 to 2, 999.8 samples each: coercivity 0.591
     """
 
     def __init__(
