@@ -19,7 +19,8 @@ def inspect(options):
         overview = inspect_recording(path, **reading_options(options))
         print(as_options(f"\n{overview}" if number else str(overview)))
         if overview.records:
-            print("\n".join(_loops(overview)))
+            loops = LoopFiguresDisplay.from_recording(overview.X, overview.y, draw=False)
+            print("\n  ".join(["loops:", *loops.lines(_MOST)]))
     if picture:
         if overview.X is None or overview.y is None:
             raise ValueError(f"{path} is not drawn: its drive and response are not known.")
@@ -27,10 +28,3 @@ def inspect(options):
         with replacing(picture) as (part,):
             display.figure_.savefig(part)
         print(f"written: {picture}")
-
-
-def _loops(overview):
-    """Return lines on the closed loops of a recording."""
-    lines = LoopFiguresDisplay.from_recording(overview.X, overview.y, draw=False).lines()
-    more = [f"and {len(lines) - _MOST} more"] if len(lines) > _MOST else []
-    return ["loops:", *(f"  {line}" for line in [*lines[:_MOST], *more])]

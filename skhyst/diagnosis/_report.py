@@ -41,6 +41,7 @@ from ._report_text import chance, change, listed, number, percent, plus_minus, s
 
 _NO_SETTINGS = ("estimator", "effects", "n_jobs", "verbose")
 _WIDTH = 7.4  # inches, of a picture
+_LOOPS = 24  # of the recording, those with the most cycles
 _PICTURES = {  # height in inches, what it is, and axes
     "course": (4.6, "Response over time, measured and modelled", (2, 1)),
     "loops": (6.4, "Loops, measured and modelled", None),
@@ -444,6 +445,7 @@ def _data(search):
     faults = search.data_quality_.astype({"record": str})
     loops = figures_of(*signals.values(), closed_loops(search.drive_, search.records_))
     loops = loops[loops["n_cycles"] > 0].reset_index().astype({"record": str})
+    loops = loops.nlargest(_LOOPS, "n_cycles").sort_index()
     return {
         "n_records": len(records),
         "n_samples": len(search.response_),

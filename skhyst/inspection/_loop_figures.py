@@ -115,8 +115,13 @@ class LoopFiguresDisplay(Display):
         )
         return display.plot(ax=ax, **plot_options) if draw else display
 
-    def lines(self) -> list[str]:
+    def lines(self, most=None) -> list[str]:
         """Return a sentence on each loop, with units and standard errors.
+
+        Parameters
+        ----------
+        most : int, default=None
+            Loops to tell of, those with the most cycles; by default all.
 
         Returns
         -------
@@ -124,8 +129,9 @@ class LoopFiguresDisplay(Display):
         """
         units = unit_of(self.drive_name), unit_of(self.response_name)
         time = "s" if self.time_unit == "s" else "samples"
-        found = []
-        for (record, _), row in self.figures.iterrows():
+        found, numbered = [], self.figures["n_cycles"].reset_index(drop=True)
+        told = numbered.nlargest(len(numbered) if most is None else most).index.sort_values()
+        for (record, _), row in self.figures.iloc[told].iterrows():
             if not row["n_cycles"]:
                 found.append(f"record {record}: no closed loop")
                 continue
@@ -139,6 +145,8 @@ class LoopFiguresDisplay(Display):
             count = f"{row['n_cycles']:.0f} cycle{'s' if row['n_cycles'] > 1 else ''}"
             head = f"record {record}, {count} {ends}, {row['period']:.4g} {time} each"
             found.append(f"{head}: {', '.join(numbers)}")
+        if len(told) < len(numbered):
+            found.append(f"and {len(numbered) - len(told)} more with fewer cycles")
         return found
 
     def plot(self, ax=None, *, max_loops=4) -> Self:

@@ -25,7 +25,7 @@ from sklearn.utils.validation import check_array, check_consistent_length
 from .._jit import jit
 from ..records import record_names, record_slices
 
-_LEVELS = 4096  # of the drive, among which the widest opening is looked for
+_LEVELS = 1024  # of the drive, among which the widest opening is looked for
 _WINDOW = 1 / 32  # of the drive's range, over which it is a mean: of an ellipse it is 2e-4 less
 TOLERANCE = 0.05  # by default, see loop_figures
 FIGURES = ("coercivity", "remanence", "area", "opening", "closure")
@@ -236,21 +236,18 @@ def _closed(u, points, k, tolerance):
 def _repeated(u, cycles, tolerance):
     """Return the cycles in groups that have the same ends and the same period."""
     groups = []
-    for cycle in cycles:
-        for group in groups:
-            if _are_alike(u, group[0], cycle, tolerance):
-                group.append(cycle)
-                break
+    first = np.empty((len(cycles), 4))  # of each group: ends, range, period
+    for a, b, c in cycles:
+        ends, size, period = first[: len(groups), :2], *first[: len(groups), 2:].T
+        away = np.abs(ends - (u[a], u[b])).max(axis=1, initial=0.0)
+        alike = away <= tolerance * size
+        alike &= np.abs(period - (c - a)) <= np.maximum(tolerance * period, 2.0)
+        if alike.any():
+            groups[int(np.argmax(alike))].append((a, b, c))
         else:
-            groups.append([cycle])
+            first[len(groups)] = u[a], u[b], abs(u[b] - u[a]), c - a
+            groups.append([(a, b, c)])
     return groups
-
-
-def _are_alike(u, one, other, tolerance):
-    size = tolerance * abs(u[one[1]] - u[one[0]])
-    ends = max(abs(u[one[i]] - u[other[i]]) for i in range(2))
-    periods = [cycle[2] - cycle[0] for cycle in (one, other)]
-    return ends <= size and abs(np.subtract(*periods)) <= max(tolerance * periods[0], 2.0)
 
 
 def branches(u, y, cycle):
@@ -296,12 +293,18 @@ def widest_opening(pairs):
     """
     low = max(own[0].min() for pair in pairs for own in pair)
     high = min(own[0].max() for pair in pairs for own in pair)
-    levels = np.linspace(low, high, _LEVELS)
-    openings = np.array([response_at(levels, up) for up, _ in pairs])
-    openings = np.array([response_at(levels, down) for _, down in pairs]) - openings
-    openings = uniform_filter1d(openings, int(_WINDOW * _LEVELS), axis=1, mode="nearest")
-    widest = np.argmax(np.abs(openings.mean(axis=0)))
-    return float(levels[widest]), openings[:, widest]
+    levels, total = np.linspace(low, high, _LEVELS), 0.0
+    for pair in pairs:
+        total = total + _opening(levels, pair)
+    half = int(0.5 * _WINDOW * _LEVELS)
+    widest = int(np.argmax(np.abs(uniform_filter1d(total, 2 * half + 1, mode="nearest"))))
+    near = levels[np.clip(np.arange(widest - half, widest + half + 1), 0, _LEVELS - 1)]
+    return float(levels[widest]), np.array([_opening(near, pair).mean() for pair in pairs])
+
+
+def _opening(levels, pair):
+    rising, falling = pair
+    return response_at(levels, falling) - response_at(levels, rising)
 
 
 def response_at(level, branch):

@@ -364,6 +364,10 @@ def test_loops_and_what_characterises_them():
     np.testing.assert_allclose(found[0], [[-0.2, 0.0], [0.2, 0.0]], atol=1e-12)
     np.testing.assert_allclose(found[1], [[0.0, -0.2], [0.0, 0.2]], atol=1e-12)
     assert display.ax_.get_xlabel() == "u [V]"
+    steps = np.concatenate([drive, 2.0 * drive, 3.0 * drive[:801]])
+    display = LoopFiguresDisplay.from_recording(steps, steps)
+    assert [line[:18] for line in display.lines(2)[:2]] == ["record 0, 4 cycles"] * 2
+    assert display.lines(2)[2] == "and 1 more with fewer cycles"
     display = LoopFiguresDisplay.from_recording(X[:100], response[:100])
     assert display.lines() == ["record 0: no closed loop"]
     assert [text.get_text() for text in display.ax_.texts] == ["no closed loop"]
