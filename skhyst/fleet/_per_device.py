@@ -1,6 +1,6 @@
 """One fitted model per device, or per label of any level of the index."""
 
-from typing import Self
+from typing import Literal, Self, overload
 
 import numpy as np
 import pandas as pd
@@ -105,8 +105,16 @@ class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         self.failures_ = {label: f"{type(e).__name__}: {e}" for label, e in labelled if e}
         return self
 
+    @overload
+    def predict(self, X, y_start=None, return_std: Literal[False] = False) -> np.ndarray: ...
+    @overload
+    def predict(
+        self, X, y_start=None, *, return_std: Literal[True]
+    ) -> tuple[np.ndarray, np.ndarray]: ...
     @documented_like(ParametricModel.predict)
-    def predict(self, X, y_start=None, return_std=False):
+    def predict(
+        self, X, y_start=None, return_std=False
+    ) -> np.ndarray | tuple[np.ndarray, np.ndarray]:
         """Return the response of each device by its own model, NaN where the fit has failed.
 
         Raises
@@ -128,7 +136,7 @@ class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
                 if y_start is not None:
                     options["y_start"] = take_rows(y_start, rows)
                 found[:, rows] = known[label].predict(self._part(X, rows), **options)
-        return tuple(found) if return_std else found[0]
+        return (found[0], found[1]) if return_std else found[0]
 
     @property
     def params_(self) -> pd.DataFrame:

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import combinations_with_replacement
 from numbers import Integral
+from typing import Literal, overload
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -595,14 +596,25 @@ class GrayBoxHysteresis(ParametricModel):
         self.drive = drive
         self.method = method
 
-    def predict(self, X, y_start=None, return_std=False):
+    @overload
+    def predict(self, X, y_start=None, return_std: Literal[False] = False) -> np.ndarray: ...
+    @overload
+    def predict(
+        self, X, y_start=None, *, return_std: Literal[True]
+    ) -> tuple[np.ndarray, np.ndarray]: ...
+    def predict(
+        self, X, y_start=None, return_std=False
+    ) -> np.ndarray | tuple[np.ndarray, np.ndarray]:
         """Return the free run: the response to the drive alone, each record from its own start.
 
         Outputs beyond ``bound_`` are cut off there, and a run that overflows is zero from there on,
         with a :class:`~skhyst.exceptions.DivergenceWarning`.
         """
-        found = super().predict(X, y_start, return_std)
-        y = found[0] if return_std else found
+        std = None
+        if return_std:
+            y, std = super().predict(X, y_start, return_std=True)
+        else:
+            y = super().predict(X, y_start)
         if np.abs(y).max() > self.bound_:
             warnings.warn(
                 "The simulation diverged; outputs far beyond the range of the response in fit were "
@@ -611,7 +623,7 @@ class GrayBoxHysteresis(ParametricModel):
                 stacklevel=2,
             )
             y = np.clip(y, -self.bound_, self.bound_)
-        return (y, found[1]) if return_std else y
+        return y if std is None else (y, std)
 
     def starting_values(self, records):
         return [self.identify(records).operator]
