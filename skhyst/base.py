@@ -270,9 +270,10 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         Smallest and largest drive that the fit has seen, units of the drive.
     drive_rate_ : float
         Fastest change of the drive between two samples that it has seen, units of the drive per s.
-    initial_drive_ : ndarray of shape (n_records, n_values)
+    initial_drive_ : ndarray of shape (n_records, n_values), or (n_records, n_values, n_inputs)
         Drive 1, 2, 4, ... samples before each record of the fit, its units; where the initial state
-        is estimated. A drive between these values is a straight line, before them a rest.
+        is estimated. A drive between these values is a straight line, before them a rest. Of a
+        model that reads further columns, each of its inputs.
 
     See Also
     --------
@@ -710,7 +711,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             if any(record.before is None for record in records):
                 result = with_input_history(result, records, self.method)
             else:
-                known = np.array([np.ravel(record.before) for record in records])
+                known = np.array([np.atleast_1d(record.before) for record in records])
                 result = replace(result, input_history=known)
         for message, kind in self.cautions(result, records):
             warnings.warn(message, kind, stacklevel=4)

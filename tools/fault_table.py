@@ -416,7 +416,7 @@ _OPTIMISATION = [
     ),
     (
         "covariance without the chain rule",
-        "covariance = covariance * np.outer(chain, chain)",
+        "covariance = covariance * units",
         "covariance = covariance * 1.0",
         "tests/optimize/test_identify.py -k 'covariance or straight_line'",
     ),
@@ -440,7 +440,7 @@ _OPTIMISATION = [
     ),
     (
         "the coefficients of disturbances cost no degrees of freedom",
-        "n_samples - n_coefficients - root.shape[1]",
+        "n_samples - coefficients.size - root.shape[1]",
         "n_samples - root.shape[1]",
         "tests/optimize/test_identify.py -k 'standard_errors or disturbance'",
     ),

@@ -22,6 +22,7 @@ from ..operators import (
     split_disturbances,
 )
 from ..optimize import VariableProjection
+from ._divided import Divisions, first_parts
 
 _HYSTERESIS, _DYNAMICS = 10, 30  # stage orders, see Operator
 _ALONG_THE_WAY = VariableProjection(tolerance=1e-4)
@@ -443,6 +444,9 @@ class Cascade(Composition):
             start = self._resume(self.operators_.values(), data)
             if start is not None:
                 return refine(self, [start], data, self.method)
+        divided = self._divided(data)
+        if divided is not None:
+            return divided
         thinned = None
         if self.any_interval and self.method == "variable_projection":
             thinned = thin_records(data)
@@ -458,6 +462,38 @@ class Cascade(Composition):
             results.append(best)
         evaluations = sum(result.n_evaluations for result in results)
         return replace(best, n_evaluations=evaluations)
+
+    def _divided(self, data):
+        """Identify a step between two transfer functions from all divisions of their product.
+
+        None for any other cascade.
+        """
+        models, names = self._starting_models(), [name for name, _ in self._kept_steps()]
+        if len(models) != 3 or not hasattr(models[0], "in_series_with"):
+            return None
+        first, middle, last = models
+        whole, records = first.in_series_with(last), first_parts(data)
+        if whole is None or any(s.signal_linear for s in _driven_starts(middle, records)):
+            return None
+        linear = refine(whole, whole.starting_values(records), records, _ALONG_THE_WAY)
+
+        def fitting(parts):
+            adapted = [m.adapted(own) for m, own in zip((first, last), parts, strict=True)]
+            return None if None in adapted else adapted
+
+        ways = Divisions(linear.operator, records, self.free_run_state, fitting=fitting)
+        found = ways.started(lambda behind: _driven_starts(middle, behind))
+        starts = [self._compose(names, stages) for _, stages in found]
+        if not starts:
+            return None
+        result = refine(self, starts, records, _ALONG_THE_WAY, with_errors=False)
+        evaluations = linear.n_evaluations + result.n_evaluations
+        # what comes into the step goes as far as all samples and the parts as they are now let it
+        for method in (_ALONG_THE_WAY, self.method):
+            start = self._resume(result.operator.stages, data) or result.operator
+            result = refine(self, [start], data, method, with_errors=method is self.method)
+            evaluations += result.n_evaluations
+        return replace(result, n_evaluations=evaluations)
 
     def _resume(self, stages, data):
         """Return the operator with the structure that records ask for and the values of stages.

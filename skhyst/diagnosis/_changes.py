@@ -4,11 +4,12 @@ Each is a variant of an effect whose ``trees`` returns the trees at its starting
 it does not apply.
 """
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
-from ..compose import amplitude, is_constant, lags_of_column
+from ..compose import Divisions, amplitude, is_constant, lags_of_column
 from ..fluid import TankChain
 from ..hysteresis import (
     CoulombFrictionOperator,
@@ -16,17 +17,19 @@ from ..hysteresis import (
     RateDependentPrandtlIshlinskii,
 )
 from ..linear import DynamicStiffnessOperator, GainOperator, TransferFunction
-from ..operators import SumOperator
-from ..optimize import identify
-from ._constants import ENOUGH, FACTOR, FULL, KNEE, NOTICEABLE, TANKS
+from ..operators import SumOperator, finer_factor
+from ..optimize import identify, predicted_cost, variable_projection
+from ._constants import ENOUGH, FACTOR, FULL, KNEE, NOTICEABLE, TANKS, TOLERANCE
 from ._edits import (
     AddForce,
     Begin,
     Bias,
+    Divide,
     Drive,
     Enrich,
     Hold,
     Insert,
+    InsertAt,
     Modulate,
     Schedule,
     both_models,
@@ -38,20 +41,31 @@ from ._tree import BRIEFLY
 
 @dataclass(frozen=True)
 class HeldDrive:
-    """The drive is constant between its samples, or a straight line where it was declared not to.
+    """The drive does something else between its samples than was declared, see ``LinearModel``.
 
-    The first linear dynamics see that; what comes behind them is smooth.
+    The first dynamics see that; what comes behind them is smooth.
     """
+
+    hold: str
 
     def trees(self, name, scene):
         tree = scene.tree
         for stage in tree.stages:
-            if sum(stage.operator.n_poles):
-                known = {"hold"} <= {f.name for f in fields(stage.operator)}
-                hold = stage.model.get_params().get("hold") if known else None
-                other = {"foh": "zoh", "zoh": "foh"}.get(hold)
-                return [tree.edited(name, Hold(stage.name, other))] if other else []
+            holds = getattr(stage.operator, "holds", ())
+            if holds or sum(stage.operator.n_poles):
+                own = stage.model.get_params().get("hold")
+                if (
+                    not {own, self.hold} <= set(holds)
+                    or own == self.hold
+                    or self._is_straight(scene)
+                ):
+                    return []
+                return [tree.edited(name, Hold(stage.name, self.hold))]
         return []
+
+    def _is_straight(self, scene):
+        """Whether it would be a drive without content near half the sampling rate: a line."""
+        return self.hold == "bandlimited" and all(finer_factor(r.u) == 1 for r in scene.records)
 
 
 @dataclass(frozen=True)
@@ -60,7 +74,7 @@ class UnderWay:
 
     def trees(self, name, scene):
         tree = scene.tree
-        unknown = tree.model.get_params().get("initial_state") != "rest" or tree.multi_input
+        unknown = tree.model.get_params().get("initial_state") != "rest"
         if unknown or all(operator.memoryless for operator in tree.operators):
             return []
         # a past shows in what comes first; that of a claim is found from whole records
@@ -106,6 +120,82 @@ class InMotion:
             more = both_models(stage.model, self.model).get_params()
             return more != stage.model.get_params()
         return stage.operator.signal_linear
+
+
+@dataclass(frozen=True)
+class AtJoints:
+    """A model at the joints of the series, other than that of its stage order.
+
+    Or at those between two stages alone (``inner``).
+    """
+
+    model: object
+    inner: bool = False
+
+    def trees(self, name, scene):
+        tree, found = scene.tree, []
+        usual = tree.position(self.model.stage_order)
+        ends = range(int(tree.multi_input), len(tree.stages) + 1)
+        for at in range(1, len(tree.stages)) if self.inner else ends:
+            if at != usual:
+                place = tree.names[at - 1] if at else None
+                starts = driven_starts(self.model, scene.records_at(at))
+                edits = [InsertAt(place, self.model, start) for start in starts]
+                found += scene.promising([tree.edited(name, edit) for edit in edits], at)
+        return found
+
+
+@dataclass(frozen=True)
+class InBetween:
+    """A model between two parts of linear dynamics, where that promises anything noticeable.
+
+    With ``with_zeros``, the dynamics are first given as many zeros as they have poles: those that
+    either part has may cancel where nothing is in between.
+    """
+
+    model: object
+    with_zeros: bool = False
+
+    def trees(self, name, scene):
+        tree, found = scene.tree, []
+        if tree.multi_input or tree.input_history or tree.lines:
+            return []
+        for at, place in enumerate(tree.names):
+            divisions = scene.kept((at, self.with_zeros), self._divisions)
+            if divisions is not None:
+                ways = divisions.started(partial(driven_starts, self.model))
+                found += [
+                    tree.edited(name, Divide(place, self.model, parts))
+                    for left, parts in ways
+                    if left < 1.0 - NOTICEABLE
+                ]
+        return found
+
+    @staticmethod
+    def _divisions(scene, at, with_zeros):
+        tree, operator = scene.tree, scene.tree.operators[at]
+        if not hasattr(operator, "divisions") or len(operator.poles()) < 2:
+            return None
+        if with_zeros and len(operator.poles()) == np.size(operator.numerator):
+            return None  # there are no more
+        operator = _with_zeros(tree, at, scene) if with_zeros else operator
+        behind = tree.operators[at + 1 :]
+        return Divisions(operator, scene.records_at(at), tree.state, behind=behind)
+
+
+def _with_zeros(tree, at, scene):
+    """Return a transfer function of a series with as many zeros as poles, fitted briefly."""
+    operator = tree.operators[at]
+    missing = len(operator.poles()) - np.size(operator.numerator)
+    richer = replace(operator, numerator=np.append(operator.numerator, np.zeros(missing)))
+    model = tree.models[at].resolved(richer)
+    starts = [richer, *driven_starts(model, scene.records_at(at))]
+    problems = [tree.with_stage(at, model.tree(start)).problem(scene.records) for start in starts]
+    best = min(problems, key=lambda problem: predicted_cost(problem, problem.x0))
+    solution = variable_projection(
+        best, best.x0, tolerance=TOLERANCE, max_evaluations=FACTOR**FACTOR
+    )
+    return tree.with_stage(at, model.tree(richer)).at(best, solution.x).operators[at]
 
 
 @dataclass(frozen=True)

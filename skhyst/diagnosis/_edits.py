@@ -5,6 +5,7 @@ knows the operators to start from and no data, so that it can be done again on a
 """
 
 from dataclasses import dataclass, fields, replace
+from itertools import count
 
 import numpy as np
 from sklearn.base import clone
@@ -52,6 +53,43 @@ class Insert(_Edit):
 
 
 @dataclass(frozen=True)
+class InsertAt:
+    """One more stage at a joint of the series: behind a stage, or before all (None)."""
+
+    place: str | None
+    model: object
+    operator: object
+    kind = "stage"
+
+    def __call__(self, tree, name):
+        stages = list(tree.stages)
+        at = 0 if self.place is None else tree.names.index(self.place) + 1
+        stages.insert(at, Stage(name, self.model.tree(self.operator)))
+        return tree.with_stages(stages)
+
+
+@dataclass(frozen=True)
+class Divide:
+    """A linear stage becomes two, with one more stage in between."""
+
+    place: str
+    model: object
+    operators: tuple  # of the first part, of what is in between, and of the second part
+    kind = "stage"
+
+    def __call__(self, tree, name):
+        stages, at = list(tree.stages), tree.names.index(self.place)
+        whole, (first, between, second) = tree.models[at], self.operators
+        behind = next(own for i in count(2) if (own := f"{self.place}_{i}") not in tree.names)
+        stages[at : at + 1] = [
+            Stage(self.place, whole.resolved(first).tree(first)),
+            Stage(name, self.model.tree(between)),
+            Stage(behind, whole.resolved(second).tree(second)),
+        ]
+        return tree.with_stages(stages)
+
+
+@dataclass(frozen=True)
 class Enrich:
     """A stage becomes a richer one, or one that is as rich in what it was enriched by before."""
 
@@ -67,9 +105,12 @@ class Enrich:
             both = both_models(model, self.model)
             return tree.with_stage(at, both.tree(_both_operators(operator, self.operator)))
         same = {key: value for key, value in model.get_params().items() if key in _KEPT}
-        richer = clone(self.model)
+        if same.get("hold") not in getattr(self.operator, "holds", ()):
+            same.pop("hold", None)
+        richer, known = clone(self.model), {f.name for f in fields(self.operator)}
         richer.set_params(**{key: same[key] for key in same.keys() & richer.get_params()})
-        return tree.with_stage(at, richer.tree(self.operator))
+        held = {key: same[key] for key in {"hold"} & same.keys() & known}
+        return tree.with_stage(at, richer.tree(replace(self.operator, **held)))
 
 
 @dataclass(frozen=True)

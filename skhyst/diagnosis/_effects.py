@@ -38,11 +38,13 @@ from ..static import (
     SoftSaturation,
 )
 from ._changes import (
+    AtJoints,
     BesideForce,
     Driven,
     FirstHysteresis,
     Folded,
     HeldDrive,
+    InBetween,
     InMotion,
     InStages,
     Knee,
@@ -122,6 +124,10 @@ def _clips(place):
     return [Saturation(sides=side, place=place) for side in ("upper", "lower", "both")]
 
 
+def _in_between(model):
+    return [InBetween(model), InBetween(model, with_zeros=True)]
+
+
 def _knees():
     return [Knee(SoftSaturation(fit_center=center)) for center in (False, True)]
 
@@ -157,14 +163,19 @@ _BUILT_IN = (
     ),
     Effect(
         "dead_zone",
-        lambda: [DeadBand()],
+        lambda: [DeadBand(), AtJoints(DeadBand()), *_in_between(DeadBand())],
         "The actuator does not respond while the drive is within a band.",
         "Repeat at smaller amplitude: the gain falls, down to nothing within the band.",
         plausible=goes_on,
     ),
     Effect(
         "backlash",
-        lambda: [Backlash(), Backlash(place="sensor")],
+        lambda: [
+            Backlash(),
+            Backlash(place="sensor"),
+            AtJoints(Backlash(), inner=True),
+            *_in_between(Backlash()),
+        ],
         "Play in the transmission: after each turn the drive moves alone for a while.",
         "Turn round at different levels: the lost motion is the same everywhere.",
         picture="loop",
@@ -204,11 +215,13 @@ _BUILT_IN = (
         "timing",
         lambda: [
             TimeShift(),
-            HeldDrive(),
+            HeldDrive("zoh"),
+            HeldDrive("foh"),
+            HeldDrive("bandlimited"),
             TimeShift(between="line"),
             TimeShift(fit_skew=True),
         ],
-        "Drive and response are not read at the same instants, or the drive is held in between.",
+        "Drive and response are not read at the same instants, or the drive differs in between.",
         "Record one signal on both channels: what shift there is belongs to the instruments.",
         picture="frequency",
         plausible=is_between_samples,
@@ -296,8 +309,14 @@ _BUILT_IN = (
             *_knees(),
             InStages(overflow=False, fit_exponents=False),
             InStages(overflow=False, fit_exponents=True),
+            AtJoints(SmoothCurve(3)),
+            AtJoints(SmoothCurve(9)),
+            *(AtJoints(clip, inner=True) for clip in _clips("sensor")),
+            *(InBetween(SmoothCurve(degree)) for degree in (3, 9)),
+            InBetween(SmoothCurve(9), with_zeros=True),
+            *(own for clip in _clips("sensor") for own in _in_between(clip)),
         ],
-        "The reading is a smooth memoryless curve of the response, as of a nonlinear sensor.",
+        "The reading, or what passes from one stage to the next, is a memoryless curve.",
         "Calibrate the sensor on its own, or sweep faster: a curve at the sensor acts behind the "
         "dynamics.",
         plausible=bends,

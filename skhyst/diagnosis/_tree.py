@@ -26,10 +26,10 @@ from ..optimize import (
     constant_entries,
     estimate_input_history,
     input_history_of,
-    path_of,
 )
 from ..records import RecordSlice
 from ._constants import FACTOR, TOLERANCE
+from ._edits import Divide, InsertAt
 from ._shortened import are_long
 
 BRIEFLY = VariableProjection(tolerance=TOLERANCE, max_evaluations=FACTOR**2)
@@ -73,7 +73,7 @@ class Tree:
         Names of effects, and what was done for them, see ``_edits``.
     name : str or None
         Of a stage that stands alone, where that is not the name of its class.
-    input_history : tuple of ndarray of shape (n_values,)
+    input_history : tuple of ndarray of shape (n_values,) or (n_values, n_inputs)
         Drive before each record, see ``RecordData``; empty where all begin at rest.
     """
 
@@ -191,8 +191,16 @@ class Tree:
         return Series(self.names, self.operators).normalized()
 
     def position(self, order):
-        """Return where in the series a stage of this order goes: behind what biases the drive."""
-        behind = [i + 1 for i, stage in enumerate(self.operators) if stage.stage_order <= order]
+        """Return where in the series a stage of this order goes: behind what biases the drive.
+
+        What stands at a joint of its own has no say.
+        """
+        placed = {self.label(n) for n, edit in self.edits if isinstance(edit, InsertAt | Divide)}
+        behind = [
+            i + 1
+            for i, (name, stage) in enumerate(self.stages)
+            if name not in placed and stage.stage_order <= order
+        ]
         biased = self.multi_input and not (self.declared or self).multi_input
         return max(behind, default=int(biased))
 
@@ -223,7 +231,8 @@ class Tree:
 
     def place(self, effect):
         """Return the number of the stage that an effect is, or has changed."""
-        places = [edit.place for edit in self.edits_of(effect) if edit.place]
+        edits = [edit for edit in self.edits_of(effect) if edit.kind != "stage"]
+        places = [edit.place for edit in edits if edit.place]
         return self.names.index(places[0] if places else self.label(effect))
 
     def is_part(self, effect):
@@ -294,6 +303,10 @@ class Tree:
             held, marks = np.split(marks, [operator.n_parameters])
             present[name] = operator, held.astype(bool)
         values, stages = stage_values(other.whole, held=False), []
+        # a part of what is whole here has other poles of the same names
+        parts = {edit.place for _, edit in other.edits if isinstance(edit, Divide)}
+        parts -= {edit.place for _, edit in self.edits if isinstance(edit, Divide)}
+        values = {key: own for key, own in values.items() if key[0] not in parts}
         for stage in self.stages:
             fixed = stage.operator.held_entries()
             found, held = present.get(stage.name, (None, None))
@@ -389,7 +402,8 @@ class Tree:
     def _led(self, stages, record):
         if record.before is None:
             return None
-        u = path_of(record.before)
+        u, skip = record.with_history()
+        u = u[:skip]
         for stage in stages:
             u = stage.run(u, record.dt, stage.init(u[0], self.state))[0]
         return u[-ages(record.before)]

@@ -51,7 +51,9 @@ _ITERATIONS = 60
 _CLOSE = 1e-8  # relative Newton step; its square, the next error, is below rounding
 # step of the first loading over its shortest decay length; least and most steps
 _PART, _FEWEST, _MOST = 0.05, 32, 100_000
-_SETTLED = 1e-14  # slope of the force over the load at which the first loading has saturated
+# slope of the force over the load at which the first loading has saturated, in units of what the
+# rounding of the force makes of it
+_SETTLED = 1e-14
 _RHO, _LEVEL, _SHAPE, _EXPONENT = range(OWN + 2, OWN + 6)  # columns of the derivatives
 
 
@@ -363,6 +365,7 @@ def first_loading(load, rho, level, shape, exponent, by):
     steep = load * abs(slopes[0]) / (1.0 + max(k, 0.0))
     n = int(min(max(steep / _PART, _FEWEST), _MOST))
     h = load / n
+    settled = _SETTLED * max(1.0, rho * exponent)
     f = 0.0
     weights = (0.0, 0.5, 0.5, 1.0)
     values, change = np.zeros((2, 5))
@@ -384,7 +387,7 @@ def first_loading(load, rho, level, shape, exponent, by):
         f += h * total
         for j in range(1, 5):
             values[j] += h * change[j]
-        if total < _SETTLED:
+        if total < settled:
             break
     k = slope_at(f, rho, level, shape, exponent, slopes)
     by[0] = k / (1.0 + k)
@@ -477,6 +480,7 @@ class BoucWenStageOperator(
     gain: float = parameter(default=1.0, linear=True, unit="response/drive")
     intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
     n_substeps: int = 8
+    hold: str = "foh"
 
     def physical(self, mass=1.0):
         """Return the quantities of the equation of motion for a known mass.
@@ -596,6 +600,7 @@ class BoucWenStage(OscillatorModel):
         fit_intercept=True,
         mass=1.0,
         n_substeps=None,
+        hold="foh",
         initial_state="rest",
         dt=None,
         drive=None,
@@ -607,6 +612,7 @@ class BoucWenStage(OscillatorModel):
         self.fit_intercept = fit_intercept
         self.mass = mass
         self.n_substeps = n_substeps
+        self.hold = hold
 
     def _laws(self, length, speed):
         exponents = _EXPONENTS if self.fit_exponent else (float(self.exponent),)

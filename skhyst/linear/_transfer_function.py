@@ -16,6 +16,7 @@ matrices of one input, so there are as many states as poles, plus the past of de
 import warnings
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import compress, product
 from numbers import Integral, Real
 from typing import Self
 
@@ -26,13 +27,14 @@ from sklearn.utils.validation import check_array, check_is_fitted
 from .._jit import jit
 from .._sklearn import Interval, StrOptions
 from .._validation import read_slices
-from ..base import one_thread, refine
+from ..base import one_thread, refine, with_params
 from ..exceptions import DivergenceWarning
 from ..operators import (
     CompiledColumn,
     CompiledLaw,
     CompiledSeries,
     CompiledSum,
+    HeldInput,
     Series,
     parameter,
     state_space_begin,
@@ -56,7 +58,6 @@ from ._conversion import (
 from ._delay import DelayOperator
 from ._estimate_response import chosen_columns
 from ._linear import (
-    DiscretizedOperator,
     LinearModel,
     LinearOperator,
     decay_of,
@@ -70,6 +71,7 @@ from ._second_order_mode import SecondOrderModeOperator, count_ringing, rates_of
 
 _EXACT = 1e-8  # relative error at which a numerator's degree suffices
 _POINTS = 8  # frequencies per pole
+_MOST_GROUPS = 8  # of poles and zeros that a division keeps together: at most 256 divisions
 
 
 @jit
@@ -235,17 +237,70 @@ class TransferFunctionOperator(LinearOperator):
         )
         if not np.size(self.numerator):
             return moved
+        return moved._with_response(self.frequency_response)
+
+    def _with_response(self, response):
+        """Return the operator with the numerator of a response, a function of frequencies in Hz."""
         size = np.concatenate([self.natural_frequencies, np.abs(1.0 / self.time_constants)])
         count = _POINTS * (sum(self.n_poles) + 2)
         frequency = np.geomspace(0.1 * size.min(), 10.0 * size.max(), count) / (2.0 * np.pi)
-        first, n = len(size) + len(order), np.size(self.numerator)
-        columns = moved.frequency_tangents(frequency)[1][:, 0, first : first + n]
-        plain = replace(moved, numerator=np.zeros(n)).frequency_response(frequency)
-        target = self.frequency_response(frequency) - plain
+        first, n = len(size) + np.size(self.natural_frequencies), np.size(self.numerator)
+        columns = self.frequency_tangents(frequency)[1][:, 0, first : first + n]
+        plain = replace(self, numerator=np.zeros(n)).frequency_response(frequency)
+        target = response(frequency) - plain
         rows, target = (np.concatenate([part.real, part.imag]) for part in (columns, target))
         scale = np.abs(rows).max(axis=0)
         found = np.linalg.lstsq(rows / scale, target, rcond=None)[0] / scale
-        return replace(moved, numerator=found)
+        return replace(self, numerator=found)
+
+    def divisions(self):
+        """Return the ways to divide the operator in two in series, each with a pole at least.
+
+        Poles and zeros go to either part, conjugate pairs together, and no part has more zeros than
+        poles: that is every place where something may stand between the two (Sjöberg and Schoukens,
+        *Automatica*, 2012). Where that makes more than 256 ways, neighbours in size stay together,
+        zeros first.
+
+        Returns
+        -------
+        list of (TransferFunctionOperator, TransferFunctionOperator)
+            The first part has unit static gain, the second one the gain and the intercept. None
+            where the operator is unstable.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from skhyst.linear import TransferFunctionOperator
+        >>> modes = np.array([20.0, 50.0]), np.array([0.1, 0.1])
+        >>> whole = TransferFunctionOperator(np.array([0.5]), *modes, np.empty(0))
+        >>> [len(first.poles()) for first, _ in whole.divisions()]
+        [3, 3, 4, 1, 2, 2]
+        """
+        poles, zeros = self.poles(), self.zeros() if np.size(self.numerator) else np.empty(0)
+        if np.any(poles.real >= 0.0) or np.any(zeros == 0.0):
+            return []
+        pole_groups, zero_groups = _together(poles), _together(zeros)
+        while len(pole_groups) + len(zero_groups) > _MOST_GROUPS:
+            groups = zero_groups if len(zero_groups) > 1 else pole_groups
+            size = np.log([np.abs(group[0]) for group in groups])
+            at = int(np.argmin(np.diff(size)))
+            groups[at : at + 2] = [np.concatenate(groups[at : at + 2])]
+        found = []
+        for own_poles in _halves(pole_groups):
+            for own_zeros in _halves(zero_groups):
+                sizes = [(len(p), len(z)) for p, z in zip(own_poles, own_zeros, strict=True)]
+                if all(n_poles and n_zeros <= n_poles for n_poles, n_zeros in sizes):
+                    parts = zip(own_poles, own_zeros, strict=True)
+                    first, second = (_of_roots(*part, self.hold) for part in parts)
+                    scaled = replace(
+                        second,
+                        gain=self.gain,
+                        numerator=self.gain * second.numerator,
+                        intercept=self.intercept,
+                        hold="foh",  # what comes out of the first is smooth
+                    )
+                    found.append((first, scaled))
+        return found
 
     @property
     def n_poles(self):
@@ -301,8 +356,36 @@ class TransferFunctionOperator(LinearOperator):
         return system[:, :n], system[:, n], output[:n], output[n]
 
 
+def _together(roots):
+    """Return the pairs of conjugate roots, and the real ones, by size."""
+    real = np.abs(roots.imag) <= 1e-9 * np.abs(roots)
+    groups = [np.array([root, root.conj()]) for root in roots[~real & (roots.imag > 0.0)]]
+    groups += [np.array([root.real + 0j]) for root in roots[real]]
+    return sorted(groups, key=lambda group: float(np.abs(group[0])))
+
+
+def _halves(groups):
+    """Yield the two parts of groups of roots, each in one or the other."""
+    for chosen in product((True, False), repeat=len(groups)):
+        yield tuple(
+            np.concatenate([np.empty(0, dtype=complex), *compress(groups, own)])
+            for own in (chosen, [not one for one in chosen])
+        )
+
+
+def _of_roots(poles, zeros, hold):
+    """Return the operator of unit static gain with these poles and zeros (rad/s)."""
+
+    def response(frequency):
+        s = 2j * np.pi * frequency[:, None]
+        return np.prod(1.0 - s / zeros, axis=1) / np.prod(1.0 - s / poles, axis=1)
+
+    operator = TransferFunctionOperator(*sections(poles), np.zeros(len(zeros)), hold=hold)
+    return operator._with_response(response) if len(zeros) else operator
+
+
 @dataclass(frozen=True)
-class MultiInputTransferFunctionOperator(DiscretizedOperator):
+class MultiInputTransferFunctionOperator(HeldInput):
     r"""Transfer functions of several inputs with a common denominator, added.
 
     .. math:: y = \sum_i e^{-\theta_i s} \frac{N_i(s)}{D(s)} u_i + \text{intercept}
@@ -327,8 +410,9 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
         In s; empty where there are none.
     intercept : float, default=0.0
         Units of the response.
-    hold : {"foh", "zoh"}, default="foh"
-        Inputs between samples: straight lines, or constant. Fixed structure.
+    hold : {"foh", "zoh", "bandlimited"}, default="foh"
+        Inputs between samples: straight lines, constant, or without content above half the sampling
+        rate. Fixed structure.
 
     Examples
     --------
@@ -349,6 +433,7 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
     delays: np.ndarray = parameter(log=True, lower=0.0, unit="s", default=())
     intercept: float = parameter(linear=True, gauge=0.0, unit="response", default=0.0)
     hold: str = "foh"
+    signal_linear = True
     reads_columns = True
 
     def __post_init__(self):
@@ -554,24 +639,27 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
         return CompiledSum(tuple(branches))
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
-        if du.shape[-1]:
+        if du.ndim == 2 and du.shape[1]:
             raise ValueError(
                 "A model of several inputs must come first: it cannot be driven by another one."
             )
-        u = np.ascontiguousarray(u, dtype=float)
-        tangents = np.zeros((len(u), self.n_parameters))
+        u, m = np.ascontiguousarray(u, dtype=float), du.shape[-1]
+        propagated, tangents = np.zeros((len(u), m)), np.zeros((len(u), self.n_parameters))
         total, delays = np.zeros(len(u)), self._delays()
         for i, part in enumerate(self._parts()):
             signal, carried = np.ascontiguousarray(u[:, i]), np.empty((len(u), 0))
+            if m:
+                carried = np.ascontiguousarray(du[:, i])
             if delays:
                 signal, carried = delays[i].sensitivities(signal, carried, dt, initial_state)
             y, own = part.sensitivities(signal, carried, dt, initial_state)
             total += y
+            propagated += own[:, :m]
             self._place(tangents, i, own[:, carried.shape[1] :])
             if delays:
-                tangents[:, self._delay_column(i)] = own[:, 0]
+                tangents[:, self._delay_column(i)] = own[:, m]
         tangents[:, -1] = 1.0
-        return total + self.intercept, tangents
+        return total + self.intercept, np.hstack([propagated, tangents])
 
 
 _PATIENCE = 3  # orders without improvement after which the search for an order ends
@@ -764,8 +852,6 @@ class TransferFunction(ModesMixin, LinearModel):
         Delay in s, fixed, for all inputs or one for each; or fitted, one for each.
     stable : bool, default=True
         False lets :meth:`fit_frequency_response` keep poles in the right half-plane.
-    initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample; ``"estimate"`` only with ``inputs="drive"``.
 
     Attributes
     ----------
@@ -906,11 +992,6 @@ class TransferFunction(ModesMixin, LinearModel):
         records = super().record_data(slices, X, y)
         if self.reads_columns:
             self._n_inputs = records[0].u.shape[1]
-            if self.initial_state == "estimate":
-                raise ValueError(
-                    "The 'initial_state' parameter of TransferFunction must be 'rest' or 'zero' "
-                    "unless 'inputs' is 'drive'. Got 'estimate' instead."
-                )
         return records
 
     def starting_values(self, records):
@@ -937,6 +1018,52 @@ class TransferFunction(ModesMixin, LinearModel):
 
         return choose_orders(fit, self.n_poles, self.n_zeros, self.max_poles)
 
+    def in_series_with(self, other):
+        """Return the model of this one and another behind it, or None where that is no other.
+
+        Parameters
+        ----------
+        other : estimator
+
+        Returns
+        -------
+        TransferFunction or None
+            Unfitted. None unless both have one input, no delay and orders that are known.
+        """
+        models = self, other
+        if not isinstance(other, TransferFunction) or any(
+            m.reads_columns
+            or np.size(m._delay_of(1))
+            or not (isinstance(m.n_poles, Integral) and isinstance(m.n_zeros, Integral))
+            for m in models
+        ):
+            return None
+        orders = {key: sum(getattr(m, key) for m in models) for key in ("n_poles", "n_zeros")}
+        return with_params(self, **orders, fit_gain=True, fit_intercept=True)
+
+    def resolved(self, operator) -> Self:
+        """Return the model, unfitted, with the orders of an operator; see the base."""
+        orders = {"n_poles": len(operator.poles()), "n_zeros": np.size(operator.numerator)}
+        return with_params(self, **orders, hold=operator.hold)
+
+    def adapted(self, operator):
+        """Return an operator as one of this model: with its hold, and zeros at infinity.
+
+        Parameters
+        ----------
+        operator : TransferFunctionOperator
+
+        Returns
+        -------
+        TransferFunctionOperator or None
+            None where it has another number of poles, or more zeros.
+        """
+        missing = self.n_zeros - np.size(operator.numerator)
+        if len(operator.poles()) != self.n_poles or missing < 0:
+            return None
+        numerator = np.append(operator.numerator, np.zeros(missing))
+        return replace(operator, numerator=numerator, hold=self.hold)
+
     def fit_frequency_response(self, response) -> Self:
         r"""Identify the model from a frequency response.
 
@@ -960,7 +1087,7 @@ class TransferFunction(ModesMixin, LinearModel):
             is "drive".
         """
         self._validate_params()
-        refuse_open_hold(self.hold)
+        refuse_open_hold(self.hold, HeldInput.holds)
         self._check_orders()
         g, std = response.response, response.std
         if g.shape[1] > 1 and not self.reads_columns:
@@ -1052,7 +1179,7 @@ class TransferFunction(ModesMixin, LinearModel):
         array([2., 2.])
         """
         model = cls(**params)
-        refuse_open_hold(model.hold)
+        refuse_open_hold(model.hold, HeldInput.holds)
         if isinstance(model.delay, str):
             raise ValueError(
                 "The 'delay' parameter of TransferFunction.from_system must be in s, one number or "

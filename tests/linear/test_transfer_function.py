@@ -18,6 +18,7 @@ from skhyst.linear import (
     FrequencyResponse,
     SecondOrderModeOperator,
     TransferFunction,
+    TransferFunctionOperator,
     frequency_response,
 )
 
@@ -228,7 +229,6 @@ def test_several_inputs_beside_a_drift():
         ({"inputs": [0, 0]}, "none twice"),
         ({"inputs": []}, "at least one column"),
         ({"inputs": "all", "delay": [0.1, 0.2, 0.3]}, "one for each of 2 input"),
-        ({"inputs": "all", "initial_state": "estimate"}, "'initial_state' parameter"),
     ],
 )
 def test_wrong_parameters(options, message):
@@ -481,3 +481,32 @@ def test_what_rests_keeps_its_rest():
     y = slow.run(u, DT)[0] + 1e-4 * rng.normal(size=400)
     model = TransferFunction(3, dt=DT).fit(u[:, None], y)
     assert model.has_rest_
+
+
+@pytest.mark.parametrize("n_zeros", [0, 2, 3])
+def test_the_divisions_are_all_ways_to_write_the_operator_as_two_in_series(n_zeros):
+    parts = np.array([0.5]), np.array([20.0, 50.0]), np.array([0.1, 0.2])
+    numerator = np.array([0.3, -0.2, 0.1])[:n_zeros]
+    whole = TransferFunctionOperator(*parts, numerator, 2.0, 0.3)
+    frequency = np.geomspace(0.01, 100.0, 30)
+    divisions = whole.divisions()
+    for first, second in divisions:
+        np.testing.assert_allclose(
+            first.frequency_response(frequency) * second.frequency_response(frequency),
+            whole.frequency_response(frequency),
+            rtol=1e-9,
+        )
+        assert (first.gain, second.gain, second.intercept) == (1.0, 2.0, 0.3)
+        assert all(0 < len(p.poles()) >= len(p.numerator) for p in (first, second))
+    found = {tuple(np.sort_complex(first.poles()).round(6)) for first, _ in divisions}
+    assert len(found) == 2**3 - 2  # a real pole and two pairs, neither part without
+    if not n_zeros:
+        assert len(divisions) == len(found)
+
+
+def test_many_real_poles_make_a_limited_number_of_divisions():
+    many = TransferFunctionOperator(
+        np.geomspace(0.01, 1.0, 10), np.empty(0), np.empty(0), np.empty(0)
+    )
+    divisions = many.divisions()
+    assert len(divisions) == 2**8 - 2
