@@ -35,6 +35,7 @@ from .optimize import (
     Method,
     OperatorProblem,
     RecordData,
+    begun,
     identify,
     input_history_of,
     with_further_starts,
@@ -225,6 +226,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     initial_drive_ : ndarray of shape (n_records, n_values)
         Drive 1, 2, 4, ... samples before each record of the fit, its units; where the initial state
         is estimated. A drive between these values is a straight line, before them a rest.
+    initial_values_ : ndarray of shape (n_records, n_start)
+        In place of it where the model has no state of rest: the values that each record of the fit
+        starts from, such as displacement and velocity of a mass without a spring.
 
     See Also
     --------
@@ -659,10 +663,11 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         if not np.isfinite(result.error):
             raise RecordError(_OUT_OF_RANGE)
         if agreed(self, "initial_state") == "estimate" and self.has_rest_:
-            if any(record.before is None for record in records):
+            kept = "start" if result.operator.n_start else "before"
+            if any(getattr(record, kept) is None for record in records):
                 result = with_input_history(result, records, self.method)
             else:
-                known = np.array([np.ravel(record.before) for record in records])
+                known = np.array([np.ravel(getattr(record, kept)) for record in records])
                 result = replace(result, input_history=known)
         for message, kind in self.cautions(result, records):
             warnings.warn(message, kind, stacklevel=4)
@@ -737,7 +742,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         result, names = result.released(), self.disturbance_names
         self.operator_: Operator = add_disturbances(result.operator, result.disturbances, names)
         if result.input_history is not None:
-            self.initial_drive_ = result.input_history
+            name = "initial_values_" if result.operator.n_start else "initial_drive_"
+            setattr(self, name, result.input_history)
         if result.disturbances:
             self.record_coefficients_ = result.record_coefficients
         self.params_: dict[str, float] = result.params
@@ -848,7 +854,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         limits = drives.min(), drives.max()
         driven, beside = split_disturbances(self.operator_)
         input_history, _ = input_history_of(driven, beside, parts, limits)
-        data = [replace(r, before=b) for r, b in zip(data, input_history, strict=True)]
+        data = [begun(driven, r, own) for r, own in zip(data, input_history, strict=True)]
         problem = OperatorProblem(driven, data, disturbances=beside)
         outputs = problem.predictions(problem.x0, np.ones(len(data), dtype=bool))
         for (s, _), output in zip(told, outputs, strict=True):

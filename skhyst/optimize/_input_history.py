@@ -29,6 +29,7 @@ from scipy.optimize import least_squares
 
 from ._identify import identify
 from ._problem import OperatorProblem, ages, scheduled
+from ._start_values import estimate_start_values, start_values_of
 
 _THIRDS = 3.0 ** -np.arange(1, 5)  # of the limits: the range of the drive, to a few per cent of it
 _STEPS = np.outer(_THIRDS, (1.0, -1.0)).ravel()
@@ -57,8 +58,11 @@ def estimate_input_history(
     -------
     result : IdentificationResult
     input_history : ndarray of shape (n_records, n_values)
-        Drive 1, 2, 4, ... samples before each record, in its units.
+        Drive 1, 2, 4, ... samples before each record, in its units; of an operator that has no
+        state of rest the values that its state starts from, see ``_start_values``.
     """
+    if operator.n_start:
+        return estimate_start_values(operator, disturbances, records, fixed=fixed, method=method)
     count = _count(records)
     records = [r if _is_known(r, count) else replace(r, before=None) for r in records]
     start = [(operator, disturbances)]
@@ -120,8 +124,11 @@ def input_history_of(operator, disturbances, records, drive_range=None):
     """Return the drive before each record with the parameters held, and the number of runs.
 
     The drive is (n_records, n_values); a run is one of all records. By default the range of the
-    drive is that in the records.
+    drive is that in the records. Of an operator that has no state of rest it is what records start
+    from, (n_records, n_start).
     """
+    if operator.n_start:
+        return start_values_of(operator, disturbances, records)
     drives = [record.drive for record in records]
     if drive_range is None:
         drive_range = min(u.min() for u in drives), max(u.max() for u in drives)
