@@ -125,6 +125,8 @@ def move(h, start, end, friction, x, v):
                 sign = 1.0
             elif force < -stuck_back:
                 sign = -1.0
+            elif stuck_ahead + stuck_back == 0.0:  # nothing holds it
+                sign = 1.0 if slope >= 0.0 else -1.0
             else:
                 level = stuck_ahead if slope > 0.0 else -stuck_back
                 later = (level - start) / slope if slope != 0.0 else h
@@ -204,6 +206,8 @@ def move_tangents(h, start, end, friction, x, v, by, d, dnow):
                 sign = 1.0
             elif force < -stuck_back:
                 sign = -1.0
+            elif stuck_ahead + stuck_back == 0.0:  # nothing holds it
+                sign = 1.0 if slope >= 0.0 else -1.0
             else:
                 for k in range(n):
                     d[1, k] = 0.0

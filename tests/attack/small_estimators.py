@@ -12,6 +12,7 @@ from skhyst.fleet import PerDevice
 from skhyst.hysteresis import (
     BoucWenStage,
     EndStops,
+    FreeMass,
     FrictionStage,
     PrandtlIshlinskii,
     RestoringForce,
@@ -40,6 +41,7 @@ _EXAMPLES = {
     "KelvinVoigt": lambda: KelvinVoigt(1),
     "BoucWenStage": lambda: BoucWenStage(n_substeps=1, initial_state="zero", method=_BRIEFLY),
     "EndStops": lambda: EndStops(n_substeps=1, initial_state="zero", method=_BRIEFLY),
+    "FreeMass": lambda: FreeMass(initial_state="zero", method=_BRIEFLY),
     "FrictionStage": lambda: FrictionStage(
         False, n_substeps=1, initial_state="zero", method=_BRIEFLY
     ),
@@ -74,6 +76,7 @@ SLOW = {
     "BoucWenStage",
     "EffectSearchCV",
     "EndStops",
+    "FreeMass",
     "FrictionStage",
     "Monitor",
     "Observer",

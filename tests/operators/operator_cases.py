@@ -207,6 +207,31 @@ def make_operators():
         ),
         "upper end stop": op.EndStopsOperator(20.0, 0.05, 300.0, upper=0.437, n_substeps=2),
         "end stops that overlap": op.EndStopsOperator(20.0, 0.3, 3.0, 0.1, 0.713, 0.237),
+        "free mass": op.FreeMassOperator(
+            0.01, 0.1, force_offset=0.3, force_drift=0.2, intercept=0.2
+        ),
+        "free mass, held drive, no damping": op.FreeMassOperator(0.02, hold="zoh"),
+        "free mass, friction": op.FreeMassOperator(
+            0.01, 0.1, 0.3, 0.5, 0.2, force_offset=0.3, force_drift=0.5, intercept=0.2
+        ),
+        "free mass, rigid": op.FreeMassOperator(0.01, friction=1.5),
+        "free mass, Stribeck curve": op.FreeMassOperator(
+            0.01, 0.1, 0.3, 0.5, 0.2, 0.3, 0.7, force_offset=0.3, intercept=0.2, n_substeps=3
+        ),
+        "free mass, spring and stops": op.FreeMassOperator(
+            0.01,
+            0.1,
+            friction=0.2,
+            cubic_stiffness=0.4,
+            center=0.1,
+            stop_stiffness=300.0,
+            stop_damping=0.2,
+            lower=-0.413,
+            upper=0.513,
+            intercept=0.2,
+            hold="zoh",
+            n_substeps=5,
+        ),
         "fold": op.FoldOperator(0.413),
         "fold, upper": op.FoldOperator(0.413, side=-1),
         "empty sum": op.SumOperator((), ()),

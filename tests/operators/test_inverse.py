@@ -26,6 +26,7 @@ OUT_OF_REACH = {  # of every drive, or of every one that a device could follow
     "drift",
     "sinusoid",
     "stage",
+    "free mass",
     "restoring",
     "stop",
     "fold",
