@@ -44,6 +44,7 @@ _EVENTS = 12  # in a substep: a straight force stops and frees the mass at most 
 _HALVINGS = 80  # of an interval, down to rounding
 _TOLERANCE = 1e-15
 _C4, _C5, _C6, _C7, _C8, _C9 = (1.0 / math.factorial(k) for k in range(4, 10))
+_LARGEST = 1e50  # displacement beyond which a run has diverged; squares of it do not overflow
 _SERIES = 0.1  # below it the quotients cancel
 # what a substep depends on, rows of its derivatives: the force at both ends, friction of sliding
 # and of sticking forward and backward, damping forward and backward, mass
@@ -319,6 +320,8 @@ def sample(law, h, n_substeps, held, before, u, time, x, v):
             curve = 0.5 * (curve + more_curve)
             x1, v1 = move(h, start - force, end - force, resistance(law, curve), x, v)
         x, v = x1, v1
+    if not abs(x) <= _LARGEST:
+        return math.nan, math.nan
     return x, v
 
 
@@ -455,6 +458,9 @@ def free_mass_tangents(law, h, n_substeps, held, u, du, before, time, begun, x, 
                     own = resistance(law, curve)
                     x1, v1 = move_tangents(h, start - force, end - force, own, x, v, by, d, dnow)
                 x, v = x1, v1
+            if not abs(x) <= _LARGEST:
+                x = v = math.nan
+                d[:] = math.nan
             time += h * n_substeps
         begun = 1.0
         before = u[k]
@@ -699,11 +705,6 @@ class FreeMassOperator(Operator):
             rates.append(self.stop_damping / m)
         return float(max(math.sqrt(stiffness / m), *rates))
 
-    @property
-    def presliding_displacement(self):
-        """0 with friction, which acts at once, and None without."""
-        return 0.0 if self.friction or self.stribeck_force else None
-
 
 _STARTING = (3, 10, 30, 100)  # samples from which a velocity at the start is estimated
 
@@ -919,6 +920,8 @@ class FreeMass(ParametricModel):
             more = {}
             if self.friction and not near.friction:
                 more["friction"] = little
+            if self.damping_asymmetry and not near.damping_asymmetry:
+                more["damping_asymmetry"] = _LITTLE
             if speed is not None:
                 more |= {"stribeck_force": little, "stribeck_velocity": speed * scales.speed}
             if self.cubic_stiffness and not math.isfinite(near.center):
