@@ -620,6 +620,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
 
         ``model`` has its hold decided.
         """
+        if result.input_history is not None:  # the starts of the records belong to the operator
+            return result
         if self.method == "variable_projection":
             own = {"fixed": model.held_parameters(), "initial_state": self.free_run_state}
             further = partial(model.further_starts, records), model.identified_otherwise(records)
@@ -638,7 +640,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         integrator has none, and then no record begins at it.
         """
         longest = max(len(record.u) * record.dt for record in records)
-        if not result.operator.slowest_decay() > longest:
+        # one that is declared to have none begins where it is told to
+        if result.operator.n_start or not result.operator.slowest_decay() > longest:
             return None
         moving = identified(with_params(self, initial_state="zero"), records)[1]
         clearly = moving.error < _CLEARLY * result.error
@@ -662,7 +665,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """
         if not np.isfinite(result.error):
             raise RecordError(_OUT_OF_RANGE)
-        if agreed(self, "initial_state") == "estimate" and self.has_rest_:
+        estimated = agreed(self, "initial_state") == "estimate" and self.has_rest_
+        if estimated and result.input_history is None:
             kept = "start" if result.operator.n_start else "before"
             if any(getattr(record, kept) is None for record in records):
                 result = with_input_history(result, records, self.method)

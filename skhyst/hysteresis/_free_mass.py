@@ -19,7 +19,8 @@ it is, the root of a scalar equation, is found to rounding; there the mass stick
 From a stick it breaks away when the force reaches the level. So motion under Coulomb friction
 (``F_d = 0``) is exact for a force that is held, or a straight line, between samples, as is the
 linear part. The force of spring and stops, and the level of the Stribeck curve, are held at their
-values at the start of the substep for a first motion, then at the mean of both ends: second order.
+values at the start of the substep for a first motion, then at the mean of both ends: second order,
+of first order where the damper of a stop begins to act at once.
 
 Derivatives are carried along, with those of the times at which the mass stops and breaks away. At a
 stop the velocity is zero, and so are all its derivatives if the mass sticks.
@@ -37,7 +38,12 @@ from .._jit import jit
 from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel, refine
 from ..operators import CompiledLaw, Operator, as_signal, parameter
-from ..optimize import OperatorProblem, RecordData, estimate_start_values, start_values_of
+from ..optimize import (
+    RecordData,
+    best_from_own_starts,
+    estimate_start_values,
+    identify_from_own_starts,
+)
 from ._oscillator import FINE, ROUGHLY, WINDOWS, decay, least_squares, weigh
 
 _EVENTS = 12  # in a substep: a straight force stops and frees the mass at most three times
@@ -310,14 +316,12 @@ def sample(law, h, n_substeps, held, before, u, time, x, v):
     for i in range(n_substeps):
         start = before + way * (i / n_substeps) + offset + drift * (time + i * h)
         end = before + way * ((i + 1) / n_substeps) + offset + drift * (time + (i + 1) * h)
-        force, _, _, _ = spring(x, v, cubic, center, stiffness, damping, lower, upper)
-        curve, _ = bell(v, stribeck)
-        x1, v1 = move(h, start - force, end - force, resistance(law, curve), x, v)
-        if bent > 0.0:
-            more_force, _, _, _ = spring(x1, v1, cubic, center, stiffness, damping, lower, upper)
-            more_curve, _ = bell(v1, stribeck)
-            force = 0.5 * (force + more_force)
-            curve = 0.5 * (curve + more_curve)
+        x1, v1, force, curve = x, v, 0.0, 0.0
+        for k in range(2 if bent > 0.0 else 1):
+            own, _, _, _ = spring(x1, v1, cubic, center, stiffness, damping, lower, upper)
+            level, _ = bell(v1, stribeck)
+            force = own if k == 0 else 0.5 * (force + own)
+            curve = level if k == 0 else 0.5 * (curve + level)
             x1, v1 = move(h, start - force, end - force, resistance(law, curve), x, v)
         x, v = x1, v1
     if not abs(x) <= _LARGEST:
@@ -437,26 +441,23 @@ def free_mass_tangents(law, h, n_substeps, held, u, du, before, time, begun, x, 
                     dend[q] = du[k - 1, q] + change * last
                 dstart[m + _R], dend[m + _R] = ramp
                 old[:] = d
+                x1, v1, force, curve = x, v, 0.0, 0.0
                 dforce[:] = 0.0
                 dcurve[:] = 0.0
-                force, curve = force_tangents(law, x, v, d, 1.0, dforce, dcurve)
-                friction_tangents(law, curve, dcurve, by)
-                for q in range(n):
-                    by[_START, q], by[_END, q] = dstart[q] - dforce[q], dend[q] - dforce[q]
-                own = resistance(law, curve)
-                x1, v1 = move_tangents(h, start - force, end - force, own, x, v, by, d, dnow)
-                if bent > 0.0:
+                for p in range(2 if bent > 0.0 else 1):
+                    share = 1.0 if p == 0 else 0.5
                     for q in range(n):
-                        dforce[q] *= 0.5
-                        dcurve[q] *= 0.5
-                    forces = force_tangents(law, x1, v1, d, 0.5, dforce, dcurve)
-                    force, curve = 0.5 * (force + forces[0]), 0.5 * (curve + forces[1])
+                        dforce[q] *= share
+                        dcurve[q] *= share
+                    own, level = force_tangents(law, x1, v1, d, share, dforce, dcurve)
+                    force = own if p == 0 else 0.5 * (force + own)
+                    curve = level if p == 0 else 0.5 * (curve + level)
                     friction_tangents(law, curve, dcurve, by)
                     for q in range(n):
                         by[_START, q], by[_END, q] = dstart[q] - dforce[q], dend[q] - dforce[q]
                     d[:] = old
-                    own = resistance(law, curve)
-                    x1, v1 = move_tangents(h, start - force, end - force, own, x, v, by, d, dnow)
+                    now = resistance(law, curve)
+                    x1, v1 = move_tangents(h, start - force, end - force, now, x, v, by, d, dnow)
                 x, v = x1, v1
             if not abs(x) <= _LARGEST:
                 x = v = math.nan
@@ -716,7 +717,6 @@ _STIFF = 10.0  # starting stops: force at full depth over the half range of the 
 _LITTLE = 0.05  # a new force of a start, over the root mean square of the drive
 _PIECES = (16, 4)  # of a record, each with a start of its own
 _FEWEST = 40  # least samples of a piece
-_KEPT = 3  # starts that are followed
 _N_STARTS = 12
 _MOST_COARSE, _MOST_FINE = 16, 64  # most substeps per sampling interval
 # entries of each flag
@@ -1044,7 +1044,7 @@ class FreeMass(ParametricModel):
             pieces = _cut(data, count)
             if len(pieces) <= len(data):
                 continue
-            starts, runs = self._best(starts, pieces)
+            starts, runs = best_from_own_starts(starts, pieces)
             evaluations += runs
             starts, runs = self._shot(starts, pieces)
             evaluations += runs
@@ -1054,18 +1054,6 @@ class FreeMass(ParametricModel):
             evaluations += result.n_evaluations
             result = self._free([fine], data)
         return dataclasses.replace(result, n_evaluations=evaluations + result.n_evaluations)
-
-    def _best(self, starts, pieces):
-        """Return the starts with the least error on pieces, and the evaluations."""
-        ranked, runs = [], 0
-        for one in starts:
-            begins, n = start_values_of(one, (), pieces)
-            begun = [dataclasses.replace(r, start=s) for r, s in zip(pieces, begins, strict=True)]
-            problem = OperatorProblem(one, begun)
-            power = problem.total(problem.evaluate(problem.x0, jacobian=False))[-1, -1]
-            ranked.append(power if np.isfinite(power) else np.inf)
-            runs += n
-        return [starts[i] for i in np.argsort(ranked, kind="stable")[:_KEPT]], runs
 
     def _shot(self, starts, pieces):
         """Return the operators that starts lead to on pieces of records, and the evaluations."""
@@ -1097,8 +1085,7 @@ class FreeMass(ParametricModel):
         if self.initial_state != "estimate":
             return refine(self, starts, data)
         options = {"fixed": self.held_parameters(), "method": self.method}
-        found = [estimate_start_values(one, (), data, **options)[0] for one in starts]
-        return min(found, key=lambda result: result.error)
+        return identify_from_own_starts(starts, data, **options)
 
     def _roughly(self):
         """Return the method for starting values, with no more evaluations than the fit itself."""

@@ -41,6 +41,7 @@ from ..operators import (
 from ..optimize import (
     FrequencyProblem,
     RationalBlock,
+    identify_from_own_starts,
     identify_response,
     pole_starts,
     record_poles,
@@ -118,6 +119,15 @@ class TransferFunctionOperator(LinearOperator):
         Above 1 for two real poles.
     numerator : ndarray of shape (n_zeros,)
         Weights, at most one per pole.
+    integrators : int, default=0
+        Poles at zero behind the sections, not negative. Fixed structure. ``gain`` is then that of
+        the first derivative, or of the second, of the response.
+
+    Notes
+    -----
+    Integrators have no state of rest. With them a record begins at its first sample, in ``"rest"``
+    with the sections at rest and the integrators at zero, and ``init`` also takes the states at the
+    first sample (see ``n_start`` of :class:`~skhyst.operators.Operator`).
 
     Examples
     --------
@@ -135,10 +145,20 @@ class TransferFunctionOperator(LinearOperator):
     gain: float = parameter(linear=True, gauge=1.0, unit="response/drive", default=1.0)
     intercept: float = parameter(linear=True, gauge=0.0, unit="response", default=0.0)
     hold: str = "foh"
+    integrators: int = 0
 
     def __post_init__(self):
         super().__post_init__()
         self._require_size("damping_ratios", np.size(self.natural_frequencies), "natural frequency")
+        self._require("integrators", self.integrators >= 0, "not be negative")
+
+    def parameter_specs(self):
+        specs = super().parameter_specs()
+        if self.integrators:
+            unit = "response/(drive s)" if self.integrators == 1 else "response/(drive s^2)"
+            for name in ("numerator", "gain"):
+                specs[name] = replace(specs[name], unit=unit)
+        return specs
 
     @classmethod
     def from_scipy(cls, system, *, hold="foh"):
@@ -190,6 +210,8 @@ class TransferFunctionOperator(LinearOperator):
 
     def zeros(self):
         """Return the zeros in rad/s, complex, shape (n_zeros,)."""
+        if not np.size(self.numerator):
+            return np.empty(0, dtype=complex)
         a, b, c, d = self.state_space()
         unit = float(np.abs(self.poles()).max())
         pencil = np.block([[a / unit, b[:, None] / unit], [c[None, :], np.array([[d]])]])
@@ -254,12 +276,12 @@ class TransferFunctionOperator(LinearOperator):
         return count_ringing(self.damping_ratios)
 
     def lag_rates(self):
-        if np.size(self.numerator):
+        if np.size(self.numerator) or self.integrators:
             return []
         return rates_of_sections(self.time_constants, self.natural_frequencies, self.damping_ratios)
 
     def linear_mode(self):
-        if self.n_poles != (0, 1) or np.size(self.numerator):
+        if self.n_poles != (0, 1) or np.size(self.numerator) or self.integrators:
             return None
         pair = float(self.natural_frequencies[0]), float(self.damping_ratios[0])
         return SecondOrderModeOperator(*pair, self.gain, self.intercept, self.hold)
@@ -288,7 +310,16 @@ class TransferFunctionOperator(LinearOperator):
         columns = [column for section in reversed(terms) for column in section]
         for weight, column in zip(numerator, columns, strict=False):
             output = output + weight * column
-        return system[:, :n], system[:, n], output[:n], output[n]
+        return _integrated(system[:, :n], system[:, n], output[:n], output[n], self.integrators)
+
+
+def _integrated(a, b, c, d, count):
+    """Return the matrices of a system with integrators behind it, their states last."""
+    for _ in range(count):
+        n = len(b)
+        a = np.block([[a, np.zeros((n, 1))], [c[None, :], np.zeros((1, 1))]])
+        b, c, d = np.append(b, d), np.eye(n + 1, dtype=a.dtype)[n], 0.0 * d
+    return a, b, c, d
 
 
 @dataclass(frozen=True)
@@ -653,6 +684,27 @@ def record_starts(records, n_poles, n_zeros, delay, hold):
     ]
 
 
+def _through(record, count):
+    """Return a record with its drive integrated, relative to what drives it on the whole."""
+    u, rows = record.u, np.arange(len(record.u))
+    for _ in range(count):
+        u = record.dt * np.append(0.0, np.cumsum(0.5 * (u[1:] + u[:-1])))
+    # where a record starts adds a polynomial to the response, as a constant drive does
+    u, y = (
+        part - np.polynomial.Polynomial.fit(rows, part, min(count, len(rows) - 1))(rows)
+        for part in (u, record.y)
+    )
+    return replace(record, u=u, y=y)
+
+
+def _with_integrators(operator, count):
+    """Return an operator with integrators behind it, or behind its delay."""
+    if hasattr(operator, "stages"):
+        delay, rational = operator.stages
+        return replace(operator, stages=(delay, replace(rational, integrators=count)))
+    return replace(operator, integrators=count)
+
+
 def fit_response(
     frequency, response, std, n_poles, n_zeros, *, delay, hold, stable, single, fit_gain, method
 ):
@@ -752,6 +804,10 @@ class TransferFunction(ModesMixin, LinearModel):
         model of several inputs must come first in a composition; there, inputs go by position.
     delay : float, array-like of shape (n_inputs,) or "fit", default=0.0
         Delay in s, fixed, for all inputs or one for each; or fitted, one for each.
+    integrators : int, default=0
+        Poles at zero, beside the ``n_poles``, which may then be 0; only with ``inputs="drive"``.
+        They are known, so the others have the standard errors. A record starts at its own response:
+        with ``initial_state="estimate"`` all states at its first sample are fitted.
     stable : bool, default=True
         False lets :meth:`fit_frequency_response` keep poles in the right half-plane.
     initial_state : {"rest", "zero", "estimate"}, default="rest"
@@ -799,9 +855,10 @@ class TransferFunction(ModesMixin, LinearModel):
 
     _parameter_constraints = {
         **LinearModel._parameter_constraints,
-        "n_poles": [Interval(Integral, 1, None, closed="left"), StrOptions({"auto"})],
+        "n_poles": [Interval(Integral, 0, None, closed="left"), StrOptions({"auto"})],
         "n_zeros": [Interval(Integral, 0, None, closed="left"), None],
         "max_poles": [Interval(Integral, 1, None, closed="left")],
+        "integrators": [Interval(Integral, 0, 2, closed="both")],
         "inputs": [StrOptions({"drive", "all"}), list, tuple],
         "delay": [Interval(Real, 0, None, closed="left"), StrOptions({"fit"}), "array-like"],
         "stable": ["boolean"],
@@ -813,6 +870,7 @@ class TransferFunction(ModesMixin, LinearModel):
         *,
         n_zeros=0,
         max_poles=8,
+        integrators=0,
         inputs="drive",
         delay=0.0,
         stable=True,
@@ -827,6 +885,7 @@ class TransferFunction(ModesMixin, LinearModel):
         self.n_poles = n_poles
         self.n_zeros = n_zeros
         self.max_poles = max_poles
+        self.integrators = integrators
         self.inputs = inputs
         self.delay = delay
         self.stable = stable
@@ -870,6 +929,8 @@ class TransferFunction(ModesMixin, LinearModel):
 
     def held_parameters(self) -> frozenset[str]:
         fixed = super().held_parameters()
+        if self.integrators and self.initial_state == "estimate":  # each record has its own
+            fixed |= {"intercept"}
         if self.reads_columns:
             n_inputs = getattr(self, "_n_inputs", 1)
             held = held_names(n_inputs, self._delay_of(n_inputs), self.fit_gain)
@@ -881,6 +942,16 @@ class TransferFunction(ModesMixin, LinearModel):
         return frozenset(held | {f"transfer_function__{name}" for name in fixed})
 
     def _check_orders(self):
+        if self.n_poles == 0 and not self.integrators:
+            raise ValueError(
+                "The 'n_poles' parameter of TransferFunction must be above 0 without integrators. "
+                "Got 0 instead."
+            )
+        if self.integrators and self.reads_columns:
+            raise ValueError(
+                "The 'integrators' parameter of TransferFunction must be 0 unless 'inputs' is "
+                f"'drive'. Got {self.integrators!r} instead."
+            )
         n_poles = self.max_poles if self.n_poles == "auto" else self.n_poles
         if self.n_zeros is not None and self.n_zeros > n_poles:
             name = "max_poles" if self.n_poles == "auto" else "n_poles"
@@ -909,7 +980,12 @@ class TransferFunction(ModesMixin, LinearModel):
 
     def _starts_of(self, records, n_poles, n_zeros):
         n_inputs = records[0].u.shape[1] if self.reads_columns else 1
-        return record_starts(records, n_poles, n_zeros, self._delay_of(n_inputs), self.hold)
+        options = n_poles, n_zeros, self._delay_of(n_inputs), self.hold
+        if not self.integrators:
+            return record_starts(records, *options)
+        # in series the order does not matter: what the integrated drive goes through is stable
+        found = record_starts([_through(r, self.integrators) for r in records], *options)
+        return [_with_integrators(start, self.integrators) for start in found]
 
     def identify(self, data):
         self._check_orders()
@@ -921,6 +997,9 @@ class TransferFunction(ModesMixin, LinearModel):
 
         def fit(n_poles, n_zeros):
             starts = self._starts_of(records, n_poles, n_zeros)
+            if self.integrators and self.initial_state == "estimate":
+                options = {"fixed": self.held_parameters(), "method": self.method}
+                return identify_from_own_starts(starts, records, **options), n_samples, power
             return refine(self, starts, records), n_samples, power
 
         return choose_orders(fit, self.n_poles, self.n_zeros, self.max_poles)
@@ -968,6 +1047,9 @@ class TransferFunction(ModesMixin, LinearModel):
                 f"above zero, and not be zero at all of them. Got {len(frequency)} lines instead."
             )
 
+        # the response and its uncertainty with the integrators divided out: the same sum of squares
+        slopes = ((2j * np.pi * frequency) ** self.integrators)[:, None]
+        g, std = g * slopes, None if std is None else std * np.abs(slopes)
         fit = partial(
             fit_response,
             frequency,
@@ -982,6 +1064,9 @@ class TransferFunction(ModesMixin, LinearModel):
         )
         with one_thread():
             result = choose_orders(fit, self.n_poles, self.n_zeros, self.max_poles)
+        if self.integrators:
+            operator = _with_integrators(result.operator, self.integrators)
+            result = replace(result, operator=operator)
         self._response_inputs = tuple(response.input_names[i] for i in columns)
         self._n_inputs = self.n_features_in_ = len(columns)
         self.records_, self.time_unit_ = (), response.time_unit
@@ -1004,6 +1089,8 @@ class TransferFunction(ModesMixin, LinearModel):
         rational, _ = self._rational()
         parts = rational.time_constants, rational.natural_frequencies, rational.damping_ratios
         self._set_modes(*section_poles(*parts), covariance)
+        if self.integrators:
+            self._add_integrators(self.integrators)
         self.zeros_ = rational.zeros()
 
     def _rational(self):

@@ -17,6 +17,7 @@ from ._problem import OperatorProblem, scheduled
 
 _STEPS = 20  # Gauss-Newton steps for the start of a record, or passes over the parameters
 _HALVES = 10
+_FOLLOWED = 3  # starts of the parameters that are followed
 _SETTLED = 1e-8  # part of the error by which a pass still lowers it
 
 
@@ -120,7 +121,7 @@ def estimate_start_values(
         evaluations += result.n_evaluations
         moved, runs = start_values_of(result.operator, result.disturbances, own)
         evaluations += runs
-        error = _error(result, own, moved)
+        error = _error(result.operator, result.disturbances, own, moved)
         if best is not None and not error < (1.0 - _SETTLED) * best[0].error:
             break
         own_part = result.record_coefficients[:, : result.record_coefficients.shape[1] - count]
@@ -130,10 +131,46 @@ def estimate_start_values(
     return replace(result, n_evaluations=evaluations), start
 
 
-def _error(result, records, start):
+def identify_from_own_starts(
+    starts, records, *, fixed=(), method="variable_projection", with_errors=True
+):
+    """Identify an operator and the values that each record starts from, from several candidates.
+
+    Parameters
+    ----------
+    starts : sequence of Operator
+        Starting values of one structure.
+    records, fixed, method, with_errors
+        As for :func:`estimate_start_values`.
+
+    Returns
+    -------
+    IdentificationResult
+        Of the best of those few that fit best before their parameters are moved.
+    """
+    chosen, evaluations = best_from_own_starts(starts, records)
+    options = {"fixed": fixed, "method": method, "with_errors": with_errors}
+    found = [estimate_start_values(one, (), records, **options) for one in chosen]
+    evaluations += sum(result.n_evaluations for result, _ in found)
+    result, start = min(found, key=lambda own: own[0].error)
+    return replace(result, n_evaluations=evaluations, input_history=start)
+
+
+def best_from_own_starts(starts, records):
+    """Return the few operators that fit best from the start of each record, and the evaluations."""
+    errors, evaluations = [], 0
+    for one in starts:
+        start, runs = start_values_of(one, (), records)
+        error = _error(one, (), records, start)
+        errors.append(error if np.isfinite(error) else np.inf)
+        evaluations += runs
+    return [starts[i] for i in np.argsort(errors, kind="stable")[:_FOLLOWED]], evaluations
+
+
+def _error(operator, disturbances, records, start):
     """Return the root mean square of the residual from given starts."""
     begun = [replace(r, start=s) for r, s in zip(records, start, strict=True)]
-    problem = OperatorProblem(result.operator, begun, disturbances=result.disturbances)
+    problem = OperatorProblem(operator, begun, disturbances=disturbances)
     blocks = problem.evaluate(problem.x0, jacobian=False)
     power = problem.total(blocks)[-1, -1]
     return float(np.sqrt(power / problem.segment_weight.sum()))

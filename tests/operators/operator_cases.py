@@ -42,6 +42,11 @@ def make_operators():
         "transfer function, no zeros": op.TransferFunctionOperator(
             np.array([0.02, 0.05]), np.empty(0), np.empty(0), np.empty(0)
         ),
+        "transfer function, integrator": dataclasses.replace(transfer, integrators=1),
+        "transfer function, two integrators, zero-order hold": op.TransferFunctionOperator(
+            np.empty(0), np.array([70.0]), np.array([0.3]), np.empty(0), hold="zoh", integrators=2
+        ),
+        "integrator alone": op.TransferFunctionOperator(*4 * (np.empty(0),), 1.3, integrators=1),
         "delay below one sample": op.DelayOperator(0.0037),
         "delay of several samples": op.DelayOperator(0.0537),
         "delay beyond the record": op.DelayOperator(7.3),
