@@ -111,10 +111,10 @@ def test_other_forces_are_of_second_order():
     )
     fine = dataclasses.replace(PLANT, n_substeps=256).run(3.0 * U[:n], DT)[0]
     np.testing.assert_allclose(fine, found.y[0], atol=2e-3 * np.ptp(fine))
-    smooth = dataclasses.replace(PLANT, stop_damping=0.0)
+    smooth = dataclasses.replace(PLANT, upper=np.inf)  # a contact begins within a substep
     runs = [dataclasses.replace(smooth, n_substeps=k).run(3.0 * U[:n], DT)[0] for k in SUBSTEPS]
     errors = [np.sqrt(np.mean((own - runs[-1]) ** 2)) for own in runs[:-1]]
-    assert errors[0] > 3.0 * errors[1] > 9.0 * errors[2]
+    assert errors[0] > 3.5 * errors[1] > 12.0 * errors[2]
 
 
 def test_a_run_that_diverges_is_cut_off():

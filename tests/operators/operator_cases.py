@@ -86,6 +86,9 @@ def make_operators():
         "Coulomb friction": op.CoulombFrictionOperator(
             1.3, 0.8, 2.9, 0.3, 0.1, 0.3, 0.02, 0.1, slowest=0.01, fastest=50.0, smoothing=3
         ),
+        "Coulomb friction of a velocity": op.CoulombFrictionOperator(
+            0.13, 0.8, 0.29, 0.3, 0.1, damping=0.02, intercept=0.1, motion="velocity"
+        ),
         "dynamic stiffness": op.DynamicStiffnessOperator(1e-3, 0.02, 0.7, 0.1, smoothing=2),
         "dynamic stiffness, of a velocity": op.DynamicStiffnessOperator(
             0.02, 0.7, intercept=0.1, drive="velocity"
