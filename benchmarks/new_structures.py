@@ -74,9 +74,30 @@ def integrator(rng):
     return u, measured(rng, y), true, TransferFunction(2, integrators=1, dt=DT)
 
 
+def unstable(rng):
+    """Return drive and response of an unstable plant in a loop, the truth, and its model."""
+    fast, slow = float(rng.uniform(5.0, 20.0)), float(rng.uniform(2.0, 8.0))
+    true = {"time_constants[0]": -1.0 / slow, "time_constants[1]": 1.0 / fast}
+    true["gain"] = float(rng.uniform(0.5, 2.0))
+    # -gain / (s / slow - 1) / (s / fast + 1), under a feedback of place and change
+    num = [true["gain"]]
+    den = np.polymul([-1.0 / slow, 1.0], [1.0 / fast, 1.0])
+    b, a, _ = cont2discrete((num, den), DT, method="zoh")
+    b, wanted = np.ravel(b), np.repeat(rng.normal(size=N // 10), 10)
+    u, y, clean = np.zeros(N), np.zeros(N), np.zeros(N)
+    for k in range(N):
+        past = [(b[i] * u[k - i], -a[i] * clean[k - i]) for i in (1, 2) if k >= i]
+        clean[k] = np.sum(past)
+        y[k] = clean[k] + 0.01 * rng.normal()
+        place, change = y[k], y[k] - (y[k - 1] if k else y[k])
+        u[k] = wanted[k] + (2.5 * place + change * (0.15 / DT)) / true["gain"]
+    model = TransferFunction(2, stable=False, hold="zoh", dt=DT)
+    return u, y, true, model
+
+
 # what a search is declared, and has to name
 LEFT_OUT = {"free_mass": (FreeMass(fit_force_offset=False, dt=DT), {"friction", "offset"})}
-STRUCTURES = {"free_mass": free_mass, "integrator": integrator}
+STRUCTURES = {"free_mass": free_mass, "integrator": integrator, "unstable": unstable}
 
 
 def study(name, runs, searches):

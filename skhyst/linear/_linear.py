@@ -253,6 +253,7 @@ class LinearOperator(DiscretizedOperator):
 
     def inverse(self):
         """Return the operator from the response to the drive; it is not causal."""
+        self._require("integrators", not self.integrators, "be 0 to have an inverse from a rest")
         return InverseLinearOperator(self)
 
     @property

@@ -21,13 +21,13 @@ from typing import Self
 
 import numpy as np
 from scipy.linalg import eig
-from sklearn.utils.validation import check_array, check_is_fitted
+from sklearn.utils.validation import check_array, check_consistent_length, check_is_fitted
 
 from .._jit import jit
 from .._sklearn import Interval, StrOptions
-from .._validation import read_slices
+from .._validation import read_data, read_slices
 from ..base import one_thread, refine
-from ..exceptions import DivergenceWarning
+from ..exceptions import DivergenceWarning, RecordError
 from ..operators import (
     CompiledColumn,
     CompiledLaw,
@@ -63,6 +63,7 @@ from ._linear import (
     time_span,
 )
 from ._modes import ModesMixin, section_poles
+from ._prediction_error import identify_one_step, one_step, one_step_starts
 from ._second_order_mode import SecondOrderModeOperator, count_ringing, rates_of_sections
 
 _EXACT = 1e-8  # relative error at which a numerator's degree suffices
@@ -809,7 +810,11 @@ class TransferFunction(ModesMixin, LinearModel):
         They are known, so the others have the standard errors. A record starts at its own response:
         with ``initial_state="estimate"`` all states at its first sample are fitted.
     stable : bool, default=True
-        False lets :meth:`fit_frequency_response` keep poles in the right half-plane.
+        False lets poles be in the right half-plane, as those of a plant that a feedback keeps in
+        bounds. :meth:`fit` then minimises the errors of predictions one step ahead, in place of
+        those of the free run, with the gain of the predictor and the state at each record's start
+        (prediction-error method [4]_), for one input without a delay, a given number of poles and
+        one sampling interval. The noise is taken as white innovations.
     initial_state : {"rest", "zero", "estimate"}, default="rest"
         State before each record's first sample; ``"estimate"`` only with ``inputs="drive"``.
 
@@ -822,8 +827,12 @@ class TransferFunction(ModesMixin, LinearModel):
     zeros_ : ndarray of shape (n_zeros,), complex, or list of such
         rad/s; a list, one array per input, unless ``inputs="drive"``.
     fit_error_ : float
-        Root mean square of the residual; after :meth:`fit_frequency_response` that of real and
-        imaginary parts in units of their standard deviation.
+        Root mean square of the residual; with ``stable=False`` that of predictions one step ahead;
+        after :meth:`fit_frequency_response` that of real and imaginary parts in units of their
+        standard deviation.
+    predictor_gain_ : ndarray of shape (n_states,)
+        With ``stable=False`` and :meth:`fit`: how much of an error of the prediction moves the
+        states of ``operator_`` (of its ``state_space()``), see :meth:`predict_one_step`.
 
     Raises
     ------
@@ -841,6 +850,7 @@ class TransferFunction(ModesMixin, LinearModel):
     .. [1] Steiglitz and McBride, *IEEE Transactions on Automatic Control*, 1965.
     .. [2] Gustavsen and Semlyen, *IEEE Transactions on Power Delivery*, 1999.
     .. [3] Pintelon and Schoukens, *System Identification*, 2012, ch. 6, 9 and 11.
+    .. [4] Ljung, *System Identification*, 1999, sections 7.2 and 13.4.
 
     Examples
     --------
@@ -990,6 +1000,52 @@ class TransferFunction(ModesMixin, LinearModel):
     def identify(self, data):
         self._check_orders()
         return self._choose(data)
+
+    def _fit_records(self, records):
+        self.__dict__.pop("predictor_gain_", None)  # of an earlier fit
+        if self.stable:
+            return super()._fit_records(records)
+        model = self.with_hold("foh") if self.hold == "auto" else self
+        result, self.predictor_gain_ = model._one_step(records)
+        return self.finish(result, records)
+
+    def _one_step(self, records):
+        """Identify by predictions one step ahead."""
+        self._check_orders()
+        given = {
+            "inputs": (not self.reads_columns, "be 'drive'"),
+            "delay": (not np.size(self._delay_of(1)), "be 0"),
+            "n_poles": (self.n_poles != "auto" and self.n_zeros is not None, "be a number, as"),
+            "initial_state": (self.initial_state != "estimate", "be 'rest'"),
+        }
+        for name, (is_right, wanted) in given.items():
+            if not is_right:
+                more = " 'n_zeros'" if name == "n_poles" else ""
+                raise ValueError(
+                    f"The '{name}' parameter of TransferFunction must {wanted}{more} where "
+                    f"stable=False is fitted to records. Got {getattr(self, name)!r} instead."
+                )
+        if len({record.dt for record in records}) > 1:
+            raise ValueError(
+                "Records must have one sampling interval where stable=False is fitted to them. Got "
+                f"{sorted({record.dt for record in records})} s instead."
+            )
+
+        def make(*parts):
+            numerator = np.zeros(self.n_zeros)
+            one = TransferFunctionOperator(*parts, numerator, hold=self.hold)
+            return _with_integrators(one, self.integrators)
+
+        starts = one_step_starts(records, self.n_poles, make, self.integrators)
+        # of an integrator the start of each record, which is fitted, is the constant
+        held = self.held_parameters() | ({"intercept"} if self.integrators else set())
+        found = identify_one_step(starts, records, held)
+        if found is None:
+            raise RecordError(
+                "TransferFunction has found no predictor of these records that is stable: they are "
+                "too short, or the drive moves too little."
+            )
+        return found
 
     def _choose(self, records):
         n_samples = sum(record.segment_weights().sum() for record in records)
@@ -1168,6 +1224,66 @@ class TransferFunction(ModesMixin, LinearModel):
         """
         check_is_fitted(self)
         return control_system(*self._rational())
+
+    def predict_one_step(self, X, y) -> np.ndarray:
+        """Return predictions one step ahead, of a model that was fitted by them.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+            As for :meth:`fit`.
+        y : array-like of shape (n_samples,)
+            Response. Where it is NaN, as behind the known part of a record, the model runs on
+            freely.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+            Each from the response before it; a record starts from the state that its response
+            tells.
+
+        Raises
+        ------
+        AttributeError
+            If the model was not fitted with ``stable=False``.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from skhyst.linear import TransferFunction
+        >>> rng, y, u = np.random.default_rng(0), np.zeros(500), np.zeros(500)
+        >>> for k in range(1, 500):  # an unstable plant y' = y + u, held by a proportional feedback
+        ...     y[k] = np.exp(0.1) * y[k - 1] + np.expm1(0.1) * u[k - 1] + 0.01 * rng.normal()
+        ...     u[k] = -3.0 * y[k] + rng.normal()
+        >>> model = TransferFunction(1, stable=False, hold="zoh", dt=0.1).fit(u[:, None], y)
+        >>> bool(abs(model.poles_[0] - 1.0) < 0.1)
+        True
+        >>> error = y - model.predict_one_step(u[:, None], y)
+        >>> bool(error.std() < 0.011)
+        True
+        """
+        check_is_fitted(self)
+        if not hasattr(self, "predictor_gain_"):
+            raise AttributeError(
+                "TransferFunction has a predictor only after a fit to records with stable=False."
+            )
+        slices, X, _ = read_data(self, X, reset=False, bridge=True)
+        y = check_array(y, ensure_2d=False, ensure_all_finite="allow-nan", dtype=float)
+        check_consistent_length(X, y)
+        slices, X, y, read = with_lost_rows(slices, X, y)
+        y = y if read is None else np.where(read, y, np.nan)
+        signal, _ = self.operator_input(X, slices)
+        found = [
+            one_step(self.operator_, self.predictor_gain_, signal[s.rows], y[s.rows], s.dt)
+            for s in slices
+        ]
+        found = np.concatenate(found)
+        return found if read is None else found[read]
+
+    def predict_from(self, X, y) -> np.ndarray:
+        if hasattr(self, "predictor_gain_"):
+            return self.predict_one_step(X, y)
+        return super().predict_from(X, y)
 
     def predict(self, X) -> np.ndarray:
         """Return the free run: the response to the inputs alone, each record from its own start.

@@ -27,6 +27,7 @@ OUT_OF_REACH = {  # of every drive, or of every one that a device could follow
     "sinusoid",
     "stage",
     "free mass",
+    "integrator",
     "restoring",
     "stop",
     "fold",
