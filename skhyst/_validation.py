@@ -7,7 +7,8 @@ from reprlib import repr as shortened
 import numpy as np
 import pandas as pd
 from sklearn.frozen import FrozenEstimator
-from sklearn.utils.validation import validate_data
+from sklearn.pipeline import Pipeline
+from sklearn.utils.validation import has_fit_parameter, validate_data
 
 from ._sklearn import StrOptions, validate_parameter_constraints
 from .exceptions import ExtrapolationWarning, RecordError
@@ -318,6 +319,31 @@ def as_floats(estimator, X, *y, **options):
         raise RecordError(
             f"The response y must be numbers. Got {response[0]!r} instead."
         ) from error
+
+
+def fit_weighted(estimator, X, y, sample_weight, caller):
+    """Return an estimator of scikit-learn, fitted to rows that count so many times each."""
+    if np.all(np.equal(sample_weight, 1.0)):
+        return estimator.fit(X, y)
+    name = _weights_name(estimator)
+    if name is None:
+        raise ValueError(
+            f"The 'sample_weight' of {caller} must be None, or all of it one, for an estimator "
+            f"whose fit takes none. Got {estimator!r} instead."
+        )
+    return estimator.fit(X, y, **{name: sample_weight})
+
+
+def _weights_name(estimator):
+    """Return by what name the `fit` of an estimator takes weights of rows; None if by none."""
+    if has_fit_parameter(estimator, "sample_weight"):
+        return "sample_weight"
+    if isinstance(estimator, Pipeline):
+        step, last = estimator.steps[-1]
+        name = _weights_name(last)
+        return None if name is None else f"{step}__{name}"
+    inside = getattr(estimator, "regressor", getattr(estimator, "estimator", None))
+    return None if inside is None else _weights_name(inside)
 
 
 def take_rows(values, rows):

@@ -223,9 +223,10 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         Smallest and largest drive that the fit has seen, units of the drive.
     drive_rate_ : float
         Fastest change of the drive between two samples that it has seen, units of the drive per s.
-    initial_drive_ : ndarray of shape (n_records, n_values)
+    initial_drive_ : ndarray of shape (n_records, n_values), or (n_records, n_values, n_inputs)
         Drive 1, 2, 4, ... samples before each record of the fit, its units; where the initial state
-        is estimated. A drive between these values is a straight line, before them a rest.
+        is estimated. A drive between these values is a straight line, before them a rest. Of a
+        model that reads further columns, each of its inputs.
     initial_values_ : ndarray of shape (n_records, n_start)
         In place of it where the model has no state of rest: the values that each record of the fit
         starts from, such as displacement and velocity of a mass without a spring.
@@ -671,7 +672,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             if any(getattr(record, kept) is None for record in records):
                 result = with_input_history(result, records, self.method)
             else:
-                known = np.array([np.ravel(getattr(record, kept)) for record in records])
+                known = np.array([np.atleast_1d(getattr(record, kept)) for record in records])
                 result = replace(result, input_history=known)
         for message, kind in self.cautions(result, records):
             warnings.warn(message, kind, stacklevel=4)

@@ -11,11 +11,12 @@ import pandas as pd
 import pytest
 import sklearn
 from sklearn.base import clone
+from sklearn.metrics import root_mean_squared_error
 from sklearn.model_selection import GridSearchCV
 from sklearn.pipeline import make_pipeline
 
 from skhyst.base import ParametricModel
-from skhyst.compose import Cascade, Sum
+from skhyst.compose import Cascade, OnColumn, Sum
 from skhyst.disturbance import Offset
 from skhyst.exceptions import (
     ConvergenceWarning,
@@ -35,7 +36,9 @@ from skhyst.linear import (
     Gain,
     SecondOrderMode,
     SecondOrderModeOperator,
+    TransferFunction,
 )
+from skhyst.model_selection import washout_scorer
 from skhyst.operators import Series, run_records
 from skhyst.optimize import OperatorProblem
 from skhyst.persistence import from_json, to_json
@@ -287,6 +290,32 @@ def test_estimated_history():
     operator, first = model.operator_, data[0].iloc[:N]
     expected, _ = operator.run(first["drive"].to_numpy(), DT)
     np.testing.assert_array_equal(model.predict(first), expected)
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        Sum([("drive", Gain()), ("temperature", OnColumn(FirstOrderLag()))], dt=DT),
+        TransferFunction(1, n_zeros=1, inputs="all", dt=DT),
+    ],
+)
+def test_what_came_before_several_inputs(model):
+    """Only the past of the second one matters; a fit, a prediction and a score find it."""
+    X = np.column_stack([drive(0), drive(1) + 3.0 * np.cos(3.0 * TIME)])
+    noise = 1e-3 * np.random.default_rng(0).normal(size=N)
+    y = 2.0 * X[:, 0] + FirstOrderLagOperator(0.3, gain=2.0).run(X[:, 1], DT)[0] + noise
+    late, rest = slice(100, None), clone(model).fit(X, y)
+    own = clone(model).set_params(initial_state="estimate").fit(X[late], y[late])
+    assert own.initial_drive_.shape == (1, 7, 2)
+    assert own.fit_error_ < 1.2e-3
+    known = np.where(np.arange(N - 100) < 40, y[late], np.nan)
+    errors = [
+        found - y[late] for found in (rest.predict(X[late]), rest.predict_from(X[late], known))
+    ]
+    assert np.std(errors[1][40:]) < 1.3e-3 < 0.1 < np.std(errors[0][40:])
+    options = {"washout": 40, "initial_state": "estimate"}
+    score = washout_scorer(root_mean_squared_error, **options)(rest, X[late], y[late])
+    assert -score < 1.3e-3
 
 
 def test_a_record_that_tells_nothing_begins_as_in_predict():

@@ -12,7 +12,13 @@ from sklearn.utils.validation import check_is_fitted
 from threadpoolctl import threadpool_limits
 
 from .._documentation import inherit_documentation
-from .._sklearn import Interval, StrOptions, check_feature_names_in, fit_context
+from .._sklearn import (
+    Interval,
+    StrOptions,
+    check_feature_names_in,
+    check_sample_weight,
+    fit_context,
+)
 from .._validation import fitted_interval, refuse_large, rest_of
 from ..base import read_data
 from ..exceptions import DivergenceWarning, RecordError
@@ -87,6 +93,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
     """
 
     one_interval = True  # lags are in samples
+    _bridges = True  # a fit goes on through lost rows
 
     _parameter_constraints = {
         "input_lags": [Interval(Integral, 0, None, closed="left"), "array-like", dict],
@@ -105,8 +112,11 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         inherit_documentation(cls)
 
     @abstractmethod
-    def _fit_records(self, X, y, records):
-        """Fit validated data; lags and ``bound_`` are known."""
+    def _fit_records(self, X, y, records, weights, read):
+        """Fit validated data; lags and ``bound_`` are known.
+
+        Samples of weight zero have no response, those that are not ``read`` have no inputs either.
+        """
 
     @abstractmethod
     def _one_step(self, Z):
@@ -124,7 +134,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         return Lags(self.input_lags_, self.output_lags_, self._n_columns)
 
     @fit_context(prefer_skip_nested_validation=False)
-    def fit(self, X, y) -> Self:
+    def fit(self, X, y, sample_weight=None) -> Self:
         """Fit the model.
 
         Parameters
@@ -133,25 +143,39 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
             Inputs; the index carries records and time.
         y : array-like of shape (n_samples,)
             Response.
+        sample_weight : array-like of shape (n_samples,), default=None
+            Not negative: the squared error of each sample counts so much, as if the sample were
+            there so many times. A response of weight zero is not read: one step ahead, samples with
+            it among their past outputs are left out.
 
         Returns
         -------
         self
         """
-        records, X, y = read_data(self, X, y, reset=True)
+        self.records_, X, y = read_data(self, X, y, reset=True, bridge=self._bridges)
+        weights = np.ones(len(y))
+        if sample_weight is not None:
+            options = {"dtype": float, "ensure_non_negative": True}
+            weights = check_sample_weight(sample_weight, X, **options)
+        records, X, y, weights, read = with_lost_rows(self.records_, X, y, weights)
+        read = np.ones(len(y), dtype=bool) if read is None else read
+        weights = np.where(read, weights, 0.0)
+        if not weights.all():
+            y = y.copy()
+            for record in records:
+                y[record.rows] = _read_values(y[record.rows], weights[record.rows] > 0.0)
         self.input_lags_ = read_lag_table(self, "input_lags", range(X.shape[1]))
         self.output_lags_ = tuple(read_lags(self, "output_lags", self.output_lags, 1))
         X, names = self._widen(X, records, reset=True)
         self._n_columns = X.shape[1]
         self.lag_names_ = [shifted(names[column], lag) for column, lag in self.input_lags_]
         self.lag_names_ += [shifted("y", lag) for lag in self.output_lags_]
-        self.records_ = records
         self.output_range_ = (float(y.min()), float(y.max()))
         largest = max(abs(value) for value in self.output_range_)
         self.bound_ = largest + _BOUND * (self._span() or largest or 1.0)
         self._line = fit_line(X, y)
         self._given_history()
-        self._fit_records(X, y, records)
+        self._fit_records(X, y, records, weights, read)
         if self.initial_output == "estimate":
             starts = self.starting_values(X, records, y)
             self.initial_outputs_ = np.array([start.history for start in starts])
@@ -191,8 +215,8 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
                     "response where 'horizon' is given. Got None instead."
                 )
         given = () if y is None else (y,)
-        # a free run goes on through lost rows, what sees the response begins anew behind them
-        records, X, y = read_data(self, X, *given, reset=False, bridge=horizon is None)
+        bridge = horizon is None or self._bridges
+        records, X, y = read_data(self, X, *given, reset=False, bridge=bridge)
         records, X, *given, read = with_lost_rows(records, X, *(() if y is None else (y,)))
         y = given[0] if given else None
         refuse_large("X", X)
@@ -201,6 +225,9 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         if horizon is None:
             parts, good = self._free_runs(starts)
         else:
+            if read is not None:
+                lost = [~read[record.rows] for record in records]
+                starts = list(map(self._with_lost_outputs, starts, lost))
             parts, good = self._runs_ahead(starts, int(horizon))
         if not good:
             warnings.warn(
@@ -337,25 +364,50 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         """Return the number of first samples whose lagged signals lie before their record."""
         return max(self._n_outputs(), *(lag for _, lag in self.input_lags_))
 
-    def _regression(self, X, y, records):
-        """Return lagged signals (n, n_signals) and outputs (n,), without the first of a record."""
-        skip = self._n_skipped()
-        parts, targets = [], []
+    def _regression(self, X, y, records, weights, read):
+        """Return lagged signals, outputs and weights of the samples of each record that know all.
+
+        Signals are (n, n_signals), outputs and weights (n,). The first samples of a record, whose
+        past lies before it, are none of them, nor are those with a past that was not read.
+        """
+        skip, found = self._n_skipped(), []
         for record in records:
             if record.n_samples <= skip:
                 continue
-            inputs, response = X[record.rows], y[record.rows]
-            past = [response[skip - lag : len(response) - lag] for lag in self.output_lags_]
-            parts.append(np.column_stack([lagged_columns(inputs, self.input_lags_, skip), *past]))
-            targets.append(response[skip:])
-        if not parts:
+            inputs, response, counts = X[record.rows], y[record.rows], weights[record.rows]
+            n = len(response)
+            past = [response[skip - lag : n - lag] for lag in self.output_lags_]
+            signals = np.column_stack([lagged_columns(inputs, self.input_lags_, skip), *past])
+            known = counts[skip:] > 0.0
+            for lag in self.output_lags_:
+                known = known & (counts[skip - lag : n - lag] > 0.0)
+            for _, lag in self.input_lags_:
+                known = known & read[record.rows][skip - lag : n - lag]
+            found.append((signals[known], response[skip:][known], counts[skip:][known]))
+        if not found:
             raise RecordError(
                 f"A record must be longer than the longest lag, which is {skip} samples. Got at "
                 f"most {max(record.n_samples for record in records)} samples per record instead."
             )
-        return np.concatenate(parts), np.concatenate(targets)
+        if not any(len(target) for _, target, _ in found):
+            raise RecordError(
+                "A sample must have a weight above zero, and so must those its lags lead to. Got "
+                f"none instead, with lags up to {skip} samples: too many are lost or of weight "
+                "zero."
+            )
+        return found
 
-    def starting_values(self, X, records, y=None):
+    def _with_lost_outputs(self, start, lost):
+        """Return a start whose lost outputs are those of the free run from the ones before."""
+        n, past = len(start.history), np.concatenate([start.history, start.measured])
+        edges = np.flatnonzero(np.diff(lost[start.n_past :], prepend=False, append=False))
+        for a, b in edges.reshape(-1, 2):
+            first, last = start.n_past + a, start.n_past + b
+            (own,), _ = self._free_runs([Start(start.inputs[:last], first, past[a : a + n])])
+            past[n + a : n + b] = own
+        return start._replace(measured=past[n:])
+
+    def starting_values(self, X, records, y=None, weights=None):
         """Return where the run over each record starts.
 
         Parameters
@@ -366,6 +418,8 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
             Rows of each record.
         y : ndarray of shape (n_samples,), default=None
             Measured outputs, where they are known.
+        weights : ndarray of shape (n_samples,), default=None
+            Of their squared errors.
 
         Returns
         -------
@@ -374,9 +428,10 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         """
         inputs = [X[record.rows] for record in records]
         measured = [None if y is None else y[record.rows] for record in records]
+        counts = [None if weights is None else weights[record.rows] for record in records]
         kind = self._start_kind()
         if kind == "measured" and y is not None:
-            return [self._after_past(u, out) for u, out in zip(inputs, measured, strict=True)]
+            return list(map(self._after_past, inputs, measured, counts))
         if kind == "given":
             histories = [self._given_history()] * len(records)
         elif kind == "estimate" and y is not None:
@@ -387,15 +442,16 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         else:
             histories = self._rest(np.array([u[0] for u in inputs]))
         return [
-            Start(u, 0, history, out)
-            for u, history, out in zip(inputs, histories, measured, strict=True)
+            Start(u, 0, history, *own)
+            for u, history, *own in zip(inputs, histories, measured, counts, strict=True)
         ]
 
-    def _after_past(self, inputs, measured):
+    def _after_past(self, inputs, measured, weights=None):
         """Return a start after the first samples, as many as the longest lag."""
         n_past, n_outputs = min(self._n_skipped(), len(inputs)), self._n_outputs()
         history = measured[n_past - n_outputs : n_past] if n_past >= n_outputs else [0] * n_outputs
-        return Start(inputs, n_past, np.asarray(history, dtype=float), measured[n_past:])
+        weights = None if weights is None else weights[n_past:]
+        return Start(inputs, n_past, np.asarray(history, dtype=float), measured[n_past:], weights)
 
     def _rest(self, firsts):
         """Return the outputs at rest for each row of inputs, (n_rows, longest output lag)."""
@@ -441,6 +497,12 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
     def _runs_ahead(self, starts, horizon):
         """Return the predictions ``horizon`` steps ahead, and whether all stayed within bounds."""
         return runs_ahead(self._one_step, starts, horizon, self._lags, self.bound_)
+
+
+def _read_values(y, known):
+    """Return responses on a straight line where they are not known."""
+    rows = np.arange(len(y))
+    return y if known.all() or not known.any() else np.interp(rows, rows[known], y[known])
 
 
 def shifted(name, lag):

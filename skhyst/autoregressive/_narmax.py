@@ -299,7 +299,12 @@ class NARMAXRegressor(AutoregressiveRegressor):
 
     # ------------------------------------------------------------------------------------ the fit
 
-    def _fit_records(self, X, y, records):
+    @property
+    def _bridges(self):
+        # a prediction error that is not known has no course through lost rows
+        return not read_lags(self, "noise_lags", self.noise_lags, 1)
+
+    def _fit_records(self, X, y, records, weights, read):
         self.noise_lags_ = tuple(read_lags(self, "noise_lags", self.noise_lags, 1))
         if self.noise_lags_ and self.objective == "simulation":
             raise ValueError(
@@ -307,21 +312,28 @@ class NARMAXRegressor(AutoregressiveRegressor):
                 f"'simulation': a free run has no prediction errors. Got {self.noise_lags!r} "
                 "instead."
             )
+        if self.noise_lags_ and not weights.all():
+            raise ValueError(
+                "The 'sample_weight' of NARMAXRegressor must be above zero where there are "
+                "'noise_lags': each prediction error needs the response. Got "
+                f"{np.count_nonzero(weights == 0.0)} zero(s) instead."
+            )
         self.lag_names_ = self.lag_names_ + [f"e(k-{lag})" for lag in self.noise_lags_]
         terms = self._candidates()
         self.n_candidates_, self.n_evaluations_ = len(terms), 0
         self._input_scale, self._output_scale = _unit_scale(X), float(_unit_scale(y))
         with one_thread():  # condensed data are small: threads would cost more than they save
-            search, n_free = self._linear_search(X, y, records, terms)
+            parts = self._regression(X, y, records, weights, read)
+            search, n_free = self._linear_search(parts, terms)
             # None where the criterion decides on the number of terms
             wanted = None if self.n_terms == "auto" else self.n_terms or len(terms)
-            problem = self._problem(terms, self._fit_starts(X, y, records))
+            problem = self._problem(terms, self._fit_starts(X, y, records, weights))
             if problem is None:
                 subset = search.best(wanted)
                 theta = subset_solution(search.factor, subset)[0]
             else:
                 subset, theta, search, self.n_evaluations_ = improve(problem, search, wanted)
-                n_free = sum(len(start.measured) for start in problem.starts) - problem.n_extra
+                n_free = sum(own.counts().sum() for own in problem.starts) - problem.n_extra
             self._adopt(terms, subset, theta, search, n_free, problem)
 
     def _candidates(self):
@@ -350,42 +362,44 @@ class NARMAXRegressor(AutoregressiveRegressor):
         """Return a mask of the terms that have no error as a factor."""
         return np.all(terms < len(self.input_lags_) + len(self.output_lags_), axis=1)
 
-    def _linear_search(self, X, y, records, terms):
-        """Return the search over the terms without errors, one step ahead, and its row count."""
-        known = terms[self._without_noise(terms)]
-        Z, target = self._regression(X, y, records)
-        Z, target = Z / self._lag_scale(), target / self._output_scale
-        skip, left_out = self._n_skipped(), self.criterion == "cv"
-        sizes = [record.n_samples - skip for record in records if record.n_samples > skip]
-        folds = condense_folds(
-            sizes,
-            left_out,
-            lambda rows: np.column_stack([term_products(Z[rows], known), target[rows]]),
-        )
+    def _linear_search(self, parts, terms):
+        """Return the search over the terms without errors, one step ahead, and the weight of all.
+
+        ``parts`` are the samples of each record.
+        """
+        known, left_out = terms[self._without_noise(terms)], self.criterion == "cv"
+        Z, target, weights = map(np.concatenate, zip(*parts, strict=True))
+        Z, target, root = Z / self._lag_scale(), target / self._output_scale, np.sqrt(weights)
+
+        def block(rows):
+            products = np.column_stack([term_products(Z[rows], known), target[rows]])
+            return root[rows, None] * products
+
+        folds = condense_folds([len(own) for own, *_ in parts if len(own)], left_out, block)
         total = sum(float(np.sum(fold[:, -1] ** 2)) for fold in folds)
-        criterion = SelectionCriterion(self.criterion, len(target), len(terms), total)
-        return Search(folds, criterion), len(target)
+        criterion = SelectionCriterion(self.criterion, weights.sum(), len(terms), total)
+        return Search(folds, criterion), weights.sum()
 
     def _lag_scale(self):
         inputs = [self._input_scale[column] for column, _ in self.input_lags_]
         return np.array(inputs + [self._output_scale] * len(self.output_lags_))
 
-    def _fit_starts(self, X, y, records):
+    def _fit_starts(self, X, y, records, weights):
         """Return the starts of the fit; one step ahead they come after the longest lag."""
         given, starts = self._given_history(), []
         for record in records:
             inputs, response = X[record.rows], y[record.rows]
             history = np.full(self._n_outputs(), response[0]) if given is None else given
-            start = Start(inputs, 0, history, response)
+            start = Start(inputs, 0, history, response, weights[record.rows])
             if self.objective == "one_step" or self._start_kind() == "measured":
-                start = self._after_past(inputs, response)
+                start = self._after_past(inputs, response, weights[record.rows])
             starts.append(self._scaled(start))
         return [start for start in starts if len(start.measured)]
 
     def _scaled(self, start):
         measured = None if start.measured is None else start.measured / self._output_scale
         inputs, history = start.inputs / self._input_scale, start.history / self._output_scale
-        return Start(inputs, start.n_past, history, measured)
+        return start._replace(inputs=inputs, history=history, measured=measured)
 
     def _problem(self, terms, starts):
         """Return the nonlinear problem to fit, None where the error is linear in coefficients."""

@@ -11,6 +11,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 from .._sklearn import HasMethods, StrOptions
+from .._validation import fit_weighted
 from ..base import one_thread
 from ._base import AutoregressiveRegressor
 from ._extract import extract_step
@@ -139,10 +140,11 @@ class NARXRegressor(AutoregressiveRegressor):
         """Return the weights of all lagged signals and the constant; None where that is not all."""
         return (self.coef_, self.intercept_) if isinstance(self._step, LinearStep) else None
 
-    def _fit_records(self, X, y, records):
-        Z, target = self._regression(X, y, records)
+    def _fit_records(self, X, y, records, weights, read):
+        parts = self._regression(X, y, records, weights, read)
+        Z, *own = map(np.concatenate, zip(*parts, strict=True))
         estimator = _default() if self.estimator is None else clone(self.estimator)
-        self.estimator_ = estimator.fit(Z, target)
+        self.estimator_ = fit_weighted(estimator, Z, *own, type(self).__name__)
         rows = np.linspace(0, len(Z) - 1, min(_COMPARED, len(Z))).astype(int)
         self._step = extract_step(self.estimator_, self._lags, [Z[rows]], self.estimator_.predict)
         self.compiled_ = self._step is not None
@@ -150,18 +152,18 @@ class NARXRegressor(AutoregressiveRegressor):
             self.__dict__.pop(name, None)
         self.n_evaluations_ = 0
         if self.objective == "simulation":
-            self._fit_free_run(X, y, records)
+            self._fit_free_run(X, y, records, weights)
         if isinstance(self._step, LinearStep):
             self.coef_, self.intercept_ = self._step.weights, self._step.intercept
 
-    def _fit_free_run(self, X, y, records):
+    def _fit_free_run(self, X, y, records, weights):
         if self._step is None or self._step.output_weights is None:
             raise ValueError(
                 "The 'objective' parameter of NARXRegressor must be 'one_step' where 'estimator' "
                 "is not a linear model, MLPRegressor or SCNRegressor; NARMAXRegressor fits "
                 f"polynomials. Got 'simulation' with {type(self.estimator_).__name__} instead."
             )
-        starts = partial(self.starting_values, X, records, y)
+        starts = partial(self.starting_values, X, records, y, weights)
         with one_thread():
             self.n_evaluations_ = fit_output_weights(self, starts)
         self.output_weights_ = self._step.output_weights

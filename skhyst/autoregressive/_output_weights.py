@@ -69,7 +69,7 @@ class OutputWeightsProblem:
             if model._start_kind() == "rest" and n_before and len(y):
                 before[:] = self._rest_tangents(step, start)
             propagate_tangents(columns, slopes, lags, before)
-            out.append((columns, start.measured - y))
+            out.append(start.weighted(columns, start.measured - y))
         return out, all_good
 
     def _rest_tangents(self, step, start):

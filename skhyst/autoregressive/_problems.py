@@ -66,7 +66,7 @@ class InnovationProblem:
             error, tangents, whole = polynomial_tangents(
                 plan, coefficients, signals, *before, self.bound, n_past
             )
-            out.append((tangents[:, 1:], error))
+            out.append(start.weighted(tangents[:, 1:], error))
             good &= whole
         return out, good
 
@@ -163,8 +163,10 @@ class FreeRunProblem:
         """Return whether the run is cut off, or worse than a constant."""
         blocks, good = self.blocks(subset, self.unknowns(np.asarray(coefficients, dtype=float)))
         measured = np.concatenate([start.measured for start in self.starts])
+        counts = np.concatenate([start.counts() for start in self.starts])
         error = np.concatenate([error for _, error in blocks])
-        return not good or error @ error > np.sum((measured - measured.mean()) ** 2)
+        away = measured - np.average(measured, weights=counts)
+        return not good or error @ error > counts @ away**2
 
     def blocks(self, subset, theta, pull=0.0):
         """Return Jacobian and error of each record, and whether none was cut off."""
@@ -186,18 +188,19 @@ class FreeRunProblem:
             initial = history, d_history, self.bound, start.n_past, start.measured, pull
             model = step.plan, coefficients
             y, tangents, whole = polynomial_tangents(*model, start.inputs, *initial)
-            out.append((tangents, start.measured - y))
+            out.append(start.weighted(tangents, start.measured - y))
             good &= whole
         return out, good
 
     def rows(self, subset, theta):
         """Yield the rows of each record for :func:`~skhyst.optimize.coloured_covariance`."""
-        for tangents, error in self.blocks(subset, theta)[0]:
+        blocks = self.blocks(subset, theta)[0]
+        for (tangents, error), start in zip(blocks, self.starts, strict=True):
             basis = initial_basis(tangents[:, len(subset) :])
             own, rest = (
                 part - basis @ (basis.T @ part) for part in (tangents[:, : len(subset)], error)
             )
-            yield own, rest, basis, np.ones(len(rest), dtype=bool), 1.0
+            yield own, rest, basis, start.counts() > 0.0, 1.0
 
     def _rests(self, step):
         """Return the output at rest for the first inputs of each record."""

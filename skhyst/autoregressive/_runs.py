@@ -28,6 +28,18 @@ class Start(NamedTuple):
     n_past: int  # samples of the record before the first one that the run predicts
     history: np.ndarray  # (start,): outputs before that sample, the latest last
     measured: np.ndarray = None  # measured outputs from that sample on, if known
+    weights: np.ndarray = None  # of their squared errors; None: one each
+
+    def weighted(self, tangents, error):
+        """Return rows of derivatives and of errors, multiplied by the roots of the weights."""
+        if self.weights is None:
+            return tangents, error
+        root = np.sqrt(self.weights)
+        return tangents * root[:, None], error * root
+
+    def counts(self):
+        """Return how much each measured output counts."""
+        return np.ones(len(self.measured)) if self.weights is None else self.weights
 
 
 def bounded(values, bound):

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from sklearn.base import clone
 
-from .._validation import take_rows
+from .._validation import fit_weighted, take_rows
 from ..exceptions import ExtrapolationWarning
 from ..operators import FrozenOperator, Series, SumOperator
 from ._columns import OnColumnOperator, Scaled
@@ -76,10 +76,13 @@ class Backfitting:
     slices : sequence of RecordSlice
     fold : ndarray of int of shape (n_samples,)
         Of each row.
+    weights : ndarray of shape (n_samples,), default=None
+        How much each row counts in the fit of a clone; None: each once.
     """
 
-    def __init__(self, estimator, X, slices, fold):
+    def __init__(self, estimator, X, slices, fold, weights=None):
         self._estimator, self._X = estimator, X
+        self._weights = np.ones(len(fold)) if weights is None else weights
         self._slices, self._fold = slices, fold
         self.n_folds = int(fold.max()) + 1
 
@@ -91,11 +94,18 @@ class Backfitting:
         found = np.empty_like(targets)
         for k, target in enumerate(targets):
             rows = np.flatnonzero(self._fold != k)
-            fitted = clone(self._estimator).fit(take_rows(self._X, rows), target[rows])
+            fitted = self._fitted(take_rows(self._X, rows), target[rows], self._weights[rows])
             with warnings.catch_warnings():  # a fold may go further than those outside it
                 warnings.simplefilter("ignore", ExtrapolationWarning)
                 found[k] = np.ravel(fitted.predict(self._X))
         return found
+
+    def _fitted(self, X, y, weights):
+        return fit_weighted(clone(self._estimator), X, y, weights, "Corrected")
+
+    def fitted(self, targets):
+        """Return a clone that is fitted to all rows."""
+        return self._fitted(self._X, self.merged(targets), self._weights)
 
     def out_of_fold(self, predictions):
         """Return for each row the prediction of the clone that was not trained on it."""

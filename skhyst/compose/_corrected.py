@@ -10,7 +10,7 @@ from sklearn.base import BaseEstimator, MetaEstimatorMixin, RegressorMixin, clon
 from sklearn.utils.validation import check_is_fitted
 
 from .._documentation import documented_like
-from .._sklearn import HasMethods, Interval, fit_context
+from .._sklearn import HasMethods, Interval, check_sample_weight, fit_context
 from .._validation import in_native_order, rest_of
 from ..autoregressive import compiled_regressor
 from ..base import (
@@ -126,13 +126,15 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
 
     @fit_context(prefer_skip_nested_validation=False)
     @documented_like(ParametricModel.fit)
-    def fit(self, X, y) -> Self:
+    def fit(self, X, y, sample_weight=None) -> Self:
         """Fit the regressor and the effects in turn.
 
         Raises
         ------
         TypeError
             If the effects are not a parametric model of skhyst.
+        ValueError
+            If there are weights, and the regressor takes none.
         """
         effects = Gain() if self.effects is None else clone(self.effects)
         if not isinstance(effects, ParametricModel):
@@ -140,7 +142,14 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
                 "The 'effects' parameter of Corrected must be a parametric model of skhyst. "
                 f"Got {effects!r} instead."
             )
+        weights = None
+        if sample_weight is not None:
+            options = {"dtype": float, "ensure_non_negative": True}
+            weights = check_sample_weight(sample_weight, X, **options)
         X, y, read = fill_lost_rows(X, y)
+        if weights is not None and read is not None:
+            given, weights = weights, np.zeros(len(read))
+            weights[read] = given
         slices, columns, y = read_data(self, X, y, reset=True)
         X = in_native_order(X) if hasattr(X, "iloc") else columns
         if len(slices) == 1 and len(y) < self.cv:
@@ -152,7 +161,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             names = ["prediction", *self.feature_names_in_[1:]]
             effects.feature_names_in_ = np.array(names, dtype=object)
         fold = fold_of_rows(slices, self.cv)
-        backfitting = Backfitting(self.estimator, X, slices, fold)
+        backfitting = Backfitting(self.estimator, X, slices, fold, weights)
         segments = [_stretches(fold[s.rows]) for s in slices]
         of_segment = [
             fold[s.rows][a] for s, own in zip(slices, segments, strict=True) for a, _ in own
@@ -162,6 +171,11 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         def records_of(p):
             data = effects.record_data(slices, _as_first_column(p, columns), y)
             data = data if read is None else scored_where(data, slices, read)
+            if weights is not None:
+                data = [
+                    replace(r, weights=r.counts() * weights[s.rows])
+                    for r, s in zip(data, slices, strict=True)
+                ]
             return [replace(r, segments=own) for r, own in zip(data, segments, strict=True)]
 
         def problem_of(result, p):
@@ -182,7 +196,8 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
                     result = refine(effects, [start], records, "variable_projection")
             return result, result.error
 
-        targets = np.tile(y, (backfitting.n_folds, 1))
+        known = np.concatenate([record.y for record in records_of(columns[:, 0])])  # what is read
+        targets = np.tile(known, (backfitting.n_folds, 1))
         predictions = backfitting.predict(targets)
         start = refit(None, backfitting.out_of_fold(predictions))
         last = backfitting.alternate(
@@ -190,7 +205,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         )
         effects.records_, effects.n_features_in_ = slices, columns.shape[1]
         effects.adopt(last.effects)
-        estimator = clone(self.estimator).fit(X, backfitting.merged(last.targets))
+        estimator = backfitting.fitted(last.targets)
         return self._assemble(estimator, effects, slices, 1 + last.number)
 
     def _assemble(self, estimator, effects, slices, n_iter):

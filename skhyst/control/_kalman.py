@@ -110,11 +110,40 @@ class Filter:
         constants = self.transition, self.gain, self.output
         return CompiledLaw(correction_step, constants, np.zeros(2 * len(self.gain) + 1))
 
-    def innovations(self, residual):
-        """Return the innovations of the residual of a free run (n_samples,)."""
-        step = self.compiled_step()
-        corrected = step.streaming(step.state.copy())(residual)
-        return (residual - corrected) / (1.0 - self.output @ self.gain)
+    def innovations(self, residual, lost):
+        """Return the innovations of the residual of a free run (n_samples,), zero where lost."""
+        step, rows = self.compiled_step(), residual[:, None]
+
+        def innovating(s):
+            run, fraction = step.streaming(s), 1.0 - self.output @ self.gain
+            return lambda rows: (rows[:, 0] - run(rows[:, 0])) / fraction
+
+        rows = foretold(innovating, step.state.copy(), rows, lost)
+        return innovating(step.state.copy())(rows)
+
+
+def foretold(innovating, state, rows, lost):
+    """Return rows whose reading, the last column, is its prediction where it was lost.
+
+    The innovation is zero there, so that a filter goes on by what it knows. Its gain is the
+    stationary one, somewhat less than the best one of the next readings.
+
+    Parameters
+    ----------
+    innovating : callable
+        Takes a state; returns a function of rows that gives their innovations and updates it.
+    state : ndarray
+        Before the first row; it is changed.
+    rows : ndarray of shape (n_samples, n)
+    lost : ndarray of bool of shape (n_samples,)
+    """
+    rows, last = rows.copy(), 0
+    for k in np.flatnonzero(lost):
+        if k > last:
+            innovating(state)(rows[last:k])
+        rows[k, -1] -= innovating(state.copy())(rows[k : k + 1])[0]
+        last = k
+    return rows
 
 
 def stages_of(driven):
@@ -173,8 +202,8 @@ def most_likely(tail, records, given, smallest):
     Parameters
     ----------
     tail : list of Operator
-    records : list of (ndarray of shape (n_samples,), float)
-        Residual of the free run of each record, and its sampling interval in s.
+    records : list of (ndarray of shape (n_samples,), float, ndarray of bool)
+        Residual of the free run of each record, its sampling interval in s, and where it is lost.
     given : sequence of float or None
         Variances of noise, drift and process; None where they are to be estimated.
     smallest : float
@@ -184,7 +213,7 @@ def most_likely(tail, records, given, smallest):
     -------
     ndarray of shape (3,)
     """
-    n, dt = sum(len(residual) for residual, _ in records), records[0][1]
+    n, dt = sum(np.count_nonzero(~lost) for *_, lost in records), records[0][1]
     given = list(given)
     if not len(driven_by_noise(tail, dt)[1]):
         given[2] = 0.0
@@ -203,19 +232,19 @@ def most_likely(tail, records, given, smallest):
 
     def deviance(logs):
         own, total = variances(logs), 0.0
-        for interval in {dt for _, dt in records}:
+        for interval in {dt for _, dt, _ in records}:
             law = stationary(tail, interval, *own)
-            for residual, dt in records:
+            for residual, dt, lost in records:
                 if dt == interval:
-                    e = law.innovations(residual)
-                    total += len(e) * np.log(law.variance) + e @ e / law.variance
+                    e = law.innovations(residual, lost)
+                    total += np.count_nonzero(~lost) * np.log(law.variance) + e @ e / law.variance
         return total
 
     if not free:
         return variances([])
     # the best of a grid of starts: noise as if the residual were white, or as large as all of it
-    white = sum(np.diff(residual) @ np.diff(residual) for residual, _ in records) / (2.0 * n)
-    total = sum(residual @ residual for residual, _ in records) / n
+    white = sum(np.diff(residual) @ np.diff(residual) for residual, *_ in records) / (2.0 * n)
+    total = sum(residual @ residual for residual, *_ in records) / n
     sizes = [max(size, smallest) for size in {white, total}]
     fractions = (1.0,), (n**-2.0 / dt, n**-1.0 / dt, 1.0 / dt), (1.0 / n, 1.0)
     starts = product(sizes, *(fractions[i] for i in (0, 1, 2)))

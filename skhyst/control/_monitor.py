@@ -150,16 +150,16 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
             If a name in ``parameters`` is not a parameter of the model, the records are sensitive
             to none of the parameters, or they have no noise.
         """
-        read_data(self, X, y, reset=True, dt=interval_of(self.observer.model))
+        read_data(self, X, y, reset=True, dt=interval_of(self.observer.model), bridge=True)
         self.observer_ = self.observer
         if not hasattr(self.observer, "model_"):  # its model may be fitted: no clone
             self.observer_ = copy(self.observer).fit(X, y)
         self._changed, self.whitening_ = self._candidates(), np.ones(1)
         read = list(self.observer_._rows(X, y))
         self._n_read = read[0][0].shape[1]
-        runs = [(_Columns(self, dt, u[0]), rows) for rows, u, dt in read]
-        motion = np.concatenate([columns.motion(rows) for columns, rows in runs])
-        records = [columns.run(rows) for columns, rows in runs]
+        runs = [(_Columns(self, dt, u[0]), rows, known) for rows, u, dt, known in read]
+        motion = np.concatenate([columns.motion(rows) for columns, rows, _ in runs])
+        records = [columns.run(rows, known) for columns, rows, known in runs]
         self.whitening_ = whitening_filter([record[:, 0] for record in records])
         white = np.concatenate([lfilter(self.whitening_, 1.0, own, axis=0) for own in records])
         scales = np.sqrt(np.einsum("ki,ki->i", white, white))
@@ -174,7 +174,8 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
             own for own, is_seen in zip(self._changed, seen[1:], strict=True) if is_seen
         ]
         self.parameters_ = [name for name, *_ in self._changed]
-        dof, self._n_kept = max(len(white) - len(self._changed), 1), len(white)
+        n_read = sum(np.count_nonzero(known) for *_, known in read)
+        dof, self._n_kept = max(n_read - len(self._changed), 1), len(white)
         # innovations of unit variance, sensitivities of unit information
         self._scales = scales[seen] / np.append(np.sqrt(dof), np.ones(len(self._changed)))
         white = white[:, seen] / self._scales
@@ -256,15 +257,19 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         """
         check_is_fitted(self)
         found, n = [], max(_AT_ONCE // self.block, 1) * self.block
-        for rows, u, dt in self.observer_._rows(X, y):
+        for rows, u, dt, read in self.observer_._rows(X, y):
             self.reset()
             columns, own = _Columns(self, dt, u[0]), np.zeros((len(rows), 2), dtype=bool)
             whole = len(rows) // self.block * self.block
             for start in range(0, whole, n):
                 part = slice(start, min(start + n, whole))
-                alarms, judged = self._decide(columns, rows[part])
+                alarms, judged = self._decide(columns, rows[part], read[part])
                 own[part, 0][self.block - 1 :: self.block] = alarms
                 own[part, 1] = np.repeat(judged, self.block)
+            at = np.flatnonzero(own[:, 0])
+            own = own[read]
+            own[:, 0] = False  # at the next row where the last one of a block is lost
+            own[np.searchsorted(np.flatnonzero(read), at), 0] = True
             found.append(own)
         found = np.concatenate(found)
         return (found[:, 0], found[:, 1]) if return_judged else found[:, 0]
@@ -330,16 +335,17 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
 
         return squares, offset
 
-    def _decide(self, columns, rows):
+    def _decide(self, columns, rows, read=None):
         """Return whether each block (n_blocks,) ends with an alarm, and whether it is judged."""
         before = columns.states[0].copy()
         motion = columns.motion(rows)
         within = ((motion >= self._range[0]) & (motion <= self._range[1])).all(axis=1)
         judged = within.reshape(-1, self.block).all(axis=1)
-        scores, information = self._sums(columns.run(rows) / self._scales, self.block)
+        scores, information = self._sums(columns.run(rows, read) / self._scales, self.block)
         found = self._tests.decide(scores * judged[:, None], information * judged[:, None, None])
         found &= judged  # no alarm of a longer sum whose last block is not judged
         counts = np.repeat(judged, self.block)
+        counts = counts if read is None else counts & read
         if self._evidence is not None:
             state, dt, *own = self._evidence
             if len(own[0]) < self._n_kept:
@@ -413,10 +419,15 @@ class _Columns:
         self.past = np.zeros((len(self.whitening) - 1, len(operators)))
         self.last = np.reshape(u0, (1, -1))
 
-    def run(self, rows):
-        """Return innovations and sensitivities (n_samples, 1 + p) of the next rows."""
+    def run(self, rows, read=None):
+        """Return innovations and sensitivities (n_samples, 1 + p) of the next rows.
+
+        Rows that were not read tell nothing.
+        """
         columns = np.column_stack([innovations(rows) for innovations in self.innovations])
         columns[:, 1:] = (columns[:, :1] - columns[:, 1:]) / self.steps
+        if read is not None:
+            columns[~read] = 0.0
         if len(self.past):
             columns, self.past = lfilter(self.whitening, 1.0, columns, axis=0, zi=self.past)
         return columns

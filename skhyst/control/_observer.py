@@ -23,11 +23,12 @@ from ..operators import (
     SumOperator,
     split_disturbances,
 )
-from ..records import chosen_interval
+from ..records import chosen_interval, with_lost_rows
 from ._compensator import _fitted
 from ._kalman import (
     CompiledObserver,
     driven_by_noise,
+    foretold,
     most_likely,
     stages_of,
     stationary,
@@ -154,7 +155,8 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         TypeError
             If the model is not a parametric model of skhyst.
         """
-        slices, _, response = read_data(self, X, y, reset=True, dt=interval_of(self.model))
+        options = {"reset": True, "dt": interval_of(self.model), "bridge": True}
+        slices, _, response = read_data(self, X, y, **options)
         self.model_ = _fitted(self.model, X, y)
         if not isinstance(self.model_, ParametricModel):
             raise TypeError(
@@ -162,7 +164,9 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
                 f"Got {self.model!r} instead."
             )
         residual = response - self.model_.predict(X)
-        records = [(residual[s.rows], s.dt) for s in slices]
+        slices, residual, read = with_lost_rows(slices, residual)
+        lost = np.zeros(len(residual), dtype=bool) if read is None else ~read
+        records = [(residual[s.rows], s.dt, lost[s.rows]) for s in slices]
         rounding = (np.finfo(float).eps * np.abs(response).max()) ** 2 or np.finfo(float).tiny
         tail = tail_of(self.model_.operator_)
         with one_thread():
@@ -188,7 +192,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
             Units of the response.
         """
         return np.concatenate(
-            [self.stepper(dt, u[0]).run(rows) for rows, u, dt in self._rows(X, y)]
+            [self.stepper(dt, u[0]).run(rows)[read] for rows, u, dt, read in self._rows(X, y)]
         )
 
     def innovations(self, X, y) -> np.ndarray:
@@ -207,9 +211,9 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
             Units of the response.
         """
         parts = []
-        for rows, u, dt in self._rows(X, y):
+        for rows, u, dt, read in self._rows(X, y):
             compiled_step = self.compiled_step(dt, u[0])
-            parts.append(compiled_step.innovating(compiled_step.state.copy())(rows))
+            parts.append(compiled_step.innovating(compiled_step.state.copy())(rows)[read])
         return np.concatenate(parts)
 
     def compiled_step(self, dt=None, u0=0.0, operator=None) -> CompiledStep:
@@ -321,15 +325,23 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         return [float(value) for value in compiled_step.read(stream.state)]
 
     def _rows(self, X, y):
-        """Yield (rows of drive and reading, drive, sampling interval in s) of each record.
+        """Yield (rows of drive and reading, drive, sampling interval in s, what was read).
 
-        ``X`` and ``y`` are as for :meth:`filter`.
+        ``X`` and ``y`` are as for :meth:`filter`. There is a row for each that was lost, in which
+        the reading is its prediction.
         """
         check_is_fitted(self)
-        slices, columns, y = read_data(self, X, y, reset=False, dt=interval_of(self.model_))
+        options = {"reset": False, "dt": interval_of(self.model_), "bridge": True}
+        slices, columns, y = read_data(self, X, y, **options)
+        slices, columns, y, read = with_lost_rows(slices, columns, y)
+        read = np.ones(len(y), dtype=bool) if read is None else read
         signal = self.model_.operator_input(columns, slices)[0]
         for s in slices:
-            yield np.column_stack([signal[s.rows], y[s.rows]]), signal[s.rows], s.dt
+            rows, u = np.column_stack([signal[s.rows], y[s.rows]]), signal[s.rows]
+            if not read[s.rows].all():
+                step = self.compiled_step(s.dt, u[0])
+                rows = foretold(step.innovating, step.state.copy(), rows, ~read[s.rows])
+            yield rows, u, s.dt, read[s.rows]
 
     def _streaming(self):
         if getattr(self, "_stream", None) is None:

@@ -95,7 +95,7 @@ class Declared:
         """
         read, input_history = as_read(self.model, records), ()
         model, result = identified(self.model, read)
-        if agreed(model, "initial_state") == "estimate" and not model.reads_columns:
+        if agreed(model, "initial_state") == "estimate":
             result = with_input_history(result, read, model.method)
             input_history = tuple(result.input_history)
         return result, Tree.from_result(model, result, input_history)

@@ -4,7 +4,7 @@ Each is a variant of an effect whose ``trees`` returns the trees at its starting
 it does not apply.
 """
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from ..hysteresis import (
     RateDependentPrandtlIshlinskii,
 )
 from ..linear import DynamicStiffnessOperator, GainOperator, TransferFunction
-from ..operators import SumOperator
+from ..operators import SumOperator, finer_factor
 from ..optimize import identify
 from ._constants import ENOUGH, FACTOR, FULL, KNEE, NOTICEABLE, TANKS
 from ._edits import (
@@ -38,20 +38,31 @@ from ._tree import BRIEFLY
 
 @dataclass(frozen=True)
 class HeldDrive:
-    """The drive is constant between its samples, or a straight line where it was declared not to.
+    """The drive does something else between its samples than was declared, see ``LinearModel``.
 
-    The first linear dynamics see that; what comes behind them is smooth.
+    The first dynamics see that; what comes behind them is smooth.
     """
+
+    hold: str
 
     def trees(self, name, scene):
         tree = scene.tree
         for stage in tree.stages:
-            if sum(stage.operator.n_poles):
-                known = {"hold"} <= {f.name for f in fields(stage.operator)}
-                hold = stage.model.get_params().get("hold") if known else None
-                other = {"foh": "zoh", "zoh": "foh"}.get(hold)
-                return [tree.edited(name, Hold(stage.name, other))] if other else []
+            holds = getattr(stage.operator, "holds", ())
+            if holds or sum(stage.operator.n_poles):
+                own = stage.model.get_params().get("hold")
+                if (
+                    not {own, self.hold} <= set(holds)
+                    or own == self.hold
+                    or self._is_straight(scene)
+                ):
+                    return []
+                return [tree.edited(name, Hold(stage.name, self.hold))]
         return []
+
+    def _is_straight(self, scene):
+        """Whether it would be a drive without content near half the sampling rate: a line."""
+        return self.hold == "bandlimited" and all(finer_factor(r.u) == 1 for r in scene.records)
 
 
 @dataclass(frozen=True)
@@ -60,7 +71,7 @@ class UnderWay:
 
     def trees(self, name, scene):
         tree = scene.tree
-        unknown = tree.model.get_params().get("initial_state") != "rest" or tree.multi_input
+        unknown = tree.model.get_params().get("initial_state") != "rest"
         if unknown or all(operator.memoryless for operator in tree.operators):
             return []
         # a past shows in what comes first; that of a claim is found from whole records

@@ -149,8 +149,9 @@ class Contest:
         return finer, done
 
     def _finer(self, candidate):
-        """Return a candidate, of the same effects that it adds, as fine as it asks for."""
-        return replace(self.raised(candidate)[0], effects=candidate.effects)
+        """Return a candidate as fine as it asks for, where its effects remain what they were."""
+        finer = replace(self.raised(candidate)[0], effects=candidate.effects)
+        return finer if self._keeps_names(finer, candidate) else candidate
 
     # ------------------------------------------------------------------ grow
 
@@ -596,7 +597,11 @@ class Contest:
             for i, c in best
             for records in [self.records_of(bases[i])]
         )
-        return [c for c in done if c is not None]
+        return [
+            c
+            for (i, _), c in zip(best, done, strict=True)
+            if c is not None and self._is_plausible(c, bases[i], self.records_of(bases[i]))
+        ]
 
     def _is_plausible(self, candidate, base, records):
         margin = EFFECTS[candidate.effects[-1]].plausible

@@ -67,9 +67,12 @@ class Enrich:
             both = both_models(model, self.model)
             return tree.with_stage(at, both.tree(_both_operators(operator, self.operator)))
         same = {key: value for key, value in model.get_params().items() if key in _KEPT}
-        richer = clone(self.model)
+        if same.get("hold") not in getattr(self.operator, "holds", ()):
+            same.pop("hold", None)
+        richer, known = clone(self.model), {f.name for f in fields(self.operator)}
         richer.set_params(**{key: same[key] for key in same.keys() & richer.get_params()})
-        return tree.with_stage(at, richer.tree(self.operator))
+        held = {key: same[key] for key in {"hold"} & same.keys() & known}
+        return tree.with_stage(at, richer.tree(replace(self.operator, **held)))
 
 
 @dataclass(frozen=True)

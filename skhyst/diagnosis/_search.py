@@ -17,6 +17,7 @@ from threadpoolctl import threadpool_limits
 from .._sklearn import HasMethods, Interval, StrOptions, fit_context
 from ..base import read_data
 from ..model_selection import by_content, segment_folds
+from ..optimize import record_folds
 from ..records import (
     data_quality,
     fill_lost_rows,
@@ -297,6 +298,9 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
     def fit(self, X, y, *, on_progress=None) -> Self:
         """Search.
 
+        There are no weights of samples: the tests are of samples that count once each. Rows without
+        a reading are left out of X and y; up to five in a row are bridged.
+
         Parameters
         ----------
         X : DataFrame or array-like of shape (n_samples, n_inputs)
@@ -525,21 +529,23 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
     def _judged(self, measured, base, contest):
         """Return the judgement of what a candidate leaves, fitted to everything.
 
-        A held-out record that goes further than the others shows what they do not determine, which
-        is no missing structure.
+        Held out: also in whole records. One that goes further than the others is left out, since it
+        shows what they do not determine, which is no missing structure.
         """
         if base.error <= contest.negligible:
             return Judgement.of_rounding(base.error)
-        in_loop = self._reference is not None
+        in_loop, records = self._reference is not None, contest.records_of(base)
         starts = [first_row(self, s) for s in self.records_]
-        predictions, residuals = fitted(base, contest.records_of(base), starts)
+        predictions, residuals = fitted(base, records, starts)
         if in_loop:
-            predictions, _ = fitted(base, contest.records_of(base), starts, by_reference=True)
+            predictions, _ = fitted(base, records, starts, by_reference=True)
             measured = self._reference.in_place(measured)
         order = by_content(self.records_, self.drive_, self.response_)
         seen = [[part[i] for i in order] for part in (measured, residuals, predictions)]
         rng = np.random.default_rng(check_random_state(self.random_state).randint(2**31 - 1))
-        own = {"error": base.error, "in_loop": in_loop}
+        whole = record_folds(records) if base.box is None else []
+        error = max(base.error, held_out(base, records, whole).error) if whole else base.error
+        own = {"error": error, "in_loop": in_loop}
         return judge_residual(*seen, rng, contest.criterion, **own)
 
     def predict(self, X) -> np.ndarray:

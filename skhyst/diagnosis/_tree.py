@@ -27,7 +27,6 @@ from ..optimize import (
     constant_entries,
     estimate_input_history,
     input_history_of,
-    path_of,
 )
 from ..records import RecordSlice
 from ._constants import FACTOR, TOLERANCE
@@ -74,7 +73,7 @@ class Tree:
         Names of effects, and what was done for them, see ``_edits``.
     name : str or None
         Of a stage that stands alone, where that is not the name of its class.
-    input_history : tuple of ndarray of shape (n_values,)
+    input_history : tuple of ndarray of shape (n_values,) or (n_values, n_inputs)
         Drive before each record, see ``RecordData``, or the values that it starts from, of a model
         that has no state of rest; empty where all begin at rest.
     """
@@ -393,7 +392,8 @@ class Tree:
     def _led(self, stages, record):
         if record.before is None:
             return None
-        u = path_of(record.before)
+        u, skip = record.with_history()
+        u = u[:skip]
         for stage in stages:
             u = stage.run(u, record.dt, stage.init(u[0], self.state))[0]
         return u[-ages(record.before)]

@@ -17,7 +17,8 @@ two take all that is smooth for structure; of noise that is coloured they show a
    of its period. It is less than three times what its own past does not predict: what is more
    resembles a smooth misfit beside a little noise (of a first-order process that is a correlation
    of 0.94 a sample). A black box predicts less of it than matters, by chance too. And held out it
-   is less than three times as large as in the fit: more is not of one size.
+   is less than three times as large as in the fit, in blocks as in whole records that the
+   others know the range of: more is not of one size.
 4. Else it is ``undetermined``, and what to record is said.
 
 The figures of the third step hold what ``benchmarks/verdicts.py`` measures: of noise that is white,

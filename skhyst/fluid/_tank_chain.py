@@ -26,7 +26,7 @@ import numpy as np
 from .._jit import jit
 from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
-from ..operators import CompiledLaw, Operator, as_signal, parameter
+from ..operators import CompiledLaw, HeldInput, as_signal, parameter
 from ..optimize import pole_starts
 
 LAMINAR = 1e-2  # the level e below which the outflow is proportional to the level
@@ -231,7 +231,7 @@ _SPREADS = (1.0, 3.0)  # ratios of neighbouring time constants, if the data give
 
 
 @dataclass(frozen=True, eq=False)
-class TankChainOperator(Operator):
+class TankChainOperator(HeldInput):
     r"""Tanks in series, see :class:`TankChain`; the response is ``gain w_n + intercept``.
 
     Parameters
@@ -251,8 +251,9 @@ class TankChainOperator(Operator):
         Scale s, units of the drive. Fixed structure.
     limit : {"level", "reading"}, default="level"
         Whether the ceiling of the last tank limits its level, or only the reading.
-    hold : {"foh", "zoh"}, default="foh"
-        Drive between samples: a straight line, or constant. Fixed structure.
+    hold : {"foh", "zoh", "bandlimited"}, default="foh"
+        Drive between samples: a straight line, constant, or without content above half the sampling
+        rate. Fixed structure.
     n_substeps : int, default=4
         Integration steps per sampling interval. Fixed structure.
 
@@ -552,7 +553,7 @@ class TankChain(ParametricModel):
         "fit_exponents": ["boolean"],
         "fit_offset": ["boolean"],
         "fit_intercept": ["boolean"],
-        "hold": [StrOptions({"foh", "zoh"})],
+        "hold": [StrOptions(set(HeldInput.holds))],
         "n_substeps": [Interval(Integral, 1, None, closed="left")],
     }
 

@@ -477,6 +477,7 @@ class BoucWenStageOperator(
     gain: float = parameter(default=1.0, linear=True, unit="response/drive")
     intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
     n_substeps: int = 8
+    hold: str = "foh"
 
     def physical(self, mass=1.0):
         """Return the quantities of the equation of motion for a known mass.
@@ -596,6 +597,7 @@ class BoucWenStage(OscillatorModel):
         fit_intercept=True,
         mass=1.0,
         n_substeps=None,
+        hold="foh",
         initial_state="rest",
         dt=None,
         drive=None,
@@ -607,6 +609,7 @@ class BoucWenStage(OscillatorModel):
         self.fit_intercept = fit_intercept
         self.mass = mass
         self.n_substeps = n_substeps
+        self.hold = hold
 
     def _laws(self, length, speed):
         exponents = _EXPONENTS if self.fit_exponent else (float(self.exponent),)

@@ -187,6 +187,7 @@ class EndStopsOperator(OscillatorOperator, loops=(*loops(impact), end_stops_tang
     gain: float = parameter(default=1.0, linear=True, unit="response/drive")
     intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
     n_substeps: int = 8
+    hold: str = "foh"
 
     def parameter_specs(self):
         specs = super().parameter_specs()
@@ -326,6 +327,7 @@ class EndStops(OscillatorModel):
         fit_intercept=True,
         mass=1.0,
         n_substeps=None,
+        hold="foh",
         initial_state="rest",
         dt=None,
         drive=None,
@@ -337,6 +339,7 @@ class EndStops(OscillatorModel):
         self.fit_intercept = fit_intercept
         self.mass = mass
         self.n_substeps = n_substeps
+        self.hold = hold
 
     def _signs(self):
         return [

@@ -37,7 +37,7 @@ import numpy as np
 from .._jit import jit
 from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel, refine
-from ..operators import CompiledLaw, Operator, as_signal, parameter
+from ..operators import CompiledLaw, HeldInput, Operator, as_signal, parameter
 from ..optimize import (
     RecordData,
     best_from_own_starts,
@@ -471,7 +471,7 @@ def free_mass_tangents(law, h, n_substeps, held, u, du, before, time, begun, x, 
 
 
 @dataclass(frozen=True)
-class FreeMassOperator(Operator):
+class FreeMassOperator(HeldInput):
     r"""Mass without a spring: the law of :class:`FreeMass`.
 
     Parameters
@@ -510,8 +510,9 @@ class FreeMassOperator(Operator):
         ``r``: rate at which it grows with the time since the first sample, drive/s.
     intercept : float, default=0.0
         Response at the first sample, units of the response.
-    hold : {"foh", "zoh"}, default="foh"
-        Drive between samples: a straight line, or constant. Fixed structure.
+    hold : {"foh", "zoh", "bandlimited"}, default="foh"
+        Drive between samples: a straight line, constant, or without content above half the
+        sampling rate. Fixed structure.
     n_substeps : int, default=1
         Integration steps per sampling interval, above 0; one is exact without Stribeck curve, cubic
         stiffness and stops. Fixed structure.
@@ -567,7 +568,8 @@ class FreeMassOperator(Operator):
     def __post_init__(self):
         super().__post_init__()
         self._require("mass", self.mass > 0.0, "be above 0")
-        self._require("hold", self.hold in ("foh", "zoh"), "be 'foh' or 'zoh'")
+        wanted = f"be {', '.join(map(repr, self.holds[:-1]))} or {self.holds[-1]!r}"
+        self._require("hold", self.hold in self.holds, wanted)
         n = self.n_substeps
         self._require("n_substeps", not isinstance(n, bool) and n > 0, "be an integer above 0")
 
@@ -774,9 +776,10 @@ class FreeMass(ParametricModel):
     fit_intercept : bool, default=True
         Whether the response at the first sample of the records is fitted (0 otherwise). With
         ``initial_state="estimate"`` each record has its own.
-    hold : {"foh", "zoh", "auto"}, default="foh"
-        Drive between samples: a straight line, or constant. "auto": the one with which the fit has
-        the smaller error, which is then the ``hold`` of ``operator_``.
+    hold : {"foh", "zoh", "bandlimited", "auto"}, default="foh"
+        Drive between samples: a straight line, constant, or without content above half the
+        sampling rate. "auto": a straight line or constant, with which the fit has the smaller
+        error, which is then the ``hold`` of ``operator_``.
     n_substeps : int or None, default=None
         Integration steps per sampling interval. None: one, or with forces that are not exact a
         tenth of a radian of the fastest motion each, at most 64.
@@ -837,7 +840,7 @@ class FreeMass(ParametricModel):
         "fit_force_offset": ["boolean"],
         "fit_force_drift": ["boolean"],
         "fit_intercept": ["boolean"],
-        "hold": [StrOptions({"foh", "zoh", "auto"})],
+        "hold": [StrOptions({*HeldInput.holds, "auto"})],
         "n_substeps": [Interval(Integral, 1, None, closed="left"), None],
     }
 

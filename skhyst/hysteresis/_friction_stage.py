@@ -220,6 +220,7 @@ class FrictionStageOperator(OscillatorOperator, loops=(*loops(friction), frictio
     gain: float = parameter(default=1.0, linear=True, unit="response/drive")
     intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
     n_substeps: int = 8
+    hold: str = "foh"
 
     _force = ("static_level", "bristle_stiffness")
 
@@ -379,6 +380,7 @@ class FrictionStage(OscillatorModel):
         fit_intercept=True,
         mass=1.0,
         n_substeps=None,
+        hold="foh",
         initial_state="rest",
         dt=None,
         drive=None,
@@ -390,6 +392,7 @@ class FrictionStage(OscillatorModel):
         self.fit_intercept = fit_intercept
         self.mass = mass
         self.n_substeps = n_substeps
+        self.hold = hold
 
     def _laws(self, length, speed):
         kinds = product(_RATIOS, _SPEEDS) if self.stribeck else [(1.0, 1.0)]

@@ -34,10 +34,10 @@ from numbers import Integral, Real
 import numpy as np
 
 from .._jit import bind, jit
-from .._sklearn import Interval
+from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel, refine
 from ..linear import SecondOrderMode, SecondOrderModeOperator
-from ..operators import CompiledLaw, Operator, WindowInverseOperator, as_signal
+from ..operators import CompiledLaw, HeldInput, WindowInverseOperator, as_signal
 from ..optimize import VariableProjection
 
 # columns of a law's derivatives; its own parameters begin at OWN
@@ -225,7 +225,7 @@ def propagate(step, k, du, dbefore, d, dout):
         dout[k, j] = d[0, j]
 
 
-class OscillatorOperator(Operator):
+class OscillatorOperator(HeldInput):
     r"""Mass, spring and damper with a hysteretic force; ``y = gain q + intercept``.
 
     The state is the tuple (q, q'/w, hysteretic force, last drive), all in units of the drive; in
@@ -250,13 +250,17 @@ class OscillatorOperator(Operator):
         ``c`` in units of the response.
     n_substeps : int, default=8
         Integration steps per sampling interval, above 0. Fixed structure.
+    hold : {"foh", "bandlimited"}, default="foh"
+        Drive between samples: a straight line, or without content above half the sampling rate.
+        Fixed structure.
 
     Raises
     ------
     ValueError
-        If ``n_substeps`` is not an integer above 0.
+        If ``n_substeps`` is not an integer above 0, or ``hold`` none of these.
     """
 
+    holds = ("foh", "bandlimited")
     owns_gain = True
     at_once = False
     stage_order = 10
@@ -271,6 +275,7 @@ class OscillatorOperator(Operator):
         n = self.n_substeps
         is_right = isinstance(n, (int, np.integer)) and not isinstance(n, bool) and n > 0
         self._require("n_substeps", is_right, "be an integer above 0")
+        self._require("hold", self.hold in self.holds, "be 'foh' or 'bandlimited'")
 
     @abstractmethod
     def _rest(self, u0):
@@ -482,6 +487,10 @@ class OscillatorModel(ParametricModel):
     n_substeps : int or None, default=None
         Integration steps per sampling interval. None: as many as the identified stage needs, a
         tenth of a radian of its fastest motion each, at most 64.
+    hold : {"foh", "bandlimited"}, default="foh"
+        Drive between samples: linear, or without content above half the sampling rate, as a drive
+        that was recorded behind an anti-aliasing filter. A model of such a drive looks ahead, and
+        is neither stepped nor inverted.
 
     Attributes
     ----------
@@ -494,6 +503,7 @@ class OscillatorModel(ParametricModel):
         "fit_intercept": ["boolean"],
         "mass": [Interval(Real, 0, None, closed="neither")],
         "n_substeps": [Interval(Integral, 1, None, closed="left"), None],
+        "hold": [StrOptions(set(OscillatorOperator.holds))],
     }
 
     operator_class = OscillatorOperator
@@ -528,7 +538,8 @@ class OscillatorModel(ParametricModel):
             return None
         own = self._own(law, gain, float(stiffness), float(stiffness * way / abs(gain)), swing)
         linear = mode.natural_frequency, mode.damping_ratio
-        return self.operator_class(*linear, gain=gain, intercept=mode.intercept, **own)
+        own |= {"gain": gain, "intercept": mode.intercept, "hold": self.hold}
+        return self.operator_class(*linear, **own)
 
     def _retries(self, stage, stages):
         """Return the starting stages to refine too, if the identified ``stage`` is degenerate."""
@@ -563,6 +574,7 @@ class OscillatorModel(ParametricModel):
         if mode is None:
             linear = SecondOrderMode(
                 fit_intercept=self.fit_intercept,
+                hold=self.hold,
                 initial_state=self.free_run_state,
                 method=self._roughly(),
             )

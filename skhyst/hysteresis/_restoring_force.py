@@ -268,6 +268,7 @@ class RestoringForceOperator(
     intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
     scale: float = 1.0
     n_substeps: int = 8
+    hold: str = "foh"
 
     _force = ("slip_level", "hysteresis_stiffness")
 
@@ -514,6 +515,7 @@ class RestoringForce(OscillatorModel):
         fit_intercept=True,
         mass=1.0,
         n_substeps=None,
+        hold="foh",
         initial_state="rest",
         dt=None,
         drive=None,
@@ -527,6 +529,7 @@ class RestoringForce(OscillatorModel):
         self.fit_intercept = fit_intercept
         self.mass = mass
         self.n_substeps = n_substeps
+        self.hold = hold
 
     def _laws(self, length, speed):
         laws = [part * length for part in _DISPLACEMENTS] if self.fit_hysteresis else [speed]
@@ -600,6 +603,7 @@ class RestoringForce(OscillatorModel):
             1.0 / stiffness,
             intercept,
             scale=swing,
+            hold=self.hold,
         )
 
     def held_parameters(self) -> frozenset[str]:

@@ -2,7 +2,8 @@
 
 A linear operator is given by its continuous-time matrices ``x' = A x + B u``, ``y = C x + D u``
 (+ intercept) as functions of its parameters. Between samples the input is linear (first-order hold,
-"foh") or constant (zero-order hold, "zoh"); for such an input the discrete form is exact. With
+"foh") or constant (zero-order hold, "zoh"); for such an input the discrete form is exact; a
+band-limited one is sampled more finely, see :mod:`skhyst.operators._held_input`. With
 ``h`` the sampling interval,
 
     exp [[A h, B h, 0], [0, 0, 1], [0, 0, 0]] = [[Ad, G1, G2], [0, 1, 1], [0, 0, 1]]
@@ -14,7 +15,6 @@ same formulas, which is exact to rounding (Al-Mohy and Higham, *Numerical Algori
 """
 
 from abc import abstractmethod
-from functools import cached_property
 
 import numpy as np
 from scipy.linalg import expm
@@ -23,8 +23,8 @@ from .._sklearn import StrOptions
 from ..base import ParametricModel
 from ..operators import (
     CompiledLaw,
+    HeldInput,
     InverseLinearOperator,
-    Operator,
     as_signal,
     block_run,
     block_table,
@@ -41,12 +41,13 @@ _BLOCK = 16  # samples that are advanced at once
 _LONG = 512  # samples from which on the table for blocks pays
 
 
-def refuse_open_hold(hold):
-    """Refuse the hold "auto", which only a fit to records can decide."""
-    if hold not in ("foh", "zoh"):
+def refuse_open_hold(hold, possible=("foh", "zoh")):
+    """Refuse the hold "auto", which only a fit to records can decide, and what is not possible."""
+    if hold not in possible:
         raise ValueError(
-            f"The 'hold' must be 'foh' or 'zoh' here: 'auto' is decided only when the complete "
-            f"model is fitted to records. Got {hold!r} instead."
+            f"The 'hold' must be {' or '.join(map(repr, possible))} here: 'auto' is decided only "
+            "when the complete model is fitted to records, and there is no sampled form for a "
+            f"'bandlimited' drive. Got {hold!r} instead."
         )
 
 
@@ -91,20 +92,7 @@ def _equilibrium(a, b, integrators=0):
         return -(np.linalg.pinv(a) @ b[..., None])[..., 0]
 
 
-class DiscretizedOperator(Operator):
-    """Base of operators that cache their discrete form per sampling interval."""
-
-    signal_linear = True
-
-    @cached_property
-    def _memory(self):
-        return {}  # discretising costs as much as a short record
-
-    def __getstate__(self):
-        return {k: v for k, v in self.__dict__.items() if k != "_memory"}
-
-
-class LinearOperator(DiscretizedOperator):
+class LinearOperator(HeldInput):
     """Base of the linear operators; a subclass gives ``_matrices`` and may set ``hold``.
 
     ``n_poles`` is the number of real poles and of pairs; :meth:`with_poles` replaces them.
@@ -115,11 +103,12 @@ class LinearOperator(DiscretizedOperator):
         Static gain, response/drive.
     intercept : float, default=0.0
         Units of the response.
-    hold : {"foh", "zoh"}, default="foh"
-        Input between samples: a straight line, or constant. Fixed structure.
+    hold : {"foh", "zoh", "bandlimited"}, default="foh"
+        Input between samples: a straight line, constant, or without content above half the
+        sampling rate. Fixed structure.
     """
 
-    hold = "foh"
+    signal_linear = True
     intercept = 0.0
     n_poles = (0, 0)
     integrators = 0  # poles at zero, whose states are the last ones
@@ -382,16 +371,18 @@ class LinearModel(ParametricModel):
     ----------
     fit_gain, fit_intercept : bool, default=True
         Whether the gain (1 otherwise) and a constant response (0 otherwise) are fitted.
-    hold : {"foh", "zoh", "auto"}, default="foh"
-        Drive between samples: linear, or constant. "auto": the one with which the fit has the
-        smaller error, which is then the ``hold`` of ``operator_``.
+    hold : {"foh", "zoh", "bandlimited", "auto"}, default="foh"
+        Drive between samples: linear, constant, or without content above half the sampling rate,
+        as a drive that was recorded behind an anti-aliasing filter; a model of such a drive looks
+        ahead, and is neither stepped nor inverted. "auto": linear or constant, with which the fit
+        has the smaller error, which is then the ``hold`` of ``operator_``.
     """
 
     _parameter_constraints = {
         **ParametricModel._parameter_constraints,
         "fit_gain": ["boolean"],
         "fit_intercept": ["boolean"],
-        "hold": [StrOptions({"foh", "zoh", "auto"})],
+        "hold": [StrOptions({"foh", "zoh", "bandlimited", "auto"})],
     }
 
     def __init__(

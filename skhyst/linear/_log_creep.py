@@ -18,7 +18,7 @@ import numpy as np
 
 from .._jit import jit
 from .._sklearn import Interval, StrOptions
-from ..operators import CompiledLaw, Operator, parameter
+from ..operators import CompiledLaw, HeldInput, parameter
 from ._gain import slope
 from ._linear import LinearModel, log_grid, refuse_open_hold, time_span
 
@@ -94,7 +94,7 @@ def _creep_bank(decay, b0, b1, weights, u, v, u_previous):
 
 
 @dataclass(frozen=True)
-class LogCreepOperator(Operator):
+class LogCreepOperator(HeldInput):
     """Creep: the response to a unit step is ``gain (1 + creep log10(1 + t / time_constant))``.
 
     For "rest" see :class:`LogCreep`. The law holds to 3e-4 of the creep from ``shortest`` to
@@ -113,8 +113,9 @@ class LogCreepOperator(Operator):
         Units of the response.
     shortest, longest : float, default=1e-3, 1e3
         Times between which the law holds, s. Fixed structure.
-    hold : {"foh", "zoh"}, default="foh"
-        Input between samples: a straight line, or constant. Fixed structure.
+    hold : {"foh", "zoh", "bandlimited"}, default="foh"
+        Input between samples: a straight line, constant, or without content above half the sampling
+        rate. Fixed structure.
 
     Examples
     --------

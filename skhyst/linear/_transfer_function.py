@@ -33,6 +33,7 @@ from ..operators import (
     CompiledLaw,
     CompiledSeries,
     CompiledSum,
+    HeldInput,
     Series,
     parameter,
     state_space_begin,
@@ -53,7 +54,6 @@ from ._conversion import control_system, poles_and_response, scipy_system
 from ._delay import DelayOperator
 from ._estimate_response import chosen_columns
 from ._linear import (
-    DiscretizedOperator,
     LinearModel,
     LinearOperator,
     decay_of,
@@ -324,7 +324,7 @@ def _integrated(a, b, c, d, count):
 
 
 @dataclass(frozen=True)
-class MultiInputTransferFunctionOperator(DiscretizedOperator):
+class MultiInputTransferFunctionOperator(HeldInput):
     r"""Transfer functions of several inputs with a common denominator, added.
 
     .. math:: y = \sum_i e^{-\theta_i s} \frac{N_i(s)}{D(s)} u_i + \text{intercept}
@@ -349,8 +349,9 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
         In s; empty where there are none.
     intercept : float, default=0.0
         Units of the response.
-    hold : {"foh", "zoh"}, default="foh"
-        Inputs between samples: straight lines, or constant. Fixed structure.
+    hold : {"foh", "zoh", "bandlimited"}, default="foh"
+        Inputs between samples: straight lines, constant, or without content above half the sampling
+        rate. Fixed structure.
 
     Examples
     --------
@@ -371,6 +372,7 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
     delays: np.ndarray = parameter(log=True, lower=0.0, unit="s", default=())
     intercept: float = parameter(linear=True, gauge=0.0, unit="response", default=0.0)
     hold: str = "foh"
+    signal_linear = True
     reads_columns = True
 
     def __post_init__(self):
@@ -576,24 +578,27 @@ class MultiInputTransferFunctionOperator(DiscretizedOperator):
         return CompiledSum(tuple(branches))
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
-        if du.shape[-1]:
+        if du.ndim == 2 and du.shape[1]:
             raise ValueError(
                 "A model of several inputs must come first: it cannot be driven by another one."
             )
-        u = np.ascontiguousarray(u, dtype=float)
-        tangents = np.zeros((len(u), self.n_parameters))
+        u, m = np.ascontiguousarray(u, dtype=float), du.shape[-1]
+        propagated, tangents = np.zeros((len(u), m)), np.zeros((len(u), self.n_parameters))
         total, delays = np.zeros(len(u)), self._delays()
         for i, part in enumerate(self._parts()):
             signal, carried = np.ascontiguousarray(u[:, i]), np.empty((len(u), 0))
+            if m:
+                carried = np.ascontiguousarray(du[:, i])
             if delays:
                 signal, carried = delays[i].sensitivities(signal, carried, dt, initial_state)
             y, own = part.sensitivities(signal, carried, dt, initial_state)
             total += y
+            propagated += own[:, :m]
             self._place(tangents, i, own[:, carried.shape[1] :])
             if delays:
-                tangents[:, self._delay_column(i)] = own[:, 0]
+                tangents[:, self._delay_column(i)] = own[:, m]
         tangents[:, -1] = 1.0
-        return total + self.intercept, tangents
+        return total + self.intercept, np.hstack([propagated, tangents])
 
 
 _PATIENCE = 3  # orders without improvement after which the search for an order ends
@@ -815,8 +820,6 @@ class TransferFunction(ModesMixin, LinearModel):
         those of the free run, with the gain of the predictor and the state at each record's start
         (prediction-error method [4]_), for one input without a delay, a given number of poles and
         one sampling interval. The noise is taken as white innovations.
-    initial_state : {"rest", "zero", "estimate"}, default="rest"
-        State before each record's first sample; ``"estimate"`` only with ``inputs="drive"``.
 
     Attributes
     ----------
@@ -975,11 +978,6 @@ class TransferFunction(ModesMixin, LinearModel):
         records = super().record_data(slices, X, y)
         if self.reads_columns:
             self._n_inputs = records[0].u.shape[1]
-            if self.initial_state == "estimate":
-                raise ValueError(
-                    "The 'initial_state' parameter of TransferFunction must be 'rest' or 'zero' "
-                    "unless 'inputs' is 'drive'. Got 'estimate' instead."
-                )
         return records
 
     def starting_values(self, records):
@@ -1015,6 +1013,7 @@ class TransferFunction(ModesMixin, LinearModel):
         given = {
             "inputs": (not self.reads_columns, "be 'drive'"),
             "delay": (not np.size(self._delay_of(1)), "be 0"),
+            "hold": (self.hold != "bandlimited", "be 'foh' or 'zoh'"),
             "n_poles": (self.n_poles != "auto" and self.n_zeros is not None, "be a number, as"),
             "initial_state": (self.initial_state != "estimate", "be 'rest'"),
         }
@@ -1083,7 +1082,7 @@ class TransferFunction(ModesMixin, LinearModel):
             is "drive".
         """
         self._validate_params()
-        refuse_open_hold(self.hold)
+        refuse_open_hold(self.hold, HeldInput.holds)
         self._check_orders()
         g, std = response.response, response.std
         if g.shape[1] > 1 and not self.reads_columns:
@@ -1181,7 +1180,7 @@ class TransferFunction(ModesMixin, LinearModel):
         array([2., 2.])
         """
         model = cls(**params)
-        refuse_open_hold(model.hold)
+        refuse_open_hold(model.hold, HeldInput.holds)
         operator = TransferFunctionOperator.from_scipy(system, hold=model.hold)
         single = isinstance(operator, TransferFunctionOperator)
         shape = np.shape(operator.numerator if single else operator.numerators)

@@ -234,9 +234,9 @@ class OnColumnOperator(WrappedOperator):
         return self.operator.step(state, self._own(u), dt)
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
-        # the tangents are those of the drive, column 0
-        own = du if self.column == 0 else np.zeros_like(du)
-        return self.operator.sensitivities(self._own(u), own, dt, initial_state)
+        return self.operator.sensitivities(
+            self._own(u), _tangents_of(du, self.column), dt, initial_state
+        )
 
 
 @dataclass(frozen=True)
@@ -353,13 +353,14 @@ class Scaled(WrappedOperator):
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
         y, dy = self.operator.sensitivities(u, du, dt, initial_state)
-        a, da = _one(u, self.column), np.empty((len(y), 0))
+        a, da, m = _one(u, self.column), _tangents_of(du, self.column), du.shape[-1]
         if self.lag is not None:
             a, da = self.lag.sensitivities(a, da, dt)
-            da = self.sensitivity * da[:, self._rows_of_lag()]
-        factor = 1.0 + self.sensitivity * (a - self.reference)
-        own = y * (a - self.reference)
-        return y * factor, np.column_stack([dy * factor[:, None], own, y[:, None] * da])
+            da = da[:, [*range(m), *(m + row for row in self._rows_of_lag())]]
+        factor, da = 1.0 + self.sensitivity * (a - self.reference), da * y[:, None]
+        dy, da = dy * factor[:, None], self.sensitivity * da
+        dy[:, :m] += da[:, :m]
+        return y * factor, np.column_stack([dy, y * (a - self.reference), da[:, m:]])
 
 
 @dataclass(frozen=True)
@@ -584,7 +585,7 @@ class Scheduled(WrappedOperator):
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
         y, dy = self.operator.sensitivities(u, du, dt, initial_state)
-        m = du.shape[1]
+        m = du.shape[-1]
         own = np.repeat(dy[:, m:], self._counts, axis=1) * self._basis
         return y, np.concatenate([dy[:, :m], own], axis=1)
 
@@ -961,12 +962,13 @@ class SumOperator(_Composition):
         return CompiledSum(self._compiled_step(dt, state) or (CompiledLaw(nothing, (), ()),))
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
-        total, carried, own = np.zeros(len(u)), np.zeros_like(du), []
+        m = du.shape[-1]
+        total, carried, own = np.zeros(len(u)), np.zeros((len(u), m)), []
         for stage in self.stages:
             y, dy = stage.sensitivities(u, du, dt, _begins(stage, initial_state))
             total += y
-            carried += dy[:, : du.shape[1]]
-            own.append(dy[:, du.shape[1] :])
+            carried += dy[:, :m]
+            own.append(dy[:, m:])
         return total, np.concatenate([carried, *own], axis=1)
 
     def split(self):
@@ -1140,6 +1142,13 @@ def of_columns(operator):
 def _one(u, column):
     part = np.asarray(u, dtype=float)[..., column]
     return np.ascontiguousarray(part) if part.ndim else float(part)
+
+
+def _tangents_of(du, column):
+    """Return the tangents of a column of the input; those of one input are of column 0."""
+    if du.ndim > 2:
+        return np.ascontiguousarray(du[:, column])
+    return du if column == 0 else np.zeros_like(du)
 
 
 def _together(kind, *operands):

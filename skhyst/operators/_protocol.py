@@ -247,7 +247,7 @@ class Operator(Part, ABC):
         ----------
         u : ndarray of shape (n_samples,)
             Input.
-        du : ndarray of shape (n_samples, m)
+        du : ndarray of shape (n_samples, m), or (n_samples, n_inputs, m) of several inputs
             Derivatives of the input with respect to ``m`` parameters upstream; ``m`` may be 0.
         dt : float
             Sampling interval in s.
@@ -273,7 +273,7 @@ class Operator(Part, ABC):
         ----------
         u : ndarray of shape (n_samples,)
             Input.
-        du : ndarray of shape (n_samples, m)
+        du : ndarray of shape (n_samples, m), or (n_samples, n_inputs, m) of several inputs
             Derivatives of the input with respect to ``m`` parameters upstream; ``m`` may be 0.
         dt : float
             Sampling interval in s.
@@ -287,7 +287,7 @@ class Operator(Part, ABC):
         dy : ndarray of shape (n_samples, m)
             Derivatives of the output.
         """
-        m = du.shape[1]
+        m = du.shape[-1]
         if m == 0:
             return self.run(u, dt, self.init(u[0], initial_state))[0], du
         y, dy = self.sensitivities(u, du, dt, initial_state)

@@ -5,6 +5,7 @@ from ._exchange import Alone as Alone
 from ._exchange import block_folds as block_folds
 from ._exchange import exchanged as exchanged
 from ._exchange import merged_segments as merged_segments
+from ._exchange import record_folds as record_folds
 from ._exchange import whole_record_folds as whole_record_folds
 from ._frequency_problem import FrequencyProblem as FrequencyProblem
 from ._frequency_problem import identify_response as identify_response

@@ -146,11 +146,44 @@ def block_folds(records):
     return cut, [(~test, test) for test in masks if test.any()]
 
 
+def record_folds(records, count=_FOLDS):
+    """Return folds that hold out whole records of which the others know the range.
+
+    Of a record whose drive or column goes further than those of all others, nothing could be
+    predicted.
+
+    Parameters
+    ----------
+    records : sequence of RecordData
+    count : int, default=5
+        Most groups in which records are held out.
+
+    Returns
+    -------
+    folds : list of (train, test)
+        Boolean masks over the segments of all records. Empty where no record is held out.
+    """
+    if len(records) < 2:
+        return []
+    owner = np.repeat(np.arange(len(records)), [len(record.segments) for record in records])
+    inputs = [np.column_stack([x for x in (r.u, r.auxiliary) if x is not None]) for r in records]
+    low, high = (np.array([end(own, axis=0) for own in inputs]) for end in (np.min, np.max))
+    # in an order that their place in the data has no part in
+    order = np.lexsort([[r.drive.mean() for r in records], [r.y.mean() for r in records]])
+    found = []
+    for group in np.array_split(order, min(len(records), max(count, 2))):
+        lows, highs = (np.delete(ends, group, axis=0) for ends in (low, high))
+        known = (low[group] >= lows.min(axis=0)) & (high[group] <= highs.max(axis=0))
+        own = np.isin(owner, group[known.all(axis=1)])
+        found.append((~own, own))
+    return [(train, test) for train, test in found if test.any()]
+
+
 def whole_record_folds(records, folds):
     """Return folds that hold out whole records, where there are several.
 
-    Of a record that goes further than all of those it is held out from, nothing could be predicted:
-    its segments are held out as the given folds do it.
+    The segments of a record of which the others do not know the range are held out as the given
+    folds do it.
 
     Parameters
     ----------
@@ -162,21 +195,10 @@ def whole_record_folds(records, folds):
     -------
     list of (train, test)
     """
-    count = len(records)
-    if count < 2:
-        return folds
-    owner = np.repeat(np.arange(count), [len(record.segments) for record in records])
-    ends = np.array([(r.drive.min(), r.drive.max()) for r in records])
-    scored, split, found = np.any([test for _, test in folds], axis=0), np.zeros(count, bool), []
-    # in an order that their place in the data has no part in
-    order = np.lexsort([[r.drive.mean() for r in records], [r.y.mean() for r in records]])
-    for group in np.array_split(order, min(count, max(len(folds), 2))):
-        others = np.delete(ends, group, axis=0)
-        further = (ends[group, 0] < others[:, 0].min()) | (ends[group, 1] > others[:, 1].max())
-        split[group[further]] = True
-        own = np.isin(owner, group[~further])
-        found.append((~own, own & scored))
-    found += [(train, test & split[owner]) for train, test in folds]
+    scored, whole = np.any([test for _, test in folds], axis=0), record_folds(records, len(folds))
+    split = ~np.any([test for _, test in whole], axis=0) if whole else np.ones(len(scored), bool)
+    found = [(train, test & scored) for train, test in whole]
+    found += [(train, test & split) for train, test in folds]
     return [(train, test) for train, test in found if test.any()]
 
 

@@ -5,50 +5,47 @@ that is coloured is either a shortcoming of the model or a local optimum. Furthe
 they lead back to the best solution, this is the optimum, and the model lacks something.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from ..noise import whiteness_p_value
-from ._identify import NOISELESS, identify
+from ._identify import NOISELESS, identify, problems_of
 from ._problem import OperatorProblem
-from ._variable_projection import VariableProjection, random_starts, variable_projection
+from ._variable_projection import random_starts, variable_projection
 
 LEVEL = 1e-3  # of the test of whiteness: the part of right fits that pay for further starts
 _ROUNDS = 5
-_IN_VAIN = 2  # rounds that lead to nothing better but back, after which the optimum is the best
+_RETURNS = (
+    3  # runs that lead back to the best, and none to a better one, after which it is the optimum
+)
 _STARTS = 12  # of a round
 _BUDGET = 4.0  # evaluations over those of the fit, after which no further way is begun
 _TRIAL_EVALUATIONS = 4
 _FULL_RUNS = 3  # starts of a round that are followed to the end
 _NOTICEABLE = 0.01  # part of the sum of squares by which another optimum is a better one
+_TOLERANCE = 0.01 * _NOTICEABLE  # of a run, which tells two optima apart
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Neighbours(VariableProjection):
-    """Variable projection from around a solution, the first, and other starting values.
+def _neighbours(problems, seed):
+    """Return the best solution of one round, how often others lead to it, and the evaluations.
 
-    It has converged if several starts lead to the best.
+    Starts are drawn from around the solution, which is that of the first problem, and the others.
     """
-
-    n_random_starts: int = _STARTS
-
-    def solve(self, problems):
-        problem = problems[0]
-        best = variable_projection(problem, problem.x0, max_evaluations=1)
-        own = [p.x0 for p in problems[1:] if p.names == problem.names]
-        drawn = random_starts(problems, [best.x, *own], self.n_random_starts, self.random_state)
-        trials = [
-            variable_projection(problem, x, max_evaluations=_TRIAL_EVALUATIONS) for x in drawn
-        ]
-        trials.sort(key=lambda trial: trial.cost)
-        ends = [variable_projection(problem, trial.x) for trial in trials[:_FULL_RUNS]]
-        runs = [best, *trials, *ends]
-        evaluations = 1 + sum(run.n_evaluations for run in runs)  # 1: the search box
-        least = min([best, *ends], key=lambda run: run.cost)
-        found = least if least.cost < (1.0 - _NOTICEABLE) * best.cost else best
-        again = sum(run.cost <= found.cost / (1.0 - _NOTICEABLE) for run in [best, *ends]) > 1
-        return problem, replace(found, converged=again), evaluations
+    problem = problems[0]
+    best = variable_projection(problem, problem.x0, max_evaluations=1)
+    own = [p.x0 for p in problems[1:] if p.names == problem.names]
+    drawn = random_starts(problems, [best.x, *own], _STARTS, seed)
+    trials = [variable_projection(problem, x, max_evaluations=_TRIAL_EVALUATIONS) for x in drawn]
+    trials.sort(key=lambda trial: trial.cost)
+    ends = [
+        variable_projection(problem, trial.x, tolerance=_TOLERANCE) for trial in trials[:_FULL_RUNS]
+    ]
+    evaluations = 1 + sum(run.n_evaluations for run in [best, *trials, *ends])  # 1: the search box
+    least = min([best, *ends], key=lambda run: run.cost)
+    found = least if least.cost < (1.0 - _NOTICEABLE) * best.cost else best
+    returns = sum(run.cost <= found.cost / (1.0 - _NOTICEABLE) for run in [best, *ends]) - 1
+    return found if found is not best else None, returns, evaluations
 
 
 def is_coloured(result, records, initial_state="rest"):
@@ -114,17 +111,19 @@ def with_further_starts(result, records, starts, others=(), *, fixed=(), initial
             return result
         if result.n_evaluations > most:
             break
-    given, how, in_vain = starts(), {"fixed": fixed, "initial_state": initial_state}, 0
+    given, how, returns = starts(), {"fixed": fixed, "initial_state": initial_state}, 0
     for seed in range(_ROUNDS):
-        own = [(result.operator, result.disturbances), *given]
-        found = identify(own, records, method=_Neighbours(random_state=seed), **how)
-        before, result = result, _better(result, found)
+        problems = problems_of([(result.operator, result.disturbances), *given], records, **how)
+        found, back, evaluations = _neighbours(problems, seed)
+        before = result
+        result = replace(result, n_evaluations=result.n_evaluations + evaluations)
+        if found is not None:
+            result = _better(result, identify([problems[0].unpack(found.x)], records, **how))
         better = result.error < before.error
-        in_vain = 0 if better else in_vain + found.converged
-        spent = found.converged and result.n_evaluations > most
+        returns = 0 if better else returns + back
         if (
-            spent
-            or in_vain == _IN_VAIN
+            returns >= _RETURNS
+            or (back and result.n_evaluations > most)
             or (better and not is_coloured(result, records, initial_state))
         ):
             return result

@@ -75,7 +75,7 @@ class IdentificationResult:
         Parameters for which the records are worth fewer than two independent samples.
     damping : tuple of float, default=()
         One value per entry of ``history``, if steps were damped.
-    input_history : ndarray of shape (n_records, n_values), default=None
+    input_history : ndarray of shape (n_records, n_values) or (n_records, n_values, n_inputs)
         Drive 1, 2, 4, ... samples before each record, in its units, if it was estimated.
     is_local : bool, default=False
         Whether the residual is coloured and further starts have ended elsewhere, each at another
@@ -264,9 +264,15 @@ def identify(
         raise ValueError(
             "The records' 'weights' must be above zero for some samples. Got zero for all instead."
         )
+    problems = problems_of(starts, records, fixed=fixed, initial_state=initial_state)
+    return solve(problems, method, with_errors)
+
+
+def problems_of(starts, records, *, fixed=(), initial_state="rest"):
+    """Return one problem for each start; arguments are those of :func:`identify`."""
     starts = list(map(split_disturbances, starts))
     constants = constant_entries(*starts[0])
-    problems = [
+    return [
         OperatorProblem(
             _without(constants, operator),
             records,
@@ -276,7 +282,6 @@ def identify(
         )
         for operator, disturbances in starts
     ]
-    return solve(problems, method, with_errors)
 
 
 def constant_entries(operator, disturbances):

@@ -12,7 +12,7 @@ drive, or from the best one if the values are known from a fit before. It altern
 in one value after the other, the oldest first, and a descent along the derivatives that the
 operator propagates from its input. Values that the record does not determine are kept at rest by a
 penalty: a change by the full range from one value to the next costs as much as the mean squared
-residual of a sample.
+residual of a sample. Of several inputs each has such values.
 
 The parameters are identified first from the later half of each record, which depends least on its
 start. Then the values and the parameters are identified in turn; while the parameters are, the
@@ -57,9 +57,9 @@ def estimate_input_history(
     Returns
     -------
     result : IdentificationResult
-    input_history : ndarray of shape (n_records, n_values)
-        Drive 1, 2, 4, ... samples before each record, in its units; of an operator that has no
-        state of rest the values that its state starts from, see ``_start_values``.
+    input_history : ndarray of shape (n_records, n_values), or (n_records, n_values, n_inputs)
+        Drive 1, 2, 4, ... samples before each record, in its units; of several inputs each. Of an
+        operator that has no state of rest the values that it starts from, see ``_start_values``.
     """
     if operator.n_start:
         return estimate_start_values(operator, disturbances, records, fixed=fixed, method=method)
@@ -70,7 +70,7 @@ def estimate_input_history(
     late = [
         replace(r, weights=r.counts() * (np.arange(len(r.u)) >= len(r.u) // 2)) for r in records
     ]
-    chance = count * len(records) / sum(record.counts().sum() for record in records)
+    chance = sum(_rest(r, count).size for r in records) / sum(r.counts().sum() for r in records)
     rough = {"fixed": fixed, "method": method, "with_errors": False}
     result, evaluations, gain = identify(start, late, **rough), 0, 1.0
     while gain > chance:
@@ -112,27 +112,27 @@ def _count(records):
 
 def _is_known(record, count):
     """Whether this number of values of the drive before a record is given."""
-    return record.before is not None and np.size(record.before) == count
+    return record.before is not None and np.shape(record.before) == (count, *record.u.shape[1:])
 
 
 def _rest(record, count):
-    """Return the drive before a record that begins at rest."""
-    return np.full(count, record.drive[0])
+    """Return the inputs before a record that begins at rest."""
+    return np.repeat(record.u[:1], count, axis=0)
 
 
 def input_history_of(operator, disturbances, records, drive_range=None):
     """Return the drive before each record with the parameters held, and the number of runs.
 
-    The drive is (n_records, n_values); a run is one of all records. By default the range of the
-    drive is that in the records. Of an operator that has no state of rest it is what records start
-    from, (n_records, n_start).
+    The drive is (n_records, n_values), or (n_records, n_values, n_inputs); a run is one of all
+    records. The range of the inputs is that in the records, that of the drive by default.
+    Of an operator that has no state of rest it is what records start from, (n_records, n_start).
     """
     if operator.n_start:
         return start_values_of(operator, disturbances, records)
-    drives = [record.drive for record in records]
-    if drive_range is None:
-        drive_range = min(u.min() for u in drives), max(u.max() for u in drives)
-    low, high = drive_range
+    ends = [np.array([r.u.min(axis=0), r.u.max(axis=0)]).reshape(2, -1) for r in records]
+    low, high = np.min(ends, axis=0)[0], np.max(ends, axis=0)[1]
+    if drive_range is not None:
+        low[0], high[0] = drive_range
     # the drive before may exceed its range in the records by as much on either side
     limits, count = (2.0 * low - high, 2.0 * high - low), _count(records)
     problem = OperatorProblem(operator, records, disturbances=disturbances)
@@ -144,30 +144,30 @@ def _history(problem, record, limits, count):
     """Return the drive before one record, and the number of runs that it took."""
     low, high = limits
     size = high - low
-    if not size > 0.0:
-        return np.full(count, low), 0
+    if not size.any():
+        return _rest(record, count), 0
     misfit = _Misfit(problem, record, low, size)
-    starts = _starts(record, low, size, count)
+    starts = _starts(misfit, record, count)
     left = np.array([misfit.cost(start) for start in starts])
     misfit.hold(left.min())
     # many pasts have the same residual: the penalty of their changes distinguishes them
     left += [np.square(misfit.changes(start)).sum() for start in starts]
     order = np.argsort(left)[: 1 if _is_known(record, count) else _STARTS]
-    chance = count / max(record.counts().sum(), 1.0)
+    chance = len(starts[0]) / max(record.counts().sum(), 1.0)
     best, _ = min((_searched(misfit, starts[i], chance) for i in order), key=lambda own: own[1])
-    return low + size * best, misfit.runs
+    return misfit.before(best), misfit.runs
 
 
-def _starts(record, low, size, count):
-    """Return candidates of the drive before a record, relative to the limits."""
-    drive, back = (record.drive - low) / size, ages(np.empty(count))
-    starts = [np.full(count, drive[0])]
+def _starts(misfit, record, count):
+    """Return candidates of the inputs before a record, relative to the limits."""
+    back = ages(np.empty(count))
+    starts = [_rest(record, count)]
     if _is_known(record, count):
-        starts.append(np.clip((record.before - low) / size, 0.0, 1.0))
+        starts.append(record.before)
     # sections of its own drive, as many as there are steps in all values
-    for now in np.linspace(back[-1], len(drive), count * len(_STEPS)).astype(int):
-        starts.append(drive[np.clip(now - back, 0, len(drive) - 1)])
-    return starts
+    for now in np.linspace(back[-1], len(record.u), count * len(_STEPS)).astype(int):
+        starts.append(record.u[np.clip(now - back, 0, len(record.u) - 1)])
+    return [misfit.relative(start) for start in starts]
 
 
 def _searched(misfit, values, chance):
@@ -180,7 +180,11 @@ def _searched(misfit, values, chance):
 
 
 class _Misfit:
-    """Residual of a record as a function of the drive before it, relative to the limits."""
+    """Residual of a record as a function of the inputs before it, relative to the limits.
+
+    All values are one array, those of one moment after those of another. An input that never
+    changes has rested.
+    """
 
     def __init__(self, problem, record, low, size):
         self._problem, self._low, self._size = problem, low, size
@@ -191,9 +195,19 @@ class _Misfit:
             columns = self._root[:, None] * problem.basis(problem.disturbances, record)
             self._basis = np.linalg.qr(columns)[0]
         self._scale = np.linalg.norm(self._root * record.y) or 1.0
-        self._last = (record.drive[0] - low) / size
+        self._last = self.relative(record.u[:1]).reshape(1, -1)
         self._stiffness = 0.0
         self.runs = 0
+
+    def relative(self, values):
+        """Return inputs relative to the limits, within these."""
+        own = np.reshape(values, (-1, len(self._size))) - self._low
+        return np.clip(own / np.where(self._size > 0.0, self._size, 1.0), 0.0, 1.0).ravel()
+
+    def before(self, values):
+        """Return the inputs before the record, as a record has them."""
+        own = self._low + self._size * values.reshape(-1, len(self._size))
+        return own if self._record.u.ndim > 1 else own[:, 0]
 
     def hold(self, least):
         """Set the penalty of changes from value to value: the mean square of the residual."""
@@ -201,7 +215,8 @@ class _Misfit:
 
     def changes(self, values):
         """Return the penalties of the changes from value to value, as residuals."""
-        return self._stiffness * np.diff(values, prepend=self._last)
+        own = values.reshape(-1, len(self._size))
+        return self._stiffness * np.diff(own, axis=0, prepend=self._last).ravel()
 
     def __call__(self, values):
         record = self._begun(values)
@@ -210,7 +225,7 @@ class _Misfit:
 
     def _begun(self, values):
         self.runs += 1
-        return replace(self._record, before=self._low + self._size * values)
+        return replace(self._record, before=self.before(values))
 
     def _left(self, part):
         """Return columns relative to the response, weighted, with the disturbances eliminated."""
@@ -219,9 +234,10 @@ class _Misfit:
 
     def _derivatives(self, values):
         part = self._problem.carried(self._operator, self._begun(values))
-        count = len(values)
-        changes = self._stiffness * (np.eye(count) - np.eye(count, k=-1))
-        found = np.concatenate([self._left(self._size * part), changes])
+        count, n_inputs = len(values), len(self._size)
+        changes = self._stiffness * (np.eye(count) - np.eye(count, k=-n_inputs))
+        sizes = np.tile(self._size, count // n_inputs)
+        found = np.concatenate([self._left(sizes * part), changes])
         return np.nan_to_num(found, posinf=0.0, neginf=0.0)
 
     def cost(self, values):
@@ -231,7 +247,8 @@ class _Misfit:
 
     def stepped(self, values, least):
         """Return the best values after steps in one after the other, and the sum of squares."""
-        for place in range(len(values))[::-1]:
+        moves = np.tile(self._size > 0.0, len(values) // len(self._size))
+        for place in np.flatnonzero(moves)[::-1]:
             for step in _STEPS:
                 trial = values.copy()
                 trial[place] = np.clip(values[place] + step, 0.0, 1.0)

@@ -23,9 +23,10 @@ class RecordData:
         Sampling interval in s.
     segments : tuple of (int, int), default=()
         Rows (start, stop) that count, in order; empty: the whole record.
-    before : ndarray of shape (n_values,), float or None, default=None
+    before : ndarray of shape (n_values,) or (n_values, n_inputs), float or None, default=None
         Drive 1, 2, 4, ... samples before the record. The record is simulated from rest at the last
-        of these instead of from rest at its first value.
+        of these instead of from rest at its first value. Inputs that it does not tell have rested
+        at their first values.
     start : ndarray of shape (n_start,), default=None
         Of an operator that has no state of rest the values that its state starts from at the first
         sample, see :class:`~skhyst.operators.Operator`; then nothing comes before the record.
@@ -96,8 +97,6 @@ class RecordData:
     def with_history(self):
         """Return the drive with what came before it in front.
 
-        Of several inputs this is the first one's, the others have rested at their first values.
-
         Returns
         -------
         u : ndarray of shape (n_before + n_samples,) or (n_before + n_samples, n_inputs)
@@ -109,9 +108,11 @@ class RecordData:
             return self.u, 0
         path = path_of(self.before)
         if self.u.ndim == 1:
+            path = path.reshape(len(path), -1)[:, 0]
             return np.concatenate([path, self.u]), len(path)
         rest = np.repeat(self.u[:1], len(path), axis=0)
-        rest[:, 0] = path
+        told = path.reshape(len(path), -1)[:, : rest.shape[1]]
+        rest[:, : told.shape[1]] = told
         return np.concatenate([rest, self.u]), len(path)
 
     def first_part(self, stop):
@@ -153,13 +154,16 @@ class RecordData:
 
 def ages(before):
     """Return how many samples before a record its values of the drive are, (n_values,)."""
-    return 2 ** np.arange(np.size(before))
+    return 2 ** np.arange(len(np.atleast_1d(before)))
 
 
 def path_of(before):
     """Return the drive before a record, a straight line between its values, sample by sample."""
-    age, values = ages(before), np.ravel(before)
-    return np.interp(np.arange(-age[-1], 0), -age[::-1], values[::-1])
+    age, values = ages(before), np.atleast_1d(before)
+    now = np.arange(-age[-1], 0)
+    if values.ndim > 1:
+        return np.stack([np.interp(now, -age[::-1], own) for own in values[::-1].T], axis=1)
+    return np.interp(now, -age[::-1], values[::-1])
 
 
 class Unknowns:
@@ -277,8 +281,9 @@ class OperatorProblem(Unknowns):
         if operator.n_start:
             return scheduled(operator, record).by_start(record.u, record.dt, record.start)
         u, skip = record.with_history()
-        du = np.zeros((len(u), np.size(record.before)))
-        du[:skip] = np.transpose([path_of(own) for own in np.eye(du.shape[1])])
+        du = np.zeros((*u.shape, np.size(record.before)))
+        directions = np.eye(du.shape[-1]).reshape(-1, *np.shape(record.before))
+        du[:skip] = np.moveaxis([path_of(own) for own in directions], 0, -1)
         operator = scheduled(operator, record)
         return operator.propagate(u, du, record.dt, self.initial_state)[1][skip:]
 

@@ -1,7 +1,7 @@
 """Smooth memoryless curve: Legendre polynomials, and a straight line beyond them."""
 
 from dataclasses import dataclass
-from numbers import Integral
+from numbers import Integral, Real
 from typing import Self
 
 import numpy as np
@@ -101,13 +101,16 @@ class PolynomialCurveOperator(StaticOperator):
 class SmoothCurve(StaticModel):
     r"""Smooth memoryless curve: Legendre polynomials from degree 2 on, added to the identity.
 
-    Beyond the range of the fit the curve is a straight line with the slope that its terms of degree
-    2 and 3 have at the end of the range.
+    Beyond the range of the fit, or `reach` times that, the curve is a straight line with the slope
+    that its terms of degree 2 and 3 have at the end of the range.
 
     Parameters
     ----------
     degree : int, default=5
         Highest degree, at least 2.
+    reach : float, default=1.0
+        Half of the range over which it is a polynomial, relative to that of the fit: above 1 for a
+        law, such as a cubic spring, that goes on as it is.
 
     Attributes
     ----------
@@ -133,21 +136,30 @@ class SmoothCurve(StaticModel):
     _parameter_constraints = {
         **StaticModel._parameter_constraints,
         "degree": [Interval(Integral, 2, None, closed="left")],
+        "reach": [Interval(Real, 0, None, closed="neither")],
     }
 
     operator_class = PolynomialCurveOperator
 
     def __init__(
-        self, degree=5, *, initial_state="rest", dt=None, drive=None, method="variable_projection"
+        self,
+        degree=5,
+        *,
+        reach=1.0,
+        initial_state="rest",
+        dt=None,
+        drive=None,
+        method="variable_projection",
     ):
         super().__init__(initial_state=initial_state, dt=dt, drive=drive, method=method)
         self.degree = degree
+        self.reach = reach
 
     def resolved(self, operator) -> Self:
         return with_params(self, degree=np.size(operator.coefficients) + 1)
 
     def starting_values(self, records):
         low, high = range_of_drive(records)
-        scale = 0.5 * (high - low) or 1.0
+        scale = 0.5 * self.reach * (high - low) or 1.0
         coefficients = np.zeros(self.degree - 1)
         return [PolynomialCurveOperator(coefficients, center=0.5 * (low + high), scale=scale)]

@@ -3,7 +3,15 @@
 from sklearn.linear_model import Ridge
 
 from skhyst.autoregressive import NARMAXRegressor
-from skhyst.compose import Cascade, Corrected, Modulated, OnColumn, ScheduledParameters, Sum
+from skhyst.compose import (
+    Cascade,
+    Corrected,
+    Feedback,
+    Modulated,
+    OnColumn,
+    ScheduledParameters,
+    Sum,
+)
 from skhyst.control import InverseCompensator, Monitor, Observer
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.discovery import all_estimators
@@ -20,6 +28,7 @@ from skhyst.hysteresis import (
 from skhyst.linear import FirstOrderLag, KelvinVoigt
 from skhyst.neural import GrayBoxHysteresis
 from skhyst.optimize import LevenbergMarquardt, VariableProjection
+from skhyst.static import SmoothCurve
 
 __all__ = ["NO_GAIN", "SLOW", "small_estimators"]
 
@@ -28,6 +37,7 @@ _BRIEFLY = VariableProjection(max_evaluations=3)  # on what is no response of th
 _EXAMPLES = {
     "Cascade": lambda: Cascade([("hysteresis", PrandtlIshlinskii(5)), ("lag", FirstOrderLag())]),
     "Sum": lambda: Sum([("hysteresis", PrandtlIshlinskii(5)), ("offset", Offset())]),
+    "Feedback": lambda: Feedback(FirstOrderLag(), SmoothCurve(2), n_substeps=1, method=_BRIEFLY),
     "ScheduledParameters": lambda: ScheduledParameters(PrandtlIshlinskii(5)),
     "InverseCompensator": lambda: InverseCompensator(  # at any drive: by default it is limited
         Ridge(), method="learned", drive_limits=(-1e300, 1e300), rate_limit=1e300

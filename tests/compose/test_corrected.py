@@ -93,6 +93,24 @@ def test_a_lag_is_not_left_to_the_regressor():
     np.testing.assert_array_equal(again.predict(X_new), model.predict(X_new))
 
 
+def test_weights_and_what_is_not_read():
+    """Both the regressor and the effects count a sample so much; a zero is not read at all."""
+    X, y = recordings(low_pass, count=3)
+    model, weights = Corrected(pipeline(), FirstOrderLag(), cv=3), np.ones(len(y))
+    weights[[20, 350, 351, 700]] = 0.0
+    wrong = y.where(weights > 0.0, 50.0)
+    found, expected = (clone(model).fit(X, own, sample_weight=weights) for own in (wrong, y))
+    assert found.effects_.operator_ == expected.effects_.operator_
+    np.testing.assert_array_equal(found.predict(X), expected.predict(X))
+    kept = np.arange(len(y)) != 100
+    some = clone(model).fit(X[kept], wrong[kept], sample_weight=weights[kept])
+    assert some.effects_.operator_.time_constant == pytest.approx(
+        found.effects_.operator_.time_constant, rel=0.02
+    )
+    with pytest.raises(ValueError, match="'sample_weight' of Corrected must be None"):
+        Corrected(KNeighborsRegressor(), cv=3).fit(X, y, sample_weight=weights)
+
+
 def test_constants_of_the_records_are_taken_out():
     X, y = recordings(lambda y, i: y + 0.5 * (-1) ** i + 0.1)
     X_new, y_new = recordings(lambda y, i: y, seed=5)

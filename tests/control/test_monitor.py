@@ -3,6 +3,7 @@
 import pickle
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.signal import lfilter, sawtooth
 from scipy.stats import chi2, kstest
@@ -310,6 +311,22 @@ def test_what_looks_alike_is_told_together():
     u = 3.0 * np.sin(4.0 * np.pi * DT * np.arange(4000)) ** 2
     monitor.alarms(u[:, None], respond(u, 2.1e-3))
     assert {"lag__time_constant", "mode__damping_ratio"} <= set(monitor.suspect_)
+
+
+@pytest.mark.parametrize(("changed", "alarm"), [({}, False), ({"frequency": 0.9}, True)])
+def test_lost_rows_are_no_change(monitor, changed, alarm):
+    changed = {name: factor * FREQUENCY for name, factor in changed.items()}
+    u, y = service(4000, np.random.default_rng(7), start=1000, **changed)
+    kept = np.ones(4000, dtype=bool)
+    kept[np.random.default_rng(8).choice(np.arange(1, 3999), 100, replace=False)] = False
+    kept[monitor.block - 1 :: monitor.block][2:6] = False  # an alarm comes at the next row
+    index = pd.Index(DT * np.arange(4000), name="time")
+    X, y = pd.DataFrame(u, index)[kept], pd.Series(y, index)[kept]
+    alarms, judged = monitor.alarms(X, y, return_judged=True)
+    assert alarms.shape == judged.shape == (kept.sum(),)
+    assert judged.any()
+    assert not alarms[:900].any()
+    assert alarms.any() == alarm
 
 
 def test_samples_one_by_one(monitor):

@@ -5,6 +5,7 @@ import shutil
 import subprocess
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.linalg import solve_discrete_lyapunov
 from sklearn.linear_model import Ridge
@@ -12,7 +13,7 @@ from sklearn.utils.validation import NotFittedError
 
 from skhyst.compose import Cascade
 from skhyst.control import Observer
-from skhyst.control._kalman import driven_by_noise
+from skhyst.control._kalman import driven_by_noise, foretold
 from skhyst.export import to_c
 from skhyst.hysteresis import (
     BoucWenStage,
@@ -132,6 +133,30 @@ def test_the_estimate_is_better_than_model_and_reading(observer, data):
     error = np.std(observer.filter(u, reading) - true)
     assert error < 0.7 * NOISE
     assert error < 0.5 * np.std(observer.model_.predict(u) - true)
+
+
+def test_lost_readings_are_foretold(observer, data):
+    """A filter that goes on through them is off where they are, and soon no more."""
+    u, true, reading = data
+    index = pd.Index(DT * np.arange(N), name="time")
+    kept = np.ones(N, dtype=bool)
+    kept[np.random.default_rng(1).choice(np.arange(1, N - 1), 200, replace=False)] = False
+    X, y = pd.DataFrame(u, index), pd.Series(reading, index)
+    found = observer.filter(X[kept], y[kept])
+    assert np.std(found - true[kept]) < 1.1 * np.std(observer.filter(u, reading) - true)
+    e = observer.innovations(X[kept], y[kept])
+    assert np.std(e) == pytest.approx(np.std(observer.innovations(u, reading)), rel=0.1)
+    again = Observer(observer.model_).fit(X[kept], y[kept])
+    np.testing.assert_allclose(stds(again), stds(observer), rtol=0.1)
+    # what stands in a lost row is not read
+    state, step = observer.compiled_step(DT, u[0]).state, observer.compiled_step(DT, u[0])
+    rows = np.column_stack([u[:100], reading[:100]])
+    lost = np.isin(np.arange(100), [20, 21, 60])
+    wrong = np.where(lost[:, None] & [False, True], 1e3, rows)
+    told = [foretold(step.innovating, state.copy(), own, lost) for own in (rows, wrong)]
+    np.testing.assert_allclose(told[0], told[1], atol=1e-9)
+    innovations = step.innovating(state.copy())(told[0])
+    np.testing.assert_allclose(innovations[lost], 0.0, atol=1e-12)
 
 
 def test_samples_one_by_one(observer, data):

@@ -770,7 +770,8 @@ def test_what_came_before_records_is_seen_in_their_first_third(segments):
     assert changed(UnderWay(), [record], **still) == []
     zero = {**known, "model": SimpleNamespace(get_params=lambda: {"initial_state": "zero"})}
     assert changed(UnderWay(), [record], **zero) == []
-    assert changed(UnderWay(), [record], **{**known, "multi_input": True}) == []
+    (edit,) = changed(UnderWay(), [record], **{**known, "multi_input": True})
+    assert edit.input_history == ("past",)
 
 
 def test_a_candidate_is_nested_up_to_what_the_noise_of_its_parameters_hides():

@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 
+from skhyst.compose import Cascade
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.diagnosis._verdict import noise_floor
 from skhyst.linear import Gain, SecondOrderMode
+from skhyst.records import stack_records
+from skhyst.static import SmoothCurve
 
 NOISE = 1e-3
 
@@ -72,3 +75,23 @@ def test_a_floor_is_known_before_any_model():
     y = np.sin(np.arange(3000) / 40.0) + NOISE * rng.normal(size=3000)
     assert noise_floor([y], [y]) == pytest.approx(NOISE, rel=0.05)
     assert noise_floor([y], [y], scatter=0.1 * NOISE) == 0.1 * NOISE
+
+
+def test_what_blocks_predict_and_records_do_not_is_no_noise():
+    """Each record alone is described well, but the others say nothing about it."""
+    rng, n = np.random.default_rng(0), 800
+    ends = ([[0.0], [2.0]], [[1.0], [3.0]])
+    drives = [np.where(rng.random(n) < 0.5, *rng.uniform(*ends, (2, n))) for _ in range(2)]
+    drives.append(rng.uniform(1.0, 2.0, n))
+    parts = {
+        number: (
+            u[:, None],
+            u + 0.3 * np.cos(9.0 * (u - 1.5)) + 1e-3 * rng.standard_normal(n),
+        )
+        for number, u in enumerate(drives)
+    }
+    declared = Cascade([("curve", SmoothCurve(36)), ("gain", Gain())])
+    search = EffectSearchCV(declared, effects=["offset"]).fit(*stack_records(parts, dt=1e-3))
+    assert search.verdict_ == "undetermined"
+    assert search.verdict_reason_.startswith("held out, ")
+    assert search.error_after_ > 3.0 * search.noise_floor_

@@ -228,7 +228,6 @@ def test_several_inputs_beside_a_drift():
         ({"inputs": [0, 0]}, "none twice"),
         ({"inputs": []}, "at least one column"),
         ({"inputs": "all", "delay": [0.1, 0.2, 0.3]}, "one for each of 2 input"),
-        ({"inputs": "all", "initial_state": "estimate"}, "'initial_state' parameter"),
     ],
 )
 def test_wrong_parameters(options, message):

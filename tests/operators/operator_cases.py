@@ -31,10 +31,14 @@ def make_operators():
         "mode": mode,
         "mode, overdamped": dataclasses.replace(mode, damping_ratio=3.0),
         "mode, zero-order hold": dataclasses.replace(mode, hold="zoh"),
+        "mode, band-limited": dataclasses.replace(mode, hold="bandlimited"),
         "creep": creep,
         "creep, zero-order hold": dataclasses.replace(creep, hold="zoh"),
         "creep, logarithmic": op.LogCreepOperator(0.3, 0.05, 1.5, 0.3, longest=10.0),
         "creep, logarithmic, zero-order hold": op.LogCreepOperator(0.3, 0.05, 1.5, 0.3, hold="zoh"),
+        "creep, logarithmic, band-limited": op.LogCreepOperator(
+            0.3, 0.05, 1.5, 0.3, hold="bandlimited"
+        ),
         "transfer function": transfer,
         "transfer function, feed-through": op.TransferFunctionOperator(
             np.empty(0), np.array([70.0]), np.array([0.3]), np.array([0.2, -0.1]), hold="zoh"
@@ -72,6 +76,9 @@ def make_operators():
         ),
         "tanks, limited reading": op.TankChainOperator(
             [0.11, 0.03], [0.5, 0.7], [0.83, 0.77], [0.9], drive_offset=-0.37, limit="reading"
+        ),
+        "tanks, band-limited": op.TankChainOperator(
+            [0.11, 0.23], [0.5, 0.7], drive_offset=-2.73, gain=1.3, hold="bandlimited"
         ),
         "soft saturation": op.SoftSaturationOperator(0.413, 1.7, 0.037),
         "soft saturation, upper": op.SoftSaturationOperator(
@@ -204,6 +211,9 @@ def make_operators():
         "restoring force, no hysteresis": op.RestoringForceOperator(
             90.0, 0.15, [0.2], [0.1], 0.0, 0.5, 0.07, 0.8, 0.1, scale=0.9, n_substeps=4
         ),
+        "restoring force, band-limited": op.RestoringForceOperator(
+            90.0, 0.15, [0.2], [0.1], 2.0, 0.1, 0.07, 0.8, 0.1, n_substeps=8, hold="bandlimited"
+        ),
         "Bouc-Wen stage": op.BoucWenStageOperator(
             90.0, 0.15, 2.0, 0.1, 0.3, 1.7, 0.8, 0.1, n_substeps=4
         ),
@@ -239,6 +249,14 @@ def make_operators():
             intercept=0.2,
             hold="zoh",
             n_substeps=5,
+        ),
+        "static feedback": op.FeedbackOperator(
+            ("linear", "curve"),
+            (mode, op.PolynomialCurveOperator(np.array([0.1, 0.08, -0.02]), center=0.1, scale=0.9)),
+            n_substeps=2,
+        ),
+        "static feedback, several poles, zero-order hold": op.FeedbackOperator(
+            ("linear", "curve"), (dataclasses.replace(transfer, hold="zoh"), zones), n_substeps=1
         ),
         "fold": op.FoldOperator(0.413),
         "fold, upper": op.FoldOperator(0.413, side=-1),

@@ -37,6 +37,8 @@ OUT_OF_REACH = {  # of every drive, or of every one that a device could follow
     "soft saturation, upper",
     "system level, as printed",
     "gray box, products",
+    "band-limited",
+    "feedback",
 }
 INVERTIBLE = [name for name in OPERATORS if not any(part in name for part in OUT_OF_REACH)]
 INVERTIBLE += ["plays, stop form", "series of linear ones", "series of sums", "sum of series"]
@@ -48,6 +50,12 @@ def test_the_output_behind_the_inverse_is_the_input(name):
     drive, _ = inverse_of(operator).run(REFERENCE, DT)
     y, _ = operator.run(drive, DT, operator.init(drive[0]))
     np.testing.assert_allclose(y, REFERENCE, rtol=0.0, atol=1e-9 * np.ptp(REFERENCE))
+
+
+@pytest.mark.parametrize("name", [n for n in OPERATORS if "band-limited" in n or "feedback" in n])
+def test_what_has_no_inverse_is_refused_in_words(name):
+    with pytest.raises(ValueError, match="has no inverse"):
+        inverse_of(OPERATORS[name])
 
 
 @pytest.mark.parametrize("name", ["Bouc-Wen", "tanh", "creep, logarithmic", "sum"])

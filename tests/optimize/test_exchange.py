@@ -18,6 +18,7 @@ from skhyst.optimize import (
     block_folds,
     exchanged,
     merged_segments,
+    record_folds,
     whole_record_folds,
 )
 
@@ -148,6 +149,15 @@ def test_blocks_and_whole_records_are_held_out():
             assert not train[owner == held.pop()].any()
     scored = np.sum([test for _, test in whole], axis=0)
     np.testing.assert_array_equal(scored, np.sum([test for _, test in folds], axis=0))
+
+
+def test_a_record_whose_column_goes_further_is_not_held_out():
+    u, heat = np.sin(np.arange(120)), np.ones((120, 1))
+    records = [RecordData(u, u, 1.0, auxiliary=level * heat) for level in (0.0, 1.0, 0.5)]
+    ((train, test),) = record_folds(records)
+    np.testing.assert_array_equal(test, [False, False, True])
+    np.testing.assert_array_equal(train, ~test)
+    assert record_folds(records[:2]) == record_folds(records[:1]) == []
 
 
 @pytest.mark.parametrize("beside", [(), (OffsetOperator(np.zeros(1)),)])

@@ -7,9 +7,14 @@ import pytest
 
 from skhyst.disturbance import OffsetOperator
 from skhyst.hysteresis import BoucWenOperator, PrandtlIshlinskiiOperator
-from skhyst.linear import FirstOrderLagOperator, GainOperator, KelvinVoigtOperator
+from skhyst.linear import (
+    FirstOrderLagOperator,
+    GainOperator,
+    KelvinVoigtOperator,
+    MultiInputTransferFunctionOperator,
+)
 from skhyst.linear import SecondOrderModeOperator as Mode
-from skhyst.operators import Series
+from skhyst.operators import OnColumnOperator, Scaled, Series, SumOperator
 from skhyst.optimize import (
     OperatorProblem,
     RecordData,
@@ -30,6 +35,17 @@ DEVICES = {
     "mode": Mode(9.0, 0.05),
     "plays_and_mode": Series(("plays", "mode"), (PLAYS, Mode(9.0, 0.05))).normalized(),
 }
+_LAG = FirstOrderLagOperator(0.7)
+_POLES = (np.array([0.5]), np.array([9.0]), np.array([0.1]))
+DEVICES |= {
+    "two_inputs": SumOperator(
+        ("plays", "lag"), (OnColumnOperator(PLAYS, 0), OnColumnOperator(_LAG, 1))
+    ),
+    "scaled": Scaled(OnColumnOperator(PLAYS, 0), 1, sensitivity=0.2, lag=_LAG, reference=0.0),
+    "transfer_function": MultiInputTransferFunctionOperator(
+        *_POLES, np.array([[0.3], [0.0]]), np.array([1.0, -2.0]), np.array([0.03, 0.1])
+    ),
+}
 
 
 def drive(seed, n=CUT + N):
@@ -41,6 +57,8 @@ def drive(seed, n=CUT + N):
 def cut(device, seed, noise=0.0):
     """Return a record whose first part is not kept."""
     u = drive(seed)
+    if device.reads_columns:
+        u = np.stack([u, drive(seed + 100)], axis=1)
     y = device.run(u, DT)[0] + noise * np.random.default_rng([seed, 1]).normal(size=len(u))
     return RecordData(u[CUT:], y[CUT:], DT)
 
@@ -59,7 +77,8 @@ def test_a_record_tells_how_it_began(name):
     device = DEVICES[name]
     records = [cut(device, seed) for seed in range(3)]
     input_history, runs = input_history_of(device, (), records)
-    assert input_history.shape == (3, 9)  # up to 256 samples before: half of a record, or less
+    # up to 256 samples before: half of a record, or less
+    assert input_history.shape == (3, 9, *records[0].u.shape[1:])
     assert runs > 0
     for record, before in zip(records, input_history, strict=True):
         rest, known = errors(device, record, before)
@@ -123,13 +142,17 @@ def test_samples_that_do_not_count_tell_nothing():
 def test_the_derivatives_are_those_of_the_output(name):
     device, step = DEVICES[name], 1e-6
     record = cut(device, 0)
-    before = record.u[0] + np.array([0.3, -0.6, 0.9, -1.2, 1.5, -1.8])
+    changes = np.array([0.3, -0.6, 0.9, -1.2, 1.5, -1.8])
+    if device.reads_columns:
+        changes = np.stack([changes, 0.5 * changes[::-1]], axis=1)
+    before = record.u[0] + changes
     problem = OperatorProblem(device, [replace(record, before=before)])
 
     def output(values):
         return problem.simulate(device, replace(record, before=values))
 
-    ends = [[output(before + way) for way in (move, -move)] for move in step * np.eye(6)]
+    moves = step * np.eye(before.size).reshape(-1, *before.shape)
+    ends = [[output(before + way) for way in (move, -move)] for move in moves]
     expected = np.stack([(a - b) / (2.0 * step) for a, b in ends], axis=1)
     found = problem.carried(device, problem.records[0])
     np.testing.assert_allclose(found, expected, atol=1e-6 * max(np.abs(expected).max(), 1.0))

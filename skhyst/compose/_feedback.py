@@ -1,0 +1,238 @@
+"""Linear dynamics with a memoryless curve in the feedback."""
+
+from dataclasses import replace
+from numbers import Integral
+from typing import Self
+
+import numpy as np
+
+from .._sklearn import HasMethods, Interval
+from .._validation import agreed
+from ..base import ParametricModel, as_node, informed, refine, with_params
+from ..exceptions import ConvergenceWarning
+from ..operators import FeedbackOperator, split_disturbances
+
+_FINE = 0.1  # longest substep, in radians of the fastest motion
+_RESTS = 9  # over the range of the response, about which stability is asked
+_NAMES = ("linear", "curve")
+
+
+class Feedback(ParametricModel):
+    r"""Linear dynamics with a memoryless curve in the feedback, identified jointly.
+
+    .. math:: y = G\,[u - f(q)] + c, \qquad q = (y - c) / g, \qquad f(q) = s(q) - q
+
+    with linear dynamics G of the static gain g and a curve s. So q, in units of the drive, is the
+    response relative to the gain, and at rest ``s(q) = u``: of a mass on a spring, s is the
+    characteristic of the spring, whatever its form, and the dynamics may have more poles than a
+    mass. Where s is the identity the model is linear. It is also known as a nonlinear
+    linear-fractional model (NL-LFR).
+
+    Parameters
+    ----------
+    linear : estimator
+        Linear dynamics of one input without a delay, such as a
+        :class:`~skhyst.linear.TransferFunction` or a :class:`~skhyst.linear.SecondOrderMode`. Its
+        ``hold`` is that of the drive.
+    curve : estimator
+        Memoryless model, such as a :class:`~skhyst.static.SmoothCurve` or
+        :class:`~skhyst.static.DeadZones`.
+    n_substeps : int or None, default=None
+        Integration steps per sampling interval. None: a tenth of a radian of the fastest motion
+        below half the sampling rate each, so at most 32.
+    initial_state : {"rest", "zero", "estimate"} or None, default=None
+        State before each record's first sample; None: that of the two models.
+    dt : float or None, default=None
+        Sampling interval in s of data without a time index; None: that of the two models.
+
+    Attributes
+    ----------
+    operator_ : FeedbackOperator
+        ``linear`` and ``curve``, their operators, and ``poles(response)`` of small motions about a
+        rest.
+
+    Raises
+    ------
+    TypeError
+        If one of the two is no such model.
+
+    Warns
+    -----
+    ConvergenceWarning
+        If a rest within the range of the response is not stable: a free run leaves it.
+
+    See Also
+    --------
+    Cascade : A curve before or behind the dynamics.
+    skhyst.hysteresis.RestoringForce : A mass with a polynomial spring and damper, and hysteresis.
+
+    Notes
+    -----
+    Starting values are the linear dynamics alone, and those with the curve that fits best while the
+    measured response is fed back in place of the simulated one, which is linear in most curves. The
+    curve has no intercept or gain of its own: those of the dynamics are known with it.
+
+    References
+    ----------
+    M. Schoukens and R. Tóth, "On the initialization of nonlinear LFR model identification with the
+    best linear approximation", *IFAC-PapersOnLine*, 2020.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.compose import Feedback
+    >>> from skhyst.hysteresis import RestoringForceOperator
+    >>> from skhyst.linear import SecondOrderMode
+    >>> from skhyst.static import SmoothCurve
+    >>> drive = np.sin(np.cumsum(np.linspace(0.02, 0.3, 1500)))
+    >>> y, _ = RestoringForceOperator(20.0, 0.3, [0.4], [], 0.0, 1.0).run(drive, 0.01)
+    >>> model = Feedback(SecondOrderMode(), SmoothCurve(3), dt=0.01).fit(drive[:, None], y)
+    >>> bool(np.std(y - model.predict(drive[:, None])) < 1e-3 * np.std(y))
+    True
+    """
+
+    operator_class = FeedbackOperator
+    _parameter_constraints = {
+        **ParametricModel._parameter_constraints,
+        "initial_state": [*ParametricModel._parameter_constraints["initial_state"], None],
+        "linear": [HasMethods(["fit", "predict"])],
+        "curve": [HasMethods(["fit", "predict"])],
+        "n_substeps": [Interval(Integral, 1, None, closed="left"), None],
+    }
+
+    def __init__(
+        self,
+        linear,
+        curve,
+        *,
+        n_substeps=None,
+        initial_state=None,
+        dt=None,
+        drive=None,
+        method="variable_projection",
+    ):
+        self.linear = linear
+        self.curve = curve
+        self.n_substeps = n_substeps
+        self.initial_state = initial_state
+        self.dt = dt
+        self.drive = drive
+        self.method = method
+
+    def _models(self):
+        return [informed(model, self) for model in (self.linear, self.curve)]
+
+    def record_data(self, slices, X, y):
+        for name, model in zip(_NAMES, self._models(), strict=True):
+            if not isinstance(model, ParametricModel) or model.reads_columns:
+                raise TypeError(
+                    f"The '{name}' parameter of Feedback must be a parametric model of skhyst, of "
+                    f"one input. Got {model!r} instead."
+                )
+            model._validate_params()  # nobody calls its `fit`
+        if not self.curve.operator_class.memoryless:
+            raise TypeError(
+                "The 'curve' parameter of Feedback must be a memoryless model. Got "
+                f"{self.curve!r} instead."
+            )
+        return super().record_data(slices, X, y)
+
+    def held_parameters(self) -> frozenset[str]:
+        models = zip(_NAMES, self._models(), strict=True)
+        return frozenset(f"{n}__{entry}" for n, own in models for entry in own.held_parameters())
+
+    def with_hold(self, hold):
+        linear = self.linear.with_hold(hold)
+        return self if linear is self.linear else with_params(self, linear=linear)
+
+    def subtree(self, driven, disturbances):
+        models = zip(self._models(), driven.stages, strict=True)
+        stages = tuple(model.subtree(stage, disturbances) for model, stage in models)
+        return replace(driven, stages=stages, model=as_node(self, linear=None, curve=None))
+
+    def unfitted(self, operator) -> Self:
+        return with_params(self, linear=operator.linear.unfitted(), curve=operator.curve.unfitted())
+
+    def starting_values(self, records):
+        linear, curve = self._models()
+        linear = with_params(linear, initial_state=agreed(self, "initial_state"))
+        base = linear.identify(records).operator
+        if not (hasattr(base, "discrete") and hasattr(base, "hold") and base.gain):
+            raise TypeError(
+                "The 'linear' parameter of Feedback must be linear dynamics with a static gain and "
+                f"without a delay. Got {self.linear!r} instead."
+            )
+        answers = [replace(r, u=(r.y - base.intercept) / base.gain, before=None) for r in records]
+        found = []
+        for start in curve.starting_values(answers):
+            own, _ = split_disturbances(start)
+            fed = self._fed_back(base, own, records, answers)
+            found += [self._divided(base, c, records) for c in (own, *fed)]
+        return found
+
+    def _divided(self, linear, curve, records):
+        """Return the operator with substeps that resolve its motion."""
+        dt, n = max(record.dt for record in records), self.n_substeps
+        operator = FeedbackOperator(_NAMES, (linear, curve), n_substeps=n or 1)
+        if n is None:
+            rests = _rests(records)
+            fastest = max(np.abs(operator.poles(y)).max(initial=0.0) for y in rests)
+            n = int(np.clip(np.ceil(min(dt * fastest, np.pi) / _FINE), 1, None))
+        return replace(operator, n_substeps=n)
+
+    def _fed_back(self, linear, curve, records, answers):
+        """Yield the curve that fits best where the measured response is fed back, if linear in it.
+
+        Then ``y = G u - sum_i a_i G[f_i(q)] + c``, and all coefficients follow by least squares,
+        that of G u included.
+        """
+        mask = np.array([s.linear and not s.is_shared for _, s in curve.entries()], dtype=bool)
+        if not mask.any():
+            return
+        rows, right = [], []
+        for record, answer in zip(records, answers, strict=True):
+            _, own = curve.sensitivities(answer.u, np.empty((len(answer.u), 0)), record.dt)
+            forces = np.column_stack([record.u, own[:, mask]])
+            columns = [
+                linear.run(f, record.dt, linear.init(f[0], self.free_run_state))[0]
+                - linear.intercept
+                for f in np.ascontiguousarray(forces.T)
+            ]
+            weights = np.sqrt(record.counts())
+            rows.append(weights[:, None] * np.column_stack([*columns, np.ones(len(record.u))]))
+            right.append(weights * record.y)
+        rows, right = np.concatenate(rows), np.concatenate(right)
+        if np.isfinite(rows).all():
+            gain, *coefficients, _ = np.linalg.lstsq(rows, right, rcond=None)[0]
+            if gain > 0.0:
+                values = curve.pack()
+                values[mask] = -np.array(coefficients) / gain
+                yield curve.unpack(values)
+
+    def identify(self, data):
+        """Identify with the substeps of the starting values, then with those of the result."""
+        result = super().identify(data)
+        finer = self._divided(*result.operator.stages, data)
+        if finer.n_substeps > result.operator.n_substeps:
+            again = refine(self, [finer], data)
+            evaluations = result.n_evaluations + again.n_evaluations
+            result = replace(again, n_evaluations=evaluations)
+        return result
+
+    def cautions(self, result, records):
+        yield from super().cautions(result, records)
+        rests = _rests(records)
+        rates = [np.max(result.operator.poles(y).real, initial=-np.inf) for y in rests]
+        away = [f"{y:.3g}" for y, rate in zip(rests, rates, strict=True) if rate > 0.0]
+        if away:
+            yield (
+                f"Feedback is not stable at rest at a response of {', '.join(away)}: a free run "
+                "leaves it, for another rest, a limit cycle, or for good.",
+                ConvergenceWarning,
+            )
+
+
+def _rests(records):
+    """Return responses over the range of all records."""
+    response = np.concatenate([record.y for record in records])
+    return np.linspace(response.min(), response.max(), _RESTS).tolist()

@@ -1,0 +1,377 @@
+r"""Static feedback around linear dynamics: a nonlinear linear-fractional model.
+
+With a linear operator G of the static gain g, and a memoryless curve s,
+
+    w = G[u - f(q)],    q = w / g,    f(q) = s(q) - q,    y = w + c.
+
+So q, in units of the drive, is the response of G with unit gain, and at rest ``s(q) = u``: for a
+mass on a spring, s is the characteristic of the spring. The curve that is the identity leaves G
+alone. (Schoukens and Tóth, *IFAC-PapersOnLine*, 2020, call it NL-LFR; the curve acts on the output
+here, and its force adds to the drive.)
+
+Over a substep h drive and force are straight lines, for which G is solved exactly:
+
+    x1 = Ad x0 + B0 (u0 - f0) + B1 (u1 - f1),    w1 = C x1 + D (u1 - f1).
+
+The force f1 acts on w1 at once, by ``b = C B1 + D``, so w1 is the root of the scalar equation
+
+    w1 + b f(w1 / g) = r,    r = C (Ad x0 + B0 (u0 - f0) + B1 u1) + D u1,
+
+which has one where ``1 + b f' / g > 0``: always for short substeps, since b goes to D with h, and a
+loop without delay is well posed for the same D. It is found by the secant method from the fixed
+point ``w1 = r - b f1``, in at most 30 trials. The scheme is of second order, exact for f = 0.
+Tangents follow from the same equations, linear in the tangents: the derivatives of a root need no
+trials.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+
+from .._jit import bind, jit
+from ._compiled_step import CompiledLaw
+from ._composition import _Composition
+from ._held_input import HeldInput
+from ._protocol import as_signal
+from ._root_inverse import RootInverseOperator
+
+_TRIALS = 30  # of the secant method, which needs two to five
+_ROUNDING = 1e-15
+_LEAST_SLOPE = 1e-3  # of the equation; below it the fixed point is followed
+
+
+def step(u, c, s):
+    """Stand for the step of the curve, which ``bind`` puts here."""
+    raise NotImplementedError
+
+
+def feedback_step(u, c, s):
+    """Return the response; ``c`` is that of :meth:`FeedbackOperator._constants`, then the curve's.
+
+    ``s`` are the states, the last force, the last drive, a mark that is zero before the first
+    sample of a start from zero, workspace for the states, and q of each instant of the sample.
+    """
+    ad, b0, b1, output, d, gain, intercept = c[0], c[1], c[2], c[3], c[4], c[5], c[6]
+    n_substeps, is_held = int(c[7]), c[8]
+    n = output.size
+    before, w = s[n + 1], 0.0
+    first = 0 if s[n + 2] > 0.0 else n_substeps
+    last = n_substeps + 1 if is_held > 0.0 or first > 0 else n_substeps
+    for i in range(first, last):
+        start, stop, b, r = u, u, d, 0.0
+        if i < n_substeps:
+            start, stop = before, before
+            if is_held == 0.0:
+                start = before + (u - before) * (i / n_substeps)
+                stop = before + (u - before) * ((i + 1) / n_substeps)
+            for j in range(n):
+                value = b0[j] * (start - s[n]) + b1[j] * stop
+                for k in range(n):
+                    value += ad[j, k] * s[k]
+                s[n + 3 + j] = value
+            for j in range(n):
+                s[j] = s[n + 3 + j]
+                b += output[j] * b1[j]
+        for j in range(n):
+            r += output[j] * s[j]
+        r += d * stop
+        f = s[n]
+        w = r - b * f
+        f = step(w / gain, c[9:], s) - w / gain
+        error = w + b * f - r
+        old, older = r, b * f
+        for _ in range(_TRIALS):
+            if abs(error) <= _ROUNDING * (abs(w) + abs(r)):
+                break
+            slope = (error - older) / (w - old) if w != old else 1.0
+            old, older = w, error
+            w -= error / slope if slope > _LEAST_SLOPE else error
+            f = step(w / gain, c[9:], s) - w / gain
+            error = w + b * f - r
+        if i < n_substeps:
+            for j in range(n):
+                s[j] -= b1[j] * f
+        s[n] = f
+        s[2 * n + 3 + i] = w / gain
+    s[n + 1], s[n + 2] = u, 1.0
+    return w + intercept
+
+
+def trace(u, c, s, y, q):
+    """Write the response to ``y`` (n_samples,), q of all instants to ``q`` (n_samples, n)."""
+    for k in range(len(u)):
+        y[k] = step(u[k], c, s)
+        for i in range(q.shape[1]):
+            q[k, i] = s[s.size - q.shape[1] + i]
+
+
+@cache
+def _law(curve):
+    return bind(feedback_step, curve, inline=True)
+
+
+@cache
+def _trace(law):
+    return bind(trace, law)
+
+
+@jit
+def _tangents(
+    moving, resting, output, d, gain, at_gain, by_output, by_d, n_substeps, is_held, begun, u, du,
+    before, dbefore, q, force, slope, own, x, dx, f, df, dy,
+):  # fmt: skip
+    """Write the tangents (n_samples, m + p + n_own) of w to ``dy``.
+
+    The m are those of the drive, the p by the parameters of the linear part, the number of whose
+    gain is ``at_gain``, the n_own by those of the curve. ``moving`` is (Ad, B0, B1) and their
+    derivatives, ``resting`` the same of no time at all. ``q``, the force f there, its slope and its
+    derivatives ``own`` are those of each instant, (n_samples, n_substeps + 1, ...). ``x``, ``dx``,
+    ``f`` and ``df`` are states, force and their tangents before the first sample; all change.
+    """
+    n, m, p = output.size, du.shape[1], by_d.size
+    free, dfree = np.empty(n), np.empty(n)
+    for k in range(len(u)):
+        first = 0 if begun else n_substeps
+        last = n_substeps + 1 if is_held or not begun else n_substeps
+        for i in range(first, last):
+            ad, b0, b1, by_ad, by_b0, by_b1 = moving if i < n_substeps else resting
+            begin = 0.0 if is_held else i / n_substeps
+            end = 0.0 if is_held else (i + 1) / n_substeps
+            if i == n_substeps:
+                begin = end = 1.0
+            v, stop = before + (u[k] - before) * begin - f, before + (u[k] - before) * end
+            b = d
+            for j in range(n):
+                total = b0[j] * v + b1[j] * stop
+                for h in range(n):
+                    total += ad[j, h] * x[h]
+                free[j] = total
+                b += output[j] * b1[j]
+            f, bend = force[k, i], slope[k, i]
+            inverse = 1.0 / (1.0 + b * bend / gain)
+            for z in range(m + p + own.shape[2]):
+                dv, dstop, a = -df[z], 0.0, z - m
+                if z < m:
+                    dv += dbefore[z] + (du[k, z] - dbefore[z]) * begin
+                    dstop = dbefore[z] + (du[k, z] - dbefore[z]) * end
+                is_linear = 0 <= a < p
+                dr, db, by_force = d * dstop, 0.0, 0.0
+                for j in range(n):
+                    total = b0[j] * dv + b1[j] * dstop
+                    for h in range(n):
+                        total += ad[j, h] * dx[h, z]
+                    if is_linear:
+                        total += by_b0[a, j] * v + by_b1[a, j] * stop
+                        for h in range(n):
+                            total += by_ad[a, j, h] * x[h]
+                        dr += by_output[a, j] * free[j]
+                        db += by_output[a, j] * b1[j] + output[j] * by_b1[a, j]
+                    dfree[j] = total
+                    dr += output[j] * total
+                if is_linear:
+                    dr += by_d[a] * stop
+                    db += by_d[a]
+                    if a == at_gain:
+                        by_force = -bend * q[k, i] / gain
+                elif a >= p:
+                    by_force = own[k, i, a - p]
+                dw = inverse * (dr - db * f - b * by_force)
+                df[z] = bend * dw / gain + by_force
+                for j in range(n):
+                    dx[j, z] = dfree[j] - b1[j] * df[z]
+                    if is_linear:
+                        dx[j, z] -= by_b1[a, j] * f
+                dy[k, z] = dw
+            for j in range(n):
+                x[j] = free[j] - b1[j] * f
+        begun, before = True, u[k]
+        for z in range(m):
+            dbefore[z] = du[k, z]
+
+
+@dataclass(frozen=True)
+class FeedbackOperator(_Composition, HeldInput):
+    r"""Linear dynamics with a memoryless curve in the feedback, see :class:`Feedback`.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Names of the two, ``("linear", "curve")``.
+    stages : tuple of Operator
+        The linear part: ``discrete(dt)``, ``gain`` other than zero, ``intercept`` and a ``hold``,
+        such as :class:`~skhyst.linear.TransferFunctionOperator`. The curve, which is memoryless and
+        has a compiled step.
+    n_substeps : int, default=8
+        Integration steps per sampling interval, above 0. Fixed structure.
+
+    Raises
+    ------
+    ValueError
+        If there are not two such stages, or ``n_substeps`` is not above 0.
+
+    Examples
+    --------
+    A hardening spring, at rest where ``q + 0.2 q^3`` is the drive:
+
+    >>> import numpy as np
+    >>> from skhyst.linear import SecondOrderModeOperator
+    >>> from skhyst.operators import FeedbackOperator
+    >>> from skhyst.static import PolynomialCurveOperator
+    >>> cubic = PolynomialCurveOperator(np.array([0.0, 0.08]), center=0.0, scale=1.0)
+    >>> stages = SecondOrderModeOperator(50.0, 0.5), cubic
+    >>> stage = FeedbackOperator(("linear", "curve"), stages)
+    >>> y, _ = stage.run(np.full(3, 0.5), 1e-2)
+    >>> bool(np.allclose(cubic.run(y, 1e-2)[0], 0.5))
+    True
+    """
+
+    n_substeps: int = 8
+
+    structure_of = "Feedback"
+    signal_linear = False
+    owns_gain = True
+    at_once = False
+    memoryless = False
+    stage_order = 10
+    n_poles = (0, 0)
+
+    def __post_init__(self):
+        super().__post_init__()
+        self._require("n_substeps", self.n_substeps > 0, "be an integer above 0")
+        is_right = len(self.stages) == 2 and self.curve.memoryless
+        is_right = is_right and all(hasattr(self.linear, name) for name in ("discrete", "hold"))
+        self._require("stages", is_right, "be linear dynamics and a memoryless curve")
+        self._require("stages", self.linear.gain != 0.0, "have a static gain other than zero")
+
+    @property
+    def linear(self):
+        """The linear part."""
+        return self.stages[0]
+
+    @property
+    def curve(self):
+        """The curve in the feedback."""
+        return self.stages[1]
+
+    @property
+    def hold(self):
+        """What the drive does between its samples, that of the linear part."""
+        return self.linear.hold
+
+    @property
+    def causal(self):
+        return self.linear.causal
+
+    def linear_mode(self):
+        return self.linear.linear_mode()
+
+    def slowest_decay(self):
+        return self.linear.slowest_decay()
+
+    def _marked(self, parts):
+        linear, curve = parts
+        # the loop is linear in the gain, which scales q alone, where nothing else is in its units
+        alone = sum(spec.linear for spec in linear) == sum(spec.is_shared for spec in linear)
+        linear = [replace(s, linear=s.linear and (alone or s.is_constant)) for s in linear]
+        return [linear, [replace(s, linear=False, held=s.held or s.is_shared) for s in curve]]
+
+    def _finer(self, factor):
+        linear = replace(self.linear, hold="foh")
+        n_substeps = -(-self.n_substeps // factor)
+        return replace(self, stages=(linear, self.curve), n_substeps=n_substeps)
+
+    def _straight(self):
+        """Return the linear part for straight lines over a substep, whatever holds the drive."""
+        if "straight" not in self._memory:
+            self._memory["straight"] = replace(self.linear, hold="foh")
+        return self._memory["straight"]
+
+    def _constants(self, dt):
+        system = self._straight().discrete(dt / self.n_substeps)
+        own = self.linear.gain, self.linear.intercept, self.n_substeps, self.linear.hold == "zoh"
+        return *system, *map(float, own)
+
+    def poles(self, response):
+        """Return the poles of small motions about a rest, rad/s, complex, shape (n_states,).
+
+        Parameters
+        ----------
+        response : float
+            Of the rest.
+        """
+        q = (response - self.linear.intercept) / self.linear.gain
+        _, slope, _ = self._force(np.array([q]))
+        a, b, c, d = self.linear.state_space()
+        share = slope[0] / self.linear.gain
+        return np.linalg.eigvals(a - np.outer(b, c) * (share / (1.0 + d * share)))
+
+    def _rest(self, u0):
+        """Return q at rest, by Newton's method, or by bisection where that does not get there."""
+        q = u0 = float(u0)
+        for _ in range(_TRIALS):
+            (force,), (slope,), _ = self._force(np.array([q]))
+            error = q + force - u0
+            if abs(error) <= _ROUNDING * max(abs(q), abs(u0)):
+                return q
+            if not 1.0 + slope > _LEAST_SLOPE:
+                break
+            q -= error / (1.0 + slope)
+        return float(RootInverseOperator(self.curve).init(u0)[0])
+
+    def _force(self, q):
+        """Return the force f, its slope and its derivatives by the entries of the curve."""
+        y, by = self.curve.sensitivities(q, np.ones((len(q), 1)), 1.0)
+        return y - q, by[:, 0] - 1.0, by[:, 1:]
+
+    def init(self, u0, initial_state="rest"):
+        if initial_state == "zero":
+            return np.zeros_like(self._straight()._rest()), 0.0, 0.0, False
+        q = self._rest(u0)
+        return self._straight()._rest() * q, float(u0 - q), float(u0), True
+
+    def run(self, u, dt, state=None):
+        u = as_signal(u)
+        compiled_step = self.compiled_step(dt, self.init(u[0]) if state is None else state)
+        s, n = compiled_step.state.copy(), len(self._straight()._rest())
+        y = compiled_step.streaming(s)(u)
+        return y, (s[:n].copy(), float(s[n]), float(s[n + 1]), bool(s[n + 2]))
+
+    def compiled_step(self, dt, state):
+        x, force, before, begun = state
+        curve = self.curve.compiled_step(dt, ())
+        state = [*x, force, before, float(begun), *x, *np.zeros(self.n_substeps + 1)]
+        return CompiledLaw(_law(curve.step), (*self._constants(dt), *curve.constants), state)
+
+    def sensitivities(self, u, du, dt, initial_state="rest"):
+        u, du = as_signal(u), as_signal(du)
+        (x, f, before, begun), h = self.init(u[0], initial_state), dt / self.n_substeps
+        compiled_step, n_samples, m = self.compiled_step(dt, (x, f, before, begun)), *du.shape
+        y, q = np.empty(n_samples), np.zeros((n_samples, self.n_substeps + 1))
+        _trace(compiled_step.step)(u, compiled_step.constants, compiled_step.state.copy(), y, q)
+        force, slope, own = self._force(q.ravel())
+        straight = self._straight()
+        ad, b0, b1, output, d = straight.discrete(h)
+        *by_moving, by_output, by_d, by_rest = straight._discrete_tangents(h)
+        n, p = len(x), len(by_d)
+        none = [np.eye(n), np.zeros(n), np.zeros(n), *map(np.zeros_like, by_moving)]
+        names = [name for name, _ in self.linear.entries()]
+        dx, df, dbefore = np.zeros((n, m + self.n_parameters)), np.zeros(m + self.n_parameters), 0.0
+        if begun:
+            q0 = np.array([before - f])
+            _, (bend,), (by_curve,) = self._force(q0)
+            dbefore = du[0]
+            dq = np.concatenate([dbefore, np.zeros(p), -by_curve]) / (1.0 + bend)
+            df = np.concatenate([dbefore, np.zeros(p + len(by_curve))]) - dq
+            dx = np.outer(straight._rest(), dq)
+            dx[:, m : m + p] += q0 * by_rest.T
+        dy = np.empty((n_samples, m + self.n_parameters))
+        shape = n_samples, self.n_substeps + 1
+        _tangents(
+            (ad, b0, b1, *by_moving), tuple(none), output, d, float(self.linear.gain),
+            names.index("gain"), by_output, by_d, self.n_substeps, self.linear.hold == "zoh", begun,
+            u, du, before, dbefore + np.zeros(m), q, force.reshape(shape), slope.reshape(shape),
+            own.reshape(*shape, -1), x.copy(), dx, f, df, dy,
+        )  # fmt: skip
+        dy[:, m + names.index("intercept")] = 1.0
+        return y, dy
