@@ -295,11 +295,9 @@ def spring(x, v, cubic, center, stiffness, damping, lower, upper):
 def resistance(law, curve):
     """Return what :func:`move` takes as friction, for a value of the Stribeck curve."""
     mass, damping, b, coulomb, a, more = law[:6]
-    ahead, back = coulomb * (1.0 + a), coulomb * (1.0 - a)
-    now = more * curve
-    sliding = ahead + now, back + now
-    stuck = ahead + more, back + more
-    return (*sliding, *stuck, damping * (1.0 + b), damping * (1.0 - b), mass)
+    ahead, back, now = coulomb * (1.0 + a), coulomb * (1.0 - a), more * curve
+    damp_ahead, damp_back = damping * (1.0 + b), damping * (1.0 - b)
+    return ahead + now, back + now, ahead + more, back + more, damp_ahead, damp_back, mass
 
 
 @jit
@@ -624,7 +622,8 @@ class FreeMassOperator(HeldInput):
     def compiled_step(self, dt, state):
         held = float(self.hold == "zoh")
         constants = float(dt) / self.n_substeps, self.n_substeps, held, *self._law()
-        return CompiledLaw(free_mass_step, constants, state)
+        why = "a mass without a spring, which adds up what every sample is rounded by"
+        return CompiledLaw(free_mass_step, constants, state, double_only=why)
 
     def _tangents(self, u, du, dt, state, d):
         """Return the displacement and its derivatives (n_samples, m + 15); ``d`` as the loop."""
