@@ -35,6 +35,7 @@ from .optimize import (
     Method,
     OperatorProblem,
     RecordData,
+    begun,
     identify,
     input_history_of,
     with_further_starts,
@@ -226,6 +227,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         Drive 1, 2, 4, ... samples before each record of the fit, its units; where the initial state
         is estimated. A drive between these values is a straight line, before them a rest. Of a
         model that reads further columns, each of its inputs.
+    initial_values_ : ndarray of shape (n_records, n_start)
+        In place of it where the model has no state of rest: the values that each record of the fit
+        starts from, such as displacement and velocity of a mass without a spring.
 
     See Also
     --------
@@ -617,6 +621,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
 
         ``model`` has its hold decided.
         """
+        if result.input_history is not None:  # the starts of the records belong to the operator
+            return result
         if self.method == "variable_projection":
             own = {"fixed": model.held_parameters(), "initial_state": self.free_run_state}
             further = partial(model.further_starts, records), model.identified_otherwise(records)
@@ -635,7 +641,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         integrator has none, and then no record begins at it.
         """
         longest = max(len(record.u) * record.dt for record in records)
-        if not result.operator.slowest_decay() > longest:
+        # one that is declared to have none begins where it is told to
+        if result.operator.n_start or not result.operator.slowest_decay() > longest:
             return None
         moving = identified(with_params(self, initial_state="zero"), records)[1]
         clearly = moving.error < _CLEARLY * result.error
@@ -659,11 +666,13 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """
         if not np.isfinite(result.error):
             raise RecordError(_OUT_OF_RANGE)
-        if agreed(self, "initial_state") == "estimate" and self.has_rest_:
-            if any(record.before is None for record in records):
+        estimated = agreed(self, "initial_state") == "estimate" and self.has_rest_
+        if estimated and result.input_history is None:
+            kept = "start" if result.operator.n_start else "before"
+            if any(getattr(record, kept) is None for record in records):
                 result = with_input_history(result, records, self.method)
             else:
-                known = np.array([np.atleast_1d(record.before) for record in records])
+                known = np.array([np.atleast_1d(getattr(record, kept)) for record in records])
                 result = replace(result, input_history=known)
         for message, kind in self.cautions(result, records):
             warnings.warn(message, kind, stacklevel=4)
@@ -738,7 +747,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         result, names = result.released(), self.disturbance_names
         self.operator_: Operator = add_disturbances(result.operator, result.disturbances, names)
         if result.input_history is not None:
-            self.initial_drive_ = result.input_history
+            name = "initial_values_" if result.operator.n_start else "initial_drive_"
+            setattr(self, name, result.input_history)
         if result.disturbances:
             self.record_coefficients_ = result.record_coefficients
         self.params_: dict[str, float] = result.params
@@ -849,7 +859,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         limits = drives.min(), drives.max()
         driven, beside = split_disturbances(self.operator_)
         input_history, _ = input_history_of(driven, beside, parts, limits)
-        data = [replace(r, before=b) for r, b in zip(data, input_history, strict=True)]
+        data = [begun(driven, r, own) for r, own in zip(data, input_history, strict=True)]
         problem = OperatorProblem(driven, data, disturbances=beside)
         outputs = problem.predictions(problem.x0, np.ones(len(data), dtype=bool))
         for (s, _), output in zip(told, outputs, strict=True):
