@@ -44,6 +44,7 @@ from .optimize import (
     METHODS,
     Method,
     RecordData,
+    begun,
     calibrated,
     identify,
     input_history_of,
@@ -190,7 +191,7 @@ class _Run:
     covariance: np.ndarray | None
     u: np.ndarray
     dt: float
-    initial_state: str
+    initial_state: str | np.ndarray  # or the values that it starts from, where there is no rest
     skip: int = 0
 
     def at(self, schedule):
@@ -255,8 +256,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         bound, or left open by the data. That of the coefficients of additive disturbances is their
         spread over records: a new record has its own.
     noise_std_ : float or None
-        Standard deviation of the noise, units of the response; of a part of a fitted composition
-        None.
+        Standard deviation of the noise, units of the response; None for a part of a fitted
+        composition, and for a fit by predictions one step ahead.
     has_rest_ : bool
         False where the records of the fit begin at no state of rest, as those of an integrator; a
         model with the initial state ``"estimate"`` then starts from zero.
@@ -274,6 +275,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         Drive 1, 2, 4, ... samples before each record of the fit, its units; where the initial state
         is estimated. A drive between these values is a straight line, before them a rest. Of a
         model that reads further columns, each of its inputs.
+    initial_values_ : ndarray of shape (n_records, n_start)
+        In place of it where the model has no state of rest: the values that each record of the fit
+        starts from, such as displacement and velocity of a mass without a spring.
 
     See Also
     --------
@@ -665,6 +669,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
 
         ``model`` has its hold decided.
         """
+        if result.input_history is not None:  # the starts of the records belong to the operator
+            return result
         if self.method == "variable_projection":
             own = {"fixed": model.held_parameters(), "initial_state": self.free_run_state}
             further = partial(model.further_starts, records), model.identified_otherwise(records)
@@ -683,7 +689,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         integrator has none, and then no record begins at it.
         """
         longest = max(len(record.u) * record.dt for record in records)
-        if not result.operator.slowest_decay() > longest:
+        # one that is declared to have none begins where it is told to
+        if result.operator.n_start or not result.operator.slowest_decay() > longest:
             return None
         moving = identified(with_params(self, initial_state="zero"), records)[1]
         clearly = moving.error < _CLEARLY * result.error
@@ -707,11 +714,13 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """
         if not np.isfinite(result.error):
             raise RecordError(_OUT_OF_RANGE)
-        if agreed(self, "initial_state") == "estimate" and self.has_rest_:
-            if any(record.before is None for record in records):
+        estimated = agreed(self, "initial_state") == "estimate" and self.has_rest_
+        if estimated and result.input_history is None:
+            kept = "start" if result.operator.n_start else "before"
+            if any(getattr(record, kept) is None for record in records):
                 result = with_input_history(result, records, self.method)
             else:
-                known = np.array([np.atleast_1d(record.before) for record in records])
+                known = np.array([np.atleast_1d(getattr(record, kept)) for record in records])
                 result = replace(result, input_history=known)
         for message, kind in self.cautions(result, records):
             warnings.warn(message, kind, stacklevel=4)
@@ -786,7 +795,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         result, names = result.released(), self.disturbance_names
         self.operator_: Operator = add_disturbances(result.operator, result.disturbances, names)
         if result.input_history is not None:
-            self.initial_drive_ = result.input_history
+            name = "initial_values_" if result.operator.n_start else "initial_drive_"
+            setattr(self, name, result.input_history)
         if result.disturbances:
             self.record_coefficients_ = result.record_coefficients
         self.params_: dict[str, float] = result.params
@@ -871,8 +881,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         if known and read is not None:
             known[0][~read] = np.nan
         signal, schedules = self.operator_input(X, slices)
-        begun = self._begun(slices, signal, schedules, known[0]) if known else {}
-        if self.free_run_state == "rest" and not self.has_rest_ and len(begun) < len(slices):
+        going = self._begun(slices, signal, schedules, known[0]) if known else {}
+        if self.free_run_state == "rest" and not self.has_rest_ and len(going) < len(slices):
             warnings.warn(
                 f"{_NO_REST.format(type(self).__name__)}, from which this run starts.",
                 ConvergenceWarning,
@@ -881,14 +891,14 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         if not self.operator_.signal_linear:
             warn_beyond(self, X[:, drive_column(self)])
         y = self._free_run(signal, slices, schedules)
-        for number, own in begun.items():
+        for number, own in going.items():
             y[slices[number].rows] = np.nan_to_num(own.run()[0])
         if not return_std:
             return y if read is None else y[read]
         variance = np.empty(len(y))
         for number, (s, schedule) in enumerate(zip(slices, schedules, strict=True)):
             rest = self.operator_, self.covariance_, signal[s.rows], s.dt, self.free_run_state
-            variance[s.rows] = begun.get(number, _Run(*rest).at(schedule)).variance()
+            variance[s.rows] = going.get(number, _Run(*rest).at(schedule)).variance()
         std = np.sqrt(variance + self.noise_std_**2)
         return (y, std) if read is None else (y[read], std[read])
 
@@ -903,7 +913,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         if self.noise_std_ is None:
             raise ValueError(
                 f"The 'return_std' parameter of {type(self).__name__}.predict must be False for a "
-                "part of a fitted composition, whose own noise is not known. Got True instead."
+                "model whose own noise is not known, as that of a part of a fitted composition or "
+                "of predictions one step ahead. Got True instead."
             )
 
     def _read_inputs(self, X):
@@ -931,9 +942,11 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         known = getattr(self, "covariance_", None), getattr(self, "noise_std_", None)
         found = {}
         for i, record, part, before in zip(told, data, parts, input_history, strict=True):
-            own = calibrated(self.operator_, replace(part, before=before), *known)
-            u, skip = replace(record, before=before).with_history()
-            found[i] = _Run(*own, u, record.dt, "rest", skip).at(record.schedule)
+            own = calibrated(self.operator_, begun(driven, part, before), *known)
+            record = begun(driven, record, before)
+            u, skip = record.with_history()
+            state = "rest" if record.start is None else record.start
+            found[i] = _Run(*own, u, record.dt, state, skip).at(record.schedule)
         return found
 
     def _free_run(self, signal, slices, schedules):
@@ -996,13 +1009,13 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         refuse_several(self, slices)
         signal, schedules = self.operator_input(X, slices)
         rest = _Run(self.operator_, None, signal, slices[0].dt, self.free_run_state)
-        begun = self._begun(slices, signal, schedules, y).get(0, rest.at(schedules[0]))
-        _, state = begun.run()
+        going = self._begun(slices, signal, schedules, y).get(0, rest.at(schedules[0]))
+        _, state = going.run()
         if schedule is not None:
-            begun = begun.at(
+            going = going.at(
                 finite_number(schedule, f"{type(self).__name__}.stepper_from", "schedule")
             )
-        return Stepper(begun.operator.compiled_step(begun.dt, state), begun.dt)
+        return Stepper(going.operator.compiled_step(going.dt, state), going.dt)
 
     def stepper(self, dt=None, u0=0.0, initial_state=None, *, schedule=None) -> Stepper:
         """Return the fitted model as a device that is fed the drive sample by sample.

@@ -432,7 +432,10 @@ def test_new_samples_lie_within_the_standard_deviation():
 def test_a_standard_deviation_that_is_not_known_is_refused():
     whole = clone(MODELS["cascade"]).fit(X, Y)
     told = TransferFunction.from_system(lti([2.0], [0.5, 1.0]), dt=DT)
-    for model, why in ((whole.named_steps["lag"], "part of a"), (told, "without the covariance")):
+    for model, why in (
+        (whole.named_steps["lag"], "noise is not known"),
+        (told, "without the covariance"),
+    ):
         with pytest.raises(ValueError, match=f"'return_std' parameter of .* {why}"):
             model.predict(X, return_std=True)
     pipeline = make_pipeline(clone(MODELS["lag"])).fit(X, Y)

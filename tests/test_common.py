@@ -28,6 +28,7 @@ from skhyst.hysteresis import (
     CoulombFriction,
     Duhem,
     EndStops,
+    FreeMass,
     FrictionStage,
     KrasnoselskiiPokrovskii,
     LuGre,
@@ -178,6 +179,7 @@ MODELS |= {
     "GrayBoxHysteresis": lambda: GrayBoxHysteresis(dt=DT, method=LevenbergMarquardt(max_epochs=60)),
     "BoucWenStage": lambda: BoucWenStage(n_substeps=2, dt=DT),
     "EndStops": lambda: EndStops("upper", fit_stop_damping=False, n_substeps=2, dt=DT),
+    "FreeMass": lambda: FreeMass(dt=DT),
     "FrictionStage": lambda: FrictionStage(False, fit_bristle_damping=False, n_substeps=2, dt=DT),
     "RestoringForce": lambda: RestoringForce(
         1, damping_degree=1, fit_preload=False, n_substeps=2, dt=DT
@@ -188,6 +190,7 @@ MODELS |= {
     "DynamicStiffness, velocity": lambda: DynamicStiffness(drive="velocity", smoothing=3, dt=DT),
     "KelvinVoigt": lambda: KelvinVoigt(1, dt=DT),
     "TransferFunction": lambda: TransferFunction(2, n_zeros=1, dt=DT),
+    "TransferFunction, integrator": lambda: TransferFunction(1, integrators=1, dt=DT),
     "TransferFunction, delay": lambda: TransferFunction(1, delay=2 * DT, dt=DT),
     "TankChain, overflow": lambda: TankChain(1, overflow=True, fit_exponents=True, dt=DT),
     "DeadZones": lambda: DeadZones(1, dt=DT),
@@ -215,9 +218,10 @@ PLAYS = {
     "KrasnoselskiiPokrovskii",
     "MaxwellSlip",
 }
-# weights that are not negative; one side that is clipped, or where there is a stop or a fold
+# weights or a mass that are not negative; one side that is clipped, or where a stop or a fold is
 ONE_SIGN = PLAYS | {
     "EndStops",
+    "FreeMass",
     "Fold",
     "JilesAtherton",
     "Cascade",

@@ -340,6 +340,10 @@ class Cascade(Composition):
     sampled much faster than it varies, this uses every n-th sample, and the result is refined on
     all samples.
 
+    A step between two transfer functions (Wiener-Hammerstein) needs no starting values: their
+    product is identified first, as if nothing were in between, and every way to divide its poles
+    and zeros is tried (Sjöberg and Schoukens, *Automatica*, 2012).
+
     With ``hold="auto"`` the cascade is identified with either hold of the drive, and the better fit
     is kept. The first step that has a ``hold`` receives the drive; signals behind it are smooth, so
     "auto" is first-order hold there.

@@ -12,7 +12,7 @@ started in the same way, by its output and its derivatives by its own parameters
 
 References
 ----------
-.. [1] Bussgang, *MIT Research Laboratory of Electronics*, 1952.
+.. [1] Bussgang, *Crosscorrelation functions of amplitude-distorted Gaussian signals*, 1952.
 .. [2] Sjöberg and Schoukens, *Automatica*, 2012.
 """
 

@@ -35,10 +35,13 @@ from ._population import (
 from ._problem import OperatorProblem as OperatorProblem
 from ._problem import RecordData
 from ._problem import ages as ages
-from ._problem import path_of as path_of
+from ._problem import begun as begun
 from ._single_step import predicted_cost as predicted_cost
 from ._single_step import single_step as single_step
 from ._standard_errors import coloured_covariance as coloured_covariance
+from ._start_values import best_from_own_starts as best_from_own_starts
+from ._start_values import estimate_start_values as estimate_start_values
+from ._start_values import identify_from_own_starts as identify_from_own_starts
 from ._variable_projection import Method, VariableProjection
 from ._variable_projection import solve_linear as solve_linear
 from ._variable_projection import variable_projection as variable_projection

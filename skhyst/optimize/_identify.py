@@ -464,13 +464,15 @@ def _joint(problem, blocks, coefficients, covariance, chain, noise):
     those of the records of the fit do. Of one record only the error of its own is known.
     """
     m, d = coefficients.shape
-    if not d:
+    # without those of signals beside
+    kept = sum(np.size(own.coefficients) for own in problem.disturbances) if d else 0
+    if not kept:
         return covariance
-    follow = -problem.coefficient_slopes(blocks).mean(axis=0) / chain
+    follow = -problem.coefficient_slopes(blocks).mean(axis=0)[:kept] / chain
     if m > 1:
-        own = np.atleast_2d(np.cov(coefficients.T)) * (1.0 + 1.0 / m)
+        own = np.atleast_2d(np.cov(coefficients[:, :kept].T)) * (1.0 + 1.0 / m)
     else:
-        own = noise * _inverse(blocks, d)
+        own = noise * _inverse(blocks, d)[:kept, :kept]
     both = np.concatenate([np.eye(len(chain)), follow])
     joint = both @ covariance @ both.T
     joint[len(chain) :, len(chain) :] += own

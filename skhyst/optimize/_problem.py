@@ -27,6 +27,9 @@ class RecordData:
         Drive 1, 2, 4, ... samples before the record. The record is simulated from rest at the last
         of these instead of from rest at its first value. Inputs that it does not tell have rested
         at their first values.
+    start : ndarray of shape (n_start,), default=None
+        Of an operator that has no state of rest the values that its state starts from at the first
+        sample, see :class:`~skhyst.operators.Operator`; then nothing comes before the record.
     schedule : float, default=None
         Number that scheduled parameters depend on.
     auxiliary : ndarray of shape (n_samples, n_auxiliary), default=None
@@ -67,6 +70,7 @@ class RecordData:
     weights: np.ndarray | None = None
     beside: np.ndarray | None = None
     explained: np.ndarray | None = None
+    start: np.ndarray | None = None
 
     def __post_init__(self):
         if not self.segments:
@@ -262,11 +266,20 @@ class OperatorProblem(Unknowns):
         """Return the operator's output for a record, (n_samples,)."""
         u, skip = record.with_history()
         operator = scheduled(operator, record)
-        state = operator.init(u[0], self.initial_state)
+        state = operator.init(u[0], self._begins(record))
         return operator.run(u, record.dt, state)[0][skip:]
 
+    def _begins(self, record):
+        """Return the state before a record, as :meth:`Operator.init` takes it."""
+        return self.initial_state if record.start is None else record.start
+
     def carried(self, operator, record):
-        """Return the derivatives of the output by what came before a record, (n, n_values)."""
+        """Return the derivatives of the output by what came before a record, (n, n_values).
+
+        Of an operator that has no state of rest they are those by the values that it starts from.
+        """
+        if operator.n_start:
+            return scheduled(operator, record).by_start(record.u, record.dt, record.start)
         u, skip = record.with_history()
         du = np.zeros((*u.shape, np.size(record.before)))
         directions = np.eye(du.shape[-1]).reshape(-1, *np.shape(record.before))
@@ -366,7 +379,7 @@ class OperatorProblem(Unknowns):
         """Return the operator's output for a record and its derivatives by the entries."""
         u, skip = record.with_history()
         y, dy = scheduled(operator, record).sensitivities(
-            u, np.empty((len(u), 0)), record.dt, self.initial_state
+            u, np.empty((len(u), 0)), record.dt, self._begins(record)
         )
         return y[skip:], dy[skip:]
 
@@ -473,6 +486,11 @@ class OperatorProblem(Unknowns):
                 y = self.simulate(operator, driven[number])
             found.append(y + part)
         return found
+
+
+def begun(operator, record, history):
+    """Return a record with what came before it: a drive, or the values that it starts from."""
+    return replace(record, **{"start" if operator.n_start else "before": history})
 
 
 def scheduled(operator, record):
