@@ -8,6 +8,9 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
+from skhyst.diagnosis import EFFECTS
+from skhyst.diagnosis._starts import starting_trees
+from skhyst.diagnosis._tree import Tree
 from skhyst.exceptions import ConvergenceWarning
 from skhyst.hysteresis import FreeMass, FreeMassOperator
 from skhyst.linear import FirstOrderLagOperator
@@ -195,3 +198,34 @@ def test_asymmetry_is_an_offset_where_the_mass_slides():
     slides = 1.0 + 3.0 * np.sign(np.sin(3.0 * TIME))  # it turns at once, and never rests
     with pytest.warns(ConvergenceWarning, match="do not determine .*force_offset"):
         model.fit(slides[:, None], noisy(plant, 1, slides))
+
+
+@pytest.mark.parametrize(
+    ("effect", "entry"),
+    [
+        ("friction", "friction"),
+        ("offset", "force_offset"),
+        ("drift", "force_drift"),
+        ("cubic_stiffness", "cubic_stiffness"),
+        ("end_stops", "upper"),
+    ],
+)
+def test_an_effect_is_one_more_force(effect, entry):
+    """What it adds is free to move, and the model that is declared stays as it is otherwise."""
+    plant = FreeMassOperator(0.5, 0.8, friction=0.5, force_offset=0.1, force_drift=0.02)
+    model = FreeMass(fit_force_offset=False, dt=DT)
+    record = RecordData(U[:400], noisy(plant, 0, U[:400]), DT)
+    declared = Tree.of(model, FreeMassOperator(0.5, 0.8))
+    found = [own for group in starting_trees(EFFECTS[effect], declared, [record]) for own in group]
+    richer = [own for own in found if own.edits[0][1].kind == "exchange"]
+    assert richer
+    for tree in richer:
+        assert isinstance(tree.model, FreeMass)
+        assert tree.model.dt == DT
+    moves = [
+        own
+        for own in richer
+        if entry in dict(own.operator.entries()) and entry not in own.model.held_parameters()
+    ]
+    assert moves
+    assert any(getattr(own.operator, entry) != 0.0 for own in moves)
