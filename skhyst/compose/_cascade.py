@@ -569,7 +569,8 @@ class Cascade(Composition):
         models, usual = self._models(), self._orders()
         free = [i for i, model in enumerate(models) if not isinstance(model, HeldStep)]
         for order in islice(permutations(free), _MOST_ORDERS):
-            if list(order) not in usual:
+            is_possible = order[0] == 0 or not models[0].reads_columns  # which must come first
+            if is_possible and list(order) not in usual:
                 yield self._add_steps(data, order, self.method)
         products = self.further_starts(data)
         if products:

@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from ..compose import Divisions, amplitude, is_constant, lags_of_column
+from ..compose import Divisions, Modulated, amplitude, is_constant, lags_of_column
 from ..fluid import TankChain
 from ..hysteresis import (
     CoulombFrictionOperator,
@@ -17,7 +17,8 @@ from ..hysteresis import (
     RateDependentPrandtlIshlinskii,
 )
 from ..linear import DynamicStiffnessOperator, GainOperator, TransferFunction
-from ..operators import SumOperator, finer_factor
+from ..operators import Scaled as ModulatedBy
+from ..operators import SumOperator, finer_factor, of_columns
 from ..optimize import identify, predicted_cost, variable_projection
 from ._constants import ENOUGH, FACTOR, FULL, KNEE, NOTICEABLE, TANKS, TOLERANCE
 from ._edits import (
@@ -31,12 +32,15 @@ from ._edits import (
     Insert,
     InsertAt,
     Modulate,
+    ScaleEntries,
     Schedule,
     both_models,
 )
 from ._starts import Scene, driven_starts, inserted
 from ._traits import lag_rates
 from ._tree import BRIEFLY
+
+_LEVELS = {"coulomb_force", "stribeck_force", "asymmetry"}  # of friction, which grow with a load
 
 
 @dataclass(frozen=True)
@@ -372,6 +376,59 @@ class BesideForce:
                 edits = [AddForce(place, self.model, start) for start in starts]
                 found += [tree.edited(name, edit) for edit in edits]
         return found
+
+
+@dataclass(frozen=True)
+class LoadedForce:
+    """Coulomb friction that grows with the magnitude of a further column, as with a normal load.
+
+    It is added beside the forces of a force model, or takes the place of a declared one that does
+    not follow the load.
+    """
+
+    model: object
+
+    def trees(self, name, scene):
+        tree, found = scene.tree, []
+        if not tree.stages or tree.multi_input:
+            return []
+        place, operator = tree.stages[0]
+        parts = operator.stages if isinstance(operator, SumOperator) else (operator,)
+        if not isinstance(parts[0], DynamicStiffnessOperator | CoulombFrictionOperator):
+            return []
+        declared = any(isinstance(part, CoulombFrictionOperator) for part in parts)
+        for column in _moving_columns(scene):
+            own = {"magnitude": True, "scales": _of_friction(operator)}
+            load = column, float(np.abs(_column(scene, column)).mean())
+            if declared:
+                found.append(tree.edited(name, ScaleEntries(place, *load, **own)))
+                continue
+            model = Modulated(self.model, column, magnitude=True)
+            for start in driven_starts(self.model, scene.residuals):
+                force = ModulatedBy(of_columns(start), *load, magnitude=True)
+                found.append(tree.edited(name, AddForce(place, model, force)))
+        return found
+
+
+def _of_friction(operator):
+    """Return the names of the entries of an operator that are levels of Coulomb friction."""
+    names = [name for name, _ in operator.entries()]
+    return tuple(name for name in names if name.split("__")[-1] in _LEVELS)
+
+
+@dataclass(frozen=True)
+class FollowedWidth:
+    """Plays in front whose thresholds all follow a further column."""
+
+    def trees(self, name, scene):
+        tree = scene.tree
+        if not tree.stages or tree.multi_input or not hasattr(tree.operators[0], "widened"):
+            return []
+        return [
+            tree.edited(name, ScaleEntries(tree.names[0], c, float(mean), ("thresholds",)))
+            for c in _moving_columns(scene)
+            for mean in [_column(scene, c).mean()]
+        ]
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,15 @@ from itertools import count
 import numpy as np
 from sklearn.base import clone
 
-from ..compose import OnColumn, Sum
+from ..compose import Modulated, OnColumn, Sum
 from ..linear import Gain, GainOperator
 from ..operators import (
     OnColumnOperator,
+    Scaled,
     Stage,
     SumOperator,
     modulated,
+    of_columns,
     on_column,
     put_beside_series,
     scheduled,
@@ -111,6 +113,27 @@ class Enrich:
         richer.set_params(**{key: same[key] for key in same.keys() & richer.get_params()})
         held = {key: same[key] for key in {"hold"} & same.keys() & known}
         return tree.with_stage(at, richer.tree(replace(self.operator, **held)))
+
+
+@dataclass(frozen=True)
+class ScaleEntries:
+    """Parameters of the first stage are scaled by a column of X, see ``Modulated``."""
+
+    place: str
+    column: int
+    reference: float
+    scales: tuple
+    magnitude: bool = False
+    kind = "exchange"
+
+    def __call__(self, tree, name):
+        at = tree.names.index(self.place)
+        stage, own = tree.stages[at], {"magnitude": self.magnitude}
+        scales = "thresholds" if self.scales == ("thresholds",) else list(self.scales)
+        model = Modulated(stage.model, self.column, scales=scales, **own)
+        inside = of_columns(stage.operator)
+        operator = Scaled(inside, self.column, self.reference, scales=self.scales, **own)
+        return tree.with_stage(at, model.tree(operator))
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,14 @@ from skhyst.diagnosis._candidates import Candidate, refitted, screened
 from skhyst.diagnosis._edits import Divide, InsertAt, Schedule
 from skhyst.diagnosis._starts import Scene, _distinct, _has_poles, starting_trees
 from skhyst.diagnosis._tree import Tree
-from skhyst.hysteresis import BoucWen, PrandtlIshlinskii
+from skhyst.hysteresis import (
+    BoucWen,
+    CoulombFriction,
+    PrandtlIshlinskii,
+    PrandtlIshlinskiiOperator,
+)
 from skhyst.linear import (
+    DynamicStiffness,
     FirstOrderLag,
     FirstOrderLagOperator,
     LinearOperator,
@@ -21,7 +27,7 @@ from skhyst.linear import (
     TransferFunction,
     TransferFunctionOperator,
 )
-from skhyst.operators import Series
+from skhyst.operators import OnColumnOperator, Scaled, Series
 from skhyst.optimize import RecordData
 from skhyst.static import DeadBand, DeadBandOperator, SaturationOperator
 
@@ -284,3 +290,53 @@ def test_one_transfer_function_is_divided_around_a_dead_zone():
     whole = best.without("dead_zone")
     assert whole.names == tree.names
     np.testing.assert_array_equal(whole.root.pack(), tree.root.pack())
+
+
+def with_a_column(seed):
+    """Return a drive and a column that moves within the record, in other times than the drive."""
+    rng, t = np.random.default_rng(seed), np.arange(800) / 800
+    column = np.interp(t, np.linspace(0.0, 1.0, 9), rng.normal(size=9))
+    return np.sin(80.0 * t) + 0.7 * np.sin(131.0 * t), column
+
+
+def least_cost(name, model, drive, column, y):
+    """Return the sum of squares of a model and the best variant of an effect, as a candidate."""
+    records = [RecordData(drive, y, 0.01, auxiliary=column[:, None])]
+    tree = Tree.from_result(model, model.identify(records))
+    found = [refitted(c, c.structure, records) for c in screened(EFFECTS[name], tree, records)]
+    return min(found, key=lambda candidate: candidate.cost)
+
+
+@pytest.mark.parametrize(
+    "model", [DynamicStiffness(fit_mass=False), CoulombFriction(fit_stiffness=True)]
+)
+def test_friction_that_grows_with_a_load_is_found(model):
+    """Where no friction is declared, and where one is declared that does not follow the load."""
+    drive, load = with_a_column(0)
+    v = np.diff(drive, prepend=drive[0]) / 0.01
+    y = (0.5 + 0.3 * np.abs(load)) * np.tanh(v / 0.4) + 0.2 * drive + 0.03 * v
+    best = least_cost("friction", model, drive, load, y)
+    assert best.cost < 1e-6 * y @ y
+    scaled = best.structure.root
+    while scaled.structure_of != "Modulated":
+        scaled = scaled.stages[-1]
+    at_zero = 1.0 - scaled.sensitivity * scaled.reference
+    assert scaled.sensitivity / at_zero == pytest.approx(0.6, rel=1e-3)
+
+
+@pytest.mark.parametrize("behind", [False, True])
+def test_widths_that_follow_a_column_are_found(behind):
+    """Also where dynamics come behind the plays."""
+    drive, warm = with_a_column(1)
+    plays, lag = PrandtlIshlinskiiOperator([0.0, 0.2, 0.5], [0.5, 0.4, 0.7]), FirstOrderLag()
+    widths = Scaled(OnColumnOperator(plays, 0), 1, warm.mean(), 0.3, scales=("thresholds",))
+    y, _ = widths.run(np.column_stack([drive, warm]), 0.01)
+    model = PrandtlIshlinskii(thresholds=plays.thresholds)
+    if behind:
+        y, _ = FirstOrderLagOperator(0.05).run(y, 0.01)
+        model = Cascade([("plays", model), ("lag", lag)])
+    best = least_cost("auxiliary_input", model, drive, warm, y)
+    assert best.cost < 1e-6 * y @ y
+    estimator = best.structure.estimator
+    scales = "plays__scales" if behind else "scales"
+    assert estimator.get_params()[scales] == "thresholds"
