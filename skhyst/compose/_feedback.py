@@ -48,8 +48,8 @@ class Feedback(ParametricModel):
     Attributes
     ----------
     operator_ : FeedbackOperator
-        ``linear`` and ``curve``, their operators, and ``poles(response)`` of small motions about a
-        rest.
+        ``linear`` and ``curve``, their operators, and ``poles_at(response)`` of small motions about
+        a rest.
 
     Raises
     ------
@@ -176,7 +176,7 @@ class Feedback(ParametricModel):
         operator = FeedbackOperator(_NAMES, (linear, curve), n_substeps=n or 1)
         if n is None:
             rests = _rests(records)
-            fastest = max(np.abs(operator.poles(y)).max(initial=0.0) for y in rests)
+            fastest = max(np.abs(operator.poles_at(y)).max(initial=0.0) for y in rests)
             n = int(np.clip(np.ceil(min(dt * fastest, np.pi) / _FINE), 1, None))
         return replace(operator, n_substeps=n)
 
@@ -222,7 +222,7 @@ class Feedback(ParametricModel):
     def cautions(self, result, records):
         yield from super().cautions(result, records)
         rests = _rests(records)
-        rates = [np.max(result.operator.poles(y).real, initial=-np.inf) for y in rests]
+        rates = [np.max(result.operator.poles_at(y).real, initial=-np.inf) for y in rests]
         away = [f"{y:.3g}" for y, rate in zip(rests, rates, strict=True) if rate > 0.0]
         if away:
             yield (
