@@ -1161,6 +1161,7 @@ class TransferFunction(ModesMixin, LinearModel):
         Parameters
         ----------
         other : estimator
+            What follows this model.
 
         Returns
         -------
@@ -1189,6 +1190,7 @@ class TransferFunction(ModesMixin, LinearModel):
         Parameters
         ----------
         operator : TransferFunctionOperator
+            Of any order.
 
         Returns
         -------

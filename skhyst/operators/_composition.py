@@ -86,7 +86,6 @@ class WrappedOperator(_ByEntries):
         return self.operator.run(u, dt, state)
 
     def by_start(self, u, dt, start):
-        """Return the derivatives by the values of a start; see the base."""
         return self.operator.by_start(u, dt, start)
 
     def compiled_step(self, dt, state):
@@ -437,8 +436,9 @@ class Scaled(WrappedOperator):
     def by_start(self, u, dt, start):
         a = _one(u, self.column)
         a = a if self.lag is None else self.lag.run(a, dt)[0]
-        factor = 1.0 + self.sensitivity * (a - self.reference)
-        return self.operator.by_start(u, dt, start) * factor[:, None]
+        dy = self.operator.by_start(u, dt, start)
+        rest = self._others.by_start(u, dt, start) if self.scales else 0.0
+        return rest + (dy - rest) * self._factor(a)[:, None]
 
     def compiled_step(self, dt, state):
         own, lag = (state, None) if self.lag is None else state
@@ -995,7 +995,6 @@ class Series(_Composition):
         return u, du
 
     def by_start(self, u, dt, start):
-        """Return the derivatives by the values of a start; see the base."""
         du = np.zeros((len(u), len(start)))
         for stage in self.stages:
             own = stage.by_start(u, dt, start) if stage.n_start else 0.0
@@ -1044,7 +1043,6 @@ class SumOperator(_Composition):
         return tuple(stage.init(u0, _begins(stage, initial_state)) for stage in self.stages)
 
     def by_start(self, u, dt, start):
-        """Return the derivatives by the values of a start; see the base."""
         return sum(own.by_start(u, dt, start) for own in self.stages if own.n_start)
 
     def run(self, u, dt, state=None):

@@ -298,12 +298,17 @@ class FeedbackOperator(_Composition, HeldInput):
         return *system, *map(float, own)
 
     def poles_at(self, response):
-        """Return the poles of small motions about a rest, rad/s, complex, shape (n_states,).
+        """Return the poles of small motions about a rest.
 
         Parameters
         ----------
         response : float
             Of the rest.
+
+        Returns
+        -------
+        ndarray of shape (n_states,), complex
+            In rad/s.
         """
         q = (response - self.linear.intercept) / self.linear.gain
         _, slope, _ = self._force(np.array([q]))
