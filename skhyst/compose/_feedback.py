@@ -26,7 +26,7 @@ class Feedback(ParametricModel):
     response relative to the gain, and at rest ``s(q) = u``: of a mass on a spring, s is the
     characteristic of the spring, whatever its form, and the dynamics may have more poles than a
     mass. Where s is the identity the model is linear. It is also known as a nonlinear
-    linear-fractional model (NL-LFR).
+    linear-fractional model (NL-LFR [1]_).
 
     Parameters
     ----------
@@ -74,8 +74,7 @@ class Feedback(ParametricModel):
 
     References
     ----------
-    M. Schoukens and R. Tóth, "On the initialization of nonlinear LFR model identification with the
-    best linear approximation", *IFAC-PapersOnLine*, 2020.
+    .. [1] Schoukens and Tóth, *IFAC-PapersOnLine*, 2020.
 
     Examples
     --------
