@@ -1,6 +1,6 @@
 """Twenty simulated plants of each structure: `python benchmarks/new_structures.py`.
 
-    python benchmarks/new_structures.py [--only feedback] [--plants 20]
+    python benchmarks/new_structures.py [--only feedback,no_rest] [--plants 20]
 
 The plants are drawn, integrated by Runge-Kutta steps of their own, and read with white noise of
 1 % of the range. Each line is a structure: how many of the intervals of 1.96 standard errors hold
@@ -15,13 +15,15 @@ from collections import defaultdict
 from functools import partial
 
 import numpy as np
+from numba import njit
 from scipy.optimize import root
+from scipy.signal import cont2discrete, lfilter
 from sklearn.base import clone
 
 from skhyst.compose import Cascade, Feedback, Modulated
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.exceptions import ConvergenceWarning
-from skhyst.hysteresis import CoulombFriction, PrandtlIshlinskii
+from skhyst.hysteresis import CoulombFriction, FreeMass, PrandtlIshlinskii
 from skhyst.linear import FirstOrderLag, Gain, SecondOrderMode, TransferFunction
 from skhyst.static import DeadBand, DeadZones, Saturation, SmoothCurve
 
@@ -30,6 +32,7 @@ LEVEL = 0.01  # of the range
 DT = 0.01  # s
 N = 1500
 FINE = 16  # steps of an integrator per sampling interval
+SLIDING = 100  # the same under Coulomb friction
 
 
 def multisine(rng, n):
@@ -221,6 +224,69 @@ def wiener_hammerstein_searched(n_plants):
         yield f"searched, {name}", f"{named / n_plants:.3f} named", told, f"{seconds:.1f}"
 
 
+@njit
+def slide(u, mass, damping, friction, offset):
+    """Return the displacement of a mass under Coulomb friction, implicit in the velocity."""
+    h = DT / SLIDING
+    x, v, found = 0.0, 0.0, np.zeros(len(u))
+    for k in range(1, len(u)):
+        for i in range(SLIDING):
+            force = u[k - 1] + (u[k] - u[k - 1]) * (i + 0.5) / SLIDING + offset
+            free = v + h * (force - damping * v) / mass
+            new = np.sign(free) * max(abs(free) - h * friction / mass, 0.0)
+            x, v = x + 0.5 * h * (v + new), new
+        found[k] = x
+    return found
+
+
+def sliding_mass(rng):
+    """Return a fit of a mass without a spring with friction and an offset, and the true values."""
+    true = {
+        "mass": float(np.exp(rng.uniform(-1.5, 0.5))),
+        "damping": float(np.exp(rng.uniform(-1.0, 0.5))),
+        "friction": float(rng.uniform(0.3, 1.2)),
+        "force_offset": float(rng.choice([-1.0, 1.0]) * rng.uniform(0.05, 0.2)),
+    }
+    u = 4.0 * multisine(rng, N)
+    return _fit(FreeMass(True, dt=DT), u, slide(u, *true.values()), 1.0, 0.0, rng), true
+
+
+def mode_and_integrator(rng):
+    """Return a fit of a mode before an integrator, and the true values."""
+    w, zeta = float(np.exp(rng.uniform(2.5, 4.0))), float(rng.uniform(0.05, 0.4))
+    gain, u = float(rng.uniform(0.5, 3.0)), multisine(rng, N)
+    poles = [1.0, 2.0 * zeta * w, w**2, 0.0]
+    b, a, _ = cont2discrete(([gain * w**2], poles), DT, method="foh")
+    y = lfilter(np.ravel(b), a, u)
+    model = _fit(TransferFunction(2, integrators=1, dt=DT), u, y, 1.0, 0.0, rng)
+    return model, {"natural_frequencies[0]": w, "damping_ratios[0]": zeta, "gain": gain}
+
+
+def in_a_loop(rng):
+    """Return a fit of an unstable plant that a feedback keeps in bounds, and the true values."""
+    fast, slow = float(rng.uniform(5.0, 20.0)), float(rng.uniform(2.0, 8.0))
+    true = {"time_constants[0]": -1.0 / slow, "time_constants[1]": 1.0 / fast}
+    true["gain"] = float(rng.uniform(0.5, 2.0))
+    den = np.polymul([-1.0 / slow, 1.0], [1.0 / fast, 1.0])
+    b, a, _ = cont2discrete(([true["gain"]], den), DT, method="zoh")
+    b, wanted = np.ravel(b), np.repeat(rng.normal(size=N // 10), 10)
+    u, y, clean = np.zeros(N), np.zeros(N), np.zeros(N)
+    for k in range(N):
+        clean[k] = sum(b[i] * u[k - i] - a[i] * clean[k - i] for i in (1, 2) if k >= i)
+        y[k] = clean[k] + LEVEL * rng.normal()
+        change = y[k] - (y[k - 1] if k else y[k])
+        u[k] = wanted[k] + (2.5 * y[k] + 0.15 * change / DT) / true["gain"]
+    model = TransferFunction(2, stable=False, hold="zoh", dt=DT)
+    return model.fit(u[:, None], y), true
+
+
+def no_rest(n_plants):
+    """Yield rows of plants without a rest: a mass without a spring, an integrator, unstable."""
+    yield _row("mass without a spring, friction", sliding_mass, n_plants)
+    yield _row("mode and integrator", mode_and_integrator, n_plants)
+    yield _row("unstable, in a loop", in_a_loop, n_plants)
+
+
 def _wave(rng, periods):
     """Return a function of the fraction of the record: sines of periods in it, and their slope."""
     phases, sizes = rng.uniform(0.0, 2.0 * np.pi, len(periods)), rng.uniform(0.5, 1.0, len(periods))
@@ -371,6 +437,7 @@ STRUCTURES = {
     "feedback": feedback,
     "wiener_hammerstein": wiener_hammerstein,
     "wiener_hammerstein_searched": wiener_hammerstein_searched,
+    "no_rest": no_rest,
     "columns": columns,
     "columns_searched": columns_searched,
 }

@@ -44,7 +44,7 @@ search.held_out_error(X_new, y_new)""",
             "Models",
             """PrandtlIshlinskii(20)    ModifiedPrandtlIshlinskii()
 BoucWen()  Preisach()    JilesAtherton()  Dahl()
-LuGre()    MaxwellSlip() CoulombFriction()
+LuGre()    MaxwellSlip() CoulombFriction()  FreeMass()
 SecondOrderMode()  TransferFunction(4)  ModalModel(28)
 KelvinVoigt(2)  FirstOrderLag()  Delay()
 FrictionStage()  BoucWenStage()  RestoringForce()

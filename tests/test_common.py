@@ -28,6 +28,7 @@ from skhyst.hysteresis import (
     CoulombFriction,
     Duhem,
     EndStops,
+    FreeMass,
     FrictionStage,
     KrasnoselskiiPokrovskii,
     LuGre,
@@ -178,6 +179,7 @@ MODELS |= {
     "GrayBoxHysteresis": lambda: GrayBoxHysteresis(dt=DT, method=LevenbergMarquardt(max_epochs=60)),
     "BoucWenStage": lambda: BoucWenStage(n_substeps=2, dt=DT),
     "EndStops": lambda: EndStops("upper", fit_stop_damping=False, n_substeps=2, dt=DT),
+    "FreeMass": lambda: FreeMass(dt=DT),
     "FrictionStage": lambda: FrictionStage(False, fit_bristle_damping=False, n_substeps=2, dt=DT),
     "RestoringForce": lambda: RestoringForce(
         1, damping_degree=1, fit_preload=False, n_substeps=2, dt=DT
@@ -188,6 +190,7 @@ MODELS |= {
     "DynamicStiffness, velocity": lambda: DynamicStiffness(drive="velocity", smoothing=3, dt=DT),
     "KelvinVoigt": lambda: KelvinVoigt(1, dt=DT),
     "TransferFunction": lambda: TransferFunction(2, n_zeros=1, dt=DT),
+    "TransferFunction, integrator": lambda: TransferFunction(1, integrators=1, dt=DT),
     "TransferFunction, delay": lambda: TransferFunction(1, delay=2 * DT, dt=DT),
     "TankChain, overflow": lambda: TankChain(1, overflow=True, fit_exponents=True, dt=DT),
     "DeadZones": lambda: DeadZones(1, dt=DT),
@@ -215,9 +218,10 @@ PLAYS = {
     "KrasnoselskiiPokrovskii",
     "MaxwellSlip",
 }
-# weights that are not negative; one side that is clipped, or where there is a stop or a fold
+# weights or a mass that are not negative; one side that is clipped, or where a stop or a fold is
 ONE_SIGN = PLAYS | {
     "EndStops",
+    "FreeMass",
     "Fold",
     "JilesAtherton",
     "Cascade",
@@ -337,6 +341,30 @@ def test_step_by_step(fitted, data):
             fitted.stepper()
         return
     assert_steps(fitted.stepper(u0=u[0]), u, fitted.predict(data[0])[:N])
+
+
+def test_going_on_from_what_is_known(fitted, data):
+    """A stepper after the known part of a record gives what a run from that part predicts."""
+    X, y = (part.loc["a"] for part in data)
+    known = y.where(np.arange(N) < 20)
+    whole = fitted.predict(X, y_start=known)
+    if not fitted.operator_.causal:
+        with pytest.raises(NotImplementedError, match="looks ahead"):
+            fitted.stepper_from(X[:20], y[:20])
+        return
+    later = fitted.stepper_from(X[:20], y[:20]).run(X["drive"].to_numpy()[20:])
+    np.testing.assert_allclose(later, whole[20:], rtol=0, atol=1e-9 * (np.ptp(whole) or 1.0))
+
+
+def test_standard_deviation_of_a_new_sample(fitted, data):
+    """That of the noise, and what the errors of the parameters add, whatever the records beside."""
+    X, _ = data
+    found, std = fitted.predict(X, return_std=True)
+    np.testing.assert_array_equal(found, fitted.predict(X))
+    assert std.shape == found.shape
+    assert np.all((0.0 < fitted.noise_std_ <= std) & np.isfinite(std))
+    alone = [fitted.predict(X.loc[[label]], return_std=True)[1] for label in "abc"]
+    np.testing.assert_array_equal(std, np.concatenate(alone))
 
 
 def test_order_of_records_does_not_matter(model, fitted, data):

@@ -229,7 +229,7 @@ class Composition(ParametricModel, BaseComposition):
         owners |= {f"disturbance{old}": f"disturbance{new}" for new, old in enumerate(kept)}
         parted = [(key, *key.split("__", 1)) for key in self._identified.params]
         keys = {key: f"{owners[own]}__{rest}" for key, own, rest in parted if own in owners}
-        return part.adopt(_part_of(self._identified, keys, operator, **others))
+        return part.adopt(_part_of(self._identified, keys, operator, columns, **others))
 
     @property
     def any_interval(self):
@@ -311,18 +311,23 @@ def _is_one_of(step, words):
     return isinstance(step, str) and step in words
 
 
-def _part_of(result, keys, operator, **others):
-    """Return what identification found of a part; ``keys`` are its parameters and their names."""
-    at = [list(result.params).index(key) for key in keys]
+def _part_of(result, keys, operator, columns=(), **others):
+    """Return what identification found of a part; ``keys`` are its parameters and their names.
+
+    ``columns`` are the coefficients of its disturbances among those of all. The noise is that of
+    the whole response, and no noise of a part is known.
+    """
     own = {
         field: {name: getattr(result, field).get(key) for key, name in keys.items()}
         for field in ("params", "params_std", "params_std_white")
         if getattr(result, field)
     }
     own["undetermined"] = tuple(keys[key] for key in result.undetermined if key in keys)
-    if result.covariance is not None:
-        own["covariance"] = result.covariance[np.ix_(at, at)]
-    return replace(result, operator=operator, **own, **others)
+    if result.joint_covariance is not None:
+        at = [list(result.params).index(key) for key in keys]
+        at += (len(result.params) + np.flatnonzero(columns)).tolist()
+        own["joint_covariance"] = result.joint_covariance[np.ix_(at, at)]
+    return replace(result, operator=operator, noise_std=None, **own, **others)
 
 
 class Cascade(Composition):

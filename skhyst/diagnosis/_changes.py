@@ -150,6 +150,29 @@ class AtJoints:
 
 
 @dataclass(frozen=True)
+class MoreTerms:
+    """A further force of a stage whose model has it as an option, which is not taken yet.
+
+    The model says which options those are; where they stand for nothing else, they are false.
+    """
+
+    model: object
+
+    def trees(self, name, scene):
+        tree, found = scene.tree, []
+        for at, stage in enumerate(tree.stages):
+            if type(stage.model) is not type(self.model):
+                continue
+            more = both_models(stage.model, self.model)
+            if more.get_params() == stage.model.get_params():
+                continue
+            starts = driven_starts(more, scene.records_at(at), near=stage.operator)
+            edits = [Enrich(stage.name, self.model, replace(own, model=None)) for own in starts]
+            found += scene.promising([tree.edited(name, edit) for edit in edits], at)
+        return found
+
+
+@dataclass(frozen=True)
 class InBetween:
     """A model between two parts of linear dynamics, where that promises anything noticeable.
 

@@ -118,7 +118,8 @@ class Claim:
         old = set()
         if self.kind == "exchange":
             before = self.structure.without(self.effect.name)
-            old = set(before.operators[before.names.index(self.edits[0].place)].parameter_specs())
+            stage = before.operators[before.names.index(self.edits[0].place)]
+            old = set(stage.parameter_specs()) - stage.held_entries()
         return {"gain", "intercept"} | old
 
     @cached_property

@@ -14,6 +14,7 @@ from ..hysteresis import (
     CoulombFriction,
     Dahl,
     EndStops,
+    FreeMass,
     FrictionStage,
     MaxwellSlip,
     PrandtlIshlinskii,
@@ -50,6 +51,7 @@ from ._changes import (
     InStages,
     Knee,
     LoadedForce,
+    MoreTerms,
     MovedModes,
     PerRecord,
     RateDependence,
@@ -128,6 +130,10 @@ def _clips(place):
 
 def _in_between(model):
     return [InBetween(model), InBetween(model, with_zeros=True)]
+
+
+def _of_free_mass(**forces):
+    return MoreTerms(FreeMass(**({"fit_force_offset": False} | forces)))
 
 
 def _knees():
@@ -268,6 +274,9 @@ _BUILT_IN = (
             InMotion(FrictionStage()),
             BesideForce(CoulombFriction(fit_damping=False, fit_intercept=False)),
             BesideForce(CoulombFriction(True, fit_damping=False, fit_intercept=False)),
+            _of_free_mass(friction=True),
+            _of_free_mass(friction=True, damping_asymmetry=True),
+            _of_free_mass(friction=True, stribeck=True),
             LoadedForce(CoulombFriction(fit_damping=False, fit_intercept=False)),
         ],
         "A force against the motion that hardly depends on how fast it is.",
@@ -280,6 +289,7 @@ _BUILT_IN = (
         lambda: [
             InMotion(RestoringForce(3, damping_degree=1, fit_hysteresis=False, fit_preload=False)),
             InMotion(RestoringForce(3, damping_degree=1, fit_hysteresis=False)),
+            _of_free_mass(cubic_stiffness=True),
         ],
         "The spring hardens or softens with the displacement.",
         "Sweep at several amplitudes: the resonance moves, and a third harmonic appears.",
@@ -287,11 +297,18 @@ _BUILT_IN = (
     ),
     Effect(
         "end_stops",
-        lambda: [
-            InMotion(EndStops(sides, fit_stop_damping=damped))
-            for damped in (False, True)
-            for sides in ("lower", "upper", "both")
-        ],
+        lambda: (
+            [
+                InMotion(EndStops(sides, fit_stop_damping=damped))
+                for damped in (False, True)
+                for sides in ("lower", "upper", "both")
+            ]
+            + [
+                _of_free_mass(lower_stop=lower, upper_stop=upper, fit_stop_damping=damped)
+                for damped in (False, True)
+                for lower, upper in ((True, False), (False, True), (True, True))
+            ]
+        ),
         "Beyond a gap the motion runs against a stop, far stiffer than the spring.",
         "Drive slowly beyond the suspected stop: the response hardly goes on.",
         picture="displacement",
@@ -314,10 +331,10 @@ _BUILT_IN = (
             InStages(overflow=False, fit_exponents=True),
             AtJoints(SmoothCurve(3)),
             AtJoints(SmoothCurve(9)),
-            *(AtJoints(clip, inner=True) for clip in _clips("sensor")),
-            *(InBetween(SmoothCurve(degree)) for degree in (3, 9)),
-            InBetween(SmoothCurve(9), with_zeros=True),
-            *(own for clip in _clips("sensor") for own in _in_between(clip)),
+            AtJoints(Saturation(), inner=True),
+            InBetween(SmoothCurve(3)),
+            *_in_between(SmoothCurve(9)),
+            *_in_between(Saturation()),
         ],
         "The reading, or what passes from one stage to the next, is a memoryless curve.",
         "Calibrate the sensor on its own, or sweep faster: a curve at the sensor acts behind the "
@@ -373,15 +390,15 @@ _BUILT_IN = (
     ),
     Effect(
         "offset",
-        lambda: [Offset()],
-        "Each record has a constant of its own.",
+        lambda: [Offset(), _of_free_mass(fit_force_offset=True)],
+        "Each record has a constant of its own, or a constant force acts beside the drive.",
         "Repeat a record after setting up the sensor anew.",
         beside=True,
     ),
     Effect(
         "drift",
-        lambda: [Drift(degree) for degree in (1, 3, 8)],
-        "The response moves slowly with time, whatever the drive does.",
+        lambda: [*(Drift(degree) for degree in (1, 3, 8)), _of_free_mass(fit_force_drift=True)],
+        "The response moves slowly with time, whatever the drive does, or a force beside it grows.",
         "Rest at a constant drive for as long as a record takes.",
         beside=True,
     ),

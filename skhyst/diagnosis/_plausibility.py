@@ -227,8 +227,12 @@ def stops(operator, motion, records):
 
     A stop that is softer than the spring, or always touched, is a spring.
     """
-    place = (motion - operator.intercept) / operator.gain
+    stiffness, place = operator.stop_stiffness, motion
+    if operator.linear_mode() is None:  # without a spring
+        stiffness = np.inf
+    else:
+        place = (motion - operator.intercept) / operator.gain
     way = np.ptp(place)
     beyond = max(operator.lower - place.min(), place.max() - operator.upper) / way
     free = (min(operator.upper, place.max()) - max(operator.lower, place.min())) / way
-    return min(np.log(operator.stop_stiffness), beyond, free - NOTICEABLE)
+    return min(np.log(stiffness), beyond, free - NOTICEABLE)

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from numbers import Integral, Real
 from os import PathLike
-from typing import Self
+from typing import Literal, Self, overload
 
 import numpy as np
 import pandas as pd
@@ -577,7 +577,15 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         own = {"error": error, "in_loop": in_loop}
         return judge_residual(*seen, rng, contest.criterion, **own)
 
-    def predict(self, X) -> np.ndarray:
+    @overload
+    def predict(self, X, y_start=None, return_std: Literal[False] = False) -> np.ndarray: ...
+    @overload
+    def predict(
+        self, X, y_start=None, *, return_std: Literal[True]
+    ) -> tuple[np.ndarray, np.ndarray]: ...
+    def predict(
+        self, X, y_start=None, return_std=False
+    ) -> np.ndarray | tuple[np.ndarray, np.ndarray]:
         """Return the free run of the augmented model.
 
         Parameters
@@ -585,21 +593,49 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         X : DataFrame or array-like of shape (n_samples, n_inputs)
             As for :meth:`fit`. A drive that is sampled unevenly is, with ``resample``, simulated on
             even grids.
+        y_start : array-like of shape (n_samples,) or (n_samples, n_outputs), default=None
+            Response where it is known, NaN elsewhere, as for ``predict`` of the model.
+        return_std : bool, default=False
+            Whether to return the standard deviation of a new sample, too.
 
         Returns
         -------
-        ndarray of shape (n_samples,) or (n_samples, n_outputs)
+        y : ndarray of shape (n_samples,) or (n_samples, n_outputs)
             Units of the response; interpolated at the instants of ``X`` where the grids are others.
+        std : ndarray of the shape of y
+            Only with ``return_std``; that of the parameters that the search has kept, whatever else
+            it has tried.
+
+        Raises
+        ------
+        ValueError
+            If ``y_start`` is given for a drive that is sampled unevenly.
         """
         check_is_fitted(self)
+        options = {"return_std": True} if return_std else {}
         if hasattr(self, "searches_"):
-            return np.column_stack([own.predict(X) for own in self.searches_.values()])
+            started = [{}] * len(self.searches_)
+            if y_start is not None:
+                started = [{"y_start": own} for own in response_columns(y_start).values()]
+            searches = zip(self.searches_.values(), started, strict=True)
+            found = [own.predict(X, **start, **options) for own, start in searches]
+            found = np.moveaxis(found, 0, -1)
+            return (found[0], found[1]) if return_std else found
         own = even = self._even(X)[0]
+        if y_start is not None and even is not X:
+            raise ValueError(
+                "The 'y_start' parameter of EffectSearchCV.predict must be None where 'resample' "
+                "is not: resample the recording before."
+            )
         if self.reference is not None:
             read_data(self, even, reset=False)
             own = without_column(even, column_of(self))
-        found = self.best_estimator_.predict(own)
-        return found if even is X else resample_like(pd.Series(found, even.index), X)
+        options |= {} if y_start is None else {"y_start": y_start}
+        found = self.best_estimator_.predict(own, **options)
+        if even is X:
+            return found
+        parts = [resample_like(pd.Series(y, even.index), X) for y in np.atleast_2d(found)]
+        return tuple(parts) if return_std else parts[0]
 
     def held_out_error(self, X, y, *, declared=False) -> float:
         """Return the root mean square error on records that the search has not seen.

@@ -23,6 +23,7 @@ from ..optimize import (
     OperatorProblem,
     VariableProjection,
     ages,
+    begun,
     constant_entries,
     estimate_input_history,
     input_history_of,
@@ -74,7 +75,8 @@ class Tree:
     name : str or None
         Of a stage that stands alone, where that is not the name of its class.
     input_history : tuple of ndarray of shape (n_values,) or (n_values, n_inputs)
-        Drive before each record, see ``RecordData``; empty where all begin at rest.
+        Drive before each record, see ``RecordData``, or the values that it starts from, of a model
+        that has no state of rest; empty where all begin at rest.
     """
 
     root: object
@@ -343,7 +345,8 @@ class Tree:
         """Return the records with what came before them."""
         if not self.input_history:
             return records
-        return [replace(r, before=b) for r, b in zip(records, self.input_history, strict=True)]
+        both = zip(records, self.input_history, strict=True)
+        return [begun(self.operator, record, own) for record, own in both]
 
     def read(self, records):
         """Return the records as the model reads them, with what came before them."""
@@ -387,7 +390,8 @@ class Tree:
                 record = own
             u, skip = record.with_history()
             for stage in stages[first:last]:
-                u = stage.run(u, record.dt, stage.init(u[0], self.state))[0]
+                start = record.start if stage.n_start and record.start is not None else self.state
+                u = stage.run(u, record.dt, stage.init(u[0], start))[0]
             outputs.append(u[skip:])
         return outputs
 
@@ -448,7 +452,7 @@ class Tree:
         result = refine(estimator, starts, self.read(records), method)
         estimator.records_ = slices
         if self.input_history:
-            estimator.initial_drive_ = np.array(self.input_history)
+            result = replace(result, input_history=np.array(self.input_history))
         estimator.adopt(result)
         return estimator, result
 

@@ -257,8 +257,8 @@ def to_c(
     compiled_step = stepper.compiled_step
     if dtype != "float64" and compiled_step.double_only:
         raise ValueError(
-            f"The 'dtype' parameter of to_c must be 'float64' for {compiled_step.double_only}, "
-            f"whose derivatives are differences. Got {dtype!r} instead."
+            f"The 'dtype' parameter of to_c must be 'float64' for {compiled_step.double_only}. "
+            f"Got {dtype!r} instead."
         )
     n_inputs = compiled_step.n_inputs or 1
     step, double = model_step(compiled_step), DIALECTS["float64"]

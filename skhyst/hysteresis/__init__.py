@@ -7,6 +7,7 @@ from ._coulomb_friction import CoulombFriction, CoulombFrictionOperator
 from ._dahl import Dahl, DahlOperator
 from ._duhem import Duhem, DuhemOperator
 from ._end_stops import EndStops, EndStopsOperator
+from ._free_mass import FreeMass, FreeMassOperator
 from ._friction_stage import FrictionStage, FrictionStageOperator
 from ._jiles_atherton import JilesAtherton, JilesAthertonOperator
 from ._krasnoselskii_pokrovskii import KrasnoselskiiPokrovskii, KrasnoselskiiPokrovskiiOperator
@@ -40,6 +41,8 @@ __all__ = [
     "DuhemOperator",
     "EndStops",
     "EndStopsOperator",
+    "FreeMass",
+    "FreeMassOperator",
     "FrictionStage",
     "FrictionStageOperator",
     "JilesAtherton",

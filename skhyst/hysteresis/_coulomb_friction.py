@@ -9,7 +9,8 @@ from numbers import Integral
 import numpy as np
 
 from .._jit import jit
-from .._sklearn import Interval
+from .._sklearn import Interval, StrOptions
+from ..noise import largest_noise
 from ..operators import (
     CompiledLaw,
     Operator,
@@ -21,7 +22,7 @@ from ..operators import (
     slopes,
     stepped_slopes,
 )
-from ._common import FrictionModel, half_range, speed_noise, top_speed
+from ._common import FrictionModel, half_range, largest_drive, speed_noise, top_speed
 
 _FAR = 30.0  # largest v / v_s: beyond it exp(-(v/v_s)^2) is zero, and its square stays small
 
@@ -40,12 +41,15 @@ compiled_response = jit(response)
 def coulomb_step(u, c, s):
     """Return the response at one sample; ``s`` is the state of :func:`slope_step`.
 
-    ``c`` is (weights of the differences, v_0, v_s, *values of :func:`response`).
+    ``c`` is (weights of the differences, whether the drive is a velocity, v_0, v_s, *values of
+    :func:`response`).
     """
-    weights, transition, stribeck = c[:3]
+    weights, is_velocity, transition, stribeck = c[:4]
     v = slope_step(u, weights, s, 0)
+    if is_velocity > 0.0:
+        v = u
     ratio = min(max(v / stribeck, -_FAR), _FAR)
-    return compiled_response(u, v, math.tanh(v / transition), math.exp(-ratio * ratio), c[3:])
+    return compiled_response(u, v, math.tanh(v / transition), math.exp(-ratio * ratio), c[4:])
 
 
 @dataclass(frozen=True)
@@ -74,6 +78,14 @@ class CoulombFrictionOperator(Operator):
         Bounds of ``v_0`` and ``v_s`` in drive/s. Fixed structure.
     smoothing : int, default=1
         Sampling intervals over which the velocity is estimated. Fixed structure.
+    motion : {"displacement", "velocity"}, default="displacement"
+        What the drive is. For a velocity there is no stiffness, and the units of ``v_0``, ``v_s``
+        and ``d`` are those of the drive, without 1/s. Fixed structure.
+
+    Raises
+    ------
+    ValueError
+        If ``motion`` is unknown, or there is a stiffness and the drive is a velocity.
 
     Notes
     -----
@@ -100,12 +112,29 @@ class CoulombFrictionOperator(Operator):
     slowest: float = 0.0
     fastest: float = np.inf
     smoothing: int = 1
+    motion: str = "displacement"
 
     owns_gain = True
     stage_order = 10
 
+    def __post_init__(self):
+        super().__post_init__()
+        known = self.motion in ("displacement", "velocity")
+        self._require("motion", known, "be 'displacement' or 'velocity'")
+        is_right = self.motion == "displacement" or not self.stiffness
+        self._require("stiffness", is_right, "be 0 where the drive is a velocity")
+
+    @property
+    def memoryless(self):
+        """Whether the drive is a velocity."""
+        return self.motion == "velocity"
+
     def parameter_specs(self):
         specs = super().parameter_specs()
+        if self.motion == "velocity":  # one derivative less in each unit, and no stiffness
+            specs["damping"] = specs.pop("stiffness")
+            for name in ("transition_velocity", "stribeck_velocity"):
+                specs[name] = dataclasses.replace(specs[name], unit="drive")
         for name in ("transition_velocity", "stribeck_velocity"):
             specs[name] = dataclasses.replace(specs[name], lower=self.slowest, upper=self.fastest)
         return specs
@@ -119,6 +148,8 @@ class CoulombFrictionOperator(Operator):
         return samples_before((), self.smoothing, initial_state)
 
     def _velocity(self, u, past, dt):
+        if self.motion == "velocity":
+            return u
         return latest(slopes(np.concatenate([past, u]), dt, self.smoothing), len(u))
 
     def run(self, u, dt, state=None):
@@ -138,7 +169,8 @@ class CoulombFrictionOperator(Operator):
 
     def compiled_step(self, dt, state):
         weights, begin = stepped_slopes(dt, self.smoothing)
-        own = weights, self.transition_velocity, self.stribeck_velocity
+        is_velocity = float(self.motion == "velocity")
+        own = weights, is_velocity, self.transition_velocity, self.stribeck_velocity
         return CompiledLaw(coulomb_step, (*own, *self._values()), begin).behind(state)
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
@@ -158,7 +190,9 @@ class CoulombFrictionOperator(Operator):
         dy[:, m + 2] = stribeck_slope * ratio
         dy[:, m + 3] = fall * s
         dy[:, m + 4] = s**2
-        dy[:, m + 5], dy[:, m + 6], dy[:, m + 7] = u, v, 1.0
+        if self.motion == "displacement":
+            dy[:, -3] = u
+        dy[:, -2], dy[:, -1] = v, 1.0
         return response(u, v, s, fall, self._values()), dy
 
 
@@ -192,6 +226,9 @@ class CoulombFriction(FrictionModel):
     smoothing : int, default=1
         Sampling intervals over which the velocity is estimated by a least-squares slope, which lags
         by half of them; 1 is the backward difference.
+    motion : {"displacement", "velocity"}, default="displacement"
+        What the drive is: a displacement, whose velocity is estimated, or the velocity itself, as
+        of a tachometer. There is no stiffness then.
 
     Attributes
     ----------
@@ -231,6 +268,7 @@ class CoulombFriction(FrictionModel):
         "stribeck": ["boolean"],
         "asymmetry": ["boolean"],
         "smoothing": [Interval(Integral, 1, None, closed="left")],
+        "motion": [StrOptions({"displacement", "velocity"})],
     }
 
     def __init__(
@@ -242,6 +280,7 @@ class CoulombFriction(FrictionModel):
         fit_stiffness=False,
         fit_intercept=True,
         smoothing=1,
+        motion="displacement",
         initial_state="rest",
         dt=None,
         drive=None,
@@ -254,11 +293,16 @@ class CoulombFriction(FrictionModel):
         self.fit_stiffness = fit_stiffness
         self.fit_intercept = fit_intercept
         self.smoothing = smoothing
+        self.motion = motion
 
     def starting_values(self, records):
         smoothing, force = int(self.smoothing), half_range(records)
-        top = top_speed(records, smoothing)
-        noise = min(_QUIET * speed_noise(records, smoothing), _NOISIEST * top)
+        if self.motion == "velocity":
+            top = largest_drive(records)
+            noise = max(largest_noise(record.u) for record in records)
+        else:
+            top, noise = top_speed(records, smoothing), speed_noise(records, smoothing)
+        noise = min(_QUIET * noise, _NOISIEST * top)
         slowest, fastest = max(_SLOWEST * top, noise), _FASTEST * top
         transitions = np.unique(np.maximum(np.multiply(_TRANSITIONS, top), 1.5 * slowest))
         velocities = np.multiply(_VELOCITIES, top) if self.stribeck else [fastest]
@@ -270,6 +314,7 @@ class CoulombFriction(FrictionModel):
                 slowest=slowest,
                 fastest=fastest,
                 smoothing=smoothing,
+                motion=self.motion,
             )
             for transition, velocity in product(transitions, velocities)
             if velocity > transition
@@ -277,4 +322,5 @@ class CoulombFriction(FrictionModel):
 
     def held_parameters(self) -> frozenset[str]:
         held = super().held_parameters() | (set() if self.asymmetry else {"asymmetry"})
+        held = held - {"stiffness"} if self.motion == "velocity" else held
         return held if self.stribeck else held | {"stribeck_velocity", "stribeck_force"}

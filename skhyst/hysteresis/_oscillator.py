@@ -449,9 +449,9 @@ class OscillatorOperator(HeldInput):
         }
 
 
-_COARSE, _FINE = 0.3, 0.1  # longest substep, in radians of the fastest motion
+_COARSE, FINE = 0.3, 0.1  # longest substep, in radians of the fastest motion
 _MOST_COARSE, _MOST_FINE = 16, 64  # most substeps per sampling interval
-_WINDOWS = (4, 10, 25, 60)  # half lengths of the modulating function, samples
+WINDOWS = (4, 10, 25, 60)  # half lengths of the modulating function, samples
 _SMOOTH = 4  # half length of the window that smooths the response for the law, samples
 _FEWEST = 100  # least number of equations of a force balance
 _MOST = 30_000  # most samples from which starting values are computed
@@ -460,7 +460,7 @@ _QUIET = 0.01  # the same for a start that is almost linear
 _N_STARTS = 12
 _LEAST_DAMPING, _MOST_DAMPING = 0.01, 10.0
 _COUPLINGS = (1.0, 3.0, 10.0)  # coupling spring over the stage's spring
-_ROUGHLY = VariableProjection(tolerance=1e-5, max_evaluations=30)
+ROUGHLY = VariableProjection(tolerance=1e-5, max_evaluations=30)
 _LAST_EVALUATIONS = 20
 
 
@@ -556,7 +556,7 @@ class OscillatorModel(ParametricModel):
             Linear part of one of them, which is almost linear.
         """
         stages = self._stages(records, mode)
-        return [self._divided(stage, records, _FINE, _MOST_COARSE) for stage in stages]
+        return [self._divided(stage, records, FINE, _MOST_COARSE) for stage in stages]
 
     def _stages(self, records, mode=None):
         """Return operators with coarse substeps, best first, among them an almost linear one."""
@@ -566,9 +566,9 @@ class OscillatorModel(ParametricModel):
         if not self.fit_intercept:
             middle = 0.0
         scales = length, middle, swing
-        records, washout = _loudest(records, middle)
+        records, washout = loudest(records, middle)
         kinds = []
-        for window in _WINDOWS:
+        for window in WINDOWS:
             usable = [r for r in records if len(r.u) > 2 * window]
             if sum(len(r.u) - 2 * window for r in usable) < _FEWEST:
                 break
@@ -607,15 +607,13 @@ class OscillatorModel(ParametricModel):
         length, middle, _ = scales
         motion = np.concatenate(
             [
-                np.stack([_weigh(r.y - middle, r.dt, window, order) for order in (2, 1, 0)], axis=1)
+                np.stack([weigh(r.y - middle, r.dt, window, order) for order in (2, 1, 0)], axis=1)
                 for r in records
             ]
         )
-        drive = np.concatenate([_weigh(r.u, r.dt, window) for r in records])
+        drive = np.concatenate([weigh(r.u, r.dt, window) for r in records])
         speed = float(np.sqrt(np.mean(motion[:, 1] ** 2))) or length / records[0].dt
-        smooth = [
-            _weigh(np.pad(r.y - middle, _SMOOTH, mode="edge"), r.dt, _SMOOTH) for r in records
-        ]
+        smooth = [weigh(np.pad(r.y - middle, _SMOOTH, mode="edge"), r.dt, _SMOOTH) for r in records]
         linear = [motion, np.ones(len(drive))] if self.fit_intercept else [motion]
         n_linear = 3 + self.fit_intercept
         found = []
@@ -623,13 +621,13 @@ class OscillatorModel(ParametricModel):
             stages = []
             for law in laws:
                 forces = [
-                    np.apply_along_axis(_weigh, 0, self._forces(law, y, r.dt, length), r.dt, window)
+                    np.apply_along_axis(weigh, 0, self._forces(law, y, r.dt, length), r.dt, window)
                     for y, r in zip(smooth, records, strict=True)
                 ]
                 columns = np.column_stack([*linear, np.concatenate(forces)])
                 if not np.isfinite(columns).all():
                     continue
-                factors, error = _least_squares(columns, drive)
+                factors, error = least_squares(columns, drive)
                 mass, damping, stiffness = factors[:3].tolist()
                 if not mass * stiffness > 0.0:
                     continue
@@ -706,7 +704,7 @@ class OscillatorModel(ParametricModel):
             other = refine(self, [stage], data, VariableProjection(bounds=bounds))
             evaluations += other.n_evaluations
             result = other if other.error < result.error else result
-        stage = self._divided(result.operator, data, _FINE, _MOST_FINE)
+        stage = self._divided(result.operator, data, FINE, _MOST_FINE)
         if stage.n_substeps > result.operator.n_substeps and np.isfinite(self._error(stage, data)):
             method = VariableProjection(bounds=bounds, max_evaluations=_LAST_EVALUATIONS)
             result = refine(self, [stage], data, method)
@@ -715,8 +713,8 @@ class OscillatorModel(ParametricModel):
 
     def _roughly(self):
         """Return the method for starting values, with no more evaluations than the fit itself."""
-        most = getattr(self.method, "max_evaluations", None) or _ROUGHLY.max_evaluations
-        return dataclasses.replace(_ROUGHLY, max_evaluations=min(most, _ROUGHLY.max_evaluations))
+        most = getattr(self.method, "max_evaluations", None) or ROUGHLY.max_evaluations
+        return dataclasses.replace(ROUGHLY, max_evaluations=min(most, ROUGHLY.max_evaluations))
 
     def adopt(self, result):
         super().adopt(result)
@@ -724,7 +722,7 @@ class OscillatorModel(ParametricModel):
         return self
 
 
-def _loudest(records, middle):
+def loudest(records, middle):
     """Return the part of each long record around its largest response, and a washout in samples.
 
     The washout is needed because the stage was not at rest before such a part.
@@ -742,7 +740,7 @@ def _loudest(records, middle):
     return parts, min(len(r.u) for r in parts) // 4
 
 
-def _least_squares(columns, right):
+def least_squares(columns, right):
     """Return the coefficients of the columns (n_samples, n) and the residual sum of squares."""
     gram, moments = columns.T @ columns, columns.T @ right
     scale = np.sqrt(np.diag(gram))
@@ -752,7 +750,7 @@ def _least_squares(columns, right):
     return factors, float(right @ right - moments @ factors)
 
 
-def _weigh(values, dt, window, order=0):
+def weigh(values, dt, window, order=0):
     """Return a signal (n,) or a derivative of it, averaged with the weights (1 - x^2)^3.
 
     ``order`` is that of the derivative, 0 to 2; the result has the shape (n - 2 window,).

@@ -222,7 +222,7 @@ class PrandtlIshlinskiiOperator(PlaySum):
         u : ndarray of shape (n_samples,)
             Drive.
         factor : ndarray of shape (n_samples,)
-            q, not negative.
+            The factor q, not negative.
         state : ndarray of shape (n_plays,)
             As :meth:`widened_init` and this method return it.
 
@@ -261,10 +261,12 @@ class PrandtlIshlinskiiOperator(PlaySum):
 
         Parameters
         ----------
-        u, factor : ndarray of shape (n_samples,)
-            As of :meth:`widened`.
+        u : ndarray of shape (n_samples,)
+            Drive.
         du : ndarray of shape (n_samples, m)
             Tangents of the drive.
+        factor : ndarray of shape (n_samples,)
+            As of :meth:`widened`.
         dfactor : ndarray of shape (n_samples, m + p)
             Those of the factor, and its derivatives by p parameters of its own.
 

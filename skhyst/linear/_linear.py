@@ -15,12 +15,14 @@ same formulas, which is exact to rounding (Al-Mohy and Higham, *Numerical Algori
 """
 
 from abc import abstractmethod
+from typing import Self
 
 import numpy as np
 from scipy.linalg import expm
+from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import StrOptions
-from ..base import ParametricModel
+from ..base import ParametricModel, with_params
 from ..operators import (
     CompiledLaw,
     HeldInput,
@@ -35,6 +37,7 @@ from ..operators import (
     state_space_step,
     state_space_tangents,
 )
+from ..records import chosen_interval
 
 _STEP = 1e-30  # complex step; far below rounding, far above underflow
 _BLOCK = 16  # samples that are advanced at once
@@ -77,8 +80,15 @@ def decay_of(poles):
     return float(-1.0 / slowest) if slowest < 0.0 else np.inf
 
 
-def _equilibrium(a, b):
-    """Return the state at rest for a unit input; an integrator, which has none, begins at zero."""
+def _equilibrium(a, b, integrators=0):
+    """Return the state at rest for a unit input; an integrator, which has none, begins at zero.
+
+    The last states, as many as there are integrators, are theirs: the others rest.
+    """
+    if integrators:
+        n = a.shape[-1] - integrators
+        rest = _equilibrium(a[..., :n, :n], b[..., :n])
+        return np.concatenate([rest, np.zeros((*rest.shape[:-1], integrators))], axis=-1)
     try:
         return -np.linalg.solve(a, b[..., None])[..., 0]
     except np.linalg.LinAlgError:  # a pole at zero
@@ -104,6 +114,7 @@ class LinearOperator(HeldInput):
     signal_linear = True
     intercept = 0.0
     n_poles = (0, 0)
+    integrators = 0  # poles at zero, whose states are the last ones
 
     @abstractmethod
     def with_poles(self, rates, pairs):
@@ -187,7 +198,7 @@ class LinearOperator(HeldInput):
         """Return the state at rest for a unit input."""
         if "rest" not in self._memory:
             a, b, _, _ = self.state_space()
-            self._memory["rest"] = _equilibrium(a, b)
+            self._memory["rest"] = _equilibrium(a, b, self.integrators)
         return self._memory["rest"]
 
     def discrete(self, dt):
@@ -225,7 +236,8 @@ class LinearOperator(HeldInput):
         """Return the derivatives of the discrete form and of the state at rest, by parameter."""
         if (dt, "tangents") not in self._memory:
             a, b, c, d = self._stepped()
-            parts = (*discretize(a, b, dt, self.hold), c, d, _equilibrium(a, b))
+            rest = _equilibrium(a, b, self.integrators)
+            parts = (*discretize(a, b, dt, self.hold), c, d, rest)
             self._memory[dt, "tangents"] = [
                 np.ascontiguousarray(part.imag / _STEP) for part in parts
             ]
@@ -233,12 +245,61 @@ class LinearOperator(HeldInput):
 
     def inverse(self):
         """Return the operator from the response to the drive; it is not causal."""
+        self._require("integrators", not self.integrators, "be 0 to have an inverse from a rest")
         return InverseLinearOperator(self)
 
+    @property
+    def n_start(self):
+        """Number of states where integrators leave none of them at rest."""
+        return len(self._rest()) if self.integrators else 0
+
     def init(self, u0, initial_state="rest"):
+        if not isinstance(initial_state, str):  # the states at the first sample
+            return np.array(initial_state, dtype=float), None
         if initial_state == "zero":  # a ramp from zero would lead to the first sample
-            return np.zeros_like(self._rest()), None if self.hold == "foh" else 0.0
-        return self._rest() * u0, float(u0)
+            begun = self.hold == "zoh" and not self.integrators
+            return np.zeros_like(self._rest()), 0.0 if begun else None
+        # an integrator goes on from the first sample, where it has its value
+        return self._rest() * u0, None if self.integrators else float(u0)
+
+    def by_start(self, u, dt, start):
+        """Return the derivatives of the output by the states at the first sample.
+
+        Parameters
+        ----------
+        u : ndarray of shape (n_samples,)
+            Input.
+        dt : float
+            Sampling interval in s.
+        start : array-like of shape (n_states,)
+            The states.
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_states)
+        """
+        ad, _, _, c, _ = self.discrete(dt)
+        dy, row = np.empty((len(u), len(c))), c
+        for k in range(len(u)):
+            dy[k] = row
+            row = row @ ad
+        return dy
+
+    def starts(self, u, y, dt):
+        """Return states from which a search for those at the first sample begins.
+
+        Parameters
+        ----------
+        u, y : ndarray of shape (n_samples,)
+            Input and response.
+        dt : float
+            Sampling interval in s.
+
+        Returns
+        -------
+        list of ndarray of shape (n_states,)
+        """
+        return [self._rest() * u[0]]
 
     def run(self, u, dt, state=None):
         u = as_signal(u)
@@ -255,7 +316,7 @@ class LinearOperator(HeldInput):
     def compiled_step(self, dt, state):
         x, previous = state
         constants = *self.discrete(dt), self.intercept
-        if self.hold == "foh":
+        if self.hold == "foh" or self.integrators:
             begun = previous is not None
             state = [*x, previous if begun else 0.0, *x, float(begun)]
             return CompiledLaw(state_space_begin, constants, state)
@@ -298,10 +359,10 @@ class LinearOperator(HeldInput):
         x, u0 = self.init(u[0], initial_state)
         dx = np.zeros((len(x), m + len(rest_steps)))
         du0 = np.zeros(m)
-        if initial_state == "rest":
+        if isinstance(initial_state, str) and initial_state == "rest":
             du0 = du[0].copy()
             dx[:, :m] = np.outer(self._rest(), du0)
-            dx[:, m:] = u0 * rest_steps.T
+            dx[:, m:] = u[0] * rest_steps.T
         y, dy = state_space_tangents(*self.discrete(dt), *steps, u, du, x, dx, u0, du0)
         return y + self.intercept, dy
 
@@ -345,6 +406,41 @@ class LinearModel(ParametricModel):
         self.dt = dt
         self.drive = drive
         self.method = method
+
+    def resampled(self, dt) -> Self:
+        """Return the fitted model at another sampling interval.
+
+        Its parameters are those of continuous time, so that it is exact for a drive that is between
+        the new samples as its ``hold`` says.
+
+        Parameters
+        ----------
+        dt : float
+            Sampling interval of the new model, in ``time_unit_``.
+
+        Returns
+        -------
+        estimator
+            Fitted; ``predict`` and ``stepper`` take data without a time to be at this interval.
+
+        Raises
+        ------
+        ValueError
+            If ``dt`` is not a positive number.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from skhyst.linear import FirstOrderLag, FirstOrderLagOperator
+        >>> u = np.repeat(np.random.default_rng(0).normal(size=100), 2)
+        >>> y, _ = FirstOrderLagOperator(0.05, hold="zoh").run(u, 0.01)
+        >>> coarse = FirstOrderLag(hold="zoh", dt=0.02).fit(u[::2, None], y[::2])
+        >>> bool(np.allclose(coarse.resampled(0.01).predict(u[:, None]), y))
+        True
+        """
+        check_is_fitted(self)
+        dt = chosen_interval((), dt, f"{type(self).__name__}.resampled")
+        return with_params(self, dt_=dt, dt=None if self.dt is None else dt)
 
     @property
     def any_interval(self):

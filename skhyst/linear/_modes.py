@@ -64,6 +64,13 @@ class ModesMixin:
         # the damping ratio of a real pole is 1 or -1 and has no standard error
         self.damping_ratios_std_ = np.where(p.imag > 0.0, _std(by_damping, spread), np.nan)
 
+    def _add_integrators(self, count):
+        """Put poles at zero, which are known, before the others; of them no mode is told."""
+        self.poles_ = np.concatenate([np.zeros(count), self.poles_])
+        known = np.zeros((count, 2, 2))
+        self.poles_covariance_ = np.concatenate([known, self.poles_covariance_])
+        self.n_states_ += count
+
     def poles_table(self) -> pd.DataFrame:
         r"""Return the modes as a table, slowest first: one row per real pole or pair.
 

@@ -22,13 +22,13 @@ from typing import Self
 
 import numpy as np
 from scipy.linalg import eig
-from sklearn.utils.validation import check_array, check_is_fitted
+from sklearn.utils.validation import check_array, check_consistent_length, check_is_fitted
 
 from .._jit import jit
 from .._sklearn import Interval, StrOptions
-from .._validation import read_slices
+from .._validation import read_data, read_slices, refuse_std
 from ..base import one_thread, refine, with_params
-from ..exceptions import DivergenceWarning
+from ..exceptions import DivergenceWarning, RecordError
 from ..operators import (
     CompiledColumn,
     CompiledLaw,
@@ -43,6 +43,7 @@ from ..operators import (
 from ..optimize import (
     FrequencyProblem,
     RationalBlock,
+    identify_from_own_starts,
     identify_response,
     pole_starts,
     record_poles,
@@ -50,7 +51,12 @@ from ..optimize import (
     vector_fit,
 )
 from ..records import with_lost_rows
-from ._conversion import control_system, poles_and_response, scipy_system
+from ._conversion import (
+    control_system,
+    poles_and_response,
+    scipy_system,
+    without_sampling,
+)
 from ._delay import DelayOperator
 from ._estimate_response import chosen_columns
 from ._linear import (
@@ -63,6 +69,7 @@ from ._linear import (
     time_span,
 )
 from ._modes import ModesMixin, section_poles
+from ._prediction_error import identify_one_step, one_step, one_step_starts
 from ._second_order_mode import SecondOrderModeOperator, count_ringing, rates_of_sections
 
 _EXACT = 1e-8  # relative error at which a numerator's degree suffices
@@ -120,6 +127,15 @@ class TransferFunctionOperator(LinearOperator):
         Above 1 for two real poles.
     numerator : ndarray of shape (n_zeros,)
         Weights, at most one per pole.
+    integrators : int, default=0
+        Poles at zero behind the sections, not negative. Fixed structure. ``gain`` is then that of
+        the first derivative, or of the second, of the response.
+
+    Notes
+    -----
+    Integrators have no state of rest. With them a record begins at its first sample, in ``"rest"``
+    with the sections at rest and the integrators at zero, and ``init`` also takes the states at the
+    first sample (see ``n_start`` of :class:`~skhyst.operators.Operator`).
 
     Examples
     --------
@@ -137,32 +153,47 @@ class TransferFunctionOperator(LinearOperator):
     gain: float = parameter(linear=True, gauge=1.0, unit="response/drive", default=1.0)
     intercept: float = parameter(linear=True, gauge=0.0, unit="response", default=0.0)
     hold: str = "foh"
+    integrators: int = 0
 
     def __post_init__(self):
         super().__post_init__()
         self._require_size("damping_ratios", np.size(self.natural_frequencies), "natural frequency")
+        self._require("integrators", self.integrators >= 0, "not be negative")
+
+    def parameter_specs(self):
+        specs = super().parameter_specs()
+        if self.integrators:
+            unit = "response/(drive s)" if self.integrators == 1 else "response/(drive s^2)"
+            for name in ("numerator", "gain"):
+                specs[name] = replace(specs[name], unit=unit)
+        return specs
 
     @classmethod
     def from_scipy(cls, system, *, hold="foh"):
-        """Convert a continuous-time system of SciPy or python-control.
+        """Convert a system of SciPy or python-control.
 
         Parameters
         ----------
-        system : scipy.signal.lti, control.StateSpace or control.TransferFunction
-            Continuous time, one response, one input or several, no pole at zero.
+        system : scipy.signal.lti, dlti, control.StateSpace or control.TransferFunction
+            One response, one input or several, no pole at zero. One in discrete time is converted
+            exactly to the one in continuous time that it samples under the hold; its poles at
+            z = 0 become delays.
         hold : {"foh", "zoh"}, default="foh"
             Input between samples.
 
         Returns
         -------
         TransferFunctionOperator
-            For several inputs a :class:`MultiInputTransferFunctionOperator`.
+            For several inputs a :class:`MultiInputTransferFunctionOperator`, for one with a delay a
+            series of the delay and the transfer function.
 
         Raises
         ------
         ValueError
-            If the system is in discrete time, has several responses, no pole, or a pole at zero.
+            If the system has several responses, no pole, or a pole at zero; or is in discrete time
+            and samples none in continuous time under the hold, with delays of whole samples.
         """
+        system, delays = without_sampling(system, hold)
         poles, response = poles_and_response(system)
         size = np.abs(poles)
         count = _POINTS * (len(poles) + 2)
@@ -183,8 +214,9 @@ class TransferFunctionOperator(LinearOperator):
             if np.abs(rows @ found - targets).max() <= _EXACT * np.abs(targets).max():
                 break
         if gains.shape[1] == 1:
-            return cls(*parts, found[:-1, 0], float(found[-1, 0]), hold=hold)
-        return MultiInputTransferFunctionOperator(*parts, found[:-1].T.copy(), found[-1], hold=hold)
+            return _behind_delay(cls(*parts, found[:-1, 0], float(found[-1, 0]), hold=hold), delays)
+        numerators = found[:-1].T.copy()
+        return MultiInputTransferFunctionOperator(*parts, numerators, found[-1], delays, hold=hold)
 
     def to_scipy(self):
         """Return the continuous-time ``scipy.signal.StateSpace``, without the intercept."""
@@ -192,6 +224,8 @@ class TransferFunctionOperator(LinearOperator):
 
     def zeros(self):
         """Return the zeros in rad/s, complex, shape (n_zeros,)."""
+        if not np.size(self.numerator):
+            return np.empty(0, dtype=complex)
         a, b, c, d = self.state_space()
         unit = float(np.abs(self.poles()).max())
         pencil = np.block([[a / unit, b[:, None] / unit], [c[None, :], np.array([[d]])]])
@@ -309,12 +343,12 @@ class TransferFunctionOperator(LinearOperator):
         return count_ringing(self.damping_ratios)
 
     def lag_rates(self):
-        if np.size(self.numerator):
+        if np.size(self.numerator) or self.integrators:
             return []
         return rates_of_sections(self.time_constants, self.natural_frequencies, self.damping_ratios)
 
     def linear_mode(self):
-        if self.n_poles != (0, 1) or np.size(self.numerator):
+        if self.n_poles != (0, 1) or np.size(self.numerator) or self.integrators:
             return None
         pair = float(self.natural_frequencies[0]), float(self.damping_ratios[0])
         return SecondOrderModeOperator(*pair, self.gain, self.intercept, self.hold)
@@ -343,7 +377,16 @@ class TransferFunctionOperator(LinearOperator):
         columns = [column for section in reversed(terms) for column in section]
         for weight, column in zip(numerator, columns, strict=False):
             output = output + weight * column
-        return system[:, :n], system[:, n], output[:n], output[n]
+        return _integrated(system[:, :n], system[:, n], output[:n], output[n], self.integrators)
+
+
+def _integrated(a, b, c, d, count):
+    """Return the matrices of a system with integrators behind it, their states last."""
+    for _ in range(count):
+        n = len(b)
+        a = np.block([[a, np.zeros((n, 1))], [c[None, :], np.zeros((1, 1))]])
+        b, c, d = np.append(b, d), np.eye(n + 1, dtype=a.dtype)[n], 0.0 * d
+    return a, b, c, d
 
 
 def _together(roots):
@@ -741,6 +784,27 @@ def record_starts(records, n_poles, n_zeros, delay, hold):
     ]
 
 
+def _through(record, count):
+    """Return a record with its drive integrated, relative to what drives it on the whole."""
+    u, rows = record.u, np.arange(len(record.u))
+    for _ in range(count):
+        u = record.dt * np.append(0.0, np.cumsum(0.5 * (u[1:] + u[:-1])))
+    # where a record starts adds a polynomial to the response, as a constant drive does
+    u, y = (
+        part - np.polynomial.Polynomial.fit(rows, part, min(count, len(rows) - 1))(rows)
+        for part in (u, record.y)
+    )
+    return replace(record, u=u, y=y)
+
+
+def _with_integrators(operator, count):
+    """Return an operator with integrators behind it, or behind its delay."""
+    if hasattr(operator, "stages"):
+        delay, rational = operator.stages
+        return replace(operator, stages=(delay, replace(rational, integrators=count)))
+    return replace(operator, integrators=count)
+
+
 def fit_response(
     frequency, response, std, n_poles, n_zeros, *, delay, hold, stable, single, fit_gain, method
 ):
@@ -840,8 +904,16 @@ class TransferFunction(ModesMixin, LinearModel):
         model of several inputs must come first in a composition; there, inputs go by position.
     delay : float, array-like of shape (n_inputs,) or "fit", default=0.0
         Delay in s, fixed, for all inputs or one for each; or fitted, one for each.
+    integrators : int, default=0
+        Poles at zero, beside the ``n_poles``, which may then be 0; only with ``inputs="drive"``.
+        They are known, so the others have the standard errors. A record starts at its own response:
+        with ``initial_state="estimate"`` all states at its first sample are fitted.
     stable : bool, default=True
-        False lets :meth:`fit_frequency_response` keep poles in the right half-plane.
+        False lets poles be in the right half-plane, as those of a plant that a feedback keeps in
+        bounds. :meth:`fit` then minimises the errors of predictions one step ahead, in place of
+        those of the free run, with the gain of the predictor and the state at each record's start
+        (prediction-error method [4]_), for one input without a delay, a given number of poles and
+        one sampling interval. The noise is taken as white innovations.
 
     Attributes
     ----------
@@ -852,8 +924,12 @@ class TransferFunction(ModesMixin, LinearModel):
     zeros_ : ndarray of shape (n_zeros,), complex, or list of such
         rad/s; a list, one array per input, unless ``inputs="drive"``.
     fit_error_ : float
-        Root mean square of the residual; after :meth:`fit_frequency_response` that of real and
-        imaginary parts in units of their standard deviation.
+        Root mean square of the residual; with ``stable=False`` that of predictions one step ahead;
+        after :meth:`fit_frequency_response` that of real and imaginary parts in units of their
+        standard deviation.
+    predictor_gain_ : ndarray of shape (n_states,)
+        With ``stable=False`` and :meth:`fit`: how much of an error of the prediction moves the
+        states of ``operator_`` (of its ``state_space()``), see :meth:`predict_one_step`.
 
     Raises
     ------
@@ -871,6 +947,7 @@ class TransferFunction(ModesMixin, LinearModel):
     .. [1] Steiglitz and McBride, *IEEE Transactions on Automatic Control*, 1965.
     .. [2] Gustavsen and Semlyen, *IEEE Transactions on Power Delivery*, 1999.
     .. [3] Pintelon and Schoukens, *System Identification*, 2012, ch. 6, 9 and 11.
+    .. [4] Ljung, *System Identification*, 1999, sections 7.2 and 13.4.
 
     Examples
     --------
@@ -885,9 +962,10 @@ class TransferFunction(ModesMixin, LinearModel):
 
     _parameter_constraints = {
         **LinearModel._parameter_constraints,
-        "n_poles": [Interval(Integral, 1, None, closed="left"), StrOptions({"auto"})],
+        "n_poles": [Interval(Integral, 0, None, closed="left"), StrOptions({"auto"})],
         "n_zeros": [Interval(Integral, 0, None, closed="left"), None],
         "max_poles": [Interval(Integral, 1, None, closed="left")],
+        "integrators": [Interval(Integral, 0, 2, closed="both")],
         "inputs": [StrOptions({"drive", "all"}), list, tuple],
         "delay": [Interval(Real, 0, None, closed="left"), StrOptions({"fit"}), "array-like"],
         "stable": ["boolean"],
@@ -899,6 +977,7 @@ class TransferFunction(ModesMixin, LinearModel):
         *,
         n_zeros=0,
         max_poles=8,
+        integrators=0,
         inputs="drive",
         delay=0.0,
         stable=True,
@@ -913,6 +992,7 @@ class TransferFunction(ModesMixin, LinearModel):
         self.n_poles = n_poles
         self.n_zeros = n_zeros
         self.max_poles = max_poles
+        self.integrators = integrators
         self.inputs = inputs
         self.delay = delay
         self.stable = stable
@@ -930,6 +1010,8 @@ class TransferFunction(ModesMixin, LinearModel):
         return not (isinstance(self.inputs, str) and self.inputs == "drive")
 
     def operator_input(self, X, slices):
+        if hasattr(self, "_response_inputs"):
+            return X if self.reads_columns else X[:, 0], [None] * len(slices)
         signal, schedules = super().operator_input(X, slices)
         return X[:, self._columns(X.shape[1])] if self.reads_columns else signal, schedules
 
@@ -956,6 +1038,8 @@ class TransferFunction(ModesMixin, LinearModel):
 
     def held_parameters(self) -> frozenset[str]:
         fixed = super().held_parameters()
+        if self.integrators and self.initial_state == "estimate":  # each record has its own
+            fixed |= {"intercept"}
         if self.reads_columns:
             n_inputs = getattr(self, "_n_inputs", 1)
             held = held_names(n_inputs, self._delay_of(n_inputs), self.fit_gain)
@@ -967,6 +1051,16 @@ class TransferFunction(ModesMixin, LinearModel):
         return frozenset(held | {f"transfer_function__{name}" for name in fixed})
 
     def _check_orders(self):
+        if self.n_poles == 0 and not self.integrators:
+            raise ValueError(
+                "The 'n_poles' parameter of TransferFunction must be above 0 without integrators. "
+                "Got 0 instead."
+            )
+        if self.integrators and self.reads_columns:
+            raise ValueError(
+                "The 'integrators' parameter of TransferFunction must be 0 unless 'inputs' is "
+                f"'drive'. Got {self.integrators!r} instead."
+            )
         n_poles = self.max_poles if self.n_poles == "auto" else self.n_poles
         if self.n_zeros is not None and self.n_zeros > n_poles:
             name = "max_poles" if self.n_poles == "auto" else "n_poles"
@@ -990,11 +1084,63 @@ class TransferFunction(ModesMixin, LinearModel):
 
     def _starts_of(self, records, n_poles, n_zeros):
         n_inputs = records[0].u.shape[1] if self.reads_columns else 1
-        return record_starts(records, n_poles, n_zeros, self._delay_of(n_inputs), self.hold)
+        options = n_poles, n_zeros, self._delay_of(n_inputs), self.hold
+        if not self.integrators:
+            return record_starts(records, *options)
+        # in series the order does not matter: what the integrated drive goes through is stable
+        found = record_starts([_through(r, self.integrators) for r in records], *options)
+        return [_with_integrators(start, self.integrators) for start in found]
 
     def identify(self, data):
         self._check_orders()
         return self._choose(data)
+
+    def _fit_records(self, records):
+        self.__dict__.pop("predictor_gain_", None)  # of an earlier fit
+        if self.stable:
+            return super()._fit_records(records)
+        model = self.with_hold("foh") if self.hold == "auto" else self
+        result, self.predictor_gain_ = model._one_step(records)
+        return self.finish(result, records)
+
+    def _one_step(self, records):
+        """Identify by predictions one step ahead."""
+        self._check_orders()
+        given = {
+            "inputs": (not self.reads_columns, "be 'drive'"),
+            "delay": (not np.size(self._delay_of(1)), "be 0"),
+            "hold": (self.hold != "bandlimited", "be 'foh' or 'zoh'"),
+            "n_poles": (self.n_poles != "auto" and self.n_zeros is not None, "be a number, as"),
+            "initial_state": (self.initial_state != "estimate", "be 'rest'"),
+        }
+        for name, (is_right, wanted) in given.items():
+            if not is_right:
+                more = " 'n_zeros'" if name == "n_poles" else ""
+                raise ValueError(
+                    f"The '{name}' parameter of TransferFunction must {wanted}{more} where "
+                    f"stable=False is fitted to records. Got {getattr(self, name)!r} instead."
+                )
+        if len({record.dt for record in records}) > 1:
+            raise ValueError(
+                "Records must have one sampling interval where stable=False is fitted to them. Got "
+                f"{sorted({record.dt for record in records})} s instead."
+            )
+
+        def make(*parts):
+            numerator = np.zeros(self.n_zeros)
+            one = TransferFunctionOperator(*parts, numerator, hold=self.hold)
+            return _with_integrators(one, self.integrators)
+
+        starts = one_step_starts(records, self.n_poles, make, self.integrators)
+        # of an integrator the start of each record, which is fitted, is the constant
+        held = self.held_parameters() | ({"intercept"} if self.integrators else set())
+        found = identify_one_step(starts, records, held)
+        if found is None:
+            raise RecordError(
+                "TransferFunction has found no predictor of these records that is stable: they are "
+                "too short, or the drive moves too little."
+            )
+        return found
 
     def _choose(self, records):
         n_samples = sum(record.segment_weights().sum() for record in records)
@@ -1002,6 +1148,9 @@ class TransferFunction(ModesMixin, LinearModel):
 
         def fit(n_poles, n_zeros):
             starts = self._starts_of(records, n_poles, n_zeros)
+            if self.integrators and self.initial_state == "estimate":
+                options = {"fixed": self.held_parameters(), "method": self.method}
+                return identify_from_own_starts(starts, records, **options), n_samples, power
             return refine(self, starts, records), n_samples, power
 
         return choose_orders(fit, self.n_poles, self.n_zeros, self.max_poles)
@@ -1012,6 +1161,7 @@ class TransferFunction(ModesMixin, LinearModel):
         Parameters
         ----------
         other : estimator
+            What follows this model.
 
         Returns
         -------
@@ -1040,6 +1190,7 @@ class TransferFunction(ModesMixin, LinearModel):
         Parameters
         ----------
         operator : TransferFunctionOperator
+            Of any order.
 
         Returns
         -------
@@ -1095,6 +1246,9 @@ class TransferFunction(ModesMixin, LinearModel):
                 f"above zero, and not be zero at all of them. Got {len(frequency)} lines instead."
             )
 
+        # the response and its uncertainty with the integrators divided out: the same sum of squares
+        slopes = ((2j * np.pi * frequency) ** self.integrators)[:, None]
+        g, std = g * slopes, None if std is None else std * np.abs(slopes)
         fit = partial(
             fit_response,
             frequency,
@@ -1109,6 +1263,9 @@ class TransferFunction(ModesMixin, LinearModel):
         )
         with one_thread():
             result = choose_orders(fit, self.n_poles, self.n_zeros, self.max_poles)
+        if self.integrators:
+            operator = _with_integrators(result.operator, self.integrators)
+            result = replace(result, operator=operator)
         self._response_inputs = tuple(response.input_names[i] for i in columns)
         self._n_inputs = self.n_features_in_ = len(columns)
         self.records_, self.time_unit_ = (), response.time_unit
@@ -1131,6 +1288,8 @@ class TransferFunction(ModesMixin, LinearModel):
         rational, _ = self._rational()
         parts = rational.time_constants, rational.natural_frequencies, rational.damping_ratios
         self._set_modes(*section_poles(*parts), covariance)
+        if self.integrators:
+            self._add_integrators(self.integrators)
         self.zeros_ = rational.zeros()
 
     def _rational(self):
@@ -1142,14 +1301,16 @@ class TransferFunction(ModesMixin, LinearModel):
 
     @classmethod
     def from_system(cls, system, **params) -> Self:
-        """Make a fitted model from a continuous-time system, such as that of a data sheet.
+        """Make a fitted model from a system, such as that of a data sheet.
 
         Parameters
         ----------
-        system : scipy.signal.lti, control.StateSpace or control.TransferFunction
-            One response, no pole at zero.
+        system : scipy.signal.lti, dlti, control.StateSpace or control.TransferFunction
+            One response, no pole at zero. One in discrete time is converted exactly to the one in
+            continuous time that it samples under the ``hold``; its poles at z = 0 become delays.
         **params
-            Parameters of the model, such as ``dt``, ``hold`` and ``initial_state``.
+            Parameters of the model, such as ``hold``, ``initial_state``, ``dt``, which is by
+            default that of a system in discrete time, and ``delay``, which is added.
 
         Returns
         -------
@@ -1166,15 +1327,28 @@ class TransferFunction(ModesMixin, LinearModel):
         """
         model = cls(**params)
         refuse_open_hold(model.hold, HeldInput.holds)
-        operator = TransferFunctionOperator.from_scipy(system, hold=model.hold)
-        single = isinstance(operator, TransferFunctionOperator)
-        shape = np.shape(operator.numerator if single else operator.numerators)
+        if isinstance(model.delay, str):
+            raise ValueError(
+                "The 'delay' parameter of TransferFunction.from_system must be in s, one number or "
+                f"one per input. Got {model.delay!r} instead."
+            )
+        model.operator_ = TransferFunctionOperator.from_scipy(system, hold=model.hold)
+        rational, delays = model._rational()
+        single = isinstance(rational, TransferFunctionOperator)
+        n_inputs = 1 if single else rational.n_inputs
+        delays = np.zeros(n_inputs) + (delays if np.size(delays) else 0.0)
+        model.delay = model.delay + delays if np.any(delays) else model.delay
+        delays = model._delay_of(n_inputs)
+        operator = _behind_delay(rational, delays) if single else replace(rational, delays=delays)
+        shape = np.shape(rational.numerator if single else rational.numerators)
         model.set_params(
-            n_poles=len(operator.poles()), n_zeros=shape[-1], inputs="drive" if single else "all"
+            n_poles=len(rational.poles()),
+            n_zeros=shape[-1],
+            inputs="drive" if single else "all",
+            dt=model.dt or getattr(system, "dt", None) or None,
         )
         model._validate_params()
         entries = [name for name, _ in operator.entries()]
-        n_inputs = 1 if single else operator.n_inputs
         model._n_inputs = model.n_features_in_ = n_inputs
         model._response_inputs = tuple(f"input{i}" for i in range(n_inputs))
         model.operator_, model.records_ = operator, ()
@@ -1198,41 +1372,122 @@ class TransferFunction(ModesMixin, LinearModel):
         check_is_fitted(self)
         return scipy_system(*self._rational())
 
-    def to_control(self):
-        """Return the fitted model as a ``control.StateSpace``, as :meth:`to_scipy` does.
+    def to_control(self, *, pade=None):
+        """Return the fitted model as a continuous-time ``control.StateSpace``.
+
+        The intercept is left out. :func:`skhyst.export.to_control` gives a system in discrete time,
+        in which delays are exact.
+
+        Parameters
+        ----------
+        pade : int, default=None
+            Order of the Padé approximants of delays; by default these are refused.
+
+        Returns
+        -------
+        control.StateSpace
 
         Raises
         ------
         ImportError
             If the package ``control`` is not installed.
+        ValueError
+            If the model has a delay and ``pade`` is not given.
+
+        Examples
+        --------
+        >>> import control
+        >>> from skhyst.linear import TransferFunction
+        >>> model = TransferFunction.from_system(control.tf([1.0], [0.01, 1.0]), delay=0.002)
+        >>> model.to_control(pade=2).nstates
+        3
         """
         check_is_fitted(self)
-        return control_system(*self._rational())
+        if pade is not None and not (isinstance(pade, Integral) and pade > 0):
+            raise ValueError(
+                "The 'pade' parameter of TransferFunction.to_control must be a positive integer or "
+                f"None. Got {pade!r} instead."
+            )
+        return control_system(*self._rational(), pade)
 
-    def predict(self, X) -> np.ndarray:
-        """Return the free run: the response to the inputs alone, each record from its own start.
+    def predict_one_step(self, X, y) -> np.ndarray:
+        """Return predictions one step ahead, of a model that was fitted by them.
 
         Parameters
         ----------
-        X : DataFrame or array-like of shape (n_samples, n_columns)
-            After :meth:`fit_frequency_response` the inputs are taken by name from a DataFrame that
-            has these names, otherwise by position.
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+            As for :meth:`fit`.
+        y : array-like of shape (n_samples,)
+            Response. Where it is NaN, as behind the known part of a record, the model runs on
+            freely.
 
         Returns
         -------
         ndarray of shape (n_samples,)
-            Units of the response, always finite. An unstable model gives a
-            :class:`~skhyst.exceptions.DivergenceWarning`.
+            Each from the response before it; a record starts from the state that its response
+            tells.
+
+        Raises
+        ------
+        AttributeError
+            If the model was not fitted with ``stable=False``.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from skhyst.linear import TransferFunction
+        >>> rng, y, u = np.random.default_rng(0), np.zeros(500), np.zeros(500)
+        >>> for k in range(1, 500):  # an unstable plant y' = y + u, held by a proportional feedback
+        ...     y[k] = np.exp(0.1) * y[k - 1] + np.expm1(0.1) * u[k - 1] + 0.01 * rng.normal()
+        ...     u[k] = -3.0 * y[k] + rng.normal()
+        >>> model = TransferFunction(1, stable=False, hold="zoh", dt=0.1).fit(u[:, None], y)
+        >>> bool(abs(model.poles_[0] - 1.0) < 0.1)
+        True
+        >>> error = y - model.predict_one_step(u[:, None], y)
+        >>> bool(error.std() < 0.011)
+        True
         """
         check_is_fitted(self)
+        if not hasattr(self, "predictor_gain_"):
+            raise AttributeError(
+                "TransferFunction has a predictor only after a fit to records with stable=False."
+            )
+        slices, X, _ = read_data(self, X, reset=False, bridge=True)
+        y = check_array(y, ensure_2d=False, ensure_all_finite="allow-nan", dtype=float)
+        check_consistent_length(X, y)
+        slices, X, y, read = with_lost_rows(slices, X, y)
+        y = y if read is None else np.where(read, y, np.nan)
+        signal, _ = self.operator_input(X, slices)
+        found = [
+            one_step(self.operator_, self.predictor_gain_, signal[s.rows], y[s.rows], s.dt)
+            for s in slices
+        ]
+        found = np.concatenate(found)
+        return found if read is None else found[read]
+
+    def predict(self, X, y_start=None, return_std=False):
+        """Return the free run: the response to the inputs alone, each record from its own start.
+
+        After :meth:`fit_frequency_response` the inputs are taken by name from a DataFrame that has
+        these names, otherwise by position. An unstable model gives a
+        :class:`~skhyst.exceptions.DivergenceWarning`; with ``y_start`` one that was fitted by
+        predictions one step ahead goes on from them, see :meth:`predict_one_step`.
+        """
+        check_is_fitted(self)
+        if y_start is not None and hasattr(self, "predictor_gain_"):
+            refuse_std(self, return_std, "that predicts one step ahead")
+            return self.predict_one_step(X, y_start)
         if np.any(self.poles_.real > 0.0):
             warnings.warn(
                 "The model is unstable: its free run grows without bound.",
                 DivergenceWarning,
                 stacklevel=2,
             )
+        return super().predict(X, y_start, return_std)
+
+    def _read_inputs(self, X):
         if not hasattr(self, "_response_inputs"):
-            return super().predict(X)
+            return super()._read_inputs(X)
         names = list(getattr(X, "columns", ()))
         if set(self._response_inputs) <= set(names):
             X = X[list(self._response_inputs)]
@@ -1242,8 +1497,4 @@ class TransferFunction(ModesMixin, LinearModel):
                 f"X must have the {self._n_inputs} input(s) {list(self._response_inputs)}. Got "
                 f"{array.shape[1]} column(s) instead."
             )
-        signal = array[:, : self._n_inputs] if self.reads_columns else array[:, 0]
-        slices = read_slices(self, X, reset=False, bridge=True)
-        slices, signal, read = with_lost_rows(slices, signal)
-        y = self._free_run(signal, slices, [None] * len(slices))
-        return y if read is None else y[read]
+        return read_slices(self, X, reset=False, bridge=True), array[:, : self._n_inputs]

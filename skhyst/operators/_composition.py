@@ -85,6 +85,9 @@ class WrappedOperator(_ByEntries):
     def run(self, u, dt, state=None):
         return self.operator.run(u, dt, state)
 
+    def by_start(self, u, dt, start):
+        return self.operator.by_start(u, dt, start)
+
     def compiled_step(self, dt, state):
         return self.operator.compiled_step(dt, state)
 
@@ -220,6 +223,9 @@ class OnColumnOperator(WrappedOperator):
 
     def run(self, u, dt, state=None):
         return self.operator.run(self._own(u), dt, state)
+
+    def by_start(self, u, dt, start):
+        return self.operator.by_start(self._own(u), dt, start)
 
     def compiled_step(self, dt, state):
         own = self.operator.compiled_step(dt, state)
@@ -426,6 +432,13 @@ class Scaled(WrappedOperator):
             y, own = self.operator.run(u, dt, own)
             y = y * factor
         return y, own if self.lag is None else (own, lag)
+
+    def by_start(self, u, dt, start):
+        a = _one(u, self.column)
+        a = a if self.lag is None else self.lag.run(a, dt)[0]
+        dy = self.operator.by_start(u, dt, start)
+        rest = self._others.by_start(u, dt, start) if self.scales else 0.0
+        return rest + (dy - rest) * self._factor(a)[:, None]
 
     def compiled_step(self, dt, state):
         own, lag = (state, None) if self.lag is None else state
@@ -831,6 +844,11 @@ class _Composition(_ByEntries):
         )
 
 
+def _begins(stage, initial_state):
+    """Return the initial state of a part: one that has a rest knows no other start."""
+    return initial_state if isinstance(initial_state, str) or stage.n_start else "rest"
+
+
 class Series(_Composition):
     """Operators in series: the output of one is the input of the next.
 
@@ -936,7 +954,7 @@ class Series(_Composition):
     def init(self, u0, initial_state="rest"):
         states = []
         for stage in self.stages:
-            state = stage.init(u0, initial_state)
+            state = stage.init(u0, _begins(stage, initial_state))
             states.append(state)
             # the output at rest is the rest input of the next stage; the interval is immaterial
             u0 = stage.run(np.array([u0], dtype=float), 1.0, state)[0][0]
@@ -968,13 +986,21 @@ class Series(_Composition):
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
         for stage in self.stages:
-            u, du = stage.sensitivities(u, du, dt, initial_state)
+            u, du = stage.sensitivities(u, du, dt, _begins(stage, initial_state))
         return u, du
 
     def propagate(self, u, du, dt, initial_state="rest"):
         for stage in self.stages:
-            u, du = stage.propagate(u, du, dt, initial_state)
+            u, du = stage.propagate(u, du, dt, _begins(stage, initial_state))
         return u, du
+
+    def by_start(self, u, dt, start):
+        du = np.zeros((len(u), len(start)))
+        for stage in self.stages:
+            own = stage.by_start(u, dt, start) if stage.n_start else 0.0
+            u, du = stage.propagate(u, du, dt, _begins(stage, start))
+            du = du + own
+        return du
 
 
 class SumOperator(_Composition):
@@ -1014,7 +1040,10 @@ class SumOperator(_Composition):
         return found
 
     def init(self, u0, initial_state="rest"):
-        return tuple(stage.init(u0, initial_state) for stage in self.stages)
+        return tuple(stage.init(u0, _begins(stage, initial_state)) for stage in self.stages)
+
+    def by_start(self, u, dt, start):
+        return sum(own.by_start(u, dt, start) for own in self.stages if own.n_start)
 
     def run(self, u, dt, state=None):
         states, total = [], np.zeros(len(u))
@@ -1059,7 +1088,7 @@ class SumOperator(_Composition):
         m = du.shape[-1]
         total, carried, own = np.zeros(len(u)), np.zeros((len(u), m)), []
         for stage in self.stages:
-            y, dy = stage.sensitivities(u, du, dt, initial_state)
+            y, dy = stage.sensitivities(u, du, dt, _begins(stage, initial_state))
             total += y
             carried += dy[:, :m]
             own.append(dy[:, m:])

@@ -162,6 +162,13 @@ def _sensitivities(self, u, du, dt, initial_state="rest"):
     return np.ascontiguousarray(y[::factor]), np.ascontiguousarray(dy[::factor])
 
 
+def _by_start(self, u, dt, start):
+    u = np.asarray(u, dtype=float)
+    factor = self._factor(u)
+    dy = self._finer(factor).by_start(finer_samples(u, factor), dt / factor, start)
+    return np.ascontiguousarray(dy[::factor])
+
+
 def _propagate(self, u, du, dt, initial_state="rest"):
     return Operator.propagate(self, u, du, dt, initial_state)
 
@@ -185,6 +192,7 @@ _FINELY = {
     "run": _run,
     "sensitivities": _sensitivities,
     "propagate": _propagate,
+    "by_start": _by_start,
     "compiled_step": _compiled_step,
     "inverse": _inverse,
 }

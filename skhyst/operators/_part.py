@@ -94,6 +94,12 @@ class Part:
     at_once : bool
         The output is a monotone function of the input of the same instant, whatever came before,
         so that a drive for an output can be found sample by sample.
+    n_start : int
+        Values that the state at the first sample of a record is given by, of an operator that has
+        no state of rest, such as displacement and velocity of a free mass; 0 for one that has.
+        ``init`` and ``sensitivities`` then take them, (n_start,), as ``initial_state``, and the
+        method ``by_start(u, dt, start)`` returns the derivatives of the output by them, (n_samples,
+        n_start).
     is_disturbance : bool
         The output is a disturbance ``basis(time) coefficients``, whatever the input, whose
         ``coefficients`` are each record's own; it has the methods of ``DisturbanceOperator``.
@@ -224,6 +230,11 @@ class Part:
         return JOIN["*"](self, factor) if isinstance(factor, Factor) else NotImplemented
 
     # ------------------------------------------------------------------ as an estimator
+
+    @property
+    def n_start(self) -> int:
+        """Number of values of a start without rest: that of the parts."""
+        return sum(child.n_start for child in self.children)
 
     @property
     def label(self) -> str:

@@ -217,5 +217,6 @@ class WindowInverseOperator(InverseOperator):
         law = bind(window_step, bind(answers, forward.step, allocates=False), allocates=False)
         bend = np.append(np.zeros(p - 3), [1.0, -2.0, 1.0])
         constants = bend, 1.0 / abs(mode.gain), *forward.constants
-        name = f"the inverse of {type(self.operator).__name__}"
+        kind = type(self.operator).__name__
+        name = f"the inverse of {kind}, whose derivatives are differences"
         return CompiledLaw(law, constants, s, double_only=name), p - 1

@@ -29,6 +29,7 @@ from scipy.optimize import least_squares
 
 from ._identify import identify
 from ._problem import OperatorProblem, ages, scheduled
+from ._start_values import estimate_start_values, start_values_of
 
 _THIRDS = 3.0 ** -np.arange(1, 5)  # of the limits: the range of the drive, to a few per cent of it
 _STEPS = np.outer(_THIRDS, (1.0, -1.0)).ravel()
@@ -57,8 +58,11 @@ def estimate_input_history(
     -------
     result : IdentificationResult
     input_history : ndarray of shape (n_records, n_values), or (n_records, n_values, n_inputs)
-        Drive 1, 2, 4, ... samples before each record, in its units; of several inputs each.
+        Drive 1, 2, 4, ... samples before each record, in its units; of several inputs each. Of an
+        operator that has no state of rest the values that it starts from, see ``_start_values``.
     """
+    if operator.n_start:
+        return estimate_start_values(operator, disturbances, records, fixed=fixed, method=method)
     count = _count(records)
     records = [r if _is_known(r, count) else replace(r, before=None) for r in records]
     start = [(operator, disturbances)]
@@ -121,7 +125,10 @@ def input_history_of(operator, disturbances, records, drive_range=None):
 
     The drive is (n_records, n_values), or (n_records, n_values, n_inputs); a run is one of all
     records. The range of the inputs is that in the records, that of the drive by default.
+    Of an operator that has no state of rest it is what records start from, (n_records, n_start).
     """
+    if operator.n_start:
+        return start_values_of(operator, disturbances, records)
     ends = [np.array([r.u.min(axis=0), r.u.max(axis=0)]).reshape(2, -1) for r in records]
     low, high = np.min(ends, axis=0)[0], np.max(ends, axis=0)[1]
     if drive_range is not None:

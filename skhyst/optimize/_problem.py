@@ -40,6 +40,9 @@ class RecordData:
         Signals that may be in the response in any proportion, as additive disturbances.
     explained : ndarray of shape (n_samples,), default=None
         The drive as far as the reference of a closed loop explains it; not read either.
+    start : ndarray of shape (n_start,), default=None
+        Of an operator that has no state of rest the values that its state starts from at the first
+        sample, see :class:`~skhyst.operators.Operator`; then nothing comes before the record.
 
     Raises
     ------
@@ -67,6 +70,7 @@ class RecordData:
     weights: np.ndarray | None = None
     beside: np.ndarray | None = None
     explained: np.ndarray | None = None
+    start: np.ndarray | None = None
 
     def __post_init__(self):
         if not self.segments:
@@ -262,11 +266,20 @@ class OperatorProblem(Unknowns):
         """Return the operator's output for a record, (n_samples,)."""
         u, skip = record.with_history()
         operator = scheduled(operator, record)
-        state = operator.init(u[0], self.initial_state)
+        state = operator.init(u[0], self._begins(record))
         return operator.run(u, record.dt, state)[0][skip:]
 
+    def _begins(self, record):
+        """Return the state before a record, as :meth:`Operator.init` takes it."""
+        return self.initial_state if record.start is None else record.start
+
     def carried(self, operator, record):
-        """Return the derivatives of the output by what came before a record, (n, n_values)."""
+        """Return the derivatives of the output by what came before a record, (n, n_values).
+
+        Of an operator that has no state of rest they are those by the values that it starts from.
+        """
+        if operator.n_start:
+            return scheduled(operator, record).by_start(record.u, record.dt, record.start)
         u, skip = record.with_history()
         du = np.zeros((*u.shape, np.size(record.before)))
         directions = np.eye(du.shape[-1]).reshape(-1, *np.shape(record.before))
@@ -366,7 +379,7 @@ class OperatorProblem(Unknowns):
         """Return the operator's output for a record and its derivatives by the entries."""
         u, skip = record.with_history()
         y, dy = scheduled(operator, record).sensitivities(
-            u, np.empty((len(u), 0)), record.dt, self.initial_state
+            u, np.empty((len(u), 0)), record.dt, self._begins(record)
         )
         return y[skip:], dy[skip:]
 
@@ -418,6 +431,14 @@ class OperatorProblem(Unknowns):
                 found[number] = -_solve_basis(gram[:d, :d], gram[:d, -1])
         return found
 
+    def coefficient_slopes(self, blocks):
+        """Return by how much the coefficients fall with the unknowns, (n_records, d, n)."""
+        d = self._n_eliminated
+        grams = [
+            blocks[self.segment_record == number].sum(axis=0) for number in range(len(self.records))
+        ]
+        return np.array([_solve_basis(gram[:d, :d], gram[:d, d:-1]) for gram in grams])
+
     def power_left(self, blocks, step, select, wanted):
         """Return the sum of squares that a step from where blocks are taken leaves in segments.
 
@@ -465,6 +486,11 @@ class OperatorProblem(Unknowns):
                 y = self.simulate(operator, driven[number])
             found.append(y + part)
         return found
+
+
+def begun(operator, record, history):
+    """Return a record with what came before it: a drive, or the values that it starts from."""
+    return replace(record, **{"start" if operator.n_start else "before": history})
 
 
 def scheduled(operator, record):

@@ -29,6 +29,11 @@ _RENAMED = {  # classes of skhyst, present names by earlier ones
     "ColumnOperator": "OnColumnOperator",
     "ScheduledOperator": "Scheduled",
 }
+_FIELDS = {  # and fields
+    "histories": "input_history",
+    "promise": "predicted_cost",
+    "covariance": "joint_covariance",
+}
 _ABOVE_ZERO = Interval(Real, 0, None, closed="neither")
 _FITTED = {  # what scikit-learn calls constraints
     "bound_": [_ABOVE_ZERO],
@@ -159,7 +164,7 @@ def field_named(name, kind) -> str:
     """Return the present name of a parameter or attribute of a class of skhyst, by its old one."""
     if name == "rank":  # of an operator its stage order, of an estimator where it is placed
         return "stage_order" if kind.endswith("Operator") else "place"
-    return {"histories": "input_history", "promise": "predicted_cost"}.get(name, name)
+    return _FIELDS.get(name, name)
 
 
 @cache

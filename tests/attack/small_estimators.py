@@ -20,6 +20,7 @@ from skhyst.fleet import PerDevice
 from skhyst.hysteresis import (
     BoucWenStage,
     EndStops,
+    FreeMass,
     FrictionStage,
     PrandtlIshlinskii,
     RestoringForce,
@@ -50,6 +51,7 @@ _EXAMPLES = {
     "KelvinVoigt": lambda: KelvinVoigt(1),
     "BoucWenStage": lambda: BoucWenStage(n_substeps=1, initial_state="zero", method=_BRIEFLY),
     "EndStops": lambda: EndStops(n_substeps=1, initial_state="zero", method=_BRIEFLY),
+    "FreeMass": lambda: FreeMass(initial_state="zero", method=_BRIEFLY),
     "FrictionStage": lambda: FrictionStage(
         False, n_substeps=1, initial_state="zero", method=_BRIEFLY
     ),
@@ -84,6 +86,7 @@ SLOW = {
     "BoucWenStage",
     "EffectSearchCV",
     "EndStops",
+    "FreeMass",
     "FrictionStage",
     "Monitor",
     "Observer",

@@ -135,6 +135,21 @@ def test_the_amplitude_and_a_column_scale_the_response(X):
         assert {"sensitivity", "sensitivity_2"} <= set(model.params_)
 
 
+def test_what_came_before_a_record_of_several_columns(X):
+    """Where a column scales the response, the record begins as its known part says."""
+    law = FirstOrderLagOperator(0.5)
+    y = by_record(X, lambda part: law.run(part["drive"].to_numpy(), DT)[0] * (2.0 + part["load"]))
+    noise = np.random.default_rng(0).normal(0.0, 0.01, len(y))
+    model = Modulated(FirstOrderLag(), column=1).fit(X, y + noise)
+    late, expected = X.loc[[2]][200:], y[-200:]
+    known = np.where(np.arange(200) < 50, expected + noise[-200:], np.nan)
+    found, std = model.predict(late, known, return_std=True)
+    assert np.abs(found - expected).max() < 0.05 < np.abs(model.predict(late) - expected).max()
+    assert np.mean(np.abs(noise[-200:] + expected - found) < 1.96 * std) > 0.9
+    later = model.stepper_from(late[:50], known[:50]).run(late.to_numpy()[50:])
+    np.testing.assert_allclose(later, found[50:], atol=1e-12)
+
+
 def test_scheduled_parameters_beside_a_column_and_an_offset(X):
     def law(part):
         drive = part["drive"].to_numpy()

@@ -32,6 +32,9 @@ def test_each_response_is_searched_and_they_share_the_mode():
     assert row["value"] == pytest.approx(60.0 / (2.0 * np.pi), rel=0.01)
     assert row["p_value"] > 0.01
     np.testing.assert_array_equal(search.predict(X)[:, 1], search.searches_["rear"].predict(X))
+    _, std = search.predict(X, return_std=True)
+    own = search.searches_["rear"].predict(X, return_std=True)[1]
+    np.testing.assert_array_equal(std[:, 1], own)
     assert search.score(X, Y) > 0.98
     with pytest.raises(ValueError, match="report each: take that of one of 'searches_'"):
         search.report()

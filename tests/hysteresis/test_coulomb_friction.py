@@ -1,5 +1,7 @@
 """Friction that depends on the velocity alone."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -66,3 +68,22 @@ def test_short_drives():
     with pytest.warns(UserWarning, match="do not determine"):
         model.fit([[0.0], [1.0], [3.0]], [0.0, 1.0, 1.0])
     np.testing.assert_allclose(model.predict([[0.0], [1.0], [3.0]]), [0.0, 1.0, 1.0], atol=1e-9)
+
+
+def test_of_a_velocity_it_is_a_curve():
+    """The same law as over the displacement, with the velocity that the backward difference is."""
+    rng = np.random.default_rng(0)
+    v = 0.3 * np.sin(3.0 * DT * np.arange(800)) + 0.1 * np.sin(17.0 * DT * np.arange(800))
+    y = 0.7 * np.tanh(v / 0.02) + 0.4 * v + 0.05
+    model = CoulombFriction(motion="velocity", dt=DT)
+    model.fit(v[:, None], y + 1e-3 * rng.normal(size=800))
+    true = {"transition_velocity": 0.02, "coulomb_force": 0.7, "damping": 0.4, "intercept": 0.05}
+    assert set(model.params_) == set(true)
+    for name, value in true.items():
+        assert abs(model.params_[name] - value) < 3.0 * model.params_std_[name], name
+    own = model.operator_
+    by_place = dataclasses.replace(own, motion="displacement")
+    place = DT * np.cumsum(v)
+    np.testing.assert_allclose(by_place.run(place, DT)[0][1:], own.run(v, DT)[0][1:], atol=1e-12)
+    with pytest.raises(ValueError, match="'stiffness' parameter of CoulombFrictionOperator"):
+        dataclasses.replace(own, stiffness=1.0)

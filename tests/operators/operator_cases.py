@@ -46,6 +46,11 @@ def make_operators():
         "transfer function, no zeros": op.TransferFunctionOperator(
             np.array([0.02, 0.05]), np.empty(0), np.empty(0), np.empty(0)
         ),
+        "transfer function, integrator": dataclasses.replace(transfer, integrators=1),
+        "transfer function, two integrators, zero-order hold": op.TransferFunctionOperator(
+            np.empty(0), np.array([70.0]), np.array([0.3]), np.empty(0), hold="zoh", integrators=2
+        ),
+        "integrator alone": op.TransferFunctionOperator(*4 * (np.empty(0),), 1.3, integrators=1),
         "delay below one sample": op.DelayOperator(0.0037),
         "delay of several samples": op.DelayOperator(0.0537),
         "delay beyond the record": op.DelayOperator(7.3),
@@ -87,6 +92,9 @@ def make_operators():
         "curve": op.PolynomialCurveOperator(np.array([0.2, -0.1, 0.05]), center=0.1, scale=0.7),
         "Coulomb friction": op.CoulombFrictionOperator(
             1.3, 0.8, 2.9, 0.3, 0.1, 0.3, 0.02, 0.1, slowest=0.01, fastest=50.0, smoothing=3
+        ),
+        "Coulomb friction of a velocity": op.CoulombFrictionOperator(
+            0.13, 0.8, 0.29, 0.3, 0.1, damping=0.02, intercept=0.1, motion="velocity"
         ),
         "dynamic stiffness": op.DynamicStiffnessOperator(1e-3, 0.02, 0.7, 0.1, smoothing=2),
         "dynamic stiffness, of a velocity": op.DynamicStiffnessOperator(
@@ -217,6 +225,31 @@ def make_operators():
         ),
         "upper end stop": op.EndStopsOperator(20.0, 0.05, 300.0, upper=0.437, n_substeps=2),
         "end stops that overlap": op.EndStopsOperator(20.0, 0.3, 3.0, 0.1, 0.713, 0.237),
+        "free mass": op.FreeMassOperator(
+            0.01, 0.1, force_offset=0.3, force_drift=0.2, intercept=0.2
+        ),
+        "free mass, held drive, no damping": op.FreeMassOperator(0.02, hold="zoh"),
+        "free mass, friction": op.FreeMassOperator(
+            0.01, 0.1, 0.3, 0.5, 0.2, force_offset=0.3, force_drift=0.5, intercept=0.2
+        ),
+        "free mass, rigid": op.FreeMassOperator(0.01, friction=1.5),
+        "free mass, Stribeck curve": op.FreeMassOperator(
+            0.01, 0.1, 0.3, 0.5, 0.2, 0.3, 0.7, force_offset=0.3, intercept=0.2, n_substeps=3
+        ),
+        "free mass, spring and stops": op.FreeMassOperator(
+            0.01,
+            0.1,
+            friction=0.2,
+            cubic_stiffness=0.4,
+            center=0.1,
+            stop_stiffness=300.0,
+            stop_damping=0.2,
+            lower=-0.413,
+            upper=0.513,
+            intercept=0.2,
+            hold="zoh",
+            n_substeps=5,
+        ),
         "static feedback": op.FeedbackOperator(
             ("linear", "curve"),
             (mode, op.PolynomialCurveOperator(np.array([0.1, 0.08, -0.02]), center=0.1, scale=0.9)),

@@ -26,6 +26,8 @@ OUT_OF_REACH = {  # of every drive, or of every one that a device could follow
     "drift",
     "sinusoid",
     "stage",
+    "free mass",
+    "integrator",
     "restoring",
     "stop",
     "fold",

@@ -1,0 +1,176 @@
+"""Where records start, of an operator that has no state of rest.
+
+Displacement and velocity of a free mass at the first sample of a record are the record's own, as
+the coefficients of an additive disturbance are. With the parameters held, they are found by
+Gauss-Newton steps from what the first samples of the response tell. With the parameters free, the
+response to a small change of them is eliminated as an additive disturbance, so that the step of the
+parameters is that of both together, and standard errors are those with the start unknown; the
+change that is found moves the start.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ._identify import identify
+from ._problem import OperatorProblem, scheduled
+
+_STEPS = 20  # Gauss-Newton steps for the start of a record, or passes over the parameters
+_HALVES = 10
+_FOLLOWED = 3  # starts of the parameters that are followed
+_SETTLED = 1e-8  # part of the error by which a pass still lowers it
+
+
+def start_values_of(operator, disturbances, records):
+    """Return the values that each record starts from with the parameters held, and the runs.
+
+    Parameters
+    ----------
+    operator, disturbances : Operator, sequence of DisturbanceOperator
+    records : sequence of RecordData
+
+    Returns
+    -------
+    start : ndarray of shape (n_records, n_start)
+    n_evaluations : int
+        Most simulations of one record.
+    """
+    problem = OperatorProblem(operator, records, disturbances=disturbances)
+    found = [_start(problem, record) for record in problem.records]
+    return np.array([start for start, _ in found]), max(runs for _, runs in found)
+
+
+def _start(problem, record):
+    """Return the values that a record starts from, and the number of simulations."""
+    own, root = scheduled(problem.operator, record), np.sqrt(record.counts())
+    record = replace(record, schedule=None)
+    basis = None
+    if problem.disturbances:
+        columns = root[:, None] * problem.basis(problem.disturbances, record)
+        basis = np.linalg.qr(columns)[0]
+
+    def left(part):
+        part = (part.T * root).T
+        return part if basis is None else part - basis @ (basis.T @ part)
+
+    def misfit(start):
+        rest = left(problem.simulate(own, replace(record, start=start)) - record.y)
+        return rest, float(rest @ rest) if np.isfinite(rest).all() else np.inf
+
+    known = np.flatnonzero(root)
+    first = known[0] if len(known) else 0
+    starts = own.starts(record.u[first:], record.y[first:], record.dt)
+    if record.start is not None:
+        starts.append(np.asarray(record.start, dtype=float))
+    tried = [(*misfit(start), start) for start in starts]
+    rest, least, start = min(tried, key=lambda one: one[1])
+    runs = len(starts)
+    for _ in range(_STEPS):
+        columns = left(problem.carried(own, replace(record, start=start)))
+        scale = np.linalg.norm(columns, axis=0)
+        scale[scale == 0.0] = 1.0
+        if not np.isfinite(columns).all():
+            break
+        step = -np.linalg.lstsq(columns / scale, rest, rcond=1e-10)[0] / scale
+        for _half in range(_HALVES):
+            new, cost = misfit(start + step)
+            runs += 1
+            if cost < least:
+                break
+            step = 0.5 * step
+        if not cost < least:
+            break
+        settled = cost > (1.0 - _SETTLED) * least
+        start, rest, least = start + step, new, cost
+        if settled:
+            break
+    return start, runs
+
+
+def estimate_start_values(
+    operator, disturbances, records, *, fixed=(), method="variable_projection", with_errors=True
+):
+    """Identify parameters and the values that each record starts from.
+
+    Parameters
+    ----------
+    operator, disturbances : Operator, sequence of DisturbanceOperator
+        To begin with.
+    records : sequence of RecordData
+        Those of the fit; what they start from is what it begins with, where it is known.
+    fixed : collection of str, default=()
+        Names of entries that are held.
+    method : str or Method, default="variable_projection"
+    with_errors : bool, default=True
+        Whether standard errors are wanted.
+
+    Returns
+    -------
+    result : IdentificationResult
+    start : ndarray of shape (n_records, n_start)
+    """
+    start, runs = start_values_of(operator, disturbances, records)
+    best, evaluations, count = None, runs, start.shape[1]
+    for _ in range(_STEPS):
+        own = [replace(r, start=s, beside=None) for r, s in zip(records, start, strict=True)]
+        problem = OperatorProblem(operator, own, disturbances=disturbances)
+        loose = [replace(r, beside=problem.carried(operator, r)) for r in own]
+        result = identify(
+            [(operator, disturbances)], loose, fixed=fixed, method=method, with_errors=with_errors
+        )
+        evaluations += result.n_evaluations
+        moved, runs = start_values_of(result.operator, result.disturbances, own)
+        evaluations += runs
+        error = _error(result.operator, result.disturbances, own, moved)
+        if best is not None and not error < (1.0 - _SETTLED) * best[0].error:
+            break
+        own_part = result.record_coefficients[:, : result.record_coefficients.shape[1] - count]
+        best = replace(result, error=error, record_coefficients=own_part), moved
+        operator, disturbances, start = result.operator, result.disturbances, moved
+    result, start = best
+    return replace(result, n_evaluations=evaluations), start
+
+
+def identify_from_own_starts(
+    starts, records, *, fixed=(), method="variable_projection", with_errors=True
+):
+    """Identify an operator and the values that each record starts from, from several candidates.
+
+    Parameters
+    ----------
+    starts : sequence of Operator
+        Starting values of one structure.
+    records, fixed, method, with_errors
+        As for :func:`estimate_start_values`.
+
+    Returns
+    -------
+    IdentificationResult
+        Of the best of those few that fit best before their parameters are moved.
+    """
+    chosen, evaluations = best_from_own_starts(starts, records)
+    options = {"fixed": fixed, "method": method, "with_errors": with_errors}
+    found = [estimate_start_values(one, (), records, **options) for one in chosen]
+    evaluations += sum(result.n_evaluations for result, _ in found)
+    result, start = min(found, key=lambda own: own[0].error)
+    return replace(result, n_evaluations=evaluations, input_history=start)
+
+
+def best_from_own_starts(starts, records):
+    """Return the few operators that fit best from the start of each record, and the evaluations."""
+    errors, evaluations = [], 0
+    for one in starts:
+        start, runs = start_values_of(one, (), records)
+        error = _error(one, (), records, start)
+        errors.append(error if np.isfinite(error) else np.inf)
+        evaluations += runs
+    return [starts[i] for i in np.argsort(errors, kind="stable")[:_FOLLOWED]], evaluations
+
+
+def _error(operator, disturbances, records, start):
+    """Return the root mean square of the residual from given starts."""
+    begun = [replace(r, start=s) for r, s in zip(records, start, strict=True)]
+    problem = OperatorProblem(operator, begun, disturbances=disturbances)
+    blocks = problem.evaluate(problem.x0, jacobian=False)
+    power = problem.total(blocks)[-1, -1]
+    return float(np.sqrt(power / problem.segment_weight.sum()))
