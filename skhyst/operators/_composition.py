@@ -84,8 +84,10 @@ class WrappedOperator(_ByEntries):
         return self.operator.run(u, dt, state)
 
     def by_start(self, u, dt, start):
-        """Return the derivatives by the values of a start; see the base."""
         return self.operator.by_start(u, dt, start)
+
+    def starts(self, u, y, dt):
+        return self.operator.starts(u, y, dt)
 
     def compiled_step(self, dt, state):
         return self.operator.compiled_step(dt, state)
@@ -225,6 +227,9 @@ class OnColumnOperator(WrappedOperator):
 
     def by_start(self, u, dt, start):
         return self.operator.by_start(self._own(u), dt, start)
+
+    def starts(self, u, y, dt):
+        return self.operator.starts(self._own(u), y, dt)
 
     def compiled_step(self, dt, state):
         own = self.operator.compiled_step(dt, state)
@@ -712,6 +717,9 @@ class _Composition(_ByEntries):
     def at(self, schedule):
         return replace(self, stages=tuple(stage.at(schedule) for stage in self.stages))
 
+    def starts(self, u, y, dt):
+        return next(stage.starts(u, y, dt) for stage in self.stages if stage.n_start)
+
     def _compiled_step(self, dt, states):
         """Return each stage's step."""
         return tuple(
@@ -870,7 +878,6 @@ class Series(_Composition):
         return u, du
 
     def by_start(self, u, dt, start):
-        """Return the derivatives by the values of a start; see the base."""
         du = np.zeros((len(u), len(start)))
         for stage in self.stages:
             own = stage.by_start(u, dt, start) if stage.n_start else 0.0
@@ -919,7 +926,6 @@ class SumOperator(_Composition):
         return tuple(stage.init(u0, _begins(stage, initial_state)) for stage in self.stages)
 
     def by_start(self, u, dt, start):
-        """Return the derivatives by the values of a start; see the base."""
         return sum(own.by_start(u, dt, start) for own in self.stages if own.n_start)
 
     def run(self, u, dt, state=None):

@@ -27,9 +27,6 @@ class RecordData:
         Drive 1, 2, 4, ... samples before the record. The record is simulated from rest at the last
         of these instead of from rest at its first value. Inputs that it does not tell have rested
         at their first values.
-    start : ndarray of shape (n_start,), default=None
-        Of an operator that has no state of rest the values that its state starts from at the first
-        sample, see :class:`~skhyst.operators.Operator`; then nothing comes before the record.
     schedule : float, default=None
         Number that scheduled parameters depend on.
     auxiliary : ndarray of shape (n_samples, n_auxiliary), default=None
@@ -43,6 +40,9 @@ class RecordData:
         Signals that may be in the response in any proportion, as additive disturbances.
     explained : ndarray of shape (n_samples,), default=None
         The drive as far as the reference of a closed loop explains it; not read either.
+    start : ndarray of shape (n_start,), default=None
+        Of an operator that has no state of rest the values that its state starts from at the first
+        sample, see :class:`~skhyst.operators.Operator`; then nothing comes before the record.
 
     Raises
     ------
