@@ -14,12 +14,26 @@ import warnings
 from dataclasses import dataclass
 
 import numpy as np
-from recordings import SHARED, load_emps
+from recordings import (
+    SHARED,
+    WIENER_HAMMERSTEIN_RATE,
+    load_emps,
+    load_silverbox,
+    load_wiener_hammerstein,
+)
+from sklearn.base import clone
 
+from skhyst.compose import Cascade, Feedback
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.exceptions import ConvergenceWarning, ExtrapolationWarning
 from skhyst.hysteresis import FreeMass
+from skhyst.linear import SecondOrderMode, TransferFunction
+from skhyst.optimize import VariableProjection
+from skhyst.static import SmoothCurve
 
+WIENER_HAMMERSTEIN_START = 50  # samples of the test record that are not scored
+WIENER_HAMMERSTEIN_DEGREES = 21, 31, 41
+WIENER_HAMMERSTEIN_SEARCHED = 16_384  # samples that a search sees; the refit sees all
 EMPS_KNOWN = 20  # samples of a test record from which its initial state may be estimated
 
 
@@ -29,10 +43,95 @@ class Row:
 
     split: str
     metric: str
-    published: float
+    published: float | str
     source: str
     by_hand: object
     searched: object = None
+
+
+# ------------------------------------------------------------------------- Wiener-Hammerstein
+
+
+def _wiener_hammerstein_error(model, data):
+    """Return the error of the free run of the test record in mV, without its first samples."""
+    X, y = load_wiener_hammerstein("test", data)
+    error = (model.predict(X) - y)[WIENER_HAMMERSTEIN_START:]
+    return 1e3 * float(np.sqrt(np.mean(np.square(error))))
+
+
+def wiener_hammerstein_by_hand(data=SHARED):
+    """Return the error in mV of a curve between two filters of third order.
+
+    The degree of the curve is that of the least error in the last fifth of the estimation record,
+    which the fit has not seen.
+    """
+    X, y = load_wiener_hammerstein("train", data)
+    cut = 4 * len(y) // 5
+    fits = []
+    for degree in WIENER_HAMMERSTEIN_DEGREES:
+        steps = [
+            ("first", TransferFunction(3, n_zeros=3)),
+            ("curve", SmoothCurve(degree)),
+            ("second", TransferFunction(3, n_zeros=3)),
+        ]
+        # the residual is never white, and further starts of so many samples take hours
+        model = Cascade(steps, dt=1.0 / WIENER_HAMMERSTEIN_RATE, method=VariableProjection())
+        error = (model.fit(X[:cut], y[:cut]).predict(X) - y)[cut:]
+        fits.append((float(np.mean(np.square(error))), model))
+    _, model = min(fits, key=lambda own: own[0])
+    return _wiener_hammerstein_error(model, data)
+
+
+def wiener_hammerstein_searched(data=SHARED):
+    """Return the error in mV of what a search adds to six poles, and what it names."""
+    X, y = load_wiener_hammerstein("train", data)
+    linear = TransferFunction(6, dt=1.0 / WIENER_HAMMERSTEIN_RATE)
+    search = EffectSearchCV(linear, random_state=0)
+    search.fit(X[:WIENER_HAMMERSTEIN_SEARCHED], y[:WIENER_HAMMERSTEIN_SEARCHED])
+    model = clone(search.best_estimator_).set_params(method=VariableProjection()).fit(X, y)
+    return _wiener_hammerstein_error(model, data), search.effects_
+
+
+# ------------------------------------------------------------------------------------ silverbox
+
+SILVERBOX_DT = 1.0 / 610.35  # s
+SILVERBOX_PART = 0.9  # of the multisines, for estimation
+SILVERBOX_FIT, SILVERBOX_SEARCHED = 20_000, 4_096  # of which these are used, for the sake of time
+SILVERBOX_BEGINNING = 200  # samples: the record begins in motion
+
+
+def _silverbox_errors(model, data):
+    """Return the errors in mV of the free run of the last tenth of the multisines and the arrow."""
+    X, y = load_silverbox("multisine", data)
+    left = (y - model.predict(X))[int(SILVERBOX_PART * len(X)) :]
+    X, y = load_silverbox("arrow", data)
+    errors = [1e3 * np.sqrt(np.mean(np.square(e))) for e in (left, y - model.predict(X))]
+    return " / ".join(f"{error:.3f}" for error in errors)
+
+
+def silverbox_by_hand(data=SHARED):
+    """Return the errors in mV of a curved spring in the feedback of two poles and a zero.
+
+    Of 30,000 further samples of the estimation data a mode leaves 0.300 mV, with a zero 0.294, with
+    three poles and two zeros 0.294, and springs of degree 4, 5 and 7 leave 0.294, 0.293 and 0.297.
+    The spring goes on as it is where the arrow, which grows, is larger than the multisines.
+    """
+    X, y = load_silverbox("multisine", data)
+    used = np.arange(SILVERBOX_FIT)
+    linear = TransferFunction(2, n_zeros=1, hold="bandlimited")
+    spring = SmoothCurve(3, reach=2.0)
+    model = Feedback(linear, spring, dt=SILVERBOX_DT, method=VariableProjection())
+    weights = (used >= SILVERBOX_BEGINNING).astype(float)
+    return _silverbox_errors(model.fit(X[used], y[used], sample_weight=weights), data)
+
+
+def silverbox_searched(data=SHARED):
+    """Return the errors in mV of what a search adds to a mode, and what it names."""
+    X, y = load_silverbox("multisine", data)
+    declared = SecondOrderMode(dt=SILVERBOX_DT)
+    search = EffectSearchCV(declared, washout=SILVERBOX_BEGINNING, random_state=0)
+    search.fit(X[:SILVERBOX_SEARCHED], y[:SILVERBOX_SEARCHED])
+    return _silverbox_errors(search.best_estimator_, data), search.effects_
 
 
 # ---------------------------------------------------------------------------------------- EMPS
@@ -48,7 +147,7 @@ def _emps_error(model, data):
     """Return the error of the free run of the test record in mm, started from its first samples."""
     X, y = _emps("test", data)
     known = y.where(np.arange(len(y)) < EMPS_KNOWN)
-    return 1e3 * float(np.sqrt(np.mean((model.predict_from(X, known) - y) ** 2)))
+    return 1e3 * float(np.sqrt(np.mean((model.predict(X, y_start=known) - y) ** 2)))
 
 
 def emps_by_hand(data=SHARED):
@@ -72,6 +171,22 @@ def emps_searched(data=SHARED):
 
 
 BENCHMARKS = {
+    "Wiener-Hammerstein": Row(
+        "official",
+        "RMSE, mV",
+        0.24,
+        "Beintema and others, 2021",
+        wiener_hammerstein_by_hand,
+        wiener_hammerstein_searched,
+    ),
+    "silverbox": Row(
+        "multisine / arrow",
+        "RMSE of voltage, mV",
+        "0.30 / 0.36",
+        "nonlinearbenchmark.org",
+        silverbox_by_hand,
+        silverbox_searched,
+    ),
     "EMPS": Row(
         "official",
         "RMSE of position, mm",
@@ -96,6 +211,10 @@ def main():
             with warnings.catch_warnings():
                 for kind in (ConvergenceWarning, ExtrapolationWarning):
                     warnings.simplefilter("ignore", kind)
+                by_hand = row.by_hand(options.data)
+                if row.searched is not None and not options.by_hand:
+                    error, effects = row.searched(options.data)
+                    searched = f"{error} ({', '.join(effects)})"
                 by_hand = f"{row.by_hand(options.data):.3g}"
                 if row.searched is not None and not options.by_hand:
                     error, effects = row.searched(options.data)

@@ -15,7 +15,7 @@ import pandas as pd
 from recordings import SHARED, load_cascaded_tanks, load_piezo_fsm, load_silverbox
 
 from skhyst.linear import ModalModel, TransferFunction, frequency_response
-from skhyst.optimize import path_of
+from skhyst.optimize._problem import path_of
 
 FSM_PERIOD = 8192
 FSM_PUBLISHED = {100: 0.114, 200: 0.555}  # um, linear model of 28 states fitted at 100 mV

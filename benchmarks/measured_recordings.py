@@ -46,7 +46,7 @@ from recordings import (
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.hysteresis import CoulombFriction, PrandtlIshlinskii
 from skhyst.linear import DynamicStiffness, Gain, ModalModel, SecondOrderMode, TransferFunction
-from skhyst.optimize import path_of
+from skhyst.optimize._problem import path_of
 from skhyst.records import iter_records, stack_records
 
 BOUC_WEN_PERIOD, BOUC_WEN_RATE = 8192, 750.0  # samples, Hz

@@ -12,17 +12,20 @@ import argparse
 import time
 import warnings
 from collections import defaultdict
+from functools import partial
 
 import numpy as np
 from numba import njit
 from scipy.optimize import root
 from scipy.signal import cont2discrete, lfilter
+from sklearn.base import clone
 
-from skhyst.compose import Feedback
+from skhyst.compose import Cascade, Feedback, Modulated
+from skhyst.diagnosis import EffectSearchCV
 from skhyst.exceptions import ConvergenceWarning
-from skhyst.hysteresis import FreeMass
-from skhyst.linear import SecondOrderMode, TransferFunction
-from skhyst.static import DeadZones, SmoothCurve
+from skhyst.hysteresis import CoulombFriction, FreeMass, PrandtlIshlinskii
+from skhyst.linear import FirstOrderLag, Gain, SecondOrderMode, TransferFunction
+from skhyst.static import DeadBand, DeadZones, Saturation, SmoothCurve
 
 BAR = 0.90, 0.99
 LEVEL = 0.01  # of the range
@@ -122,6 +125,105 @@ def feedback(n_plants):
         yield _row(f"feedback, {name}", plant, n_plants)
 
 
+class _LowPass:
+    """A low-pass of unit gain: a pair of poles, behind a lag or not."""
+
+    def __init__(self, rng, with_lag):
+        self.tau = rng.uniform(0.03, 0.2) if with_lag else None
+        self.w, self.zeta = rng.uniform(12.0, 40.0), rng.uniform(0.2, 0.6)
+        self.order = 2 + with_lag
+
+    def slopes(self, state, u):
+        x, v, *lag = state
+        drive = lag[0] if lag else u
+        rates = [v, self.w**2 * (drive - x) - 2.0 * self.zeta * self.w * v]
+        return rates + [(u - own) / self.tau for own in lag]
+
+    def true(self, name):
+        lag = {} if self.tau is None else {f"{name}__time_constants[0]": self.tau}
+        pair = {"natural_frequencies": self.w, "damping_ratios": self.zeta}
+        return lag | {f"{name}__{key}[0]": value for key, value in pair.items()}
+
+
+def between_filters(u, first, curve, second):
+    """Return what passes a filter, a curve of its output and another filter, from rest at zero."""
+
+    def slope(state, drive):
+        n = first.order
+        return np.array(first.slopes(state[:n], drive) + second.slopes(state[n:], curve(state[0])))
+
+    h, state, found = DT / FINE, np.zeros(first.order + second.order), np.empty(len(u))
+    for k in range(len(u)):
+        found[k] = state[first.order]
+        change = (u[min(k + 1, len(u) - 1)] - u[k]) / FINE
+        for i in range(FINE):
+            drive = u[k] + i * change
+            a = slope(state, drive)
+            b = slope(state + 0.5 * h * a, drive + 0.5 * change)
+            c = slope(state + 0.5 * h * b, drive + 0.5 * change)
+            d = slope(state + h * c, drive + change)
+            state = state + h / 6.0 * (a + 2.0 * b + 2.0 * c + d)
+    return found
+
+
+def _dead_zone(rng):
+    half_width = rng.uniform(0.15, 0.5)
+    true = {"half_width": half_width, "center": 0.0}
+    return DeadBand(), lambda v: v - min(max(v, -half_width), half_width), true
+
+
+def _clipping(rng):
+    low, high = rng.uniform(-0.9, -0.4), rng.uniform(0.4, 0.9)
+    return Saturation(), lambda v: min(max(v, low), high), {"lower": low, "upper": high}
+
+
+def _drawn(rng, make_curve):
+    """Return drive and response of a curve between filters, its model, filters, and true values."""
+    lags = rng.random(2) < 0.5
+    first, second = (_LowPass(rng, bool(with_lag)) for with_lag in lags)
+    model, curve, true = make_curve(rng)
+    gain, intercept = rng.uniform(0.5, 3.0), rng.normal()
+    u = multisine(rng, N)
+    y = gain * between_filters(u, first, curve, second) + intercept
+    y += LEVEL * np.ptp(y) * rng.normal(size=N)
+    known = {f"curve__{key}": value for key, value in true.items()}
+    known |= first.true("first") | second.true("second")
+    known |= {"second__gain": gain, "second__intercept": intercept}
+    return u[:, None], y, model, (first, second), known
+
+
+def curve_between_filters(make_curve):
+    """Return what fits a curve between two filters that are drawn."""
+
+    def plant(rng):
+        X, y, model, filters, true = _drawn(rng, make_curve)
+        first, second = (TransferFunction(own.order) for own in filters)
+        steps = [("first", first), ("curve", model), ("second", second)]
+        return Cascade(steps, dt=DT).fit(X, y), true
+
+    return plant
+
+
+def wiener_hammerstein(n_plants):
+    """Yield rows of a dead zone and of clipping between two filters, and what searches name."""
+    for name, make_curve in (("dead_zone", _dead_zone), ("static_nonlinearity", _clipping)):
+        yield _row(f"between filters, {name}", curve_between_filters(make_curve), n_plants)
+
+
+def wiener_hammerstein_searched(n_plants):
+    """Yield rows of how often a search around one transfer function names what is in between."""
+    for name, make_curve in (("dead_zone", _dead_zone), ("static_nonlinearity", _clipping)):
+        named, claimed, start = 0, 0, time.perf_counter()
+        for seed in range(n_plants):
+            X, y, _, filters, _ = _drawn(np.random.default_rng(seed), make_curve)
+            linear = TransferFunction(sum(own.order for own in filters), dt=DT)
+            found = EffectSearchCV(linear, random_state=0).fit(X, y).effects_
+            named, claimed = named + (name in found), claimed + len(found)
+        seconds = (time.perf_counter() - start) / n_plants
+        told = f"{claimed - named} others"
+        yield f"searched, {name}", f"{named / n_plants:.3f} named", told, f"{seconds:.1f}"
+
+
 @njit
 def slide(u, mass, damping, friction, offset):
     """Return the displacement of a mass under Coulomb friction, implicit in the velocity."""
@@ -185,6 +287,140 @@ def no_rest(n_plants):
     yield _row("unstable, in a loop", in_a_loop, n_plants)
 
 
+def _wave(rng, periods):
+    """Return a function of the fraction of the record: sines of periods in it, and their slope."""
+    phases, sizes = rng.uniform(0.0, 2.0 * np.pi, len(periods)), rng.uniform(0.5, 1.0, len(periods))
+    rates = 2.0 * np.pi * np.array(periods)
+
+    def value(t, order=0):
+        angle = np.multiply.outer(t, rates) + phases + 0.5 * np.pi * order
+        return (np.sin(angle) * sizes * rates**order).sum(axis=-1)
+
+    return value
+
+
+def _joint(rng):
+    """Return motion and load, the friction force of a joint, its parameters, and its model.
+
+    As an integrating converter does, the sensor reads means over the sampling interval.
+    """
+    true = {
+        "transition_velocity": rng.uniform(0.15, 0.4),
+        "coulomb_force": rng.uniform(0.5, 2.0),
+        "sensitivity": rng.uniform(0.2, 1.0),
+        "damping": rng.uniform(0.05, 0.3),
+        "intercept": rng.normal(),
+    }
+    v_0, level, growth, damping, offset = true.values()
+    motion, load = _wave(rng, [3, 5, 8]), _wave(rng, [2, 7])
+    t = np.arange(-FINE + 1, N * FINE - FINE + 1) / (N * FINE)
+    speed = motion(t, 1) / (N * DT)
+    y = level * (1.0 + growth * np.abs(load(t))) * np.tanh(speed / v_0) + damping * speed + offset
+    y, t = y.reshape(N, FINE).mean(axis=1), np.arange(N) / N
+    y += LEVEL * np.ptp(y) * rng.normal(size=N)
+    model = Modulated(
+        CoulombFriction(), 1, scales=["coulomb_force"], magnitude=True, reference=0.0, dt=DT
+    )
+    return np.column_stack([motion(t), load(t)]), y, model, true
+
+
+def _by_state(rng, with_lag=False):
+    """Return a drive and a temperature, what plays whose thresholds it sets respond, and so on."""
+    motion, slow = _wave(rng, [11, 19, 31]), _wave(rng, [1, 3])
+    t = np.arange(N * FINE) / (N * FINE)
+    drive, warm = motion(t), 20.0 + 3.0 * slow(t)
+    thresholds, weights = np.array([0.0, 0.2, 0.5, 1.0]), rng.uniform(0.3, 1.0, 4)
+    growth, curvature = rng.uniform(0.03, 0.08), rng.uniform(-0.003, 0.003)
+    plays, response, tau = np.zeros(4), np.empty(len(t)), rng.uniform(0.03, 0.1)
+    for k, (u, x) in enumerate(zip(drive, warm - 20.0, strict=True)):
+        slack = thresholds * (1.0 + growth * x + curvature * x * x)
+        plays = np.clip(plays, u - slack, u + slack)
+        response[k] = weights @ plays
+    X, y = np.column_stack([drive, warm])[::FINE], response
+    model = Modulated(
+        PrandtlIshlinskii(thresholds=thresholds),
+        1,
+        scales="thresholds",
+        degree=2,
+        reference=20.0,
+        dt=None if with_lag else DT,
+    )
+    true = {f"weights[{i}]": weight for i, weight in enumerate(weights)}
+    true |= {"sensitivity": growth, "curvature[0]": curvature}
+    if with_lag:
+        y, fade = np.empty(len(t)), np.exp(-DT / FINE / tau)
+        y[0] = response[0]
+        for k in range(1, len(t)):
+            middle = 0.5 * (response[k - 1] + response[k])
+            y[k] = middle + (y[k - 1] - middle) * fade
+        model = Cascade([("plays", model), ("lag", FirstOrderLag())], dt=DT)
+        true = {f"plays__{key}": value for key, value in true.items()}
+        true["lag__time_constant"] = tau
+    y = y[::FINE] + LEVEL * np.ptp(y) * rng.normal(size=N)
+    return X, y, model, true
+
+
+def _coil(rng):
+    """Return a drive and the voltage of a coil whose current sets the gain, and so on."""
+    drive = _wave(rng, [11, 19, 31])(np.arange(N) / N)
+    voltage = np.interp(np.arange(N), np.arange(0, N + 50, 50), rng.uniform(1, 3, N // 50 + 1))
+    true = {
+        "gain": rng.uniform(0.5, 2.0),
+        "intercept": rng.normal(),
+        "sensitivity": rng.uniform(0.15, 0.4),
+        "lag_time_constant": rng.uniform(0.2, 1.0),
+    }
+    gain, offset, growth, tau = true.values()
+    current, now = np.empty(N), voltage[0]
+    for k in range(N):
+        current[k] = now
+        for i in range(FINE):  # by the midpoint rule
+            at = np.interp(k + np.array([i, i + 0.5]) / FINE, np.arange(N), voltage)
+            middle = now + 0.5 * DT / FINE * (at[0] - now) / tau
+            now += DT / FINE * (at[1] - middle) / tau
+    y = (gain * drive + offset) * (1.0 + growth * (current - 2.0))
+    y += LEVEL * np.ptp(y) * rng.normal(size=N)
+    model = Modulated(Gain(), 1, lag=True, reference=2.0, dt=DT)
+    return np.column_stack([drive, voltage]), y, model, true
+
+
+BY_COLUMNS = {
+    "friction of a load": _joint,
+    "width of a temperature": _by_state,
+    "width before a lag": partial(_by_state, with_lag=True),
+    "gain of a coil": _coil,
+}
+
+
+def columns(n_plants):
+    """Yield rows of parameters that a further column sets."""
+    for name, drawn in BY_COLUMNS.items():
+
+        def plant(rng, drawn=drawn):
+            X, y, model, true = drawn(rng)
+            return model.fit(X, y), true
+
+        yield _row(name, plant, n_plants)
+
+
+def columns_searched(n_plants):
+    """Yield rows of how often a search around the model without the column names the effect."""
+    declared = {
+        "friction of a load": (CoulombFriction(dt=DT), "friction"),
+        "width of a temperature": (PrandtlIshlinskii(8, dt=DT), "auxiliary_input"),
+        "gain of a coil": (Gain(dt=DT), "auxiliary_input"),
+    }
+    for name, (model, effect) in declared.items():
+        named, claimed, start = 0, 0, time.perf_counter()
+        for seed in range(n_plants):
+            X, y, *_ = BY_COLUMNS[name](np.random.default_rng(seed))
+            found = EffectSearchCV(clone(model), random_state=0).fit(X, y).effects_
+            named, claimed = named + (effect in found), claimed + len(found)
+        seconds = (time.perf_counter() - start) / n_plants
+        told = f"{claimed - named} others"
+        yield f"searched, {name}", f"{named / n_plants:.3f} named", told, f"{seconds:.1f}"
+
+
 def _row(name, plant, n_plants):
     held, start = defaultdict(list), time.perf_counter()
     for seed in range(n_plants):
@@ -197,7 +433,14 @@ def _row(name, plant, n_plants):
     return name, f"{share:.3f}", f"{worst} {np.mean(held[worst]):.2f}", f"{seconds:.1f}"
 
 
-STRUCTURES = {"feedback": feedback, "no_rest": no_rest}
+STRUCTURES = {
+    "feedback": feedback,
+    "wiener_hammerstein": wiener_hammerstein,
+    "wiener_hammerstein_searched": wiener_hammerstein_searched,
+    "no_rest": no_rest,
+    "columns": columns,
+    "columns_searched": columns_searched,
+}
 
 
 def main():

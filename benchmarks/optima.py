@@ -1,6 +1,6 @@
 """How often a fit ends in a local optimum: `python benchmarks/optima.py`.
 
-    python benchmarks/optima.py [--truths 30] [--cascade-truths 100] [--models Dahl,Fold]
+    python benchmarks/optima.py [--truths 30] [--cascade-truths 100] [--models "Dahl;Fold"]
                                 [--settling] [--jobs 2] [--out FILE] [--against FILE]
 
 Of every model and of ten cascades truths are drawn, and for each a drive: multisines, random steps,

@@ -22,6 +22,7 @@ __all__ = [
     "load_piezo_pnzt",
     "load_pneumatic_cylinder",
     "load_silverbox",
+    "load_wiener_hammerstein",
     "split_in_time",
 ]
 
@@ -32,6 +33,8 @@ SILVERBOX_PARTS = {
     "arrow": slice(0, 40_700),  # a Gaussian noise of growing size
     "multisine": slice(41_270, None),  # ten realisations, one after the other
 }
+WIENER_HAMMERSTEIN_RATE = 51_200.0  # Hz
+WIENER_HAMMERSTEIN_PARTS = {"train": slice(5_200, 105_200), "test": slice(105_200, 184_000)}
 BH_FILES = {
     "ferrite": ("1_isotropic", "MnZn_ferrite"),
     "ferrite_hp": ("11_TwoStepSolver", "MnZn_HP_ferrite"),
@@ -301,6 +304,30 @@ def load_silverbox(part, data=SHARED):
     """
     table = pd.read_csv(Path(data) / "silverbox" / "SNLS80mV.csv")[SILVERBOX_PARTS[part]]
     return table[["V1"]].to_numpy(), table["V2"].to_numpy()
+
+
+def load_wiener_hammerstein(split="train", data=SHARED):
+    """Load the circuit of two filters of third order with a diode in between, sampled at 51.2 kHz.
+
+    Parameters
+    ----------
+    split : {"train", "test"}, default="train"
+        100,000 or 78,800 samples, of which the first 50 are not scored.
+    data : path, default=SHARED
+        Folder of the recordings.
+
+    Returns
+    -------
+    X : ndarray of shape (n_samples, 1)
+        Drive in V.
+    y : ndarray of shape (n_samples,)
+        Response in V.
+    """
+    from scipy.io import loadmat
+
+    recording = loadmat(Path(data) / "wiener_hammerstein" / "WienerHammerBenchMark.mat")
+    rows = WIENER_HAMMERSTEIN_PARTS[split]
+    return recording["uBenchMark"][rows], recording["yBenchMark"][rows, 0]
 
 
 def load_cascaded_tanks(split="train", data=SHARED):

@@ -8,11 +8,16 @@ import numpy as np
 import pandas as pd
 from sklearn.frozen import FrozenEstimator
 from sklearn.pipeline import Pipeline
-from sklearn.utils.validation import has_fit_parameter, validate_data
+from sklearn.utils.validation import (
+    check_array,
+    check_consistent_length,
+    has_fit_parameter,
+    validate_data,
+)
 
 from ._sklearn import StrOptions, validate_parameter_constraints
 from .exceptions import ExtrapolationWarning, RecordError
-from .records import MISMATCH, record_slices
+from .records import MISMATCH, chosen_interval, record_slices
 
 # Largest value and, inverted, the smallest, unless an estimator has its own `largest_value`: the
 # squares of such values, of their gains and of the inverses of these are finite.
@@ -164,6 +169,12 @@ def fitted_interval(estimator):
     if len({own.dt for own in records}) != 1:
         return None, None
     return records[0].dt, records[0].time_unit
+
+
+def used_interval(estimator, dt, caller):
+    """Return the interval at which a fitted model is used, by default that of its fit."""
+    own = fitted_interval(estimator)[0] if dt is None else dt
+    return chosen_interval(estimator.records_, own, caller)
 
 
 def interval_of(estimator, *, fitted=True):
@@ -319,6 +330,33 @@ def as_floats(estimator, X, *y, **options):
         raise RecordError(
             f"The response y must be numbers. Got {response[0]!r} instead."
         ) from error
+
+
+def known_response(X, y):
+    """Return a response of as many samples as X has, NaN where it is not known, as a copy."""
+    options = {"ensure_2d": False, "ensure_all_finite": "allow-nan", "copy": True}
+    y = check_array(y, dtype=float, input_name="y", **options)
+    check_consistent_length(X, y)
+    return y
+
+
+def refuse_std(estimator, return_std, why):
+    """Refuse a standard deviation of a prediction of a model that has none."""
+    if return_std:
+        raise ValueError(
+            f"The 'return_std' parameter of {type(estimator).__name__}.predict must be False for a "
+            f"model {why}: it has no covariance from which a standard deviation follows. Got "
+            f"{return_std!r} instead."
+        )
+
+
+def refuse_several(estimator, records):
+    """Refuse more than one record of what a stepper is to go on from."""
+    if len(records) > 1:
+        raise ValueError(
+            f"The 'X' parameter of {type(estimator).__name__}.stepper_from must be one record. Got "
+            f"{len(records)} instead."
+        )
 
 
 def fit_weighted(estimator, X, y, sample_weight, caller):

@@ -5,15 +5,15 @@ import os
 import warnings
 from abc import abstractmethod
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from numbers import Integral, Real
 from threading import Lock
-from typing import Self
+from typing import Literal, Self, overload
 
 import numpy as np
 from sklearn.base import BaseEstimator, RegressorMixin, clone
-from sklearn.utils.validation import check_array, check_consistent_length, check_is_fitted
+from sklearn.utils.validation import check_is_fitted
 from threadpoolctl import ThreadpoolController
 
 from ._documentation import inherit_documentation
@@ -24,24 +24,34 @@ from ._validation import (
     drive_column,
     finite_number,
     fitted_interval,
+    known_response,
     read_data,
+    refuse_several,
     rest_of,
+    used_interval,
     warn_beyond,
 )
 from .exceptions import ConvergenceWarning, RecordError, ShortRecordWarning
-from .operators import Operator, Stepper, add_disturbances, run_records, split_disturbances
+from .operators import (
+    Operator,
+    Stepper,
+    add_disturbances,
+    run_records,
+    run_variance,
+    split_disturbances,
+)
 from .optimize import (
     METHODS,
     Method,
-    OperatorProblem,
     RecordData,
     begun,
+    calibrated,
     identify,
     input_history_of,
     with_further_starts,
     with_input_history,
 )
-from .records import chosen_interval, with_lost_rows
+from .records import with_lost_rows
 
 __all__ = ["ParametricModel"]
 
@@ -52,7 +62,7 @@ _OUT_OF_RANGE = (
 )
 _NO_REST = (
     "{} has found no state of rest, as of an integrator: start with initial_state='zero', or from "
-    "a known response with predict_from"
+    "a known response, 'y_start' of predict"
 )
 _CLEARLY = 0.5  # of the error: as much as chance and the colour of a residual do not make
 _NOTHING = 0.99  # of the standard deviation of the response, which a constant leaves
@@ -173,6 +183,37 @@ def input_at_rest(model, u0, initial_state, caller):
     return np.append(levels, levels[0]) if np.size(u0) == 1 else levels
 
 
+@dataclass(frozen=True)
+class _Run:
+    """The run of a record from a state before it, after ``skip`` samples that came before it."""
+
+    operator: Operator
+    covariance: np.ndarray | None
+    u: np.ndarray
+    dt: float
+    initial_state: str | np.ndarray  # or the values that it starts from, where there is no rest
+    skip: int = 0
+
+    def at(self, schedule):
+        """Return the same with the parameters of a record, where they depend on a number of it."""
+        return self if schedule is None else replace(self, operator=self.operator.at(schedule))
+
+    def run(self):
+        """Return the output of the record, and the state of the operator after it."""
+        driven, beside = split_disturbances(self.operator)
+        y, state = driven.run(self.u, self.dt, driven.init(self.u[0], self.initial_state))
+        if not beside:
+            return y[self.skip :], state
+        runs = [own.run(self.u[self.skip :], self.dt) for own in beside]
+        y = y[self.skip :] + np.sum([own for own, _ in runs], axis=0)
+        return y, (state, *(after for _, after in runs))
+
+    def variance(self):
+        """Return the variance of the output from the errors of the operator's values."""
+        options = {"initial_state": self.initial_state, "skip": self.skip}
+        return run_variance(self.operator, self.covariance, self.u, self.dt, **options)
+
+
 class ParametricModel(RegressorMixin, BaseEstimator):
     """Base of the models whose free run is that of an operator.
 
@@ -210,6 +251,13 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         Simulations of all records that identification took.
     fit_error_ : float
         Root mean square of the residual in the records of the fit, units of the response.
+    covariance_ : ndarray of shape (n_values, n_values) or None
+        Covariance of the errors of ``operator_.pack()``, in its units; zero for what is held, at a
+        bound, or left open by the data. That of the coefficients of additive disturbances is their
+        spread over records: a new record has its own.
+    noise_std_ : float or None
+        Standard deviation of the noise, units of the response; None for a part of a fitted
+        composition, and for a fit by predictions one step ahead.
     has_rest_ : bool
         False where the records of the fit begin at no state of rest, as those of an integrator; a
         model with the initial state ``"estimate"`` then starts from zero.
@@ -761,42 +809,145 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         self.n_evaluations_ = result.n_evaluations
         self.n_iter_ = max(len(result.history), 1)
         self.fit_error_ = result.error
+        self.covariance_, self.noise_std_ = result.operator_covariance(), result.noise_std
         return self
 
-    def predict(self, X) -> np.ndarray:
+    @overload
+    def predict(self, X, y_start=None, return_std: Literal[False] = False) -> np.ndarray: ...
+    @overload
+    def predict(
+        self, X, y_start=None, *, return_std: Literal[True]
+    ) -> tuple[np.ndarray, np.ndarray]: ...
+    def predict(
+        self, X, y_start=None, return_std=False
+    ) -> np.ndarray | tuple[np.ndarray, np.ndarray]:
         """Return the free run: the response to the drive alone, each record from its own start.
 
         Parameters
         ----------
         X : DataFrame or array-like of shape (n_samples, n_inputs)
             As for :meth:`fit`.
+        y_start : array-like of shape (n_samples,), default=None
+            Response where it is known, such as in the first part of a record that begins in motion,
+            NaN elsewhere. The drive before the record is estimated from it, as in :meth:`fit` with
+            the initial state ``"estimate"``, and so are the coefficients of additive disturbances.
+            A record of which nothing is known begins at its own start, as all do by default.
+        return_std : bool, default=False
+            Whether to return the standard deviation of a new sample, too.
 
         Returns
         -------
-        ndarray of shape (n_samples,)
+        y : ndarray of shape (n_samples,)
             Units of the response. Finite always; a run that left the range of floating point is
             cut off there, with a :class:`~skhyst.exceptions.DivergenceWarning`.
+        std : ndarray of shape (n_samples,)
+            Standard deviation of a new sample about y, units of the response, to first order in the
+            errors of the parameters: ``sqrt(diag(J C J.T) + noise_std_**2)``, with the
+            sensitivities J of the run and ``covariance_`` C. Only with ``return_std``.
 
         Raises
         ------
         RecordError
             If the sampling interval contradicts the fit: X has a time and the fit had none, and the
             model depends on it, or the model counts samples and they are others.
+        ValueError
+            If ``return_std`` is true for a model without a covariance or noise.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from skhyst.linear import FirstOrderLag, FirstOrderLagOperator
+        >>> rng = np.random.default_rng(0)
+        >>> u = rng.normal(size=(400, 1)).cumsum(axis=0)
+        >>> y = FirstOrderLagOperator(0.05).run(u[:, 0], 0.01)[0] + rng.normal(0.0, 0.1, 400)
+        >>> model = FirstOrderLag(dt=0.01).fit(u[:200], y[:200])
+        >>> found, std = model.predict(u, return_std=True)
+        >>> bool(np.mean(np.abs(y[200:] - found[200:]) < 1.96 * std[200:]) > 0.9)
+        True
+
+        A record that begins in motion:
+
+        >>> known = np.where(np.arange(200) < 20, y[200:], np.nan)
+        >>> late = model.predict(u[200:], y_start=known)
+        >>> bool(np.abs(late - found[200:]).max() < 0.2)
+        True
         """
         check_is_fitted(self)
-        if self.free_run_state == "rest" and not self.has_rest_:
+        if return_std:
+            self._require_noise()
+        slices, X = self._read_inputs(X)
+        known = [] if y_start is None else [known_response(X, y_start)]
+        slices, X, *known, read = with_lost_rows(slices, X, *known)
+        if known and read is not None:
+            known[0][~read] = np.nan
+        signal, schedules = self.operator_input(X, slices)
+        going = self._begun(slices, signal, schedules, known[0]) if known else {}
+        if self.free_run_state == "rest" and not self.has_rest_ and len(going) < len(slices):
             warnings.warn(
                 f"{_NO_REST.format(type(self).__name__)}, from which this run starts.",
                 ConvergenceWarning,
                 stacklevel=2,
             )
-        slices, X, _ = read_data(self, X, reset=False, bridge=True)
-        slices, X, read = with_lost_rows(slices, X)
         if not self.operator_.signal_linear:
             warn_beyond(self, X[:, drive_column(self)])
-        signal, schedules = self.operator_input(X, slices)
         y = self._free_run(signal, slices, schedules)
-        return y if read is None else y[read]
+        for number, own in going.items():
+            y[slices[number].rows] = np.nan_to_num(own.run()[0])
+        if not return_std:
+            return y if read is None else y[read]
+        variance = np.empty(len(y))
+        for number, (s, schedule) in enumerate(zip(slices, schedules, strict=True)):
+            rest = self.operator_, self.covariance_, signal[s.rows], s.dt, self.free_run_state
+            variance[s.rows] = going.get(number, _Run(*rest).at(schedule)).variance()
+        std = np.sqrt(variance + self.noise_std_**2)
+        return (y, std) if read is None else (y[read], std[read])
+
+    def _require_noise(self):
+        """Refuse a standard deviation where the covariance or the noise is not known."""
+        if not self.records_ or getattr(self, "covariance_", None) is None:
+            raise ValueError(
+                f"The 'return_std' parameter of {type(self).__name__}.predict must be False for a "
+                "model without the covariance of its parameters, which a fit to records with "
+                "'fit' finds. Got True instead."
+            )
+        if self.noise_std_ is None:
+            raise ValueError(
+                f"The 'return_std' parameter of {type(self).__name__}.predict must be False for a "
+                "model whose own noise is not known, as that of a part of a fitted composition or "
+                "of predictions one step ahead. Got True instead."
+            )
+
+    def _read_inputs(self, X):
+        """Return the records of X, and X as an array."""
+        return read_data(self, X, reset=False, bridge=True)[:2]
+
+    def _begun(self, slices, signal, schedules, y):
+        """Return the runs of the records of which a response is known, by their numbers."""
+        told = [i for i, s in enumerate(slices) if np.isfinite(y[s.rows]).any()]
+        data = []
+        for i in told:
+            own, rows = y[slices[i].rows], slices[i].rows
+            weights = np.isfinite(own).astype(float)
+            own = np.where(weights > 0.0, own, 0.0)
+            options = {"schedule": schedules[i], "weights": weights}
+            data.append(RecordData(signal[rows], own, slices[i].dt, **options))
+        if not told:
+            return {}
+        parts = [r.first_part(1 + np.flatnonzero(r.weights)[-1]) for r in data]
+        # as kept by a fit; a part that a search has made knows none
+        drives = np.concatenate([getattr(self, "drive_range_", ()), *(r.drive for r in data)])
+        limits = drives.min(), drives.max()
+        driven, beside = split_disturbances(self.operator_)
+        input_history, _ = input_history_of(driven, beside, parts, limits)
+        known = getattr(self, "covariance_", None), getattr(self, "noise_std_", None)
+        found = {}
+        for i, record, part, before in zip(told, data, parts, input_history, strict=True):
+            own = calibrated(self.operator_, begun(driven, part, before), *known)
+            record = begun(driven, record, before)
+            u, skip = record.with_history()
+            state = "rest" if record.start is None else record.start
+            found[i] = _Run(*own, u, record.dt, state, skip).at(record.schedule)
+        return found
 
     def _free_run(self, signal, slices, schedules):
         """Return the free run; refuse times in s where the model is in samples, and they matter."""
@@ -812,59 +963,59 @@ class ParametricModel(RegressorMixin, BaseEstimator):
                 )
         return y
 
-    def predict_from(self, X, y) -> np.ndarray:
-        """Return the free run of records that start in motion, with their initial state from ``y``.
+    def stepper_from(self, X, y, *, schedule=None) -> Stepper:
+        """Return the fitted model as a device that goes on from a record that is known.
 
-        The drive before each record is estimated, as in :meth:`fit` with the initial state
-        ``"estimate"``, from the response where it is known.
+        The drive before the record is estimated from it, as with ``y_start`` of :meth:`predict`.
 
         Parameters
         ----------
         X : DataFrame or array-like of shape (n_samples, n_inputs)
-            As for :meth:`fit`.
+            One record, as for :meth:`fit`.
         y : array-like of shape (n_samples,)
-            Response where it is known, such as in the first part of a record, NaN elsewhere. A
-            record that has none begins as in :meth:`predict`.
+            Its response, NaN where it is not known.
+        schedule : float, default=None
+            Number that the parameters depend on from now on, such as the amplitude, where they do;
+            by default that of the record.
 
         Returns
         -------
-        ndarray of shape (n_samples,)
-            Units of the response.
+        Stepper
+            Its next ``step(u)`` is the sample after the last one of X.
+
+        Raises
+        ------
+        NotImplementedError
+            If a part is not causal, such as a shift between two instruments.
+        ValueError
+            If X has several records.
 
         Examples
         --------
         >>> import numpy as np
-        >>> from skhyst.linear import FirstOrderLag
-        >>> u = np.cumsum(np.random.default_rng(0).normal(size=(400, 1)), axis=0)
-        >>> model = FirstOrderLag(dt=0.01).fit(u, np.convolve(u[:, 0], 0.9 ** np.arange(400))[:400])
-        >>> late, known = u[200:], np.full(200, np.nan)
-        >>> known[:20] = model.predict(u)[200:220]
-        >>> bool(np.allclose(model.predict_from(late, known), model.predict(u)[200:], rtol=0.01))
+        >>> from skhyst.linear import FirstOrderLag, FirstOrderLagOperator
+        >>> u = np.random.default_rng(0).normal(size=300).cumsum()
+        >>> y, _ = FirstOrderLagOperator(0.05).run(u, 0.01)
+        >>> model = FirstOrderLag(dt=0.01).fit(u[:, None], y)
+        >>> stepper = model.stepper_from(u[100:200, None], y[100:200])
+        >>> bool(np.allclose(stepper.run(u[200:]), y[200:], rtol=0.01))
         True
         """
-        found = self.predict(X)
-        slices, X, _ = read_data(self, X, reset=False, bridge=True)
-        y = check_array(y, ensure_2d=False, ensure_all_finite="allow-nan", dtype=float)
-        check_consistent_length(X, y)
-        if np.isnan(y).all():
-            return found
-        slices, X, y, found, read = with_lost_rows(slices, X, y, found)
-        known = np.isfinite(y) if read is None else np.isfinite(y) & read
-        records = zip(slices, self.record_data(slices, X, np.where(known, y, 0.0)), strict=True)
-        told = [(s, record) for s, record in records if known[s.rows].any()]
-        data = [replace(record, weights=known[s.rows].astype(float)) for s, record in told]
-        parts = [r.first_part(1 + np.flatnonzero(r.weights)[-1]) for r in data]
-        # as kept by a fit; a part that a search has made knows none
-        drives = np.concatenate([getattr(self, "drive_range_", ()), *(r.drive for r in data)])
-        limits = drives.min(), drives.max()
-        driven, beside = split_disturbances(self.operator_)
-        input_history, _ = input_history_of(driven, beside, parts, limits)
-        data = [begun(driven, r, own) for r, own in zip(data, input_history, strict=True)]
-        problem = OperatorProblem(driven, data, disturbances=beside)
-        outputs = problem.predictions(problem.x0, np.ones(len(data), dtype=bool))
-        for (s, _), output in zip(told, outputs, strict=True):
-            found[s.rows] = output
-        return found if read is None else found[read]
+        check_is_fitted(self)
+        slices, X = self._read_inputs(X)
+        slices, X, y, read = with_lost_rows(slices, X, known_response(X, y))
+        if read is not None:
+            y[~read] = np.nan
+        refuse_several(self, slices)
+        signal, schedules = self.operator_input(X, slices)
+        rest = _Run(self.operator_, None, signal, slices[0].dt, self.free_run_state)
+        going = self._begun(slices, signal, schedules, y).get(0, rest.at(schedules[0]))
+        _, state = going.run()
+        if schedule is not None:
+            going = going.at(
+                finite_number(schedule, f"{type(self).__name__}.stepper_from", "schedule")
+            )
+        return Stepper(going.operator.compiled_step(going.dt, state), going.dt)
 
     def stepper(self, dt=None, u0=0.0, initial_state=None, *, schedule=None) -> Stepper:
         """Return the fitted model as a device that is fed the drive sample by sample.
@@ -906,7 +1057,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """
         check_is_fitted(self)
         caller, operator = f"{type(self).__name__}.stepper", self.operator_
-        dt = chosen_interval(self.records_, dt, caller)
+        dt = used_interval(self, dt, caller)
         if schedule is not None:
             operator = operator.at(finite_number(schedule, caller, "schedule"))
         u0 = input_at_rest(self, u0, initial_state, caller)

@@ -10,7 +10,9 @@ import numpy as np
 import pandas as pd
 import pytest
 import sklearn
+from scipy.signal import lfilter, lti
 from sklearn.base import clone
+from sklearn.frozen import FrozenEstimator
 from sklearn.metrics import root_mean_squared_error
 from sklearn.model_selection import GridSearchCV
 from sklearn.pipeline import make_pipeline
@@ -39,7 +41,7 @@ from skhyst.linear import (
     TransferFunction,
 )
 from skhyst.model_selection import washout_scorer
-from skhyst.operators import Series, run_records
+from skhyst.operators import Series, run_records, run_variance
 from skhyst.optimize import OperatorProblem
 from skhyst.persistence import from_json, to_json
 from skhyst.records import record_slices, stack_records
@@ -309,9 +311,7 @@ def test_what_came_before_several_inputs(model):
     assert own.initial_drive_.shape == (1, 7, 2)
     assert own.fit_error_ < 1.2e-3
     known = np.where(np.arange(N - 100) < 40, y[late], np.nan)
-    errors = [
-        found - y[late] for found in (rest.predict(X[late]), rest.predict_from(X[late], known))
-    ]
+    errors = [found - y[late] for found in (rest.predict(X[late]), rest.predict(X[late], known))]
     assert np.std(errors[1][40:]) < 1.3e-3 < 0.1 < np.std(errors[0][40:])
     options = {"washout": 40, "initial_state": "estimate"}
     score = washout_scorer(root_mean_squared_error, **options)(rest, X[late], y[late])
@@ -325,7 +325,7 @@ def test_a_record_that_tells_nothing_begins_as_in_predict():
     y = np.concatenate([PLANT.run(u[0], DT)[0] + 2.0, PLANT.run(u[1], DT)[0] + 4.0])
     model = Sum([("plant", MODELS["cascade"]), ("offset", Offset())], dt=DT).fit(data, y)
     y[N:] = np.nan
-    free, told = model.predict(data), model.predict_from(data, y)
+    free, told = model.predict(data), model.predict(data, y)
     np.testing.assert_array_equal(told[N:], free[N:])
     assert np.abs(free[N:]).mean() > 1.0
     assert np.nanmax(np.abs(told - y)) < 0.01 < 0.9 < np.nanmax(np.abs(free - y))
@@ -344,10 +344,111 @@ def test_what_is_known_of_a_long_record_is_enough(monkeypatch):
 
     monkeypatch.setattr(OperatorProblem, "simulate", counted)
     known = np.where(np.arange(len(u) - 2000) < 50, y[2000:], np.nan)
-    found = model.predict_from(u[2000:, None], known)
+    found = model.predict(u[2000:, None], known)
     assert np.max(lengths[:-1]) < 2 * 50  # the last one is the prediction
     away = [np.abs(own - y[2000:]).max() for own in (model.predict(u[2000:, None]), found)]
     assert away[1] < 0.02 < 0.1 < away[0]
+
+
+# ----------------------------------------------------------------------- standard deviations
+
+
+def line_and_noise(n, seed=0):
+    rng = np.random.default_rng(seed)
+    u = rng.normal(size=n) + 2.0
+    return u, 3.0 * u + 1.0 + rng.normal(0.0, 0.2, n)
+
+
+@pytest.mark.parametrize("offset", [False, True])
+def test_standard_deviation_of_a_straight_line(offset):
+    """That of linear regression, ``s^2 (1 + x^T (X^T X)^-1 x)``, whichever part has the constant.
+
+    The noise of this seed is white, and taken to be.
+    """
+    u, y = line_and_noise(200)
+    model = Sum([("gain", Gain()), ("offset", Offset())], dt=DT) if offset else Gain(dt=DT)
+    new = np.array([-50.0, 2.0, 80.0])
+    model.fit(u[:, None], y)
+    found, std = model.predict(new[:, None], return_std=True)
+    columns, rows = (np.column_stack([x, np.ones(len(x))]) for x in (u, new))
+    coefficients, rest, *_ = np.linalg.lstsq(columns, y)
+    variance = rest[0] / (len(u) - 2)
+    spread = rows @ np.linalg.inv(columns.T @ columns) @ rows.T
+    np.testing.assert_allclose(found, rows @ coefficients, rtol=1e-8)
+    np.testing.assert_allclose(std, np.sqrt(variance * (1.0 + np.diag(spread))), rtol=1e-6)
+    assert model.noise_std_ == pytest.approx(np.sqrt(variance))
+
+
+def test_standard_deviation_with_constants_of_records():
+    """A new record's constant is as far from the mean as those of the fit are from each other.
+
+    Where a part of it is known, only its mean and the slope that the other records say are left.
+    """
+    constants, n, k = np.array([0.0, 4.0, -1.0]), 100, 25
+    u, noisy = line_and_noise(3 * n)
+    X = pd.DataFrame({"u": u}, pd.MultiIndex.from_product([range(3), DT * np.arange(n)]))
+    X.index.names = ["record", "time"]
+    model = Sum([("gain", Gain()), ("offset", Offset())])
+    model.fit(X, noisy + np.repeat(constants, n))
+    slope, noise = model.params_std_["gain__gain"], model.noise_std_
+    new = pd.DataFrame({"u": u[:n]}, X.index[:n])
+    told = np.where(np.arange(n) < k, 3.0 * u[:n] - 7.0, np.nan)
+    own = u.reshape(3, n).mean(axis=1)
+    spread = np.var(model.record_coefficients_, ddof=1) * (4.0 / 3.0)
+    for known, center, constant in ((None, own.mean(), spread), (told, u[:k].mean(), noise**2 / k)):
+        _, std = model.predict(new, known, return_std=True)
+        expected = noise**2 + (slope * (u[:n] - center)) ** 2 + constant
+        np.testing.assert_allclose(std, np.sqrt(expected), rtol=1e-6)
+
+
+def test_standard_deviation_of_a_long_record(monkeypatch):
+    """Where sensitivities need too much memory, differences say the same."""
+    model = clone(MODELS["cascade"]).fit(X, Y)
+    exact = run_variance(model.operator_, model.covariance_, U, DT)
+    monkeypatch.setattr("skhyst.operators._records._LARGEST", 0)
+    found = run_variance(model.operator_, model.covariance_, U, DT)
+    np.testing.assert_allclose(found, exact, rtol=1e-5, atol=1e-5 * exact.max())
+    assert exact.max() > 0.0
+
+
+@pytest.mark.filterwarnings("ignore::skhyst.exceptions.ShortRecordWarning")
+def test_new_samples_lie_within_the_standard_deviation():
+    """Also where errors of few samples dominate; the response is that of SciPy's filter.
+
+    One new sample a fit, so that they are independent.
+    """
+    rng, within = np.random.default_rng(0), []
+    for _ in range(60):
+        u = rng.normal(size=60).cumsum()
+        y = 2.0 * lfilter([1.0 - np.exp(-0.2)], [1.0, -np.exp(-0.2)], np.append(0.0, u[:-1]))
+        y += rng.normal(0.0, 0.5, 60)
+        model = FirstOrderLag(dt=DT, hold="zoh", initial_state="zero")
+        model.fit_from(FirstOrderLagOperator(0.1, hold="zoh"), u[:30, None], y[:30])
+        found, std = model.predict(u[:, None], return_std=True)
+        within.append(np.abs(y - found)[-1] < 1.96 * std[-1])
+    assert 0.9 <= np.mean(within) <= 0.99
+
+
+def test_a_standard_deviation_that_is_not_known_is_refused():
+    whole = clone(MODELS["cascade"]).fit(X, Y)
+    told = TransferFunction.from_system(lti([2.0], [0.5, 1.0]), dt=DT)
+    for model, why in (
+        (whole.named_steps["lag"], "noise is not known"),
+        (told, "without the covariance"),
+    ):
+        with pytest.raises(ValueError, match=f"'return_std' parameter of .* {why}"):
+            model.predict(X, return_std=True)
+    pipeline = make_pipeline(clone(MODELS["lag"])).fit(X, Y)
+    assert pipeline.predict(X, return_std=True)[1].shape == (N,)
+    held = Cascade([("plays", FrozenEstimator(whole[:1])), ("lag", FirstOrderLag())], dt=DT)
+    assert held.fit(X, Y).predict(X, return_std=True)[1].min() > 0.0
+
+
+def test_going_on_asks_for_one_record():
+    data = pd.concat([frame(U, record="a"), frame(U, record="b")])
+    model = FirstOrderLag().fit(data, np.tile(Y, 2))
+    with pytest.raises(ValueError, match=r"stepper_from must be one record\. Got 2"):
+        model.stepper_from(data, np.tile(Y, 2))
 
 
 # -------------------------------------------------------------------------------------- results

@@ -343,6 +343,30 @@ def test_step_by_step(fitted, data):
     assert_steps(fitted.stepper(u0=u[0]), u, fitted.predict(data[0])[:N])
 
 
+def test_going_on_from_what_is_known(fitted, data):
+    """A stepper after the known part of a record gives what a run from that part predicts."""
+    X, y = (part.loc["a"] for part in data)
+    known = y.where(np.arange(N) < 20)
+    whole = fitted.predict(X, y_start=known)
+    if not fitted.operator_.causal:
+        with pytest.raises(NotImplementedError, match="looks ahead"):
+            fitted.stepper_from(X[:20], y[:20])
+        return
+    later = fitted.stepper_from(X[:20], y[:20]).run(X["drive"].to_numpy()[20:])
+    np.testing.assert_allclose(later, whole[20:], rtol=0, atol=1e-9 * (np.ptp(whole) or 1.0))
+
+
+def test_standard_deviation_of_a_new_sample(fitted, data):
+    """That of the noise, and what the errors of the parameters add, whatever the records beside."""
+    X, _ = data
+    found, std = fitted.predict(X, return_std=True)
+    np.testing.assert_array_equal(found, fitted.predict(X))
+    assert std.shape == found.shape
+    assert np.all((0.0 < fitted.noise_std_ <= std) & np.isfinite(std))
+    alone = [fitted.predict(X.loc[[label]], return_std=True)[1] for label in "abc"]
+    np.testing.assert_array_equal(std, np.concatenate(alone))
+
+
 def test_order_of_records_does_not_matter(model, fitted, data):
     X, y = data
     order = ["c", "a", "b"]

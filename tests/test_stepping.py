@@ -23,7 +23,7 @@ from skhyst.discovery import all_estimators
 from skhyst.disturbance import Drift
 from skhyst.exceptions import DivergenceWarning
 from skhyst.export import to_c
-from skhyst.hysteresis import PrandtlIshlinskii
+from skhyst.hysteresis import CoulombFriction, PrandtlIshlinskii
 from skhyst.linear import FirstOrderLag, Gain, ModalModel, TimeShift
 from skhyst.neural import SCNRegressor
 from skhyst.preprocessing import (
@@ -140,6 +140,19 @@ IN_C = {  # models of plain arithmetic, by the number of columns
         ),
     ),
     "modulated": (2, lambda: Modulated(Cascade([("h", plays()), ("l", FirstOrderLag())]), 1)),
+    "friction of a load": (
+        2,
+        lambda: Modulated(CoulombFriction(), 1, scales=["coulomb_force"], magnitude=True),
+    ),
+    "widths of a column": (
+        2,
+        lambda: Cascade(
+            [
+                ("h", Modulated(plays(), 1, scales="thresholds", degree=2)),
+                ("l", FirstOrderLag()),
+            ]
+        ),
+    ),
     "on columns": (3, lambda: Sum([("h", plays()), ("load", OnColumn(FirstOrderLag(), 2))])),
     "held and drifting": (1, lambda: Sum([("h", plays()), ("drift", Drift(1))])),
     "modes": (1, lambda: ModalModel(1)),

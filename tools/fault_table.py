@@ -187,7 +187,7 @@ _MODELS = [
     ),
     (
         "linear tangents: the state at rest does not move with the parameters",
-        "dx[:, m:] = u0 * rest_steps.T",
+        "dx[:, m:] = u[0] * rest_steps.T",
         "dx[:, m:] = 0.0 * rest_steps.T",
         "tests/linear/test_linear.py tests/operators/test_linear.py -k rest_moves",
     ),
@@ -310,8 +310,8 @@ _COMPOSITION = [
     ),
     (
         "modulation: the sensitivity is that to the column, not to its change",
-        "own = y * (a - self.reference)",
-        "own = y * a",
+        "x, coefficients = sign * a - self.reference, self._coefficients",
+        "x, coefficients = sign * a, self._coefficients",
         "tests/compose/test_column*.py tests/operators/test_multi_input.py"
         " tests/operators/test_columns.py -k derivatives",
     ),
@@ -416,7 +416,7 @@ _OPTIMISATION = [
     ),
     (
         "covariance without the chain rule",
-        "covariance = covariance * np.outer(chain, chain)",
+        "covariance = covariance * units",
         "covariance = covariance * 1.0",
         "tests/optimize/test_identify.py -k 'covariance or straight_line'",
     ),
@@ -440,7 +440,7 @@ _OPTIMISATION = [
     ),
     (
         "the coefficients of disturbances cost no degrees of freedom",
-        "n_samples - n_coefficients - root.shape[1]",
+        "n_samples - coefficients.size - root.shape[1]",
         "n_samples - root.shape[1]",
         "tests/optimize/test_identify.py -k 'standard_errors or disturbance'",
     ),

@@ -19,7 +19,14 @@ from .._sklearn import (
     check_sample_weight,
     fit_context,
 )
-from .._validation import fitted_interval, refuse_large, rest_of
+from .._validation import (
+    fitted_interval,
+    known_response,
+    refuse_large,
+    refuse_several,
+    refuse_std,
+    rest_of,
+)
 from ..base import read_data
 from ..exceptions import DivergenceWarning, RecordError
 from ..operators import Stepper
@@ -27,7 +34,7 @@ from ..preprocessing import SampleRules, lagged_columns, read_lag_table, read_la
 from ..records import MISMATCH, chosen_interval, with_lost_rows
 from ._initial_outputs import estimate_history, fit_line, rest_outputs
 from ._runs import Lags, Start, free_runs, runs_ahead
-from ._streaming import compiled_lags
+from ._streaming import compiled_lags, rows_kept
 
 _BOUND = 100.0  # an output this many ranges of the response beyond its largest has diverged
 
@@ -181,7 +188,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
             self.initial_outputs_ = np.array([start.history for start in starts])
         return self
 
-    def predict(self, X, y=None, horizon=None) -> np.ndarray:
+    def predict(self, X, y=None, horizon=None, *, y_start=None, return_std=False) -> np.ndarray:
         """Return the free run (simulation), or the prediction ``horizon`` steps ahead.
 
         Parameters
@@ -194,6 +201,11 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         horizon : int, optional
             Steps ahead: sample ``k`` is predicted from the response measured up to
             ``k - horizon``. By default the free run, which uses the inputs alone.
+        y_start : array-like of shape (n_samples,), default=None
+            Measured response up to a sample of each record, NaN after it: the free run goes on from
+            there, and the prediction of what is known is the known. In place of ``y``.
+        return_std : bool, default=False
+            Must be False: the covariance of the free run of such a model is not known.
 
         Returns
         -------
@@ -203,6 +215,12 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
             :class:`~skhyst.exceptions.DivergenceWarning`.
         """
         check_is_fitted(self)
+        refuse_std(self, return_std, "whose past outputs are inputs")
+        if y_start is not None and not (y is None and horizon is None):
+            raise ValueError(
+                f"The 'y_start' parameter of {type(self).__name__}.predict must be None where 'y' "
+                "or 'horizon' is given."
+            )
         if horizon is not None:
             if not isinstance(horizon, Integral) or horizon < 1:
                 raise ValueError(
@@ -217,11 +235,16 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         given = () if y is None else (y,)
         bridge = horizon is None or self._bridges
         records, X, y = read_data(self, X, *given, reset=False, bridge=bridge)
-        records, X, *given, read = with_lost_rows(records, X, *(() if y is None else (y,)))
+        given = [own for own in (y,) if own is not None]
+        given += [] if y_start is None else [known_response(X, y_start)]
+        records, X, *given, read = with_lost_rows(records, X, *given)
         y = given[0] if given else None
         refuse_large("X", X)
         X, _ = self._widen(X, records)
-        starts = self.starting_values(X, records, y)
+        if y_start is None:
+            starts = self.starting_values(X, records, y)
+        else:
+            starts = [self._after_known(X[own.rows], y[own.rows]) for own in records]
         if horizon is None:
             parts, good = self._free_runs(starts)
         else:
@@ -323,9 +346,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
                 f"fit: the lags are in samples. Got {dt!r} instead."
             )
         levels = rest_of(u0, initial_state, self.n_features_in_, caller)[: self.n_features_in_]
-        rules = SampleRules(0.0 * levels if initial_state == "zero" else levels)
-        places = self._places(rules)
-        inputs = [(places[j][0], places[j][1] + lag) for j, lag in self.input_lags_]
+        rules, places, inputs = self._row(0.0 * levels if initial_state == "zero" else levels)
         history = np.zeros(self._n_outputs())
         if initial_state is None and self._start_kind() == "given":
             history = self._given_history()
@@ -334,6 +355,42 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         parts = inputs, self.output_lags_, self.bound_, rules, history
         call, name = self._one_step, type(self).__name__
         return Stepper(compiled_lags(self._plain_step(), *parts, call, name), own)
+
+    def stepper_from(self, X, y) -> Stepper:
+        """Return the fitted model as a device that goes on from a record that is known.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+            One record, as for :meth:`fit`.
+        y : array-like of shape (n_samples,)
+            Its response, up to a sample, NaN after it.
+
+        Returns
+        -------
+        Stepper
+            Its next ``step(u)`` is the sample after the last one of X.
+
+        Raises
+        ------
+        ValueError
+            If X has several records.
+        """
+        check_is_fitted(self)
+        records, X, _ = read_data(self, X, reset=False, bridge=True)
+        records, X, y, _ = with_lost_rows(records, X, known_response(X, y))
+        refuse_several(self, records)
+        start = self._after_known(self._widen(X, records)[0], y)
+        own = X[:, 0] if X.shape[1] == 1 else X
+        stepper = self.stepper(u0=X[0])
+        stepper.run(own[: start.n_past])
+        if start.n_past and len(start.history):
+            rules, _, inputs = self._row(X[0])
+            first, state = rows_kept(inputs, rules) * len(rules.row), stepper.state
+            state[first : first + len(start.history)] = start.history[::-1]
+            stepper.state = state
+        stepper.run(own[start.n_past :])
+        return stepper
 
     def __sklearn_tags__(self):
         tags = super().__sklearn_tags__()
@@ -345,6 +402,13 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
     def _places(self, rules):
         """Return position and lag of each column; added columns get rules in ``rules``."""
         return [(j, 0) for j in range(self.n_features_in_)]
+
+    def _row(self, levels):
+        """Return the rules of a row at rest, the places of columns, and those of input signals."""
+        rules = SampleRules(levels)
+        places = self._places(rules)
+        inputs = [(places[j][0], places[j][1] + lag) for j, lag in self.input_lags_]
+        return rules, places, inputs
 
     def _plain_step(self):
         """Return the one-step model in the user's units, or None where it has no compiled form."""
@@ -452,6 +516,16 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         history = measured[n_past - n_outputs : n_past] if n_past >= n_outputs else [0] * n_outputs
         weights = None if weights is None else weights[n_past:]
         return Start(inputs, n_past, np.asarray(history, dtype=float), measured[n_past:], weights)
+
+    def _after_known(self, inputs, measured):
+        """Return a start after the first samples, those whose output is known."""
+        unknown = np.flatnonzero(~np.isfinite(measured))
+        n_past = int(unknown[0]) if len(unknown) else len(measured)
+        (history,) = self._rest(inputs[:1])
+        if n_past == 0 and self._start_kind() == "given":
+            history = self._given_history()
+        history = np.concatenate([history, measured[:n_past]])
+        return Start(inputs, n_past, history[len(history) - self._n_outputs() :])
 
     def _rest(self, firsts):
         """Return the outputs at rest for each row of inputs, (n_rows, longest output lag)."""

@@ -28,6 +28,7 @@ _FEATURES = {
     "play": PlayOperators(5),
 }
 _MOST_TERMS = 5000
+_LONGEST = 1_000_000  # lag in samples that a file may have
 _ONE = -1  # stands for the column of an input that is always one
 
 
@@ -455,7 +456,33 @@ class NARMAXRegressor(AutoregressiveRegressor):
     def __setstate__(self, state):
         super().__setstate__(state)
         if "coef_" in state:
+            self._refuse_broken()
             self._step = self._polynomial()
+
+    def _refuse_broken(self):
+        """Refuse what a file may say and no fit does: compiled code would leave its arrays."""
+        n_columns, terms = self._n_columns, np.asarray(self.term_factors_)
+        n_signals = len(self.input_lags_) + len(self.output_lags_) + len(self.noise_lags_)
+        whole = [
+            (n_columns, 1, np.size(self._input_scale)),
+            *((column, 0, np.size(self._input_scale) - 1) for column, _ in self.input_lags_),
+            *((lag, 0, _LONGEST) for _, lag in self.input_lags_),
+            *((lag, 1, _LONGEST) for lag in (*self.output_lags_, *self.noise_lags_)),
+        ]
+        if not (
+            all(isinstance(v, Integral) and low <= v <= high for v, low, high in whole)
+            and np.shape(self._input_scale) == (n_columns,)
+            and (terms.dtype.kind, terms.ndim) == ("i", 2)
+            and np.all((terms >= -1) & (terms < n_signals))
+            and np.shape(self._theta) == np.shape(self.coef_) == (len(terms),)
+            and np.all(np.isfinite([*self._theta, *self.coef_]))
+            and np.all(np.greater([self._output_scale, *self._input_scale], 0.0))
+            and np.all(np.isfinite([self._output_scale, *self._input_scale]))
+        ):
+            raise ValueError(
+                f"The lags, terms and scales of this {type(self).__name__} do not fit each other: "
+                "it is broken."
+            )
 
     # ----------------------------------------------------------------------------------- the runs
 

@@ -81,6 +81,12 @@ def _bound(loop, law):
     return bind(loop, law, allocates=False)
 
 
+def rows_kept(inputs, rules):
+    """Return how many rows the state holds; the past outputs follow them."""
+    deepest = max([lag for _, lag in inputs], default=0)
+    return 1 + max(deepest, 1 if rules.table else 0)
+
+
 def compiled_lags(step, inputs, outputs, bound, rules, history, call=None, name=None):
     """Return a model as a compiled step.
 
@@ -105,8 +111,7 @@ def compiled_lags(step, inputs, outputs, bound, rules, history, call=None, name=
     """
     size, n_outputs = len(rules.row), len(history)
     n_columns = size - len(rules.table)
-    deepest = max([lag for _, lag in inputs], default=0)
-    n_rows = 1 + max(deepest, 1 if rules.table else 0)
+    n_rows = rows_kept(inputs, rules)
     places = [lag * size + place for place, lag in inputs]
     places += [n_rows * size + lag - 1 for lag in outputs]
     table = np.reshape(np.array(rules.table, dtype=float), (-1, 4))

@@ -1,10 +1,12 @@
 """`skhyst inspect`: columns, records and faults of recordings."""
 
 from .._files import check_outputs, replacing
-from ..inspection import RecordingDisplay
+from ..inspection import LoopFiguresDisplay, RecordingDisplay
 from ..records import inspect_recording
 from ._messages import as_options
 from ._reading_options import reading_options
+
+_MOST = 20  # loops that are printed
 
 
 def inspect(options):
@@ -16,6 +18,9 @@ def inspect(options):
     for number, path in enumerate(options.files):
         overview = inspect_recording(path, **reading_options(options))
         print(as_options(f"\n{overview}" if number else str(overview)))
+        if overview.records:
+            loops = LoopFiguresDisplay.from_recording(overview.X, overview.y, draw=False)
+            print("\n  ".join(["loops:", *loops.lines(_MOST)]))
     if picture:
         if overview.X is None or overview.y is None:
             raise ValueError(f"{path} is not drawn: its drive and response are not known.")

@@ -8,6 +8,7 @@ from ._columns import amplitude as amplitude
 from ._columns import is_constant as is_constant
 from ._columns import lags_of_column as lags_of_column
 from ._corrected import Corrected
+from ._divided import Divisions as Divisions
 from ._feedback import Feedback
 from ._scheduled_parameters import ScheduledParameters
 from ._sum import Sum

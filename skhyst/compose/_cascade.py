@@ -22,6 +22,7 @@ from ..operators import (
     split_disturbances,
 )
 from ..optimize import VariableProjection
+from ._divided import Divisions, first_parts
 
 _HYSTERESIS, _DYNAMICS = 10, 30  # stage orders, see Operator
 _ALONG_THE_WAY = VariableProjection(tolerance=1e-4)
@@ -228,7 +229,7 @@ class Composition(ParametricModel, BaseComposition):
         owners |= {f"disturbance{old}": f"disturbance{new}" for new, old in enumerate(kept)}
         parted = [(key, *key.split("__", 1)) for key in self._identified.params]
         keys = {key: f"{owners[own]}__{rest}" for key, own, rest in parted if own in owners}
-        return part.adopt(_part_of(self._identified, keys, operator, **others))
+        return part.adopt(_part_of(self._identified, keys, operator, columns, **others))
 
     @property
     def any_interval(self):
@@ -310,18 +311,23 @@ def _is_one_of(step, words):
     return isinstance(step, str) and step in words
 
 
-def _part_of(result, keys, operator, **others):
-    """Return what identification found of a part; ``keys`` are its parameters and their names."""
-    at = [list(result.params).index(key) for key in keys]
+def _part_of(result, keys, operator, columns=(), **others):
+    """Return what identification found of a part; ``keys`` are its parameters and their names.
+
+    ``columns`` are the coefficients of its disturbances among those of all. The noise is that of
+    the whole response, and no noise of a part is known.
+    """
     own = {
         field: {name: getattr(result, field).get(key) for key, name in keys.items()}
         for field in ("params", "params_std", "params_std_white")
         if getattr(result, field)
     }
     own["undetermined"] = tuple(keys[key] for key in result.undetermined if key in keys)
-    if result.covariance is not None:
-        own["covariance"] = result.covariance[np.ix_(at, at)]
-    return replace(result, operator=operator, **own, **others)
+    if result.joint_covariance is not None:
+        at = [list(result.params).index(key) for key in keys]
+        at += (len(result.params) + np.flatnonzero(columns)).tolist()
+        own["joint_covariance"] = result.joint_covariance[np.ix_(at, at)]
+    return replace(result, operator=operator, noise_std=None, **own, **others)
 
 
 class Cascade(Composition):
@@ -333,6 +339,10 @@ class Cascade(Composition):
     dynamics are added in both orders, and the better fit is kept. In long records whose drive is
     sampled much faster than it varies, this uses every n-th sample, and the result is refined on
     all samples.
+
+    A step between two transfer functions (Wiener-Hammerstein) needs no starting values: their
+    product is identified first, as if nothing were in between, and every way to divide its poles
+    and zeros is tried (Sjöberg and Schoukens, *Automatica*, 2012).
 
     With ``hold="auto"`` the cascade is identified with either hold of the drive, and the better fit
     is kept. The first step that has a ``hold`` receives the drive; signals behind it are smooth, so
@@ -438,6 +448,9 @@ class Cascade(Composition):
             start = self._resume(self.operators_.values(), data)
             if start is not None:
                 return refine(self, [start], data, self.method)
+        divided = self._divided(data)
+        if divided is not None:
+            return divided
         thinned = None
         if self.any_interval and self.method == "variable_projection":
             thinned = thin_records(data)
@@ -453,6 +466,38 @@ class Cascade(Composition):
             results.append(best)
         evaluations = sum(result.n_evaluations for result in results)
         return replace(best, n_evaluations=evaluations)
+
+    def _divided(self, data):
+        """Identify a step between two transfer functions from all divisions of their product.
+
+        None for any other cascade.
+        """
+        models, names = self._starting_models(), [name for name, _ in self._kept_steps()]
+        if len(models) != 3 or not hasattr(models[0], "in_series_with"):
+            return None
+        first, middle, last = models
+        whole, records = first.in_series_with(last), first_parts(data)
+        if whole is None or any(s.signal_linear for s in _driven_starts(middle, records)):
+            return None
+        linear = refine(whole, whole.starting_values(records), records, _ALONG_THE_WAY)
+
+        def fitting(parts):
+            adapted = [m.adapted(own) for m, own in zip((first, last), parts, strict=True)]
+            return None if None in adapted else adapted
+
+        ways = Divisions(linear.operator, records, self.free_run_state, fitting=fitting)
+        found = ways.started(lambda behind: _driven_starts(middle, behind))
+        starts = [self._compose(names, stages) for _, stages in found]
+        if not starts:
+            return None
+        result = refine(self, starts, records, _ALONG_THE_WAY, with_errors=False)
+        evaluations = linear.n_evaluations + result.n_evaluations
+        # what comes into the step goes as far as all samples and the parts as they are now let it
+        for method in (_ALONG_THE_WAY, self.method):
+            start = self._resume(result.operator.stages, data) or result.operator
+            result = refine(self, [start], data, method, with_errors=method is self.method)
+            evaluations += result.n_evaluations
+        return replace(result, n_evaluations=evaluations)
 
     def _resume(self, stages, data):
         """Return the operator with the structure that records ask for and the values of stages.
@@ -524,7 +569,8 @@ class Cascade(Composition):
         models, usual = self._models(), self._orders()
         free = [i for i, model in enumerate(models) if not isinstance(model, HeldStep)]
         for order in islice(permutations(free), _MOST_ORDERS):
-            if list(order) not in usual:
+            is_possible = order[0] == 0 or not models[0].reads_columns  # which must come first
+            if is_possible and list(order) not in usual:
                 yield self._add_steps(data, order, self.method)
         products = self.further_starts(data)
         if products:

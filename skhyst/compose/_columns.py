@@ -1,7 +1,7 @@
 """Models that a further column of X drives, or whose response it scales."""
 
 from dataclasses import replace
-from numbers import Integral
+from numbers import Integral, Real
 from typing import Self
 
 import numpy as np
@@ -10,7 +10,7 @@ from .._sklearn import HasMethods, Interval, StrOptions
 from .._validation import agreed
 from ..base import ParametricModel, as_node, informed, with_params
 from ..linear import FirstOrderLagOperator
-from ..operators import OnColumnOperator, Scaled, add_disturbances, split_disturbances
+from ..operators import OnColumnOperator, Scaled, add_disturbances, can_scale, split_disturbances
 
 _CONSTANT = 1e-3  # spread of a column within a record, relative to its size
 
@@ -25,9 +25,10 @@ def is_constant(values, size):
     return bool(np.ptp(values) <= _CONSTANT * size)
 
 
-def _mean(records, column):
-    """Return the mean of a column of the inputs of all records."""
-    return float(np.concatenate([r.u[:, column] for r in records]).mean())
+def _mean(records, column, magnitude=False):
+    """Return the mean of a column of the inputs of all records, or of its magnitude."""
+    values = np.concatenate([r.u[:, column] for r in records])
+    return float((np.abs(values) if magnitude else values).mean())
 
 
 def lags_of_column(records):
@@ -218,13 +219,15 @@ class FirstColumn(OnColumn):
 
 
 class Modulated(_ColumnModel):
-    r"""A model whose response is scaled by a column of X, such as a temperature.
+    r"""A model whose response, or some parameters, a column of X scales sample by sample.
 
     .. math:: y = \Gamma[u] \, (1 + b \, (a - a_0))
 
     with the model :math:`\Gamma` of the drive u, the column a, if asked for behind a first-order
-    lag, or the half range of the drive in each record, and its mean :math:`a_0` in the records of
-    the fit. It is the outermost model, or a step of a :class:`Sum`, or is modulated again by
+    lag, or the half range of the drive in each record, and a reference :math:`a_0`. Where
+    parameters are scaled, the factor is theirs in place of the response's: a friction force that
+    grows with the load, a hysteresis whose width follows the temperature. It is the outermost
+    model, the first step of a :class:`Cascade`, a step of a :class:`Sum`, or is modulated again by
     another column.
 
     Parameters
@@ -232,7 +235,20 @@ class Modulated(_ColumnModel):
     estimator : estimator
         A parametric model of skhyst, or a cascade of them, of one input; or another `Modulated`.
     column : int or "amplitude", default=1
-        Number of the column of X, or the half range of the drive in a record.
+        Number of the column of X, or the half range of the drive in a record. 0 is the drive, such
+        as the position at which friction acts.
+    scales : "response", "thresholds" or list of str, default="response"
+        What is scaled: the whole response; all thresholds of a
+        :class:`~skhyst.hysteresis.PrandtlIshlinskii`; or parameters in which the response is
+        linear, by their names in ``params_``, such as ``["coulomb_force"]``. ``"weights"`` stands
+        for all of ``"weights[0]"``, ...
+    reference : float or None, default=None
+        :math:`a_0`, units of the column, at which the model is as its own parameters say; None: the
+        mean of a in the records of the fit.
+    degree : int, default=1
+        Of the factor as a polynomial of :math:`a - a_0`.
+    magnitude : bool, default=False
+        Whether a is the magnitude of the column, as that of the load of a bearing.
     lag : bool, default=False
         Whether the column acts through a first-order lag, as the current of a coil follows its
         voltage, or the temperature of a part the power of its heater.
@@ -240,13 +256,28 @@ class Modulated(_ColumnModel):
     Attributes
     ----------
     operator_ : Scaled
-        ``sensitivity`` b in one over the units of the column, ``reference`` :math:`a_0`, and
-        ``lag``, whose ``time_constant`` is in s.
+        ``sensitivity`` b in one over the units of the column, ``curvature``, the coefficients of
+        the higher powers, ``reference`` :math:`a_0`, and ``lag``, whose ``time_constant`` is in s.
+
+    Raises
+    ------
+    ValueError
+        If what it scales is not as above.
 
     See Also
     --------
     OnColumn : A model that the column drives.
-    ScheduledParameters : Single parameters that follow a column.
+    ScheduledParameters : Parameters that follow a number of the record.
+
+    Notes
+    -----
+    A play whose threshold changes stays where it is until an end of its slack takes it along:
+    ``F[k] = max(u[k] - q[k] r, min(u[k] + q[k] r, F[k - 1]))`` with the factor q, which stops at
+    zero. While the column rests the model is rate-independent where :math:`\Gamma` is.
+
+    The friction :math:`(F_{c0} + \mu |N|) \tanh(v/v_0)` of a load N is that of a `CoulombFriction`
+    whose ``coulomb_force`` is scaled by the magnitude of N, with the reference 0: then
+    :math:`F_{c0}` is ``coulomb_force``, and :math:`\mu` is ``coulomb_force`` times ``sensitivity``.
 
     Examples
     --------
@@ -258,11 +289,26 @@ class Modulated(_ColumnModel):
     >>> model = Modulated(Gain(), 1).fit(X, 3.0 * X[:, 0] * (1.0 + 0.1 * X[:, 1]))
     >>> round(model.operator_.sensitivity, 6)
     0.1
+
+    A friction force of 0.5 and 0.2 times a load:
+
+    >>> from skhyst.hysteresis import CoulombFriction
+    >>> drive, load = np.sin(np.arange(400) / 9), 5.0 * np.sin(np.arange(400) / 31)
+    >>> y = (0.5 + 0.2 * np.abs(load)) * np.tanh(np.diff(drive, prepend=0.0) / 0.01)
+    >>> friction = CoulombFriction(fit_damping=False, fit_intercept=False)
+    >>> of_load = {"scales": ["coulomb_force"], "magnitude": True, "reference": 0.0}
+    >>> model = Modulated(friction, 1, **of_load).fit(np.column_stack([drive, load]), y)
+    >>> print(f"{model.params_['coulomb_force']:.3f} {model.params_['sensitivity']:.3f}")
+    0.500 0.400
     """
 
     _parameter_constraints = {
         **_ColumnModel._parameter_constraints,
         "column": [*_ColumnModel._parameter_constraints["column"], StrOptions({"amplitude"})],
+        "scales": [StrOptions({"response", "thresholds"}), list, tuple],
+        "reference": [Interval(Real, None, None, closed="neither"), None],
+        "degree": [Interval(Integral, 1, None, closed="left")],
+        "magnitude": ["boolean"],
         "lag": ["boolean"],
     }
 
@@ -273,6 +319,10 @@ class Modulated(_ColumnModel):
         estimator,
         column=1,
         *,
+        scales="response",
+        reference=None,
+        degree=1,
+        magnitude=False,
         lag=False,
         initial_state=None,
         dt=None,
@@ -282,6 +332,10 @@ class Modulated(_ColumnModel):
         super().__init__(
             estimator, column, initial_state=initial_state, dt=dt, drive=drive, method=method
         )
+        self.scales = scales
+        self.reference = reference
+        self.degree = degree
+        self.magnitude = magnitude
         self.lag = lag
 
     def _driven(self):
@@ -291,15 +345,48 @@ class Modulated(_ColumnModel):
 
     def starting_values(self, records):
         column = -1 if self.column == "amplitude" else self.column
-        reference = _mean(records, column)
+        reference = self.reference
+        if reference is None:
+            reference = _mean(records, column, self.magnitude)
         model = self._starting_model(self._driven())
+        own = {
+            "curvature": (0.0,) * (self.degree - 1),
+            "magnitude": self.magnitude,
+            "scales": self._scaled(),
+        }
+        starts = list(map(split_disturbances, model.starting_values(records)))
+        for driven, _ in starts:
+            self._check_scaled(driven)
         return [
-            add_disturbances(Scaled(driven, column, reference, lag=lag), beside)
-            for driven, beside in map(split_disturbances, model.starting_values(records))
+            add_disturbances(Scaled(driven, column, float(reference), lag=lag, **own), beside)
+            for driven, beside in starts
             for lag in (lags_of_column(records) if self.lag else [None])
         ]
 
+    def _scaled(self):
+        if isinstance(self.scales, str):
+            return () if self.scales == "response" else (self.scales,)
+        return tuple(self.scales)
+
+    def _check_scaled(self, operator):
+        """Refuse to scale what an operator has not, or not linearly."""
+        if self.scales == "response" or can_scale(operator, self._scaled()):
+            return
+        linear = ", ".join(name for name, spec in operator.entries() if spec.linear)
+        raise ValueError(
+            "The 'scales' parameter of Modulated must be 'response', 'thresholds' of a "
+            "PrandtlIshlinskii, or names of parameters in which the response is linear: "
+            f"{linear}. Got {self.scales!r} instead."
+        )
+
     def unfitted(self, operator) -> Self:
-        column = "amplitude" if operator.column == -1 else operator.column
-        own = {"column": column, "lag": operator.lag is not None}
+        scales = "response" if not operator.scales else list(operator.scales)
+        own = {
+            "column": "amplitude" if operator.column == -1 else operator.column,
+            "scales": "thresholds" if scales == ["thresholds"] else scales,
+            "reference": None if self.reference is None else operator.reference,
+            "degree": 1 + len(operator.curvature),
+            "magnitude": operator.magnitude,
+            "lag": operator.lag is not None,
+        }
         return with_params(self, estimator=operator.operator.unfitted(), **own)

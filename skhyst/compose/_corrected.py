@@ -6,12 +6,13 @@ from numbers import Integral, Real
 from typing import Self
 
 import numpy as np
+import pandas as pd
 from sklearn.base import BaseEstimator, MetaEstimatorMixin, RegressorMixin, clone
 from sklearn.utils.validation import check_is_fitted
 
 from .._documentation import documented_like
 from .._sklearn import HasMethods, Interval, check_sample_weight, fit_context
-from .._validation import in_native_order, rest_of
+from .._validation import in_native_order, known_response, refuse_std, rest_of
 from ..autoregressive import compiled_regressor
 from ..base import (
     ParametricModel,
@@ -225,14 +226,25 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         return self.effects_.params_std_
 
     @documented_like(ParametricModel.predict)
-    def predict(self, X) -> np.ndarray:
-        """Return the response, each record from its own start."""
+    def predict(self, X, y_start=None, return_std=False) -> np.ndarray:
+        """Return the response, each record from its own start.
+
+        The standard deviation of a new sample is not known, since the regressor may be any.
+        """
         check_is_fitted(self)
+        refuse_std(self, return_std, "around a regressor")
         slices, columns, _ = read_data(self, X, reset=False, bridge=True)
         X = X if hasattr(X, "iloc") else columns
         p = np.ravel(self.estimator_.predict(X)).astype(float)
         slices, columns, p, read = with_lost_rows(slices, columns, p)
         effects, inputs = self.effects_, _as_first_column(p, columns)
+        if y_start is not None:
+            known = known_response(X, y_start)
+            interval = {"dt_": self.dt_, "time_unit_": self.time_unit_}
+            names = getattr(effects, "feature_names_in_", None)
+            rows = inputs if read is None else inputs[read]
+            rows = pd.DataFrame(rows, getattr(X, "index", None), names)
+            return with_params(effects, **interval).predict(rows, known)
         signal, schedules = effects.operator_input(inputs, slices)
         state = effects.free_run_state
         y = run_records(effects.operator_, signal, slices, state, schedules)

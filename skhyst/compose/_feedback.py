@@ -26,7 +26,7 @@ class Feedback(ParametricModel):
     response relative to the gain, and at rest ``s(q) = u``: of a mass on a spring, s is the
     characteristic of the spring, whatever its form, and the dynamics may have more poles than a
     mass. Where s is the identity the model is linear. It is also known as a nonlinear
-    linear-fractional model (NL-LFR).
+    linear-fractional model (NL-LFR [1]_).
 
     Parameters
     ----------
@@ -48,8 +48,8 @@ class Feedback(ParametricModel):
     Attributes
     ----------
     operator_ : FeedbackOperator
-        ``linear`` and ``curve``, their operators, and ``poles(response)`` of small motions about a
-        rest.
+        ``linear`` and ``curve``, their operators, and ``poles_at(response)`` of small motions about
+        a rest.
 
     Raises
     ------
@@ -74,8 +74,7 @@ class Feedback(ParametricModel):
 
     References
     ----------
-    M. Schoukens and R. Tóth, "On the initialization of nonlinear LFR model identification with the
-    best linear approximation", *IFAC-PapersOnLine*, 2020.
+    .. [1] Schoukens and Tóth, *IFAC-PapersOnLine*, 2020.
 
     Examples
     --------
@@ -176,7 +175,7 @@ class Feedback(ParametricModel):
         operator = FeedbackOperator(_NAMES, (linear, curve), n_substeps=n or 1)
         if n is None:
             rests = _rests(records)
-            fastest = max(np.abs(operator.poles(y)).max(initial=0.0) for y in rests)
+            fastest = max(np.abs(operator.poles_at(y)).max(initial=0.0) for y in rests)
             n = int(np.clip(np.ceil(min(dt * fastest, np.pi) / _FINE), 1, None))
         return replace(operator, n_substeps=n)
 
@@ -222,7 +221,7 @@ class Feedback(ParametricModel):
     def cautions(self, result, records):
         yield from super().cautions(result, records)
         rests = _rests(records)
-        rates = [np.max(result.operator.poles(y).real, initial=-np.inf) for y in rests]
+        rates = [np.max(result.operator.poles_at(y).real, initial=-np.inf) for y in rests]
         away = [f"{y:.3g}" for y, rate in zip(rests, rates, strict=True) if rate > 0.0]
         if away:
             yield (

@@ -61,7 +61,7 @@ class ScheduledParameters(AroundModel):
 
     See Also
     --------
-    Modulated : Scales the whole response by a column.
+    Modulated : Scales the response, or some parameters, by a column that moves within a record.
 
     References
     ----------
@@ -124,7 +124,8 @@ class ScheduledParameters(AroundModel):
                 raise RecordError(
                     f"The column {self.by!r} of ScheduledParameters must be constant in each "
                     f"record. In record {name!r} it goes from {values.min():g} to "
-                    f"{values.max():g}: cut the record where it changes."
+                    f"{values.max():g}: cut the record where it changes, or let a Modulated scale "
+                    "parameters by it sample by sample."
                 )
             found.append(float(values.mean()))
         return found

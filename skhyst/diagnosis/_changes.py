@@ -5,10 +5,11 @@ it does not apply.
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
-from ..compose import amplitude, is_constant, lags_of_column
+from ..compose import Divisions, Modulated, amplitude, is_constant, lags_of_column
 from ..fluid import TankChain
 from ..hysteresis import (
     CoulombFrictionOperator,
@@ -16,24 +17,30 @@ from ..hysteresis import (
     RateDependentPrandtlIshlinskii,
 )
 from ..linear import DynamicStiffnessOperator, GainOperator, TransferFunction
-from ..operators import SumOperator, finer_factor
-from ..optimize import identify
-from ._constants import ENOUGH, FACTOR, FULL, KNEE, NOTICEABLE, TANKS
+from ..operators import Scaled as ModulatedBy
+from ..operators import SumOperator, finer_factor, of_columns
+from ..optimize import identify, predicted_cost, variable_projection
+from ._constants import ENOUGH, FACTOR, FULL, KNEE, NOTICEABLE, TANKS, TOLERANCE
 from ._edits import (
     AddForce,
     Begin,
     Bias,
+    Divide,
     Drive,
     Enrich,
     Hold,
     Insert,
+    InsertAt,
     Modulate,
+    ScaleEntries,
     Schedule,
     both_models,
 )
 from ._starts import Scene, driven_starts, inserted
 from ._traits import lag_rates
 from ._tree import BRIEFLY
+
+_LEVELS = {"coulomb_force", "stribeck_force", "asymmetry"}  # of friction, which grow with a load
 
 
 @dataclass(frozen=True)
@@ -120,6 +127,29 @@ class InMotion:
 
 
 @dataclass(frozen=True)
+class AtJoints:
+    """A model at the joints of the series, other than that of its stage order.
+
+    Or at those between two stages alone (``inner``).
+    """
+
+    model: object
+    inner: bool = False
+
+    def trees(self, name, scene):
+        tree, found = scene.tree, []
+        usual = tree.position(self.model.stage_order)
+        ends = range(int(tree.multi_input), len(tree.stages) + 1)
+        for at in range(1, len(tree.stages)) if self.inner else ends:
+            if at != usual:
+                place = tree.names[at - 1] if at else None
+                starts = driven_starts(self.model, scene.records_at(at))
+                edits = [InsertAt(place, self.model, start) for start in starts]
+                found += scene.promising([tree.edited(name, edit) for edit in edits], at)
+        return found
+
+
+@dataclass(frozen=True)
 class MoreTerms:
     """A further force of a stage whose model has it as an option, which is not taken yet.
 
@@ -140,6 +170,59 @@ class MoreTerms:
             edits = [Enrich(stage.name, self.model, replace(own, model=None)) for own in starts]
             found += scene.promising([tree.edited(name, edit) for edit in edits], at)
         return found
+
+
+@dataclass(frozen=True)
+class InBetween:
+    """A model between two parts of linear dynamics, where that promises anything noticeable.
+
+    With ``with_zeros``, the dynamics are first given as many zeros as they have poles: those that
+    either part has may cancel where nothing is in between.
+    """
+
+    model: object
+    with_zeros: bool = False
+
+    def trees(self, name, scene):
+        tree, found = scene.tree, []
+        if tree.multi_input or tree.input_history or tree.lines:
+            return []
+        for at, place in enumerate(tree.names):
+            divisions = scene.kept((at, self.with_zeros), self._divisions)
+            if divisions is not None:
+                ways = divisions.started(partial(driven_starts, self.model))
+                found += [
+                    tree.edited(name, Divide(place, self.model, parts))
+                    for left, parts in ways
+                    if left < 1.0 - NOTICEABLE
+                ]
+        return found
+
+    @staticmethod
+    def _divisions(scene, at, with_zeros):
+        tree, operator = scene.tree, scene.tree.operators[at]
+        if not hasattr(operator, "divisions") or len(operator.poles()) < 2:
+            return None
+        if with_zeros and len(operator.poles()) == np.size(operator.numerator):
+            return None  # there are no more
+        operator = _with_zeros(tree, at, scene) if with_zeros else operator
+        behind = tree.operators[at + 1 :]
+        return Divisions(operator, scene.records_at(at), tree.state, behind=behind)
+
+
+def _with_zeros(tree, at, scene):
+    """Return a transfer function of a series with as many zeros as poles, fitted briefly."""
+    operator = tree.operators[at]
+    missing = len(operator.poles()) - np.size(operator.numerator)
+    richer = replace(operator, numerator=np.append(operator.numerator, np.zeros(missing)))
+    model = tree.models[at].resolved(richer)
+    starts = [richer, *driven_starts(model, scene.records_at(at))]
+    problems = [tree.with_stage(at, model.tree(start)).problem(scene.records) for start in starts]
+    best = min(problems, key=lambda problem: predicted_cost(problem, problem.x0))
+    solution = variable_projection(
+        best, best.x0, tolerance=TOLERANCE, max_evaluations=FACTOR**FACTOR
+    )
+    return tree.with_stage(at, model.tree(richer)).at(best, solution.x).operators[at]
 
 
 @dataclass(frozen=True)
@@ -293,6 +376,59 @@ class BesideForce:
                 edits = [AddForce(place, self.model, start) for start in starts]
                 found += [tree.edited(name, edit) for edit in edits]
         return found
+
+
+@dataclass(frozen=True)
+class LoadedForce:
+    """Coulomb friction that grows with the magnitude of a further column, as with a normal load.
+
+    It is added beside the forces of a force model, or takes the place of a declared one that does
+    not follow the load.
+    """
+
+    model: object
+
+    def trees(self, name, scene):
+        tree, found = scene.tree, []
+        if not tree.stages or tree.multi_input:
+            return []
+        place, operator = tree.stages[0]
+        parts = operator.stages if isinstance(operator, SumOperator) else (operator,)
+        if not isinstance(parts[0], DynamicStiffnessOperator | CoulombFrictionOperator):
+            return []
+        declared = any(isinstance(part, CoulombFrictionOperator) for part in parts)
+        for column in _moving_columns(scene):
+            own = {"magnitude": True, "scales": _of_friction(operator)}
+            load = column, float(np.abs(_column(scene, column)).mean())
+            if declared:
+                found.append(tree.edited(name, ScaleEntries(place, *load, **own)))
+                continue
+            model = Modulated(self.model, column, magnitude=True)
+            for start in driven_starts(self.model, scene.residuals):
+                force = ModulatedBy(of_columns(start), *load, magnitude=True)
+                found.append(tree.edited(name, AddForce(place, model, force)))
+        return found
+
+
+def _of_friction(operator):
+    """Return the names of the entries of an operator that are levels of Coulomb friction."""
+    names = [name for name, _ in operator.entries()]
+    return tuple(name for name in names if name.split("__")[-1] in _LEVELS)
+
+
+@dataclass(frozen=True)
+class FollowedWidth:
+    """Plays in front whose thresholds all follow a further column."""
+
+    def trees(self, name, scene):
+        tree = scene.tree
+        if not tree.stages or tree.multi_input or not hasattr(tree.operators[0], "widened"):
+            return []
+        return [
+            tree.edited(name, ScaleEntries(tree.names[0], c, float(mean), ("thresholds",)))
+            for c in _moving_columns(scene)
+            for mean in [_column(scene, c).mean()]
+        ]
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from ..io import unit_of
-from ..operators import SumOperator
+from ..operators import Stage, SumOperator, bare
 from ..records import Units
 
 
@@ -245,8 +245,9 @@ class Claim:
         return self.structure.respond(self.records)
 
     def inputs(self):
-        """Return what goes into the stage in each record."""
-        return self.structure.run(self.records, last=self.at)
+        """Return what goes into the stage in each record; of several columns the drive."""
+        found = self.structure.run(self.records, last=self.at)
+        return [u if u.ndim == 1 else u[:, 0] for u in found]
 
     @cached_property
     def rest(self):
@@ -261,9 +262,8 @@ class Claim:
             return structure.without(self.effect.name)
         if self.is_part:
             stage = structure.operators[self.at]
-            parts = dict(zip(stage.names, stage.stages, strict=True))
-            del parts[self.label]
-            forces = SumOperator(tuple(parts), tuple(parts.values()))
+            parts = [Stage(n, bare(own)) for n, own in stage.members() if n != self.label]
+            forces = SumOperator.of_parts(parts)
             return structure.with_stage(self.at, operator=forces)
         return structure.cut(structure.names[self.at])
 

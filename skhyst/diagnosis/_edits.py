@@ -5,17 +5,20 @@ knows the operators to start from and no data, so that it can be done again on a
 """
 
 from dataclasses import dataclass, fields, replace
+from itertools import count
 
 import numpy as np
 from sklearn.base import clone
 
-from ..compose import OnColumn, Sum
+from ..compose import Modulated, OnColumn, Sum
 from ..linear import Gain, GainOperator
 from ..operators import (
     OnColumnOperator,
+    Scaled,
     Stage,
     SumOperator,
     modulated,
+    of_columns,
     on_column,
     put_beside_series,
     scheduled,
@@ -52,6 +55,43 @@ class Insert(_Edit):
 
 
 @dataclass(frozen=True)
+class InsertAt:
+    """One more stage at a joint of the series: behind a stage, or before all (None)."""
+
+    place: str | None
+    model: object
+    operator: object
+    kind = "stage"
+
+    def __call__(self, tree, name):
+        stages = list(tree.stages)
+        at = 0 if self.place is None else tree.names.index(self.place) + 1
+        stages.insert(at, Stage(name, self.model.tree(self.operator)))
+        return tree.with_stages(stages)
+
+
+@dataclass(frozen=True)
+class Divide:
+    """A linear stage becomes two, with one more stage in between."""
+
+    place: str
+    model: object
+    operators: tuple  # of the first part, of what is in between, and of the second part
+    kind = "stage"
+
+    def __call__(self, tree, name):
+        stages, at = list(tree.stages), tree.names.index(self.place)
+        whole, (first, between, second) = tree.models[at], self.operators
+        behind = next(own for i in count(2) if (own := f"{self.place}_{i}") not in tree.names)
+        stages[at : at + 1] = [
+            Stage(self.place, whole.resolved(first).tree(first)),
+            Stage(name, self.model.tree(between)),
+            Stage(behind, whole.resolved(second).tree(second)),
+        ]
+        return tree.with_stages(stages)
+
+
+@dataclass(frozen=True)
 class Enrich:
     """A stage becomes a richer one, or one that is as rich in what it was enriched by before."""
 
@@ -73,6 +113,27 @@ class Enrich:
         richer.set_params(**{key: same[key] for key in same.keys() & richer.get_params()})
         held = {key: same[key] for key in {"hold"} & same.keys() & known}
         return tree.with_stage(at, richer.tree(replace(self.operator, **held)))
+
+
+@dataclass(frozen=True)
+class ScaleEntries:
+    """Parameters of the first stage are scaled by a column of X, see ``Modulated``."""
+
+    place: str
+    column: int
+    reference: float
+    scales: tuple
+    magnitude: bool = False
+    kind = "exchange"
+
+    def __call__(self, tree, name):
+        at = tree.names.index(self.place)
+        stage, own = tree.stages[at], {"magnitude": self.magnitude}
+        scales = "thresholds" if self.scales == ("thresholds",) else list(self.scales)
+        model = Modulated(stage.model, self.column, scales=scales, **own)
+        inside = of_columns(stage.operator)
+        operator = Scaled(inside, self.column, self.reference, scales=self.scales, **own)
+        return tree.with_stage(at, model.tree(operator))
 
 
 @dataclass(frozen=True)

@@ -39,14 +39,18 @@ from ..static import (
     SoftSaturation,
 )
 from ._changes import (
+    AtJoints,
     BesideForce,
     Driven,
     FirstHysteresis,
     Folded,
+    FollowedWidth,
     HeldDrive,
+    InBetween,
     InMotion,
     InStages,
     Knee,
+    LoadedForce,
     MoreTerms,
     MovedModes,
     PerRecord,
@@ -124,6 +128,10 @@ def _clips(place):
     return [Saturation(sides=side, place=place) for side in ("upper", "lower", "both")]
 
 
+def _in_between(model):
+    return [InBetween(model), InBetween(model, with_zeros=True)]
+
+
 def _of_free_mass(**forces):
     return MoreTerms(FreeMass(**({"fit_force_offset": False} | forces)))
 
@@ -163,14 +171,19 @@ _BUILT_IN = (
     ),
     Effect(
         "dead_zone",
-        lambda: [DeadBand()],
+        lambda: [DeadBand(), AtJoints(DeadBand()), *_in_between(DeadBand())],
         "The actuator does not respond while the drive is within a band.",
         "Repeat at smaller amplitude: the gain falls, down to nothing within the band.",
         plausible=goes_on,
     ),
     Effect(
         "backlash",
-        lambda: [Backlash(), Backlash(place="sensor")],
+        lambda: [
+            Backlash(),
+            Backlash(place="sensor"),
+            AtJoints(Backlash(), inner=True),
+            *_in_between(Backlash()),
+        ],
         "Play in the transmission: after each turn the drive moves alone for a while.",
         "Turn round at different levels: the lost motion is the same everywhere.",
         picture="loop",
@@ -264,6 +277,7 @@ _BUILT_IN = (
             _of_free_mass(friction=True),
             _of_free_mass(friction=True, damping_asymmetry=True),
             _of_free_mass(friction=True, stribeck=True),
+            LoadedForce(CoulombFriction(fit_damping=False, fit_intercept=False)),
         ],
         "A force against the motion that hardly depends on how fast it is.",
         "Move at several constant speeds in both directions: the force jumps with the direction.",
@@ -315,8 +329,14 @@ _BUILT_IN = (
             *_knees(),
             InStages(overflow=False, fit_exponents=False),
             InStages(overflow=False, fit_exponents=True),
+            AtJoints(SmoothCurve(3)),
+            AtJoints(SmoothCurve(9)),
+            AtJoints(Saturation(), inner=True),
+            InBetween(SmoothCurve(3)),
+            *_in_between(SmoothCurve(9)),
+            *_in_between(Saturation()),
         ],
-        "The reading is a smooth memoryless curve of the response, as of a nonlinear sensor.",
+        "The reading, or what passes from one stage to the next, is a memoryless curve.",
         "Calibrate the sensor on its own, or sweep faster: a curve at the sensor acts behind the "
         "dynamics.",
         plausible=bends,
@@ -362,6 +382,7 @@ _BUILT_IN = (
             Driven(FirstOrderLag(fit_intercept=False), to_drive=True),
             Scaled("column"),
             Scaled("column", lagged=True),
+            FollowedWidth(),
             PerRecord("column", "all"),
         ],
         "A further measured quantity acts on the response, or on what drives it.",

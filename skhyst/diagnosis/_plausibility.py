@@ -73,7 +73,8 @@ def _motion(tree, name, records):
     if tree.label(name) in tree.disturbance_names:
         return np.array([])
     last = tree.place(name) + (not tree.is_part(name))  # a force is driven by the motion
-    return np.concatenate(tree.run(records, last=last))
+    motion = np.concatenate(tree.run(records, last=last))
+    return motion if motion.ndim == 1 else motion[:, 0]
 
 
 def _have_changed_places(before, tree, name):

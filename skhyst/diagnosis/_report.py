@@ -31,6 +31,7 @@ from ..inspection import (
     spectrum,
     svg_text,
 )
+from ..metrics import closed_loops, figures_of
 from ..records import by_interval, record_names
 from ._constants import NOTICEABLE
 from ._effects import EFFECTS
@@ -40,6 +41,7 @@ from ._report_text import chance, change, listed, number, percent, plus_minus, s
 
 _NO_SETTINGS = ("estimator", "effects", "n_jobs", "verbose")
 _WIDTH = 7.4  # inches, of a picture
+_LOOPS = 24  # of the recording, those with the most cycles
 _PICTURES = {  # height in inches, what it is, and axes
     "course": (4.6, "Response over time, measured and modelled", (2, 1)),
     "loops": (6.4, "Loops, measured and modelled", None),
@@ -441,6 +443,9 @@ def _data(search):
             own |= {f"{name}_min": float(part.min()), f"{name}_max": float(part.max())}
         records.append(own)
     faults = search.data_quality_.astype({"record": str})
+    loops = figures_of(*signals.values(), closed_loops(search.drive_, search.records_))
+    loops = loops[loops["n_cycles"] > 0].reset_index().astype({"record": str})
+    loops = loops.nlargest(_LOOPS, "n_cycles").sort_index()
     return {
         "n_records": len(records),
         "n_samples": len(search.response_),
@@ -452,6 +457,7 @@ def _data(search):
         "extrapolated": float(search.extrapolated_),
         "reference": _reference(search),
         "faults": faults.to_dict("records"),
+        "loops": loops.to_dict("records"),
     }
 
 

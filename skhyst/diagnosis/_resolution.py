@@ -7,6 +7,7 @@ of which the others know the range are held out whole, so that a second record i
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from ..operators import parts_with_resolution
 from ..optimize import exchanged, merged_segments, whole_record_folds
@@ -127,11 +128,16 @@ class _Place:
 
     def name(self, entry):
         """Return the name of an entry of the part in the problem."""
+        return self._path + entry
+
+    @cached_property
+    def _path(self):
+        """What the problem puts before the names of the part's entries."""
         first = f"{self.part.resolution.weights}[0]"
         whole = self.tree.operator
         keys = zip(whole.keys(self.tree.name), whole.entries(), strict=True)
         stage = self.tree.names[self.at_stage], self.prefix + first
-        return next(name for key, (name, _) in keys if key == stage).removesuffix(first) + entry
+        return next(name for key, (name, _) in keys if key == stage).removesuffix(first)
 
     def _with(self, part):
         """Return the operator of the stage with another part."""

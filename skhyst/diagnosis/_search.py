@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from numbers import Integral, Real
 from os import PathLike
-from typing import Self
+from typing import Literal, Self, overload
 
 import numpy as np
 import pandas as pd
@@ -48,6 +48,7 @@ from ._inputs import (
     with_others,
 )
 from ._location import locate
+from ._outputs import response_columns, shared_claims
 from ._progress import watched
 from ._reference import column_of, reference_of, without_column
 from ._report import Report
@@ -120,6 +121,15 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
     ----------
     effects_ : list of str
         The claimed effects in the order in which they were added; empty when nothing is missing.
+        Of several responses those that all of them have.
+    searches_ : dict of str or int to EffectSearchCV
+        Where ``y`` has several columns: the search of each, by the name or number of the column,
+        with all other attributes; this one has but these three, and predicts all columns.
+    shared_ : DataFrame
+        Where ``y`` has several columns: effects that several of them have, ``responses``, and for
+        each ``number`` of their evidence, such as a resonance frequency, its mean ``value`` over
+        them, weighted by the variances, its ``std``, ``unit``, and the ``p_value`` of so large a
+        scatter if it is the same of all.
     verdict_ : {"noise", "unexplained", "undetermined"}
         Whether the residual is noise, or structure that is not explained: repetitions repeat it, a
         black box predicts it, or it follows the drive better than the drive shifted in time.
@@ -305,8 +315,8 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         ----------
         X : DataFrame or array-like of shape (n_samples, n_inputs)
             Column 0 is the drive; the index carries records and time.
-        y : array-like of shape (n_samples,)
-            Response.
+        y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+            Response; several are searched one after the other, see ``searches_``.
         on_progress : callable or None, default=None
             Is called with a :class:`Progress` before each step and at each claim. What it raises
             ends the search; the ``checkpoint`` has what was claimed.
@@ -320,6 +330,9 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         RecordError
             If the response is constant or a column of X, or the drive is the time.
         """
+        vars(self).pop("searches_", None)
+        if columns := response_columns(y):
+            return self._fit_each(X, columns, on_progress)
         effects = chosen_effects(self.effects)
         declared = clone(self.estimator)
         even, response = self._even(X, y)
@@ -346,6 +359,22 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         # the loops below run side by side; a second layer of threads below only costs
         with threadpool_limits(limits=1), watched(self.verbose, on_progress) as tell:
             self._search(declared, slices, effects, segments, folds, tell)
+        return self
+
+    def _fit_each(self, X, columns, on_progress):
+        """Search each response."""
+        found = {}
+        for name, y in columns.items():
+            own = clone(self)
+            if self.checkpoint is not None:
+                own.set_params(checkpoint=f"{self.checkpoint}.{name}")
+            found[name] = own.fit(X, y, on_progress=on_progress)
+        first, *others = found.values()
+        for name in ("n_features_in_", "feature_names_in_"):
+            if hasattr(first, name):
+                setattr(self, name, getattr(first, name))
+        self.searches_, self.shared_ = found, shared_claims(found)
+        self.effects_ = [e for e in first.effects_ if all(e in own.effects_ for own in others)]
         return self
 
     def _even(self, X, y=None):
@@ -548,7 +577,15 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         own = {"error": error, "in_loop": in_loop}
         return judge_residual(*seen, rng, contest.criterion, **own)
 
-    def predict(self, X) -> np.ndarray:
+    @overload
+    def predict(self, X, y_start=None, return_std: Literal[False] = False) -> np.ndarray: ...
+    @overload
+    def predict(
+        self, X, y_start=None, *, return_std: Literal[True]
+    ) -> tuple[np.ndarray, np.ndarray]: ...
+    def predict(
+        self, X, y_start=None, return_std=False
+    ) -> np.ndarray | tuple[np.ndarray, np.ndarray]:
         """Return the free run of the augmented model.
 
         Parameters
@@ -556,19 +593,49 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         X : DataFrame or array-like of shape (n_samples, n_inputs)
             As for :meth:`fit`. A drive that is sampled unevenly is, with ``resample``, simulated on
             even grids.
+        y_start : array-like of shape (n_samples,) or (n_samples, n_outputs), default=None
+            Response where it is known, NaN elsewhere, as for ``predict`` of the model.
+        return_std : bool, default=False
+            Whether to return the standard deviation of a new sample, too.
 
         Returns
         -------
-        ndarray of shape (n_samples,)
+        y : ndarray of shape (n_samples,) or (n_samples, n_outputs)
             Units of the response; interpolated at the instants of ``X`` where the grids are others.
+        std : ndarray of the shape of y
+            Only with ``return_std``; that of the parameters that the search has kept, whatever else
+            it has tried.
+
+        Raises
+        ------
+        ValueError
+            If ``y_start`` is given for a drive that is sampled unevenly.
         """
         check_is_fitted(self)
+        options = {"return_std": True} if return_std else {}
+        if hasattr(self, "searches_"):
+            started = [{}] * len(self.searches_)
+            if y_start is not None:
+                started = [{"y_start": own} for own in response_columns(y_start).values()]
+            searches = zip(self.searches_.values(), started, strict=True)
+            found = [own.predict(X, **start, **options) for own, start in searches]
+            found = np.moveaxis(found, 0, -1)
+            return (found[0], found[1]) if return_std else found
         own = even = self._even(X)[0]
+        if y_start is not None and even is not X:
+            raise ValueError(
+                "The 'y_start' parameter of EffectSearchCV.predict must be None where 'resample' "
+                "is not: resample the recording before."
+            )
         if self.reference is not None:
             read_data(self, even, reset=False)
             own = without_column(even, column_of(self))
-        found = self.best_estimator_.predict(own)
-        return found if even is X else resample_like(pd.Series(found, even.index), X)
+        options |= {} if y_start is None else {"y_start": y_start}
+        found = self.best_estimator_.predict(own, **options)
+        if even is X:
+            return found
+        parts = [resample_like(pd.Series(y, even.index), X) for y in np.atleast_2d(found)]
+        return tuple(parts) if return_std else parts[0]
 
     def held_out_error(self, X, y, *, declared=False) -> float:
         """Return the root mean square error on records that the search has not seen.
@@ -590,10 +657,13 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
 
         Returns
         -------
-        float
+        float or ndarray of shape (n_outputs,)
             Units of the response.
         """
         check_is_fitted(self)
+        if hasattr(self, "searches_"):
+            columns = zip(self.searches_.values(), response_columns(y).values(), strict=True)
+            return np.array([own.held_out_error(X, v, declared=declared) for own, v in columns])
         return held_out_error(self, *self._even(X, y), declared)
 
     def report(self, command=None) -> Report:
@@ -610,11 +680,17 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
             Of the fitted search.
         """
         check_is_fitted(self)
+        if hasattr(self, "searches_"):
+            raise ValueError(
+                "Several responses have a report each: take that of one of 'searches_', which are "
+                f"those of {', '.join(map(repr, self.searches_))}."
+            )
         return Report.from_search(self, command=command)
 
     def _with_result(self, diagram):
         """Return what a notebook shows: the result, where there is one, above the diagram."""
-        return (self.report()._repr_html_() if hasattr(self, "verdict_") else "") + diagram
+        told = hasattr(self, "verdict_") and not hasattr(self, "searches_")
+        return (self.report()._repr_html_() if told else "") + diagram
 
     def _repr_html_inner(self):
         return self._with_result(super()._repr_html_inner())

@@ -36,6 +36,13 @@ class Scene:
         self.tree = tree
         self.records = records
         self._signals = {}
+        self._found = {}
+
+    def kept(self, key, find):
+        """Return what ``find(scene, *key)`` finds, once for all variants of an effect."""
+        if key not in self._found:
+            self._found[key] = find(self, *key)
+        return self._found[key]
 
     def signals(self, at):
         """Return what goes into a place of the series, for each record."""

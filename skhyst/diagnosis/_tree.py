@@ -30,6 +30,7 @@ from ..optimize import (
 )
 from ..records import RecordSlice
 from ._constants import FACTOR, TOLERANCE
+from ._edits import Divide, InsertAt
 from ._shortened import are_long
 
 BRIEFLY = VariableProjection(tolerance=TOLERANCE, max_evaluations=FACTOR**2)
@@ -192,8 +193,16 @@ class Tree:
         return Series(self.names, self.operators).normalized()
 
     def position(self, order):
-        """Return where in the series a stage of this order goes: behind what biases the drive."""
-        behind = [i + 1 for i, stage in enumerate(self.operators) if stage.stage_order <= order]
+        """Return where in the series a stage of this order goes: behind what biases the drive.
+
+        What stands at a joint of its own has no say.
+        """
+        placed = {self.label(n) for n, edit in self.edits if isinstance(edit, InsertAt | Divide)}
+        behind = [
+            i + 1
+            for i, (name, stage) in enumerate(self.stages)
+            if name not in placed and stage.stage_order <= order
+        ]
         biased = self.multi_input and not (self.declared or self).multi_input
         return max(behind, default=int(biased))
 
@@ -224,7 +233,8 @@ class Tree:
 
     def place(self, effect):
         """Return the number of the stage that an effect is, or has changed."""
-        places = [edit.place for edit in self.edits_of(effect) if edit.place]
+        edits = [edit for edit in self.edits_of(effect) if edit.kind != "stage"]
+        places = [edit.place for edit in edits if edit.place]
         return self.names.index(places[0] if places else self.label(effect))
 
     def is_part(self, effect):
@@ -295,6 +305,10 @@ class Tree:
             held, marks = np.split(marks, [operator.n_parameters])
             present[name] = operator, held.astype(bool)
         values, stages = stage_values(other.whole, held=False), []
+        # a part of what is whole here has other poles of the same names
+        parts = {edit.place for _, edit in other.edits if isinstance(edit, Divide)}
+        parts -= {edit.place for _, edit in self.edits if isinstance(edit, Divide)}
+        values = {key: own for key, own in values.items() if key[0] not in parts}
         for stage in self.stages:
             fixed = stage.operator.held_entries()
             found, held = present.get(stage.name, (None, None))

@@ -1,6 +1,6 @@
 """One fitted model per device, or per label of any level of the index."""
 
-from typing import Self
+from typing import Literal, Self, overload
 
 import numpy as np
 import pandas as pd
@@ -105,8 +105,16 @@ class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         self.failures_ = {label: f"{type(e).__name__}: {e}" for label, e in labelled if e}
         return self
 
+    @overload
+    def predict(self, X, y_start=None, return_std: Literal[False] = False) -> np.ndarray: ...
+    @overload
+    def predict(
+        self, X, y_start=None, *, return_std: Literal[True]
+    ) -> tuple[np.ndarray, np.ndarray]: ...
     @documented_like(ParametricModel.predict)
-    def predict(self, X) -> np.ndarray:
+    def predict(
+        self, X, y_start=None, return_std=False
+    ) -> np.ndarray | tuple[np.ndarray, np.ndarray]:
         """Return the response of each device by its own model, NaN where the fit has failed.
 
         Raises
@@ -115,17 +123,20 @@ class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             If a device was not among those of the fit.
         """
         check_is_fitted(self)
+        options = {"return_std": True} if return_std else {}
         # values that are not finite are refused by the model of their device, if at all
         array = validate_data(self, X, reset=False, dtype=None, ensure_all_finite=False)
         known = dict(zip(self.labels_, self.estimators_, strict=True))
         X = in_native_order(X)
-        response = np.full(len(array), np.nan)
+        found = np.full((1 + return_std, len(array)), np.nan)
         for label, rows in self._devices(X).items():
             if label not in known:
                 raise ValueError(f"PerDevice was not fitted to the device {label!r}.")
             if known[label] is not None:
-                response[rows] = known[label].predict(self._part(X, rows))
-        return response
+                if y_start is not None:
+                    options["y_start"] = take_rows(y_start, rows)
+                found[:, rows] = known[label].predict(self._part(X, rows), **options)
+        return (found[0], found[1]) if return_std else found[0]
 
     @property
     def params_(self) -> pd.DataFrame:

@@ -51,7 +51,9 @@ _ITERATIONS = 60
 _CLOSE = 1e-8  # relative Newton step; its square, the next error, is below rounding
 # step of the first loading over its shortest decay length; least and most steps
 _PART, _FEWEST, _MOST = 0.05, 32, 100_000
-_SETTLED = 1e-14  # slope of the force over the load at which the first loading has saturated
+# slope of the force over the load at which the first loading has saturated, in units of what the
+# rounding of the force makes of it
+_SETTLED = 1e-14
 _RHO, _LEVEL, _SHAPE, _EXPONENT = range(OWN + 2, OWN + 6)  # columns of the derivatives
 
 
@@ -363,6 +365,7 @@ def first_loading(load, rho, level, shape, exponent, by):
     steep = load * abs(slopes[0]) / (1.0 + max(k, 0.0))
     n = int(min(max(steep / _PART, _FEWEST), _MOST))
     h = load / n
+    settled = _SETTLED * max(1.0, rho * exponent)
     f = 0.0
     weights = (0.0, 0.5, 0.5, 1.0)
     values, change = np.zeros((2, 5))
@@ -384,7 +387,7 @@ def first_loading(load, rho, level, shape, exponent, by):
         f += h * total
         for j in range(1, 5):
             values[j] += h * change[j]
-        if total < _SETTLED:
+        if total < settled:
             break
     k = slope_at(f, rho, level, shape, exponent, slopes)
     by[0] = k / (1.0 + k)

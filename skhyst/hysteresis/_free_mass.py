@@ -759,7 +759,7 @@ class FreeMass(ParametricModel):
         ``"zero"``: every record starts at one displacement, the ``intercept``, with velocity zero.
         ``"estimate"``: displacement and velocity at the first sample are fitted for each record
         (``initial_values_``); ``predict`` then starts at the mean displacement, and
-        :meth:`predict_from` from a known response.
+        ``y_start`` of :meth:`predict`.
 
     Attributes
     ----------

@@ -419,10 +419,12 @@ class OscillatorOperator(HeldInput):
         m, n_own = du.shape[1], self.n_parameters - 2
         u0 = float(u[0]) if u.size else 0.0
         d, dbefore = np.zeros((3, m + n_own)), np.zeros(m)
-        *state, before = self.init(u0, initial_state)
-        if initial_state == "rest" and u.size:
+        if initial_state == "zero" or not u.size:
+            *state, before = self.init(u0, initial_state)
+        else:  # as `init` gives it, with its derivatives
             dbefore = du[0]
-            _, _, by = self._rest(u0)
+            q, force, by = self._rest(u0)
+            state, before = (q, 0.0, force), u0
             d[::2, :m] = np.outer(by[:, 0], dbefore)
             d[::2, m:] = by[:, 1:]
         q, dq = np.empty(u.size), np.empty((u.size, m + n_own))

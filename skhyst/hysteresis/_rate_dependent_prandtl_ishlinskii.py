@@ -30,21 +30,18 @@ from scipy.signal import lfilter
 
 from .._jit import jit
 from .._sklearn import StrOptions
-from ..operators import CompiledLaw, InverseOperator, as_signal, clip_play, parameter
+from ..operators import (
+    CompiledLaw,
+    InverseOperator,
+    as_signal,
+    clip_play,
+    parameter,
+    rate_play_run,
+    rate_play_sample,
+    rate_play_tangents,
+)
 from ._common import in_direction, show, swing
 from ._prandtl_ishlinskii import PlayModel, PlaySum, place_thresholds
-
-
-@jit(inline=True)
-def rate_play_sample(value, rate, thresholds, growth, weights, rate_weights, plays):
-    """Return ``sum_k (w_k + s_k rate) F_k[u]`` at one sample; ``plays[:K]`` are updated."""
-    for k in range(thresholds.size):
-        slack = thresholds[k] + growth[k] * rate
-        plays[k] = clip_play(plays[k], value - slack, value + slack)
-    total = 0.0
-    for k in range(thresholds.size):
-        total += (weights[k] + rate * rate_weights[k]) * plays[k]
-    return total
 
 
 @jit
@@ -62,16 +59,6 @@ def rate_play_step(u, c, s):
     rate = abs(smooth)
     y = rate_play_sample(u, rate, thresholds, growth, weights, rate_weights, s)
     return y + intercept
-
-
-@jit
-def rate_play_run(u, rates, thresholds, growth, weights, rate_weights, plays, out):
-    """Write ``sum_k (w_k + s_k rate) F_k[u]`` to ``out`` (n,); ``plays`` (K,) is updated.
-
-    ``rates`` (n,) are not negative; ``growth`` of the thresholds and ``rate_weights`` are (K,).
-    """
-    for i in range(u.size):
-        out[i] = rate_play_sample(u[i], rates[i], thresholds, growth, weights, rate_weights, plays)
 
 
 @jit
@@ -115,40 +102,6 @@ def rate_play_inverse(y, rates, thresholds, growth, weights, rate_weights, plays
             slack = thresholds[k] + growth[k] * rate
             plays[k] = clip_play(plays[k], value - slack, value + slack)
         out[i] = value
-
-
-@jit
-def rate_play_tangents(u, du, rates, drates, thresholds, growth, weights, rate_weights, plays, out):
-    """Write to ``out`` (n, m + K) the tangents of the weighted sum of plays, then the plays.
-
-    ``du`` (n, m) are the tangents of the drive, ``drates`` (n, m) those of the rates; here they act
-    through the thresholds only, not through the weights. ``plays`` (K,) is updated. A play that
-    moves has the tangent of the end of its slack; one that sticks keeps its last tangent.
-    """
-    m = du.shape[1]
-    tangents = np.zeros((thresholds.size, m))
-    for i in range(u.size):
-        value = u[i]
-        rate = rates[i]
-        row = out[i]
-        row[:m] = 0.0
-        for k in range(thresholds.size):
-            slack = thresholds[k] + growth[k] * rate
-            play = plays[k]
-            sign = 0.0
-            if value - slack >= play:
-                play = value - slack
-                sign = -1.0
-            elif value + slack <= play:
-                play = value + slack
-                sign = 1.0
-            plays[k] = play
-            row[m + k] = play
-            weight = weights[k] + rate * rate_weights[k]
-            for j in range(m):
-                if sign != 0.0:
-                    tangents[k, j] = du[i, j] + sign * growth[k] * drates[i, j]
-                row[j] += weight * tangents[k, j]
 
 
 _PASSES = 40  # most iterations of the inverse with one window

@@ -209,9 +209,11 @@ class RelayGridModel(ParametricModel):
     def identify(self, data):
         begin = time.perf_counter()
         problem, found, cost = self._solved(data)
-        x, std, undetermined, condition, freedom = found
+        x, covariance, marks, undetermined, condition, freedom = found
         n_samples, names = problem.segment_weight.sum(), problem.names
-        std[np.isfinite(std)] *= np.sqrt(cost / max(n_samples - freedom, 1.0))
+        variance = cost / max(n_samples - freedom, 1.0)
+        covariance = variance * covariance
+        std = np.where(marks == 0.0, np.sqrt(np.maximum(covariance.diagonal(), 0.0)), marks)
         return IdentificationResult(
             operator=problem.unpack(x)[0],
             disturbances=(),
@@ -227,6 +229,8 @@ class RelayGridModel(ParametricModel):
             message="All parameters are linear and were solved exactly.",
             history=[(1, cost)],
             x=x,
+            joint_covariance=covariance,
+            noise_std=float(np.sqrt(variance)),
         )
 
     def _solved(self, data):
@@ -350,11 +354,12 @@ def _normal_equations(problem, fit_intercept):
 
 
 def _solve(gram, shift, fit_intercept, roughness, smoothness, non_negative):
-    """Return the estimate, standard errors, undetermined, condition number, degrees of freedom.
+    """Return estimate, covariance, marks, undetermined, condition number, degrees of freedom.
 
-    The estimate holds the weights and the intercept, if any; ``undetermined`` is a mask of the
-    weights; the degrees of freedom are the effective number of parameters. The standard errors, per
-    unit of noise, are those of the penalised estimate and do not include its bias.
+    The estimate holds the weights and the intercept, if any. Marks are NaN for what is at its
+    bound, infinite for what is not determined, and zero; ``undetermined`` is a mask of the weights;
+    the degrees of freedom are the effective number of parameters. The covariance, per unit of the
+    variance of noise, is that of the penalised estimate and does not include its bias.
     """
     n_samples, n = gram[-2, -2], len(gram) - 2
     mean, right, gram_y = gram[-2, :n] / n_samples, gram[-1, :n], gram[-1, -2]
@@ -380,15 +385,24 @@ def _solve(gram, shift, fit_intercept, roughness, smoothness, non_negative):
     inverse, condition, unknown = (_inverse if smoothness > 0.0 else _pseudo_inverse)(matrix)
     undetermined[index[unknown]] = True
     resolution = inverse @ (gram[np.ix_(index, index)] / np.outer(scale, scale))
-    covariance = resolution @ inverse
-    std = np.where(silent, np.inf, np.nan)
-    std[index] = np.sqrt(np.maximum(covariance.diagonal(), 0.0)) / scale
-    std[undetermined] = np.inf
+    covariance = np.zeros((n, n))
+    covariance[np.ix_(index, index)] = resolution @ inverse / np.outer(scale, scale)
+    marks = np.where(silent, np.inf, np.nan)
+    marks[index] = 0.0
+    marks[undetermined] = np.inf
     if fit_intercept:
-        x = np.append(x, shift - mean @ x)
-        mean = mean[index] / scale
-        std = np.append(std, np.sqrt(1.0 / n_samples + mean @ covariance @ mean))
-    return x, std, undetermined, condition, float(np.trace(resolution)) + fit_intercept
+        x, marks = np.append(x, shift - mean @ x), np.append(marks, 0.0)
+        follow = np.concatenate([np.eye(n), -mean[None]])
+        covariance = follow @ covariance @ follow.T
+        covariance[-1, -1] += 1.0 / n_samples
+    return (
+        x,
+        covariance,
+        marks,
+        undetermined,
+        condition,
+        float(np.trace(resolution)) + fit_intercept,
+    )
 
 
 def _inverse(matrix):

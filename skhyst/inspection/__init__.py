@@ -8,6 +8,7 @@ from ._bode import FrequencyResponseDisplay
 from ._evidence_display import EvidenceDisplay
 from ._fleet import FleetDisplay
 from ._hysteresis_loop import HysteresisLoopDisplay
+from ._loop_figures import LoopFiguresDisplay
 from ._plot_data import binned_statistics as binned_statistics
 from ._plot_data import branch as branch
 from ._plot_data import spectrum as spectrum
@@ -24,6 +25,7 @@ __all__ = [
     "FleetDisplay",
     "FrequencyResponseDisplay",
     "HysteresisLoopDisplay",
+    "LoopFiguresDisplay",
     "PoleZeroDisplay",
     "PredictionDisplay",
     "RecordingDisplay",

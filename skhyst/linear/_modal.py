@@ -15,6 +15,7 @@ from .._validation import (
     keep_seen,
     read_slices,
     refuse_extreme,
+    refuse_std,
     rest_of,
 )
 from ..base import one_thread
@@ -428,13 +429,15 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         by = by / np.where(slope == 0.0, 1.0, slope)[:, None]
         self._set_modes(warp(poles, dt), by, problem.pole_covariance(solution))
 
-    def predict(self, X) -> np.ndarray:
+    def predict(self, X, return_std=False) -> np.ndarray:
         """Return the free run: the responses to the inputs alone, each record from its own start.
 
         Parameters
         ----------
         X : DataFrame or array-like of shape (n_samples, n_inputs)
             Sampled at the interval of the fit.
+        return_std : bool, default=False
+            Must be False: the fit is one to spectra.
 
         Returns
         -------
@@ -446,6 +449,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
             If the sampling interval is not that of the fit.
         """
         check_is_fitted(self)
+        refuse_std(self, return_std, "that is fitted to spectra")
         array = as_floats(self, X, reset=False)
         slices, array, read = with_lost_rows(read_slices(self, X, reset=False, bridge=True), array)
         y = run_records(self.operator_, array, slices, self.initial_state)

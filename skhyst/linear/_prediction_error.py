@@ -273,7 +273,7 @@ def identify_one_step(starts, records, fixed=()):
         params_std=std,
         params_std_white=std,
         condition_number=float(np.linalg.cond(tangents / scale) ** 2),
-        covariance=covariance,
+        joint_covariance=covariance,
     )
     return result, gain
 

@@ -16,6 +16,7 @@ matrices of one input, so there are as many states as poles, plus the past of de
 import warnings
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import compress, product
 from numbers import Integral, Real
 from typing import Self
 
@@ -25,8 +26,8 @@ from sklearn.utils.validation import check_array, check_consistent_length, check
 
 from .._jit import jit
 from .._sklearn import Interval, StrOptions
-from .._validation import read_data, read_slices
-from ..base import one_thread, refine
+from .._validation import read_data, read_slices, refuse_std
+from ..base import one_thread, refine, with_params
 from ..exceptions import DivergenceWarning, RecordError
 from ..operators import (
     CompiledColumn,
@@ -50,7 +51,12 @@ from ..optimize import (
     vector_fit,
 )
 from ..records import with_lost_rows
-from ._conversion import control_system, poles_and_response, scipy_system
+from ._conversion import (
+    control_system,
+    poles_and_response,
+    scipy_system,
+    without_sampling,
+)
 from ._delay import DelayOperator
 from ._estimate_response import chosen_columns
 from ._linear import (
@@ -68,6 +74,7 @@ from ._second_order_mode import SecondOrderModeOperator, count_ringing, rates_of
 
 _EXACT = 1e-8  # relative error at which a numerator's degree suffices
 _POINTS = 8  # frequencies per pole
+_MOST_GROUPS = 8  # of poles and zeros that a division keeps together: at most 256 divisions
 
 
 @jit
@@ -163,25 +170,30 @@ class TransferFunctionOperator(LinearOperator):
 
     @classmethod
     def from_scipy(cls, system, *, hold="foh"):
-        """Convert a continuous-time system of SciPy or python-control.
+        """Convert a system of SciPy or python-control.
 
         Parameters
         ----------
-        system : scipy.signal.lti, control.StateSpace or control.TransferFunction
-            Continuous time, one response, one input or several, no pole at zero.
+        system : scipy.signal.lti, dlti, control.StateSpace or control.TransferFunction
+            One response, one input or several, no pole at zero. One in discrete time is converted
+            exactly to the one in continuous time that it samples under the hold; its poles at
+            z = 0 become delays.
         hold : {"foh", "zoh"}, default="foh"
             Input between samples.
 
         Returns
         -------
         TransferFunctionOperator
-            For several inputs a :class:`MultiInputTransferFunctionOperator`.
+            For several inputs a :class:`MultiInputTransferFunctionOperator`, for one with a delay a
+            series of the delay and the transfer function.
 
         Raises
         ------
         ValueError
-            If the system is in discrete time, has several responses, no pole, or a pole at zero.
+            If the system has several responses, no pole, or a pole at zero; or is in discrete time
+            and samples none in continuous time under the hold, with delays of whole samples.
         """
+        system, delays = without_sampling(system, hold)
         poles, response = poles_and_response(system)
         size = np.abs(poles)
         count = _POINTS * (len(poles) + 2)
@@ -202,8 +214,9 @@ class TransferFunctionOperator(LinearOperator):
             if np.abs(rows @ found - targets).max() <= _EXACT * np.abs(targets).max():
                 break
         if gains.shape[1] == 1:
-            return cls(*parts, found[:-1, 0], float(found[-1, 0]), hold=hold)
-        return MultiInputTransferFunctionOperator(*parts, found[:-1].T.copy(), found[-1], hold=hold)
+            return _behind_delay(cls(*parts, found[:-1, 0], float(found[-1, 0]), hold=hold), delays)
+        numerators = found[:-1].T.copy()
+        return MultiInputTransferFunctionOperator(*parts, numerators, found[-1], delays, hold=hold)
 
     def to_scipy(self):
         """Return the continuous-time ``scipy.signal.StateSpace``, without the intercept."""
@@ -248,17 +261,70 @@ class TransferFunctionOperator(LinearOperator):
         )
         if not np.size(self.numerator):
             return moved
+        return moved._with_response(self.frequency_response)
+
+    def _with_response(self, response):
+        """Return the operator with the numerator of a response, a function of frequencies in Hz."""
         size = np.concatenate([self.natural_frequencies, np.abs(1.0 / self.time_constants)])
         count = _POINTS * (sum(self.n_poles) + 2)
         frequency = np.geomspace(0.1 * size.min(), 10.0 * size.max(), count) / (2.0 * np.pi)
-        first, n = len(size) + len(order), np.size(self.numerator)
-        columns = moved.frequency_tangents(frequency)[1][:, 0, first : first + n]
-        plain = replace(moved, numerator=np.zeros(n)).frequency_response(frequency)
-        target = self.frequency_response(frequency) - plain
+        first, n = len(size) + np.size(self.natural_frequencies), np.size(self.numerator)
+        columns = self.frequency_tangents(frequency)[1][:, 0, first : first + n]
+        plain = replace(self, numerator=np.zeros(n)).frequency_response(frequency)
+        target = response(frequency) - plain
         rows, target = (np.concatenate([part.real, part.imag]) for part in (columns, target))
         scale = np.abs(rows).max(axis=0)
         found = np.linalg.lstsq(rows / scale, target, rcond=None)[0] / scale
-        return replace(moved, numerator=found)
+        return replace(self, numerator=found)
+
+    def divisions(self):
+        """Return the ways to divide the operator in two in series, each with a pole at least.
+
+        Poles and zeros go to either part, conjugate pairs together, and no part has more zeros than
+        poles: that is every place where something may stand between the two (Sjöberg and Schoukens,
+        *Automatica*, 2012). Where that makes more than 256 ways, neighbours in size stay together,
+        zeros first.
+
+        Returns
+        -------
+        list of (TransferFunctionOperator, TransferFunctionOperator)
+            The first part has unit static gain, the second one the gain and the intercept. None
+            where the operator is unstable.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from skhyst.linear import TransferFunctionOperator
+        >>> modes = np.array([20.0, 50.0]), np.array([0.1, 0.1])
+        >>> whole = TransferFunctionOperator(np.array([0.5]), *modes, np.empty(0))
+        >>> [len(first.poles()) for first, _ in whole.divisions()]
+        [3, 3, 4, 1, 2, 2]
+        """
+        poles, zeros = self.poles(), self.zeros() if np.size(self.numerator) else np.empty(0)
+        if np.any(poles.real >= 0.0) or np.any(zeros == 0.0):
+            return []
+        pole_groups, zero_groups = _together(poles), _together(zeros)
+        while len(pole_groups) + len(zero_groups) > _MOST_GROUPS:
+            groups = zero_groups if len(zero_groups) > 1 else pole_groups
+            size = np.log([np.abs(group[0]) for group in groups])
+            at = int(np.argmin(np.diff(size)))
+            groups[at : at + 2] = [np.concatenate(groups[at : at + 2])]
+        found = []
+        for own_poles in _halves(pole_groups):
+            for own_zeros in _halves(zero_groups):
+                sizes = [(len(p), len(z)) for p, z in zip(own_poles, own_zeros, strict=True)]
+                if all(n_poles and n_zeros <= n_poles for n_poles, n_zeros in sizes):
+                    parts = zip(own_poles, own_zeros, strict=True)
+                    first, second = (_of_roots(*part, self.hold) for part in parts)
+                    scaled = replace(
+                        second,
+                        gain=self.gain,
+                        numerator=self.gain * second.numerator,
+                        intercept=self.intercept,
+                        hold="foh",  # what comes out of the first is smooth
+                    )
+                    found.append((first, scaled))
+        return found
 
     @property
     def n_poles(self):
@@ -321,6 +387,34 @@ def _integrated(a, b, c, d, count):
         a = np.block([[a, np.zeros((n, 1))], [c[None, :], np.zeros((1, 1))]])
         b, c, d = np.append(b, d), np.eye(n + 1, dtype=a.dtype)[n], 0.0 * d
     return a, b, c, d
+
+
+def _together(roots):
+    """Return the pairs of conjugate roots, and the real ones, by size."""
+    real = np.abs(roots.imag) <= 1e-9 * np.abs(roots)
+    groups = [np.array([root, root.conj()]) for root in roots[~real & (roots.imag > 0.0)]]
+    groups += [np.array([root.real + 0j]) for root in roots[real]]
+    return sorted(groups, key=lambda group: float(np.abs(group[0])))
+
+
+def _halves(groups):
+    """Yield the two parts of groups of roots, each in one or the other."""
+    for chosen in product((True, False), repeat=len(groups)):
+        yield tuple(
+            np.concatenate([np.empty(0, dtype=complex), *compress(groups, own)])
+            for own in (chosen, [not one for one in chosen])
+        )
+
+
+def _of_roots(poles, zeros, hold):
+    """Return the operator of unit static gain with these poles and zeros (rad/s)."""
+
+    def response(frequency):
+        s = 2j * np.pi * frequency[:, None]
+        return np.prod(1.0 - s / zeros, axis=1) / np.prod(1.0 - s / poles, axis=1)
+
+    operator = TransferFunctionOperator(*sections(poles), np.zeros(len(zeros)), hold=hold)
+    return operator._with_response(response) if len(zeros) else operator
 
 
 @dataclass(frozen=True)
@@ -916,6 +1010,8 @@ class TransferFunction(ModesMixin, LinearModel):
         return not (isinstance(self.inputs, str) and self.inputs == "drive")
 
     def operator_input(self, X, slices):
+        if hasattr(self, "_response_inputs"):
+            return X if self.reads_columns else X[:, 0], [None] * len(slices)
         signal, schedules = super().operator_input(X, slices)
         return X[:, self._columns(X.shape[1])] if self.reads_columns else signal, schedules
 
@@ -1059,6 +1155,54 @@ class TransferFunction(ModesMixin, LinearModel):
 
         return choose_orders(fit, self.n_poles, self.n_zeros, self.max_poles)
 
+    def in_series_with(self, other):
+        """Return the model of this one and another behind it, or None where that is no other.
+
+        Parameters
+        ----------
+        other : estimator
+            What follows this model.
+
+        Returns
+        -------
+        TransferFunction or None
+            Unfitted. None unless both have one input, no delay and orders that are known.
+        """
+        models = self, other
+        if not isinstance(other, TransferFunction) or any(
+            m.reads_columns
+            or np.size(m._delay_of(1))
+            or not (isinstance(m.n_poles, Integral) and isinstance(m.n_zeros, Integral))
+            for m in models
+        ):
+            return None
+        orders = {key: sum(getattr(m, key) for m in models) for key in ("n_poles", "n_zeros")}
+        return with_params(self, **orders, fit_gain=True, fit_intercept=True)
+
+    def resolved(self, operator) -> Self:
+        """Return the model, unfitted, with the orders of an operator; see the base."""
+        orders = {"n_poles": len(operator.poles()), "n_zeros": np.size(operator.numerator)}
+        return with_params(self, **orders, hold=operator.hold)
+
+    def adapted(self, operator):
+        """Return an operator as one of this model: with its hold, and zeros at infinity.
+
+        Parameters
+        ----------
+        operator : TransferFunctionOperator
+            Of any order.
+
+        Returns
+        -------
+        TransferFunctionOperator or None
+            None where it has another number of poles, or more zeros.
+        """
+        missing = self.n_zeros - np.size(operator.numerator)
+        if len(operator.poles()) != self.n_poles or missing < 0:
+            return None
+        numerator = np.append(operator.numerator, np.zeros(missing))
+        return replace(operator, numerator=numerator, hold=self.hold)
+
     def fit_frequency_response(self, response) -> Self:
         r"""Identify the model from a frequency response.
 
@@ -1157,14 +1301,16 @@ class TransferFunction(ModesMixin, LinearModel):
 
     @classmethod
     def from_system(cls, system, **params) -> Self:
-        """Make a fitted model from a continuous-time system, such as that of a data sheet.
+        """Make a fitted model from a system, such as that of a data sheet.
 
         Parameters
         ----------
-        system : scipy.signal.lti, control.StateSpace or control.TransferFunction
-            One response, no pole at zero.
+        system : scipy.signal.lti, dlti, control.StateSpace or control.TransferFunction
+            One response, no pole at zero. One in discrete time is converted exactly to the one in
+            continuous time that it samples under the ``hold``; its poles at z = 0 become delays.
         **params
-            Parameters of the model, such as ``dt``, ``hold`` and ``initial_state``.
+            Parameters of the model, such as ``hold``, ``initial_state``, ``dt``, which is by
+            default that of a system in discrete time, and ``delay``, which is added.
 
         Returns
         -------
@@ -1181,15 +1327,28 @@ class TransferFunction(ModesMixin, LinearModel):
         """
         model = cls(**params)
         refuse_open_hold(model.hold, HeldInput.holds)
-        operator = TransferFunctionOperator.from_scipy(system, hold=model.hold)
-        single = isinstance(operator, TransferFunctionOperator)
-        shape = np.shape(operator.numerator if single else operator.numerators)
+        if isinstance(model.delay, str):
+            raise ValueError(
+                "The 'delay' parameter of TransferFunction.from_system must be in s, one number or "
+                f"one per input. Got {model.delay!r} instead."
+            )
+        model.operator_ = TransferFunctionOperator.from_scipy(system, hold=model.hold)
+        rational, delays = model._rational()
+        single = isinstance(rational, TransferFunctionOperator)
+        n_inputs = 1 if single else rational.n_inputs
+        delays = np.zeros(n_inputs) + (delays if np.size(delays) else 0.0)
+        model.delay = model.delay + delays if np.any(delays) else model.delay
+        delays = model._delay_of(n_inputs)
+        operator = _behind_delay(rational, delays) if single else replace(rational, delays=delays)
+        shape = np.shape(rational.numerator if single else rational.numerators)
         model.set_params(
-            n_poles=len(operator.poles()), n_zeros=shape[-1], inputs="drive" if single else "all"
+            n_poles=len(rational.poles()),
+            n_zeros=shape[-1],
+            inputs="drive" if single else "all",
+            dt=model.dt or getattr(system, "dt", None) or None,
         )
         model._validate_params()
         entries = [name for name, _ in operator.entries()]
-        n_inputs = 1 if single else operator.n_inputs
         model._n_inputs = model.n_features_in_ = n_inputs
         model._response_inputs = tuple(f"input{i}" for i in range(n_inputs))
         model.operator_, model.records_ = operator, ()
@@ -1213,16 +1372,43 @@ class TransferFunction(ModesMixin, LinearModel):
         check_is_fitted(self)
         return scipy_system(*self._rational())
 
-    def to_control(self):
-        """Return the fitted model as a ``control.StateSpace``, as :meth:`to_scipy` does.
+    def to_control(self, *, pade=None):
+        """Return the fitted model as a continuous-time ``control.StateSpace``.
+
+        The intercept is left out. :func:`skhyst.export.to_control` gives a system in discrete time,
+        in which delays are exact.
+
+        Parameters
+        ----------
+        pade : int, default=None
+            Order of the Padé approximants of delays; by default these are refused.
+
+        Returns
+        -------
+        control.StateSpace
 
         Raises
         ------
         ImportError
             If the package ``control`` is not installed.
+        ValueError
+            If the model has a delay and ``pade`` is not given.
+
+        Examples
+        --------
+        >>> import control
+        >>> from skhyst.linear import TransferFunction
+        >>> model = TransferFunction.from_system(control.tf([1.0], [0.01, 1.0]), delay=0.002)
+        >>> model.to_control(pade=2).nstates
+        3
         """
         check_is_fitted(self)
-        return control_system(*self._rational())
+        if pade is not None and not (isinstance(pade, Integral) and pade > 0):
+            raise ValueError(
+                "The 'pade' parameter of TransferFunction.to_control must be a positive integer or "
+                f"None. Got {pade!r} instead."
+            )
+        return control_system(*self._rational(), pade)
 
     def predict_one_step(self, X, y) -> np.ndarray:
         """Return predictions one step ahead, of a model that was fitted by them.
@@ -1279,35 +1465,29 @@ class TransferFunction(ModesMixin, LinearModel):
         found = np.concatenate(found)
         return found if read is None else found[read]
 
-    def predict_from(self, X, y) -> np.ndarray:
-        if hasattr(self, "predictor_gain_"):
-            return self.predict_one_step(X, y)
-        return super().predict_from(X, y)
-
-    def predict(self, X) -> np.ndarray:
+    def predict(self, X, y_start=None, return_std=False):
         """Return the free run: the response to the inputs alone, each record from its own start.
 
-        Parameters
-        ----------
-        X : DataFrame or array-like of shape (n_samples, n_columns)
-            After :meth:`fit_frequency_response` the inputs are taken by name from a DataFrame that
-            has these names, otherwise by position.
-
-        Returns
-        -------
-        ndarray of shape (n_samples,)
-            Units of the response, always finite. An unstable model gives a
-            :class:`~skhyst.exceptions.DivergenceWarning`.
+        After :meth:`fit_frequency_response` the inputs are taken by name from a DataFrame that has
+        these names, otherwise by position. An unstable model gives a
+        :class:`~skhyst.exceptions.DivergenceWarning`; with ``y_start`` one that was fitted by
+        predictions one step ahead goes on from them, see :meth:`predict_one_step`.
         """
         check_is_fitted(self)
+        if y_start is not None and hasattr(self, "predictor_gain_"):
+            refuse_std(self, return_std, "that predicts one step ahead")
+            return self.predict_one_step(X, y_start)
         if np.any(self.poles_.real > 0.0):
             warnings.warn(
                 "The model is unstable: its free run grows without bound.",
                 DivergenceWarning,
                 stacklevel=2,
             )
+        return super().predict(X, y_start, return_std)
+
+    def _read_inputs(self, X):
         if not hasattr(self, "_response_inputs"):
-            return super().predict(X)
+            return super()._read_inputs(X)
         names = list(getattr(X, "columns", ()))
         if set(self._response_inputs) <= set(names):
             X = X[list(self._response_inputs)]
@@ -1317,8 +1497,4 @@ class TransferFunction(ModesMixin, LinearModel):
                 f"X must have the {self._n_inputs} input(s) {list(self._response_inputs)}. Got "
                 f"{array.shape[1]} column(s) instead."
             )
-        signal = array[:, : self._n_inputs] if self.reads_columns else array[:, 0]
-        slices = read_slices(self, X, reset=False, bridge=True)
-        slices, signal, read = with_lost_rows(slices, signal)
-        y = self._free_run(signal, slices, [None] * len(slices))
-        return y if read is None else y[read]
+        return read_slices(self, X, reset=False, bridge=True), array[:, : self._n_inputs]

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from inspect import signature
 
 import numpy as np
 from sklearn.pipeline import Pipeline
@@ -39,8 +40,9 @@ def washout_scorer(
         ``_score`` (high is good) or ``_error``, ``_loss``, ``_deviance`` (low is good).
     initial_state : {"estimate"} or None, default=None
         State before each record. None: that of ``predict``. "estimate": what came before a record
-        is estimated from its washout, by the ``predict_from`` of the estimator or of the last step
-        of a pipeline; as for a fold that is cut out of a recording, which does not begin at rest.
+        is estimated from its washout, the ``y_start`` of ``predict`` of the estimator or of the
+        last step of a pipeline; as for a fold that is cut out of a recording, which does not begin
+        at rest.
     **metric_options : dict
         Passed on to the metric.
 
@@ -50,7 +52,7 @@ def washout_scorer(
         ``scorer(estimator, X, y) -> float``, for ``scoring=`` of ``cross_validate``,
         ``GridSearchCV`` and the like. It can be pickled if the metric can. It raises ValueError
         where no record is longer than the washout, and where the initial state is to be estimated
-        for an estimator without ``predict_from``.
+        for an estimator whose ``predict`` does not take ``y_start``.
 
     Raises
     ------
@@ -139,12 +141,13 @@ class _WashoutScorer:
             return np.asarray(estimator.predict(X))
         if isinstance(estimator, Pipeline):
             X, estimator = estimator[:-1].transform(X), estimator[-1]
-        if not hasattr(estimator, "predict_from"):
+        if "y_start" not in signature(estimator.predict).parameters:
             raise ValueError(
                 "The 'initial_state' parameter of washout_scorer must be None for an estimator "
-                f"without predict_from. Got 'estimate' and {estimator!r} instead."
+                "whose predict does not take 'y_start'. Got 'estimate' and "
+                f"{estimator!r} instead."
             )
-        return estimator.predict_from(X, known)
+        return estimator.predict(X, y_start=known)
 
     def __repr__(self):
         state = f", initial_state={self.initial_state!r}" if self.initial_state else ""

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import combinations_with_replacement
 from numbers import Integral
+from typing import Literal, overload
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -595,22 +596,25 @@ class GrayBoxHysteresis(ParametricModel):
         self.drive = drive
         self.method = method
 
-    def predict(self, X) -> np.ndarray:
+    @overload
+    def predict(self, X, y_start=None, return_std: Literal[False] = False) -> np.ndarray: ...
+    @overload
+    def predict(
+        self, X, y_start=None, *, return_std: Literal[True]
+    ) -> tuple[np.ndarray, np.ndarray]: ...
+    def predict(
+        self, X, y_start=None, return_std=False
+    ) -> np.ndarray | tuple[np.ndarray, np.ndarray]:
         """Return the free run: the response to the drive alone, each record from its own start.
 
-        Parameters
-        ----------
-        X : DataFrame or array-like of shape (n_samples, n_inputs)
-            Sampled at the interval of the fit.
-
-        Returns
-        -------
-        ndarray of shape (n_samples,)
-            Units of the response, always finite. Outputs beyond ``bound_`` are cut off there, and a
-            run that overflows is zero from there on, with a
-            :class:`~skhyst.exceptions.DivergenceWarning`.
+        Outputs beyond ``bound_`` are cut off there, and a run that overflows is zero from there on,
+        with a :class:`~skhyst.exceptions.DivergenceWarning`.
         """
-        y = super().predict(X)
+        std = None
+        if return_std:
+            y, std = super().predict(X, y_start, return_std=True)
+        else:
+            y = super().predict(X, y_start)
         if np.abs(y).max() > self.bound_:
             warnings.warn(
                 "The simulation diverged; outputs far beyond the range of the response in fit were "
@@ -619,7 +623,7 @@ class GrayBoxHysteresis(ParametricModel):
                 stacklevel=2,
             )
             y = np.clip(y, -self.bound_, self.bound_)
-        return y
+        return y if std is None else (y, std)
 
     def starting_values(self, records):
         return [self.identify(records).operator]
@@ -722,5 +726,5 @@ def _merged(static, dynamic):
         n_evaluations=static.n_evaluations + dynamic.n_evaluations,
         seconds=static.seconds + dynamic.seconds,
         x=np.concatenate([static.x, dynamic.x]),
-        covariance=block_diag(static.covariance, dynamic.covariance),
+        joint_covariance=block_diag(static.joint_covariance, dynamic.joint_covariance),
     )

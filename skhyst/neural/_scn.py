@@ -22,7 +22,7 @@ from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import Interval, StrOptions, fit_context
-from .._validation import as_floats, refuse_large, refuse_size, rest_of
+from .._validation import as_floats, refuse_large, refuse_size, refuse_std, rest_of
 from ..autoregressive import compiled_regressor
 from ..exceptions import ConvergenceWarning
 from ..operators import Stepper
@@ -528,19 +528,22 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
                 at = first[best]
                 yield nodes[best], scope, contraction[at], gains[best] - bounds[at] * squares
 
-    def predict(self, X) -> np.ndarray:
+    def predict(self, X, return_std=False) -> np.ndarray:
         """Return the output of the network.
 
         Parameters
         ----------
         X : array-like of shape (n_samples, n_features)
             Inputs of the network.
+        return_std : bool, default=False
+            Must be False: the nodes are drawn at random.
 
         Returns
         -------
         ndarray of shape (n_samples,) or (n_samples, n_outputs)
         """
         check_is_fitted(self)
+        refuse_std(self, return_std, "whose nodes are drawn at random")
         X = as_floats(self, X, reset=False)
         refuse_large("X", X, _EXTREME)
         if self.activation == "sigmoid":

@@ -18,6 +18,9 @@ from ._composition import (
     SumOperator,
 )
 from ._composition import add_disturbances as add_disturbances
+from ._composition import bare as bare
+from ._composition import can_scale as can_scale
+from ._composition import of_columns as of_columns
 from ._composition import split_disturbances as split_disturbances
 from ._differences import latest as latest
 from ._differences import samples_before as samples_before
@@ -50,14 +53,19 @@ from ._plays import play_sum_step as play_sum_step
 from ._plays import play_sum_table as play_sum_table
 from ._plays import play_tangents as play_tangents
 from ._plays import play_thresholds, turning_points
+from ._plays import rate_play_run as rate_play_run
+from ._plays import rate_play_sample as rate_play_sample
+from ._plays import rate_play_tangents as rate_play_tangents
 from ._plays import stop_basis as stop_basis
 from ._plays import threshold_tangents as threshold_tangents
+from ._plays import widened_play_step as widened_play_step
 from ._products import sum_of_products as sum_of_products
 from ._protocol import Operator, ParameterSpec, parameter
 from ._protocol import as_constant as as_constant
 from ._protocol import as_signal as as_signal
 from ._protocol import by_fields as by_fields
 from ._records import run_records as run_records
+from ._records import run_variance as run_variance
 from ._resolution import MovableOperator, Resolution
 from ._resolution import has_weight as has_weight
 from ._resolution import parts_with_resolution as parts_with_resolution

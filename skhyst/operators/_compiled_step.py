@@ -364,31 +364,47 @@ class CompiledColumn(CompiledParts):
         return lambda u: function(u[..., self.column] - self.reference)
 
 
-@dataclass(frozen=True)
 class CompiledProduct(CompiledParts):
-    """A step whose output is scaled by ``1 + sensitivity (column - reference)``.
+    """A step whose output is scaled by that of the last; of one between, all but its output is."""
+
+    def _joined(self, functions):
+        function, *others, factor = functions
+        if not others:
+            return lambda u: function(u) * factor(u)
+        [other] = others
+
+        def partly(u):
+            rest = other(u)
+            return rest + factor(u) * (function(u) - rest)
+
+        return partly
+
+
+@dataclass(frozen=True)
+class CompiledFed(CompiledParts):
+    """A step of two inputs: column 0, minus an offset, and the output of the other step.
 
     Parameters
     ----------
-    parts : tuple of CompiledStep
-        The step; and that which gives what the column is behind a lag, where there is one.
-    column : int
-    reference, sensitivity : float
+    parts : tuple of two CompiledStep
+    offset : float
     """
 
-    column: int
-    reference: float
-    sensitivity: float
+    offset: float
 
     @property
     def n_inputs(self):
         """Columns of the input that are read."""
-        return max(self.column + 1, self.parts[0].n_inputs)
+        return max(self.parts[1].n_inputs, 1)
 
     def _joined(self, functions):
-        function, *lag = functions
-        column = lag[0] if lag else lambda u: u[..., self.column]
-        return lambda u: function(u) * (1.0 + self.sensitivity * (column(u) - self.reference))
+        function, other = functions
+
+        def fed(u):
+            row = u[..., 0] - self.offset, other(u)
+            return function(np.stack(row, axis=-1) if np.ndim(row[0]) else row)
+
+        return fed
 
 
 class _Replaced:

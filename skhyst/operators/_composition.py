@@ -11,9 +11,11 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from scipy.linalg import block_diag
 
+from .._jit import jit
 from ..records import Units
 from ._compiled_step import (
     CompiledColumn,
+    CompiledFed,
     CompiledLaw,
     CompiledProduct,
     CompiledSeries,
@@ -244,11 +246,27 @@ class OnColumnOperator(WrappedOperator):
         )
 
 
+@jit
+def factor_step(a, c, s):
+    """Return the factor of :class:`Scaled` for a column; ``s`` is empty.
+
+    ``c`` is (coefficients by powers of ``a - a_0`` from the first, a_0, whether a is a magnitude,
+    whether the factor stops at zero).
+    """
+    coefficients, reference, magnitude, stops = c
+    x = (abs(a) if magnitude > 0.0 else a) - reference
+    power = factor = 1.0
+    for k in range(coefficients.size):
+        power *= x
+        factor += coefficients[k] * power
+    return max(factor, 0.0) if stops > 0.0 else factor
+
+
 @dataclass(frozen=True)
 class Scaled(WrappedOperator):
-    r"""An operator whose output is scaled by a column of the input.
+    r"""An operator whose output, or some parameters, are scaled by a column of the input.
 
-    .. math:: y = \Gamma[u] \, (1 + b \, (a - a_0))
+    .. math:: y = \Gamma[u] \, (1 + b \, (a - a_0) + c_2 (a - a_0)^2 + ...)
 
     With a ``lag``, a is what the column becomes behind it, as the current of a coil behind its
     voltage, or the temperature of a part behind the power of its heater. Inputs are
@@ -267,6 +285,13 @@ class Scaled(WrappedOperator):
         ``b``, one over the units of the column.
     lag : Operator or None, default=None
         Of the column, of unit gain, from rest at its first value. Its other values are parameters.
+    curvature : tuple of float, default=()
+        ``c_2``, ..., one over powers of the units of the column.
+    magnitude : bool, default=False
+        Whether a is the magnitude of the column, or of what it becomes behind the lag.
+    scales : tuple of str, default=()
+        What is scaled: entries in which the output is linear; ``("thresholds",)`` of an operator
+        with a method ``widened``, at a factor of zero or above; all of the output by default.
 
     Examples
     --------
@@ -284,17 +309,36 @@ class Scaled(WrappedOperator):
     reference: float
     sensitivity: float = 0.0
     lag: Operator | None = None
+    curvature: tuple = ()
+    magnitude: bool = False
+    scales: tuple = ()
     signal_linear = False
     reads_columns = True
     structure_of = "Modulated"
+
+    @property
+    def memoryless(self):
+        return self.lag is None and self.operator.memoryless
+
+    def __post_init__(self):
+        super().__post_init__()
+        wanted = "be names of entries in which the output is linear, or thresholds that widen"
+        self._require("scales", not self.scales or can_scale(self.operator, self.scales), wanted)
+
+    def inner(self, name=None):
+        # parameters that are scaled are those of this operator, not of what stages are added to
+        return None if self.scales else super().inner(name)
 
     def with_inner(self, stage, name=None):
         return self._with(of_columns(stage.operator))
 
     def keys(self, name=None):
+        if self.scales:
+            return Operator.keys(self, name)
         column = "amplitude" if self.column == -1 else str(self.column)
         lag = [(f"lag of column {column}", name) for name, _ in self._of_lag()]
-        return [*self.operator.keys(name), ("scaled by", column), *lag]
+        curve = [(f"scaled by {column}", str(k + 2)) for k in range(len(self.curvature))]
+        return [*self.operator.keys(name), ("scaled by", column), *curve, *lag]
 
     @property
     def _depth(self):
@@ -304,7 +348,11 @@ class Scaled(WrappedOperator):
         suffix = "" if self._depth == 1 else f"_{self._depth}"
         own = [(name, replace(spec, additive=False)) for name, spec in self.operator.entries()]
         lag = [(f"lag_{name}{suffix}", spec) for name, spec in self._of_lag()]
-        return [*own, (f"sensitivity{suffix}", _SENSITIVITY), *lag]
+        curve = [
+            (f"curvature{suffix}[{k}]", ParameterSpec(unit=f"1/column^{k + 2}"))
+            for k in range(len(self.curvature))
+        ]
+        return [*own, (f"sensitivity{suffix}", _SENSITIVITY), *curve, *lag]
 
     def _of_lag(self):
         """Return the entries of the lag that are parameters: all but gain and intercept."""
@@ -317,55 +365,133 @@ class Scaled(WrappedOperator):
 
     def pack(self):
         lag = [] if self.lag is None else self.lag.pack()[self._rows_of_lag()]
-        return np.concatenate([self.operator.pack(), [self.sensitivity], lag])
+        return np.concatenate([self.operator.pack(), self._coefficients, lag])
+
+    @property
+    def _coefficients(self):
+        """Those of the factor by powers of ``a - a_0``, from the first."""
+        return np.array([self.sensitivity, *self.curvature], dtype=float)
 
     def unpack(self, vector):
         n, lag = self.operator.n_parameters, self.lag
+        sensitivity, *curvature = vector[n : n + 1 + len(self.curvature)]
         if lag is not None:
             values = lag.pack()
-            values[self._rows_of_lag()] = vector[n + 1 :]
+            values[self._rows_of_lag()] = vector[n + 1 + len(curvature) :]
             lag = lag.unpack(values)
-        operator = self.operator.unpack(vector[:n])
-        return replace(self, operator=operator, sensitivity=float(vector[n]), lag=lag)
+        own = {"sensitivity": float(sensitivity), "curvature": tuple(map(float, curvature))}
+        return replace(self, operator=self.operator.unpack(vector[:n]), lag=lag, **own)
+
+    @property
+    def _widens(self):
+        return self.scales == ("thresholds",)
+
+    def _scaled_entries(self):
+        """Mark the entries that are scaled."""
+        names = [name for name, _ in self.operator.entries()]
+        return np.array([not {name, name.split("[")[0]}.isdisjoint(self.scales) for name in names])
+
+    @cached_property
+    def _others(self):
+        """The operator without what is scaled: its linear entries of these names at zero."""
+        return self.operator.unpack(np.where(self._scaled_entries(), 0.0, self.operator.pack()))
+
+    def __getstate__(self):
+        return {k: v for k, v in self.__dict__.items() if k != "_others"}
+
+    def _factor_law(self):
+        own = self._coefficients, self.reference, self.magnitude, self._widens
+        return CompiledLaw(factor_step, own, ())
+
+    def _factor(self, a):
+        law = self._factor_law()
+        return law.streaming(law.state)(a)
 
     def init(self, u0, initial_state="rest"):
-        own = self.operator.init(u0, initial_state)
-        if self.lag is None:
-            return own
-        return own, self.lag.init(_one(u0, self.column))  # whatever the drive does, it is there
+        # whatever the drive does, the column's lag has settled
+        lag = None if self.lag is None else self.lag.init(_one(u0, self.column))
+        if self._widens:
+            # at rest the output of the lag, of unit gain, is its input
+            [factor] = self._factor(np.array([_one(u0, self.column)]))
+            own = bare(self.operator).widened_init(_one(u0, 0), factor, initial_state)
+        else:
+            own = self.operator.init(u0, initial_state)
+            if self.scales:
+                own = own, self._others.init(u0, initial_state)
+        return own if lag is None else (own, lag)
 
     def run(self, u, dt, state=None):
+        if state is None:
+            state = self.init(np.asarray(u, dtype=float)[0])
         a = _one(u, self.column)
-        own, state = (state, None) if self.lag is None else state or (None, None)
+        own, lag = (state, None) if self.lag is None else state
         if self.lag is not None:
-            a, state = self.lag.run(a, dt, state)
-        y, own = self.operator.run(u, dt, own)
-        y = y * (1.0 + self.sensitivity * (a - self.reference))
-        return y, own if self.lag is None else (own, state)
+            a, lag = self.lag.run(a, dt, lag)
+        factor = self._factor(a)
+        if self._widens:
+            y, own = bare(self.operator).widened(_one(u, 0), factor, own)
+        elif self.scales:
+            y, whole = self.operator.run(u, dt, own[0])
+            rest, others = self._others.run(u, dt, own[1])
+            y, own = rest + factor * (y - rest), (whole, others)
+        else:
+            y, own = self.operator.run(u, dt, own)
+            y = y * factor
+        return y, own if self.lag is None else (own, lag)
 
     def by_start(self, u, dt, start):
         a = _one(u, self.column)
         a = a if self.lag is None else self.lag.run(a, dt)[0]
-        factor = 1.0 + self.sensitivity * (a - self.reference)
-        return self.operator.by_start(u, dt, start) * factor[:, None]
+        dy = self.operator.by_start(u, dt, start)
+        rest = self._others.by_start(u, dt, start) if self.scales else 0.0
+        return rest + (dy - rest) * self._factor(a)[:, None]
 
     def compiled_step(self, dt, state):
         own, lag = (state, None) if self.lag is None else state
-        parts = (self.operator.compiled_step(dt, own),)
+        factor = self._factor_law()
         if self.lag is not None:
-            parts += (CompiledColumn((self.lag.compiled_step(dt, lag),), self.column, 0.0),)
-        return CompiledProduct(parts, self.column, self.reference, self.sensitivity)
+            factor = CompiledSeries((self.lag.compiled_step(dt, lag), factor))
+        factor = CompiledColumn((factor,), self.column, 0.0)
+        if self._widens:
+            plays = bare(self.operator)
+            return CompiledFed((plays.widened_step(own), factor), plays.drive_offset)
+        if not self.scales:
+            return CompiledProduct((self.operator.compiled_step(dt, own), factor))
+        parts = self.operator.compiled_step(dt, own[0]), self._others.compiled_step(dt, own[1])
+        return CompiledProduct((*parts, factor))
 
-    def sensitivities(self, u, du, dt, initial_state="rest"):
-        y, dy = self.operator.sensitivities(u, du, dt, initial_state)
+    def _factor_sensitivities(self, u, du, dt):
+        """Return the factor and its derivatives by ``du`` and by its own parameters."""
         a, da, m = _one(u, self.column), _tangents_of(du, self.column), du.shape[-1]
         if self.lag is not None:
             a, da = self.lag.sensitivities(a, da, dt)
-            da = da[:, [*range(m), *(m + row for row in self._rows_of_lag())]]
-        factor, da = 1.0 + self.sensitivity * (a - self.reference), da * y[:, None]
-        dy, da = dy * factor[:, None], self.sensitivity * da
-        dy[:, :m] += da[:, :m]
-        return y * factor, np.column_stack([dy, y * (a - self.reference), da[:, m:]])
+            da = da[:, [*range(m), *(m + i for i in self._rows_of_lag())]]
+        factor = self._factor(a)
+        sign = np.sign(a) if self.magnitude else np.ones(len(a))
+        x, coefficients = sign * a - self.reference, self._coefficients
+        powers = x[:, None] ** np.arange(len(coefficients) + 1)
+        slope = sign * (powers[:, :-1] @ (coefficients * np.arange(1, len(coefficients) + 1)))
+        da = slope[:, None] * da
+        found = np.column_stack([da[:, :m], powers[:, 1:], da[:, m:]])
+        if self._widens:
+            found[factor <= 0.0] = 0.0
+        return factor, found
+
+    def sensitivities(self, u, du, dt, initial_state="rest"):
+        m = du.shape[-1]
+        factor, dfactor = self._factor_sensitivities(u, du, dt)
+        if self._widens:
+            plays = bare(self.operator)
+            return plays.widened_sensitivities(_one(u, 0), _tangents_of(du, 0), factor, dfactor)
+        y, dy = self.operator.sensitivities(u, du, dt, initial_state)
+        rest, drest = np.zeros_like(y), np.zeros_like(dy)
+        if self.scales:
+            rest, drest = self._others.sensitivities(u, du, dt, initial_state)
+            drest[:, m:][:, self._scaled_entries()] = 0.0
+        y, dy = y - rest, drest + (dy - drest) * factor[:, None]
+        dfactor = y[:, None] * dfactor
+        dy[:, :m] += dfactor[:, :m]
+        return rest + y * factor, np.column_stack([dy, dfactor[:, m:]])
 
 
 @dataclass(frozen=True)
@@ -1137,6 +1263,14 @@ def bare(operator):
     """Return an operator without what only says that it is driven by the drive."""
     implied = isinstance(operator, OnColumnOperator) and operator._is_implied
     return operator.operator if implied else operator
+
+
+def can_scale(operator, names):
+    """Whether parameters of an operator can be scaled sample by sample, see :class:`Scaled`."""
+    if tuple(names) == ("thresholds",):
+        return hasattr(bare(operator), "widened")
+    linear = {name for name, spec in operator.entries() if spec.linear}
+    return bool(names) and (linear | {n.split("[")[0] for n in linear}).issuperset(names)
 
 
 def of_columns(operator):

@@ -24,6 +24,7 @@ Tangents follow from the same equations, linear in the tangents: the derivatives
 trials.
 """
 
+import math
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -38,6 +39,8 @@ from ._root_inverse import RootInverseOperator
 
 _TRIALS = 30  # of the secant method, which needs two to five
 _ROUNDING = 1e-15
+_LARGEST = 1e60  # response of a run that has diverged: all that follow are NaN, no square overflows
+_STEEPEST = 1e100  # derivative of such a run
 _LEAST_SLOPE = 1e-3  # of the equation; below it the fixed point is followed
 
 
@@ -82,13 +85,15 @@ def feedback_step(u, c, s):
         error = w + b * f - r
         old, older = r, b * f
         for _ in range(_TRIALS):
-            if abs(error) <= _ROUNDING * (abs(w) + abs(r)):
+            if not abs(error) > _ROUNDING * (abs(w) + abs(r)):  # as it is of NaN
                 break
             slope = (error - older) / (w - old) if w != old else 1.0
             old, older = w, error
             w -= error / slope if slope > _LEAST_SLOPE else error
             f = step(w / gain, c[9:], s) - w / gain
             error = w + b * f - r
+        if not abs(w) <= _LARGEST:
+            w = f = math.nan
         if i < n_substeps:
             for j in range(n):
                 s[j] -= b1[j] * f
@@ -292,13 +297,18 @@ class FeedbackOperator(_Composition, HeldInput):
         own = self.linear.gain, self.linear.intercept, self.n_substeps, self.linear.hold == "zoh"
         return *system, *map(float, own)
 
-    def poles(self, response):
-        """Return the poles of small motions about a rest, rad/s, complex, shape (n_states,).
+    def poles_at(self, response):
+        """Return the poles of small motions about a rest.
 
         Parameters
         ----------
         response : float
             Of the rest.
+
+        Returns
+        -------
+        ndarray of shape (n_states,), complex
+            In rad/s.
         """
         q = (response - self.linear.intercept) / self.linear.gain
         _, slope, _ = self._force(np.array([q]))
@@ -361,7 +371,8 @@ class FeedbackOperator(_Composition, HeldInput):
             q0 = np.array([before - f])
             _, (bend,), (by_curve,) = self._force(q0)
             dbefore = du[0]
-            dq = np.concatenate([dbefore, np.zeros(p), -by_curve]) / (1.0 + bend)
+            share = 1.0 / (1.0 + bend) if 1.0 + bend > 0.0 else 0.0  # a flat curve holds no place
+            dq = share * np.concatenate([dbefore, np.zeros(p), -by_curve])
             df = np.concatenate([dbefore, np.zeros(p + len(by_curve))]) - dq
             dx = np.outer(straight._rest(), dq)
             dx[:, m : m + p] += q0 * by_rest.T
@@ -374,4 +385,7 @@ class FeedbackOperator(_Composition, HeldInput):
             own.reshape(*shape, -1), x.copy(), dx, f, df, dy,
         )  # fmt: skip
         dy[:, m + names.index("intercept")] = 1.0
+        diverged = ~(np.abs(dy).max(axis=1, initial=0.0) <= _STEEPEST)
+        if diverged.any():
+            y[np.argmax(diverged) :] = dy[np.argmax(diverged) :] = np.nan
         return y, dy

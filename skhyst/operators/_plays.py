@@ -154,6 +154,78 @@ def threshold_tangents(u, slacks, growth, plays, out):
             out[i, k] = held[k]
 
 
+@jit(inline=True)
+def rate_play_sample(value, rate, thresholds, growth, weights, rate_weights, plays):
+    """Return ``sum_k (w_k + s_k rate) F_k[u]`` at one sample; ``plays[:K]`` are updated."""
+    for k in range(thresholds.size):
+        slack = thresholds[k] + growth[k] * rate
+        plays[k] = clip_play(plays[k], value - slack, value + slack)
+    total = 0.0
+    for k in range(thresholds.size):
+        total += (weights[k] + rate * rate_weights[k]) * plays[k]
+    return total
+
+
+@jit
+def rate_play_run(u, rates, thresholds, growth, weights, rate_weights, plays, out):
+    """Write ``sum_k (w_k + s_k rate) F_k[u]`` to ``out`` (n,); ``plays`` (K,) is updated.
+
+    ``rates`` (n,) are not negative; ``growth`` of the thresholds and ``rate_weights`` are (K,).
+    """
+    for i in range(u.size):
+        out[i] = rate_play_sample(u[i], rates[i], thresholds, growth, weights, rate_weights, plays)
+
+
+@jit
+def rate_play_tangents(u, du, rates, drates, thresholds, growth, weights, rate_weights, plays, out):
+    """Write to ``out`` (n, m + K) the tangents of the weighted sum of plays, then the plays.
+
+    ``du`` (n, m) are the tangents of the drive, ``drates`` (n, m) those of the rates; here they act
+    through the thresholds only, not through the weights. ``plays`` (K,) is updated. A play that
+    moves has the tangent of the end of its slack; one that sticks keeps its last tangent.
+    """
+    m = du.shape[1]
+    tangents = np.zeros((thresholds.size, m))
+    for i in range(u.size):
+        value = u[i]
+        rate = rates[i]
+        row = out[i]
+        row[:m] = 0.0
+        for k in range(thresholds.size):
+            slack = thresholds[k] + growth[k] * rate
+            play = plays[k]
+            sign = 0.0
+            if value - slack >= play:
+                play = value - slack
+                sign = -1.0
+            elif value + slack <= play:
+                play = value + slack
+                sign = 1.0
+            plays[k] = play
+            row[m + k] = play
+            weight = weights[k] + rate * rate_weights[k]
+            for j in range(m):
+                if sign != 0.0:
+                    tangents[k, j] = du[i, j] + sign * growth[k] * drates[i, j]
+                row[j] += weight * tangents[k, j]
+
+
+@jit
+def widened_play_step(u, c, s):
+    """Return a sum of plays, at one sample, whose thresholds all have grown by one factor.
+
+    ``u`` is the drive and the factor, ``c`` is (thresholds (K,), weights (K,), intercept), ``s``
+    (K,) are the plays.
+    """
+    thresholds, weights, y = c
+    value, factor = u[0], u[1]
+    for k in range(s.size):
+        slack = factor * thresholds[k]
+        s[k] = clip_play(s[k], value - slack, value + slack)
+        y += weights[k] * s[k]
+    return y
+
+
 def play_sum_table(thresholds, weights):
     """Tabulate the branches of a sum of plays, for :func:`play_sum_run`.
 

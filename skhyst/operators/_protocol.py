@@ -293,6 +293,24 @@ class Operator(Part, ABC):
         y, dy = self.sensitivities(u, du, dt, initial_state)
         return y, np.ascontiguousarray(dy[:, :m])
 
+    def by_start(self, u, dt: float, start) -> np.ndarray:
+        """Return the derivatives of the output by the values of a start.
+
+        Parameters
+        ----------
+        u : ndarray of shape (n_samples,)
+            Input.
+        dt : float
+            Sampling interval in s.
+        start : array-like of shape (n_start,)
+            Of an operator that has no state of rest.
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_start)
+        """
+        return np.empty((len(u), 0))
+
     def compiled_step(self, dt: float, state):
         """Return one step in plain arithmetic.
 

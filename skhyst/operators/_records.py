@@ -1,10 +1,21 @@
-"""The free run of an operator over records."""
+r"""The free run of an operator over records, and its standard error.
+
+To first order a run :math:`y(\theta)` has the variance :math:`\mathrm{diag}(J C J^T)`, with its
+sensitivities :math:`J` and the covariance :math:`C` of :math:`\theta`. With a root
+:math:`C = L L^T` these are the sums of squares of the rows of :math:`J L`, whose columns are
+derivatives in the directions of L.
+"""
 
 import warnings
 
 import numpy as np
 
 from ..exceptions import DivergenceWarning
+from ._composition import split_disturbances
+
+_LARGEST = 1 << 24  # values of sensitivities that are held at once: 128 MB
+_CHUNK = 4096  # samples whose derivatives are taken along the root at once
+_STEP = 0.01  # of a standard error: its square is the error of a difference, relative
 
 
 def run_records(operator, signal, slices, initial_state="rest", schedules=None):
@@ -31,3 +42,72 @@ def run_records(operator, signal, slices, initial_state="rest", schedules=None):
         )
         y = np.nan_to_num(y)
     return y
+
+
+def run_variance(operator, covariance, u, dt, initial_state="rest", skip=0):
+    """Return the variance of the output of an operator that the errors of its values make.
+
+    Derivatives are exact; where a record is so long that they need too much memory, they are
+    central differences in the directions of the root of the covariance, one after the other.
+
+    Parameters
+    ----------
+    operator : Operator
+        With its additive disturbances.
+    covariance : ndarray of shape (n_parameters, n_parameters)
+        Of the values of ``pack``.
+    u : ndarray of shape (n_samples,) or (n_samples, n_inputs)
+        Input.
+    dt : float
+        Sampling interval in s.
+    initial_state : {"rest", "zero"}, default="rest"
+        State before the first sample.
+    skip : int, default=0
+        Samples of the input that lie before the record, in which its time begins.
+
+    Returns
+    -------
+    ndarray of shape (n_samples - skip,)
+        Square of the unit of the response.
+    """
+    driven, beside = split_disturbances(operator)
+    root, count = _root(covariance), driven.n_parameters
+    time = dt * np.arange(len(u) - skip)
+    signals = [np.empty((len(time), 0))]
+    for own in beside:
+        signals += [own.basis(time), own.basis_tangents(time, np.ravel(own.coefficients))]
+    signals = np.concatenate(signals, axis=1)
+    if len(u) * count > _LARGEST:
+        variance = np.zeros(len(time))
+        for part in root.T:
+            slope = _slope(driven, part[:count], u, dt, initial_state)[skip:]
+            variance += np.square(slope + signals @ part[count:])
+        return variance
+    _, slopes = driven.sensitivities(u, np.empty((len(u), 0)), dt, initial_state)
+    slopes, variance = slopes[skip:], np.empty(len(time))
+    for start in range(0, len(time), _CHUNK):
+        rows = slice(start, start + _CHUNK)
+        parts = slopes[rows] @ root[:count] + signals[rows] @ root[count:]
+        variance[rows] = np.square(parts).sum(axis=1)
+    return variance
+
+
+def _root(covariance):
+    """Return the root (n, k) of a covariance (n, n) of the rank k."""
+    size = np.sqrt(np.diag(covariance))
+    used = np.flatnonzero(size)
+    root, size = np.zeros((len(size), len(used))), size[used, None]
+    values, vectors = np.linalg.eigh(covariance[np.ix_(used, used)] / size / size.T)
+    root[used] = size * vectors * np.sqrt(np.maximum(values, 0.0))
+    return root
+
+
+def _slope(operator, direction, u, dt, initial_state):
+    """Return the derivative of a run in a direction of the parameters, by central differences."""
+    values = operator.pack()
+    lower, upper = np.transpose([(spec.lower, spec.upper) for _, spec in operator.entries()])
+    ends = []
+    for step in (-_STEP, _STEP):
+        own = operator.unpack(np.clip(values + step * direction, lower, upper))
+        ends.append(own.run(u, dt, own.init(u[0], initial_state))[0])
+    return (ends[1] - ends[0]) / (2.0 * _STEP)

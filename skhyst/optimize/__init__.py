@@ -12,6 +12,7 @@ from ._frequency_problem import identify_response as identify_response
 from ._further_starts import with_further_starts as with_further_starts
 from ._identify import METHODS as METHODS
 from ._identify import IdentificationResult, identify
+from ._identify import calibrated as calibrated
 from ._identify import constant_entries as constant_entries
 from ._input_history import estimate_input_history as estimate_input_history
 from ._input_history import input_history_of as input_history_of
@@ -35,14 +36,12 @@ from ._problem import OperatorProblem as OperatorProblem
 from ._problem import RecordData
 from ._problem import ages as ages
 from ._problem import begun as begun
-from ._problem import path_of as path_of
 from ._single_step import predicted_cost as predicted_cost
 from ._single_step import single_step as single_step
 from ._standard_errors import coloured_covariance as coloured_covariance
 from ._start_values import best_from_own_starts as best_from_own_starts
 from ._start_values import estimate_start_values as estimate_start_values
 from ._start_values import identify_from_own_starts as identify_from_own_starts
-from ._start_values import start_values_of as start_values_of
 from ._variable_projection import Method, VariableProjection
 from ._variable_projection import solve_linear as solve_linear
 from ._variable_projection import variable_projection as variable_projection

@@ -68,9 +68,13 @@ class IdentificationResult:
         Parameters that the data do not determine.
     condition_number : float
         Of the scaled normal equations.
-    covariance : ndarray of shape (n_parameters, n_parameters), default=None
-        Of the values of ``params``, in that order and in their own units; NaN where the data do
-        not determine a value or it is at a bound. None where it was not computed.
+    joint_covariance : ndarray of shape (n, n), default=None
+        Of the values of ``params``, in that order and in their own units, and behind them of the
+        disturbances' coefficients in a record that is not one of the fit. Zero in directions that
+        the data do not determine, and at a bound. None where it was not computed.
+    noise_std : float or None, default=None
+        Standard deviation of the noise, units of the response: of the residual, with what the fit
+        has taken of the noise.
     short : tuple of str, default=()
         Parameters for which the records are worth fewer than two independent samples.
     damping : tuple of float, default=()
@@ -97,11 +101,38 @@ class IdentificationResult:
     params_std_white: dict = field(default_factory=dict)
     undetermined: tuple = ()
     condition_number: float = np.nan
-    covariance: np.ndarray | None = None
+    joint_covariance: np.ndarray | None = None
+    noise_std: float | None = None
     short: tuple = ()
     damping: tuple = ()
     input_history: np.ndarray | None = None
     is_local: bool = False
+
+    @property
+    def covariance(self):
+        """Covariance of the values of ``params``, in that order, or None.
+
+        NaN where the data do not determine a value or it is at a bound.
+        """
+        if self.joint_covariance is None:
+            return None
+        unknown = ~np.isfinite([self.params_std[name] for name in self.params])
+        found = self.joint_covariance[: len(unknown), : len(unknown)].copy()
+        found[unknown], found[:, unknown] = np.nan, np.nan
+        return found
+
+    def operator_covariance(self):
+        """Return the covariance of all values of the operator with its disturbances, or None.
+
+        They are in the order of ``pack`` of the sum of the two; zero for those that are held.
+        """
+        if self.joint_covariance is None:
+            return None
+        places, coefficients = _places(self.operator, self.disturbances)
+        at = [*(places[name] for name in self.params), *coefficients]
+        found = np.zeros((len(places) + len(coefficients),) * 2)
+        found[np.ix_(at, at)] = self.joint_covariance
+        return found
 
     def released(self):
         """Return the result with operators that belong to no estimator, and none of them held."""
@@ -127,6 +158,67 @@ class IdentificationResult:
             self.operator, records, disturbances=self.disturbances, initial_state=initial_state
         )
         return problem.outputs(self.operator, self.disturbances, self.record_coefficients)
+
+
+def _places(driven, disturbances):
+    """Return the places of values in the pack of a sum: of parameters by name, of coefficients."""
+    places = {name: i for i, (name, _) in enumerate(driven.entries())}
+    start, coefficients = len(places), []
+    for number, disturbance in enumerate(disturbances):
+        size = np.size(disturbance.coefficients)
+        coefficients += range(start, start + size)
+        for i, (name, _) in enumerate(disturbance.entries()[size:]):
+            places[f"disturbance{number}__{name}"] = start + size + i
+        start += disturbance.n_parameters
+    return places, coefficients
+
+
+def calibrated(operator, record, covariance=None, noise_std=None):
+    """Return an operator with the coefficients of its disturbances in a record.
+
+    Parameters
+    ----------
+    operator : Operator
+        With its additive disturbances.
+    record : RecordData
+        What is known.
+    covariance : ndarray of shape (n_parameters, n_parameters), default=None
+        Of the values of ``pack``; the result is that with the errors that the record leaves to the
+        coefficients.
+    noise_std : float, default=None
+        Standard deviation of the noise, with a covariance.
+
+    Returns
+    -------
+    operator : Operator
+    covariance : ndarray of shape (n_parameters, n_parameters) or None
+    """
+    driven, beside = split_disturbances(operator)
+    if not beside:
+        return operator, covariance
+    problem = OperatorProblem(driven, [record], disturbances=beside)
+    blocks = problem.evaluate(problem.x0, jacobian=covariance is not None)
+    places, at = _places(driven, beside)
+    values = operator.pack()
+    values[at] = problem.coefficients(blocks)[0]
+    if covariance is not None:
+        follow = np.eye(len(values))
+        follow[at] = 0.0
+        slopes = problem.coefficient_slopes(blocks)[0] / _chain(problem, problem.x0)
+        follow[np.ix_(at, [places[name] for name in problem.names])] = -slopes
+        covariance = follow @ covariance @ follow.T
+        covariance[np.ix_(at, at)] += (noise_std or 0.0) ** 2 * _inverse(blocks, len(at))
+    return operator.unpack(values), covariance
+
+
+def _inverse(blocks, d):
+    """Return the inverse of the Gram matrix of the columns of d coefficients."""
+    return np.linalg.pinv(blocks.sum(axis=0)[:d, :d], hermitian=True)
+
+
+def _chain(problem, x):
+    """Return the derivatives of the values by the unknowns, but for their signs."""
+    return np.where(problem.log, np.abs(problem.values(x)), 1.0)
 
 
 def _determined(problem, solution, powers):
@@ -198,14 +290,10 @@ def _least_norm(problem, solution):
     return x
 
 
-def _errors(problem, x, covariance, marks):
-    """Return the standard errors of the parameters and their covariance in their own units."""
-    chain = np.where(problem.log, problem.values(x), 1.0)
-    covariance = covariance * np.outer(chain, chain)
+def _errors(problem, covariance, marks):
+    """Return the standard errors of the parameters by their names."""
     std = np.where(marks == 0.0, np.sqrt(np.maximum(np.diag(covariance), 0.0)), marks)
-    unknown = marks != 0.0
-    covariance[unknown], covariance[:, unknown] = np.nan, np.nan
-    return dict(zip(problem.names, std.tolist(), strict=True)), covariance
+    return dict(zip(problem.names, std.tolist(), strict=True))
 
 
 def identify(
@@ -316,7 +404,7 @@ def solve(problems, method, with_errors=True):
         coefficients = np.empty((len(problem.records), 0))
     else:
         coefficients = problem.coefficients(blocks)
-    uncertainty = _uncertainty(problem, solution, blocks, coefficients.size) if with_errors else {}
+    uncertainty = _uncertainty(problem, solution, blocks, coefficients) if with_errors else {}
     start, filled = 0, []
     for disturbance in disturbances:
         size = np.size(disturbance.coefficients)
@@ -341,24 +429,51 @@ def solve(problems, method, with_errors=True):
     )
 
 
-def _uncertainty(problem, solution, blocks, n_coefficients):
+def _uncertainty(problem, solution, blocks, coefficients):
     """Return standard errors, covariance, and what the data do not determine, by their names."""
     x, n_samples = solution.x, problem.segment_weight.sum()
     root, marks, undetermined, condition = _determined(problem, solution, problem.powers(blocks))
     # the coefficients of the disturbances are unknowns too
-    variance = solution.cost / max(n_samples - n_coefficients - root.shape[1], 1)
+    variance = solution.cost / max(n_samples - coefficients.size - root.shape[1], 1)
     white = variance * root @ root.T
     covariance = coloured_covariance(lambda: problem.rows(x), root, n_samples)
     covariance = white if covariance is None else covariance
     few = (marks == 0.0) & (n_samples * np.diag(white) < FEWEST * np.diag(covariance))
     few &= solution.cost > NOISELESS * problem.scale
-    params_std_white, _ = _errors(problem, x, white, marks)
-    params_std, covariance = _errors(problem, x, covariance, marks)
+    # of the noise the fit has taken the trace of H C, which for white noise is sigma^2 p
+    taken = np.sum(solution.gram[:-1, :-1] * covariance)
+    noise = (solution.cost + taken) / max(n_samples - coefficients.size, 1)
+    chain = _chain(problem, x)
+    units = np.outer(chain, chain)
+    covariance = covariance * units
     return {
-        "params_std": params_std,
-        "params_std_white": params_std_white,
-        "covariance": covariance,
+        "params_std": _errors(problem, covariance, marks),
+        "params_std_white": _errors(problem, white * units, marks),
+        "joint_covariance": _joint(problem, blocks, coefficients, covariance, chain, noise),
+        "noise_std": float(np.sqrt(noise)),
         "short": tuple(np.array(problem.names)[few].tolist()),
         "undetermined": undetermined,
         "condition_number": condition,
     }
+
+
+def _joint(problem, blocks, coefficients, covariance, chain, noise):
+    """Return the covariance of the parameters and of the coefficients of a record not in the fit.
+
+    Coefficients follow the parameters by ``-B^+ J`` and differ from record to record: by as much as
+    those of the records of the fit do. Of one record only the error of its own is known.
+    """
+    m, d = coefficients.shape
+    # without those of signals beside
+    kept = sum(np.size(own.coefficients) for own in problem.disturbances) if d else 0
+    if not kept:
+        return covariance
+    follow = -problem.coefficient_slopes(blocks).mean(axis=0)[:kept] / chain
+    if m > 1:
+        own = np.atleast_2d(np.cov(coefficients[:, :kept].T)) * (1.0 + 1.0 / m)
+    else:
+        own = noise * _inverse(blocks, d)[:kept, :kept]
+    both = np.concatenate([np.eye(len(chain)), follow])
+    joint = both @ covariance @ both.T
+    joint[len(chain) :, len(chain) :] += own
+    return joint

@@ -431,6 +431,14 @@ class OperatorProblem(Unknowns):
                 found[number] = -_solve_basis(gram[:d, :d], gram[:d, -1])
         return found
 
+    def coefficient_slopes(self, blocks):
+        """Return by how much the coefficients fall with the unknowns, (n_records, d, n)."""
+        d = self._n_eliminated
+        grams = [
+            blocks[self.segment_record == number].sum(axis=0) for number in range(len(self.records))
+        ]
+        return np.array([_solve_basis(gram[:d, :d], gram[:d, d:-1]) for gram in grams])
+
     def power_left(self, blocks, step, select, wanted):
         """Return the sum of squares that a step from where blocks are taken leaves in segments.
 

@@ -13,9 +13,13 @@ import math
 import pkgutil
 from functools import cache
 from importlib.metadata import version
+from numbers import Integral, Real
 
 import numpy as np
 from sklearn.base import BaseEstimator
+
+from .._sklearn import HasMethods, Interval, StrOptions, validate_parameter_constraints
+from .._validation import finite_numbers
 
 FORMAT = 1
 _VERSION = version("skhyst")
@@ -25,6 +29,26 @@ _RENAMED = {  # classes of skhyst, present names by earlier ones
     "ColumnOperator": "OnColumnOperator",
     "ScheduledOperator": "Scheduled",
 }
+_FIELDS = {  # and fields
+    "histories": "input_history",
+    "promise": "predicted_cost",
+    "covariance": "joint_covariance",
+}
+_ABOVE_ZERO = Interval(Real, 0, None, closed="neither")
+_FITTED = {  # what scikit-learn calls constraints
+    "bound_": [_ABOVE_ZERO],
+    "drive_range_": [tuple],
+    "drive_rate_": [Interval(Real, 0, None, closed="left")],
+    "dt_": [_ABOVE_ZERO, None],
+    "n_features_in_": [Interval(Integral, 1, None, closed="left")],
+    "operator_": [HasMethods(["run"])],
+    "output_range_": [tuple],
+    "time_unit_": [StrOptions({"s", "sample"})],
+}
+_NUMBERS = (  # arrays and tuples of finite numbers
+    *("drive_range_", "output_range_", "coef_", "intercept_"),
+    *("hidden_weights_", "hidden_biases_", "centers_", "widths_", "scaling_"),
+)
 _DTYPES = ("bool", "int32", "int64", "float64", "complex128", "str", "object")
 
 
@@ -140,7 +164,7 @@ def field_named(name, kind) -> str:
     """Return the present name of a parameter or attribute of a class of skhyst, by its old one."""
     if name == "rank":  # of an operator its stage order, of an estimator where it is placed
         return "stage_order" if kind.endswith("Operator") else "place"
-    return {"histories": "input_history", "promise": "predicted_cost"}.get(name, name)
+    return _FIELDS.get(name, name)
 
 
 @cache
@@ -212,6 +236,15 @@ def _value(plain):
     return {"float": float, "tuple": _tuple, "slice": lambda parts: slice(*parts)}[kind](own)
 
 
+def _refuse_wrong(fitted, name):
+    """Refuse attributes that no fit could have made, of those that many estimators have."""
+    known = {attribute: value for attribute, value in fitted.items() if attribute in _FITTED}
+    validate_parameter_constraints({own: _FITTED[own] for own in known}, known, name)
+    for attribute in _NUMBERS:
+        if attribute in fitted:
+            finite_numbers(fitted[attribute], name, attribute, "finite numbers")
+
+
 def _tuple(items):
     return tuple(_value(item) for item in items)
 
@@ -242,5 +275,6 @@ def _object(plain):
     if fitted:
         if hasattr(made, "_parameter_constraints"):
             made._validate_params()  # as `fit` has done
+        _refuse_wrong(fitted, kind.__name__)
         made.__setstate__(fitted)
     return made

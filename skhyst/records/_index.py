@@ -75,6 +75,13 @@ class RecordSlice:
     time_unit: str = "s"
     lost: tuple[int, ...] = ()
 
+    def __post_init__(self):
+        if not (isinstance(self.dt, Real) and 0.0 < self.dt < np.inf):
+            raise ValueError(
+                "The 'dt' parameter of RecordSlice must be a finite number above zero. Got "
+                f"{self.dt!r} instead."
+            )
+
     @property
     def samples(self) -> np.ndarray:
         """Sampling intervals since the start of the record, shape (n_samples,)."""

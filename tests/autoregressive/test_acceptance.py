@@ -68,6 +68,23 @@ def test_horizons(model, initial_output, data):
     np.testing.assert_allclose(far, model.predict(X, y), rtol=1e-10, atol=1e-12)
 
 
+def test_going_on_from_what_is_known(model, data):
+    """As the prediction after the longest lag does, wherever the known part ends."""
+    X, y = (part.loc["a"] for part in data)
+    model.set_params(initial_output="measured").fit(X, y)
+    expected, k = model.predict(X, y), 3
+    found = model.predict(X, y_start=y.where(np.arange(len(y)) < k))
+    np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-12)
+    for rows in (k, k + 20):
+        stepper = model.stepper_from(X[:rows], y[:rows].where(np.arange(rows) < k))
+        later = stepper.run(X.to_numpy()[rows:])
+        np.testing.assert_allclose(later, expected[rows:], rtol=1e-9, atol=1e-12)
+    with pytest.raises(ValueError, match="'y_start' parameter"):
+        model.predict(X, y, y_start=y)
+    with pytest.raises(ValueError, match=r"'return_std' parameter .* whose past outputs"):
+        model.predict(X, return_std=True)
+
+
 def test_horizon_is_limited_by_the_record(model, recordings):
     X, y = recordings((60, 6, 3))
     model.fit(X, y)

@@ -112,6 +112,7 @@ def test_inspect_tells_and_draws(recording, tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "drive     'volt'" in printed
     assert "3000 samples every 0.001 s" in printed
+    assert "\nloops:\n  record 0" in printed
     assert picture.read_bytes().startswith(b"\x89PNG")
     table = pd.read_csv(recording).rename(columns={"volt": "a", "um": "b"})
     table.to_csv(tmp_path / "unknown.csv", index=False)

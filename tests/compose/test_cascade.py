@@ -21,10 +21,19 @@ from skhyst.linear import (
     KelvinVoigtOperator,
     SecondOrderMode,
     SecondOrderModeOperator,
+    TransferFunction,
+    TransferFunctionOperator,
 )
 from skhyst.operators import Series
 from skhyst.optimize import RecordData
-from skhyst.static import DeadZoneOperator, DeadZones, Saturation, SaturationOperator
+from skhyst.static import (
+    DeadBand,
+    DeadBandOperator,
+    DeadZoneOperator,
+    DeadZones,
+    Saturation,
+    SaturationOperator,
+)
 
 DT = 0.005
 THRESHOLDS = (0.0, 0.3, 0.8)
@@ -337,3 +346,27 @@ def test_a_disturbance_is_no_stage(wrong):
     X, y = measure(HYSTERESIS, n=60)
     with pytest.raises(ValueError, match=f"'{wrong[0]}' of Cascade is a disturbance"):
         Cascade([STEP, wrong]).fit(X, y)
+
+
+@pytest.mark.parametrize(("slow_first", "n_zeros"), [(True, 0), (False, 0), (False, 1)])
+def test_a_curve_between_two_transfer_functions_needs_no_starts(slow_first, n_zeros):
+    """Whichever half is slower, and whichever has the zero."""
+    lag = TransferFunctionOperator(
+        np.array([0.05]), np.empty(0), np.empty(0), np.full(n_zeros, 0.3)
+    )
+    mode = TransferFunctionOperator(np.empty(0), np.array([80.0]), np.array([0.3]), np.empty(0))
+    filters = (lag, mode) if slow_first else (mode, lag)
+    X, y = measure(filters[0], DeadBandOperator(0.4, 0.1), filters[1])
+    orders = [(sum(f.n_poles) + f.n_poles[1], len(f.numerator)) for f in filters]
+    first, second = (TransferFunction(p, n_zeros=z) for p, z in orders)
+    steps = [("first", first), ("dead_zone", DeadBand()), ("second", second)]
+    model = Cascade(steps, dt=DT).fit(X, y)
+    own = ("first", "second") if slow_first else ("second", "first")
+    truth = {
+        f"{own[0]}__time_constants[0]": 0.05,
+        f"{own[1]}__natural_frequencies[0]": 80.0,
+        f"{own[1]}__damping_ratios[0]": 0.3,
+        "dead_zone__half_width": 0.4,
+        "dead_zone__center": 0.1,
+    }
+    assert_recovered(model, truth)

@@ -1,5 +1,7 @@
 """Columns of X that drive models of their own, or scale those of the drive."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -12,7 +14,11 @@ from skhyst.compose import (
     Sum,
 )
 from skhyst.disturbance import Offset
-from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
+from skhyst.hysteresis import (
+    CoulombFrictionOperator,
+    PrandtlIshlinskii,
+    PrandtlIshlinskiiOperator,
+)
 from skhyst.linear import (
     FirstOrderLag,
     FirstOrderLagOperator,
@@ -25,6 +31,7 @@ from skhyst.operators import (
     OnColumnOperator,
     Scaled,
     Scheduled,
+    Stepper,
     SumOperator,
     check_operator,
 )
@@ -35,6 +42,7 @@ DT, N = 0.01, 400
 
 LAG = FirstOrderLagOperator(0.05, gain=1.2)
 PLAYS = PrandtlIshlinskiiOperator([0.0, 0.3], [0.6, 0.4])
+FRICTION = CoulombFrictionOperator(1.3, 0.8, 2.9, 0.3, 0.1, 0.3, 0.02, 0.1)
 
 
 def plays(part):
@@ -127,6 +135,21 @@ def test_the_amplitude_and_a_column_scale_the_response(X):
         assert {"sensitivity", "sensitivity_2"} <= set(model.params_)
 
 
+def test_what_came_before_a_record_of_several_columns(X):
+    """Where a column scales the response, the record begins as its known part says."""
+    law = FirstOrderLagOperator(0.5)
+    y = by_record(X, lambda part: law.run(part["drive"].to_numpy(), DT)[0] * (2.0 + part["load"]))
+    noise = np.random.default_rng(0).normal(0.0, 0.01, len(y))
+    model = Modulated(FirstOrderLag(), column=1).fit(X, y + noise)
+    late, expected = X.loc[[2]][200:], y[-200:]
+    known = np.where(np.arange(200) < 50, expected + noise[-200:], np.nan)
+    found, std = model.predict(late, known, return_std=True)
+    assert np.abs(found - expected).max() < 0.05 < np.abs(model.predict(late) - expected).max()
+    assert np.mean(np.abs(noise[-200:] + expected - found) < 1.96 * std) > 0.9
+    later = model.stepper_from(late[:50], known[:50]).run(late.to_numpy()[50:])
+    np.testing.assert_allclose(later, found[50:], atol=1e-12)
+
+
 def test_scheduled_parameters_beside_a_column_and_an_offset(X):
     def law(part):
         drive = part["drive"].to_numpy()
@@ -158,6 +181,33 @@ OPERATORS = {
     "column": OnColumnOperator(LAG, 1),
     "modulated": Scaled(OnColumnOperator(PLAYS, 0), 2, 0.4, 0.3),
     "modulated twice": Scaled(Scaled(OnColumnOperator(PLAYS, 0), 2, 0.4, 0.3), 1, -0.1, 0.2),
+    "modulated by a curve of a magnitude behind a lag": Scaled(
+        OnColumnOperator(PLAYS, 0), 2, 0.4, 0.3, LAG, (-0.1, 0.05), magnitude=True
+    ),
+    "friction of a load": Scaled(
+        OnColumnOperator(FRICTION, 0),
+        1,
+        0.4,
+        0.3,
+        magnitude=True,
+        scales=("coulomb_force", "stribeck_force"),
+    ),
+    "friction along the drive": Scaled(
+        OnColumnOperator(FRICTION, 0), 0, 0.4, 0.3, curvature=(0.1,), scales=("coulomb_force",)
+    ),
+    "widths": Scaled(OnColumnOperator(PLAYS, 0), 2, 0.4, 0.3, scales=("thresholds",)),
+    "widths of stops, behind a lag": Scaled(
+        OnColumnOperator(replace(PLAYS, form="stop", drive_offset=0.1), 0),
+        2,
+        0.4,
+        0.3,
+        LAG,
+        (-0.2,),
+        scales=("thresholds",),
+    ),
+    "widths along the drive, down to none": Scaled(
+        OnColumnOperator(PLAYS, 0), 0, 0.4, 1.3, magnitude=True, scales=("thresholds",)
+    ),
     "sum": SumOperator(
         ("model", "load"),
         (
@@ -184,8 +234,89 @@ def test_modulation_scales_the_output():
 
 
 @pytest.mark.parametrize("name", OPERATORS)
-def test_derivatives_and_pieces(name):
-    check_operator(OPERATORS[name], U, DT)
+def test_derivatives_pieces_and_steps(name):
+    operator = OPERATORS[name]
+    check_operator(operator, U, DT)
+    for initial_state in ("rest", "zero"):
+        state = operator.init(U[0], initial_state)
+        y, _ = operator.run(U, DT, state)
+        stepper = Stepper(operator.compiled_step(DT, state))
+        first = [stepper.step(row) for row in U[:30]]
+        np.testing.assert_allclose([*first, *stepper.run(U[30:])], y, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", [name for name in OPERATORS if "along the drive" in name])
+def test_what_moves_the_drive_moves_the_column_that_it_is(name):
+    operator, along, step = OPERATORS[name], np.cos(np.arange(len(U)) / 5), 1e-6
+    ends = [operator.run(U + way * step * np.outer(along, [1, 0, 0]), DT)[0] for way in (1, -1)]
+    _, dy = operator.sensitivities(U, along[:, None], DT)
+    expected = (ends[0] - ends[1]) / (2 * step)
+    np.testing.assert_allclose(dy[:, 0], expected, atol=1e-6 * np.ptp(dy[:, 0]))
+
+
+def test_friction_grows_with_the_magnitude_of_the_load():
+    """(F_c0 + mu |N|) tanh(v / v_0) alone follows the load; damping and spring do not."""
+    friction = replace(FRICTION, stribeck_force=0.0, asymmetry=0.0)
+    operator = Scaled(
+        OnColumnOperator(friction, 0), 1, 0.0, 0.5, magnitude=True, scales=("coulomb_force",)
+    )
+    v = np.diff(U[:, 0], prepend=U[0, 0]) / DT
+    expected = 0.8 * (1.0 + 0.5 * np.abs(U[:, 1])) * np.tanh(v / 1.3)
+    expected += 0.3 * U[:, 0] + 0.02 * v + 0.1
+    np.testing.assert_allclose(operator.run(U, DT)[0], expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("form", ["play", "stop"])
+def test_a_column_at_rest_makes_plays_of_other_thresholds(form):
+    """Rate-independent too: at another speed the same samples give the same response."""
+    own = replace(PLAYS, form=form)
+    widths = Scaled(OnColumnOperator(own, 0), 1, 20.0, 0.1, scales=("thresholds",))
+    X = np.column_stack([U[:, 0], np.full(len(U), 25.0)])
+    expected = replace(own, thresholds=1.5 * own.thresholds).run(U[:, 0], DT)[0]
+    for dt in (DT, 10.0):
+        np.testing.assert_allclose(widths.run(X, dt)[0], expected, atol=1e-12)
+
+
+def test_a_play_stays_until_its_slack_takes_it_along():
+    """While the drive rests, a wider slack moves nothing, and a narrower one its near end."""
+    play = PrandtlIshlinskiiOperator([1.0], [1.0])
+    widths = Scaled(OnColumnOperator(play, 0), 1, 0.0, 1.0, scales=("thresholds",))
+    X = np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 1.0], [3.0, -0.5], [3.0, -9.0], [3.0, 0.0]])
+    np.testing.assert_allclose(widths.run(X, DT)[0], [0.0, 2.0, 2.0, 2.5, 3.0, 3.0])
+
+
+@pytest.mark.parametrize(
+    ("model", "match"),
+    [
+        (Modulated(Gain(), 1, scales="thresholds"), "'thresholds' of a PrandtlIshlinskii"),
+        (Modulated(FirstOrderLag(), 1, scales=["time_constant"]), "response is linear: gain"),
+        (Modulated(Gain(), 1, scales=[]), "'scales' parameter"),
+        (Modulated(Gain(), 1, degree=0), "'degree' parameter"),
+    ],
+)
+def test_what_cannot_be_scaled_is_refused(model, match, X):
+    with pytest.raises(ValueError, match=match):
+        model.fit(X, X["drive"])
+
+
+def test_widths_in_front_of_a_lag_follow_a_column(X):
+    """Within the records, linearly or by a curve; the residual is coloured by nothing else."""
+    widths = Scaled(OnColumnOperator(PLAYS, 0), 1, 0.5, 0.3, None, (0.1,), scales=("thresholds",))
+
+    def law(part):
+        return LAG.run(widths.run(part.to_numpy(), DT)[0], DT)[0]
+
+    y = by_record(X, law)
+    model = Modulated(thresholds(), 1, scales="thresholds", reference=0.5, degree=2)
+    model = Cascade([("plays", model), ("lag", FirstOrderLag())]).fit(X, y)
+    np.testing.assert_allclose(model.predict(X), y, atol=1e-6)
+    assert model.params_["plays__sensitivity"] == pytest.approx(0.3, abs=1e-5)
+    assert model.params_["plays__curvature[0]"] == pytest.approx(0.1, abs=1e-5)
+    tree = model.tree(model.operator_)
+    assert len(tree.keys()) == tree.n_parameters
+    assert tree.estimator().get_params()["plays__scales"] == "thresholds"
+    again = from_json(to_json(model))
+    np.testing.assert_array_equal(again.predict(X), model.predict(X))
 
 
 def test_a_scheduled_operator_within_takes_the_number_of_the_record():

@@ -91,6 +91,14 @@ MODELS = {  # and the names of the stages that follow the drive, where they can 
     "modulated": (Modulated(cascade(), 1), CHAIN),
     "modulated twice": (Modulated(Modulated(cascade(), 1), "amplitude"), CHAIN),
     "modulated beside": (Sum([("model", Modulated(cascade(), 1)), LOAD, OFFSET]), CHAIN),
+    "widths": (
+        Modulated(PrandtlIshlinskii(3), 1, scales="thresholds", degree=2),
+        ["modulated"],
+    ),
+    "weights of a column": (
+        Modulated(PrandtlIshlinskii(3), 1, scales=["weights"], magnitude=True),
+        ["modulated"],
+    ),
     "scheduled": (WEIGHTS_BY_LOAD, CHAIN),
     "scheduled beside": (Sum([("plays", PLAYS_BY_LOAD), OFFSET]), ["plays"]),
     # a schedule of the gain alone goes with the stage that has the gain, and is lost with it

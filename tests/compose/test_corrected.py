@@ -143,6 +143,18 @@ def test_further_columns_reach_the_effects_by_number():
     assert model.effects_.n_features_in_ == X.shape[1] == 2
 
 
+def test_what_came_before_is_that_of_the_effects():
+    """The lag of a record that begins in motion is estimated behind the regressor."""
+    u = np.random.default_rng(0).normal(size=400).cumsum()
+    y, _ = FirstOrderLagOperator(0.05).run(2.0 * u + 1.0, 0.01)
+    model = Corrected(LinearRegression(), FirstOrderLag(), dt=0.01).fit(u[:, None], y)
+    late, known = u[200:, None], np.where(np.arange(200) < 10, y[200:], np.nan)
+    error = [np.abs(own - y[200:])[10] for own in (model.predict(late), model.predict(late, known))]
+    assert error[1] < 0.01 * error[0]
+    with pytest.raises(ValueError, match=r"'return_std' parameter of Corrected\.predict"):
+        model.predict(late, return_std=True)
+
+
 def test_a_gain_by_default():
     u = np.concatenate(list(drives(2))).reshape(-1, 1)
     model = Corrected(LinearRegression(), cv=3).fit(u, 3.0 * u[:, 0] + 1.0)

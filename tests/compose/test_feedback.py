@@ -78,7 +78,7 @@ def test_a_cubic_spring_is_that_of_the_restoring_force():
     y, _ = operator.run(u, DT)
     np.testing.assert_allclose(y, duffing.run(u, DT)[0], atol=1e-5 * np.ptp(y))
     stiff = 400.0 * (1.0 + 3.0 * a * 0.5**2)  # about the rest at q = 0.5
-    poles = operator.poles(1.7 * 0.5)
+    poles = operator.poles_at(1.7 * 0.5)
     np.testing.assert_allclose(np.abs(poles) ** 2, stiff, rtol=1e-9)
 
 
@@ -130,7 +130,7 @@ def test_a_rest_that_is_not_stable_is_told():
     bistable = PolynomialCurveOperator(np.array([0.0, 0.9]), center=0.0, scale=1.5)
     linear = SecondOrderModeOperator(20.0, 0.2)
     plant = FeedbackOperator(NAMES, (linear, bistable), n_substeps=4)
-    assert plant.poles(0.0).real.max() > 0.0 > plant.poles(1.5).real.max()
+    assert plant.poles_at(0.0).real.max() > 0.0 > plant.poles_at(1.5).real.max()
     u = 0.8 * drive(300)
     y = plant.run(u, DT)[0]
     model = Feedback(SecondOrderMode(), SmoothCurve(3), n_substeps=4, dt=DT, method=TRIED)

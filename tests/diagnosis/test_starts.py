@@ -7,12 +7,19 @@ from plants import make_recording
 
 from skhyst.compose import Cascade
 from skhyst.diagnosis import EFFECTS
-from skhyst.diagnosis._candidates import refitted, screened
-from skhyst.diagnosis._edits import Schedule
+from skhyst.diagnosis._candidates import Candidate, refitted, screened
+from skhyst.diagnosis._edits import Divide, InsertAt, Schedule
 from skhyst.diagnosis._starts import Scene, _distinct, _has_poles, starting_trees
 from skhyst.diagnosis._tree import Tree
-from skhyst.hysteresis import BoucWen, PrandtlIshlinskii
+from skhyst.hysteresis import (
+    BoucWen,
+    CoulombFriction,
+    PrandtlIshlinskii,
+    PrandtlIshlinskiiOperator,
+)
 from skhyst.linear import (
+    DynamicStiffness,
+    FirstOrderLag,
     FirstOrderLagOperator,
     LinearOperator,
     SecondOrderMode,
@@ -20,9 +27,9 @@ from skhyst.linear import (
     TransferFunction,
     TransferFunctionOperator,
 )
-from skhyst.operators import Series
+from skhyst.operators import OnColumnOperator, Scaled, Series
 from skhyst.optimize import RecordData
-from skhyst.static import SaturationOperator
+from skhyst.static import DeadBand, DeadBandOperator, SaturationOperator
 
 KINDS = plants.EFFECTS[:11]  # those that are a stage of their own, or beside the model
 SEED = 9000
@@ -65,6 +72,8 @@ def test_every_variant_has_starts_in_its_place(name, kind):
     for candidates in found:
         assert candidates
         for candidate in candidates:
+            if isinstance(candidate.edits[-1][1], InsertAt | Divide):  # at joints of their own
+                continue
             ranks = [operator.stage_order for operator in candidate.operators]
             assert ranks == sorted(ranks)
             if effect.beside:
@@ -225,3 +234,109 @@ def test_parameters_follow_the_column_that_they_are_said_to():
     edits = [edit for variant in found for one in variant for _, edit in one.edits]
     scheduled = {(e.by, e.low, e.high) for e in edits if isinstance(e, Schedule)}
     assert scheduled == {(1, 1.0, 3.0), (2, 10.0, 30.0)}
+
+
+DRIVE = np.convolve(np.random.default_rng(0).normal(size=600), [0.3, 0.4, 0.3], "same")
+FIRST, BEHIND = FirstOrderLagOperator(0.02), SecondOrderModeOperator(60.0, 0.3)
+
+
+def in_series(*steps):
+    """Return the tree of steps in series, fitted to a lag, a dead zone and a mode behind it."""
+    dead_zone = DeadBandOperator(0.2)
+    y = Series(("first", "dead_zone", "behind"), (FIRST, dead_zone, BEHIND)).run(DRIVE, 0.01)[0]
+    records = [RecordData(DRIVE, y, 0.01)]
+    model = Cascade(list(steps), dt=0.01) if len(steps) > 1 else steps[0][1]
+    return records, Tree.from_result(model, model.identify(records))
+
+
+def test_a_dead_zone_is_tried_at_every_joint_of_a_declared_series():
+    records, tree = in_series(("first", FirstOrderLag()), ("behind", SecondOrderMode()))
+    places = {
+        candidate.names.index("dead_zone")
+        for candidates in starting_trees(EFFECTS["dead_zone"], tree, records)
+        for candidate in candidates
+    }
+    assert places == {0, 1, 2}
+
+
+def test_a_stage_at_a_joint_moves_no_stage_that_follows_its_order():
+    _, tree = in_series(("first", FirstOrderLag()), ("behind", SecondOrderMode()))
+    edit = InsertAt("first", DeadBand(), DeadBandOperator(0.2))
+    edited = tree.edited("dead_zone", edit)
+    assert edited.names == ("first", "dead_zone", "behind")
+    for order in (0, 10, 30, 50):
+        behind = order >= FIRST.stage_order
+        assert edited.position(order) == (3 if behind else 0)
+    assert edited.without("dead_zone").names == tree.names
+
+
+def test_one_transfer_function_is_divided_around_a_dead_zone():
+    records, tree = in_series(("dynamics", TransferFunction(3, dt=0.01)))
+    found = [
+        candidate
+        for candidates in starting_trees(EFFECTS["dead_zone"], tree, records)
+        for candidate in candidates
+        if isinstance(candidate.edits[-1][1], Divide)
+    ]
+    fits = [refitted(Candidate(("dead_zone",), own, 0, 0, 0, None), own, records) for own in found]
+    best = min(fits, key=lambda c: c.cost).structure
+    assert best.names == ("transfer_function", "dead_zone", "transfer_function_2")
+    first, dead_zone, behind = best.operators
+    np.testing.assert_allclose(dead_zone.half_width, 0.2, rtol=1e-3)
+    np.testing.assert_allclose(first.poles(), FIRST.poles(), rtol=1e-3)
+    np.testing.assert_allclose(
+        np.sort_complex(behind.poles()), np.sort_complex(BEHIND.poles()), rtol=1e-3
+    )
+    whole = best.without("dead_zone")
+    assert whole.names == tree.names
+    np.testing.assert_array_equal(whole.root.pack(), tree.root.pack())
+
+
+def with_a_column(seed):
+    """Return a drive and a column that moves within the record, in other times than the drive."""
+    rng, t = np.random.default_rng(seed), np.arange(800) / 800
+    column = np.interp(t, np.linspace(0.0, 1.0, 9), rng.normal(size=9))
+    return np.sin(80.0 * t) + 0.7 * np.sin(131.0 * t), column
+
+
+def least_cost(name, model, drive, column, y):
+    """Return the sum of squares of a model and the best variant of an effect, as a candidate."""
+    records = [RecordData(drive, y, 0.01, auxiliary=column[:, None])]
+    tree = Tree.from_result(model, model.identify(records))
+    found = [refitted(c, c.structure, records) for c in screened(EFFECTS[name], tree, records)]
+    return min(found, key=lambda candidate: candidate.cost)
+
+
+@pytest.mark.parametrize(
+    "model", [DynamicStiffness(fit_mass=False), CoulombFriction(fit_stiffness=True)]
+)
+def test_friction_that_grows_with_a_load_is_found(model):
+    """Where no friction is declared, and where one is declared that does not follow the load."""
+    drive, load = with_a_column(0)
+    v = np.diff(drive, prepend=drive[0]) / 0.01
+    y = (0.5 + 0.3 * np.abs(load)) * np.tanh(v / 0.4) + 0.2 * drive + 0.03 * v
+    best = least_cost("friction", model, drive, load, y)
+    assert best.cost < 1e-6 * y @ y
+    scaled = best.structure.root
+    while scaled.structure_of != "Modulated":
+        scaled = scaled.stages[-1]
+    at_zero = 1.0 - scaled.sensitivity * scaled.reference
+    assert scaled.sensitivity / at_zero == pytest.approx(0.6, rel=1e-3)
+
+
+@pytest.mark.parametrize("behind", [False, True])
+def test_widths_that_follow_a_column_are_found(behind):
+    """Also where dynamics come behind the plays."""
+    drive, warm = with_a_column(1)
+    plays, lag = PrandtlIshlinskiiOperator([0.0, 0.2, 0.5], [0.5, 0.4, 0.7]), FirstOrderLag()
+    widths = Scaled(OnColumnOperator(plays, 0), 1, warm.mean(), 0.3, scales=("thresholds",))
+    y, _ = widths.run(np.column_stack([drive, warm]), 0.01)
+    model = PrandtlIshlinskii(thresholds=plays.thresholds)
+    if behind:
+        y, _ = FirstOrderLagOperator(0.05).run(y, 0.01)
+        model = Cascade([("plays", model), ("lag", lag)])
+    best = least_cost("auxiliary_input", model, drive, warm, y)
+    assert best.cost < 1e-6 * y @ y
+    estimator = best.structure.estimator
+    scales = "plays__scales" if behind else "scales"
+    assert estimator.get_params()[scales] == "thresholds"

@@ -69,6 +69,11 @@ def test_records_are_devices_where_nothing_is_said():
     X, y = stack_records({"a": recording(0.03, 0), "b": recording(0.05, 1)}, dt=0.01)
     model = PerDevice(FirstOrderLag()).fit(X, y.to_numpy())
     assert model.labels_ == ["a", "b"]
+    alone = FirstOrderLag().fit(X.loc["b"], y.loc["b"])
+    known = y.where(np.arange(len(y)) % 200 < 10)
+    expected = alone.predict(X.loc["b"], known.loc["b"], return_std=True)
+    found = model.predict(X, known, return_std=True)
+    np.testing.assert_array_equal(np.array(found)[:, 200:], expected)
     with pytest.raises(ValueError, match="not fitted to the device 'c'"):
         model.predict(X.rename(index={"a": "c"}, level=0))
 

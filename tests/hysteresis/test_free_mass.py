@@ -188,7 +188,7 @@ def test_each_record_has_its_own_start():
     assert model.operator_.intercept == pytest.approx(model.initial_values_[:, 0].mean())
     assert "intercept" not in model.params_
     known = y.where(np.tile(np.arange(600) < 100, 2))
-    error = model.predict_from(X, known) - y
+    error = model.predict(X, y_start=known) - y
     assert np.sqrt(np.mean(error**2)) < 3.0 * model.fit_error_
 
 

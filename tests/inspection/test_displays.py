@@ -9,12 +9,14 @@ import pytest
 from matplotlib import pyplot
 from plants import make_recording
 
+from skhyst.datasets.simulation import plays
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.inspection import (
     EffectRankingDisplay,
     EvidenceDisplay,
     HysteresisLoopDisplay,
+    LoopFiguresDisplay,
     PredictionDisplay,
     ResidualDisplay,
 )
@@ -344,3 +346,28 @@ def test_missing_matplotlib_names_the_extra(monkeypatch, search):
 def test_import_does_not_need_matplotlib():
     code = "import sys, skhyst.inspection; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_loops_and_what_characterises_them():
+    """A play of half width 0.2, whose loop is 2 (A - 0.2) high: the marks stand on its sides."""
+    drive = 1.0 - 4.0 * np.abs(np.arange(1601) / 400 % 1.0 - 0.5)
+    X = pd.DataFrame({"u [V]": drive})
+    response = pd.Series(plays(drive, 1.0, [0.2], [1.0]), name="x [um]")
+    display = LoopFiguresDisplay.from_recording(X, response, skip=1)
+    display.figure_.canvas.draw()
+    (line,) = display.lines()
+    assert line.startswith("record 0, 3 cycles from -1 to 1 V, 400 samples each: coercivity 0.2 ±")
+    for told in ("remanence 0.2 ±", "area 0.64 ±", "V um", "opening 0.4 ±", "closure"):
+        assert told in line
+    marked = [own for own in display.ax_.get_lines() if own.get_marker() in "so"]
+    found = [np.sort(own.get_xydata(), axis=0) for own in marked]
+    np.testing.assert_allclose(found[0], [[-0.2, 0.0], [0.2, 0.0]], atol=1e-12)
+    np.testing.assert_allclose(found[1], [[0.0, -0.2], [0.0, 0.2]], atol=1e-12)
+    assert display.ax_.get_xlabel() == "u [V]"
+    steps = np.concatenate([drive, 2.0 * drive, 3.0 * drive[:801]])
+    display = LoopFiguresDisplay.from_recording(steps, steps)
+    assert [line[:18] for line in display.lines(2)[:2]] == ["record 0, 4 cycles"] * 2
+    assert display.lines(2)[2] == "and 1 more with fewer cycles"
+    display = LoopFiguresDisplay.from_recording(X[:100], response[:100])
+    assert display.lines() == ["record 0: no closed loop"]
+    assert [text.get_text() for text in display.ax_.texts] == ["no closed loop"]

@@ -50,7 +50,7 @@ def test_predictions_of_other_records(fitted):
     error = y - fitted.predict_one_step(X, y)
     assert np.sqrt(np.mean(error**2)) < 1.2 * fitted.fit_error_
     known = np.where(np.arange(1000) < 500, y, np.nan)
-    found = fitted.predict_from(X, known)
+    found = fitted.predict(X, y_start=known)
     np.testing.assert_allclose(found[:500], fitted.predict_one_step(X[:500], y[:500]), atol=1e-9)
     late = np.abs(found - y)[500:]
     assert late[:20].max() < 0.2  # it grows by e in 20 samples

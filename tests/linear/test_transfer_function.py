@@ -18,6 +18,7 @@ from skhyst.linear import (
     FrequencyResponse,
     SecondOrderModeOperator,
     TransferFunction,
+    TransferFunctionOperator,
     frequency_response,
 )
 
@@ -332,6 +333,104 @@ def test_python_control():
     assert complex(system(1.0)) == pytest.approx(0.5)
 
 
+SAMPLED = signal.lti([3.0, 40.0], [1.0, 8.0, 900.0])  # a zero and a mode, of 4.7 Hz
+
+
+def sampled(dt, hold):
+    """Return its samples under a hold, as polynomials without leading zeros."""
+    num, den, _ = signal.cont2discrete((SAMPLED.num, SAMPLED.den), dt, method=hold)
+    return num.ravel()[1 if hold == "zoh" else 0 :], den
+
+
+@pytest.mark.parametrize("delay", [0, 1, 7])
+@pytest.mark.parametrize("hold", ["zoh", "foh"])
+def test_from_a_system_in_discrete_time(hold, delay):
+    """What SciPy has sampled, with zeros before its pulse, is what it was sampled from."""
+    num, den = sampled(DT, hold)
+    system = signal.dlti(num, [*den, *np.zeros(delay)], dt=DT)
+    model = TransferFunction.from_system(system, hold=hold, initial_state="zero")
+    assert model.dt == DT
+    np.testing.assert_allclose(np.sort_complex(model.poles_), np.sort_complex(SAMPLED.poles))
+    assert np.ravel(model.delay) == pytest.approx(delay * DT, abs=1e-15)
+    assert model.params_.get("delay__delay", 0.0) == pytest.approx(delay * DT)
+    u = np.append(0.0, np.random.default_rng(0).normal(size=99))
+    _, expected = signal.dlsim(system, u)
+    np.testing.assert_allclose(model.predict(u[:, None]), expected[:, 0], atol=1e-9)
+    omega = np.array([5.0, 30.0])
+    rational, _ = model._rational()
+    np.testing.assert_allclose(
+        rational.frequency_response(omega / (2.0 * np.pi)), signal.freqresp(SAMPLED, omega)[1]
+    )
+
+
+def test_inputs_with_delays_of_their_own():
+    """A state space of two inputs with a chain of two samples before the first, and back."""
+    plain = TransferFunction.from_system(two_inputs(), dt=DT, hold="zoh")
+    late = TransferFunction.from_system(two_inputs(), dt=DT, hold="zoh", delay=[2 * DT, 0.0])
+    u = np.random.default_rng(0).normal(size=(60, 2))
+    u[:3] = 0.0
+    shifted = np.column_stack([np.append([0.0, 0.0], u[:-2, 0]), u[:, 1]])
+    np.testing.assert_allclose(late.predict(u), plain.predict(shifted), atol=1e-10)
+    system = plain.to_scipy()
+    a, b, c, d, _ = signal.cont2discrete((system.A, system.B, system.C, system.D), DT)
+    chain = np.zeros((2, 2)), np.array([[0.0, 1.0]])
+    chain[0][1, 0] = 1.0
+    n = len(a)
+    a = np.block([[a, b[:, :1] @ chain[1]], [np.zeros((2, n)), chain[0]]])
+    b = np.vstack([np.column_stack([np.zeros(n), b[:, 1]]), [[1.0, 0.0], [0.0, 0.0]]])
+    c = np.concatenate([c, d[:, :1] @ chain[1]], axis=1)
+    d = d * [[0.0, 1.0]]
+    again = TransferFunction.from_system(signal.dlti(a, b, c, d, dt=DT), hold="zoh")
+    np.testing.assert_allclose(again.delay, [2 * DT, 0.0])
+    np.testing.assert_allclose(again.predict(u), late.predict(u), atol=1e-9)
+
+
+def test_resampled_is_exact():
+    """A system sampled coarsely answers at a finer interval as the fine one does, if held."""
+    system = signal.dlti(*sampled(4 * DT, "zoh"), dt=4 * DT)
+    coarse = TransferFunction.from_system(system, hold="zoh")
+    u = np.repeat(np.random.default_rng(0).normal(size=25), 4)
+    fine = coarse.resampled(DT)
+    assert (fine.dt, coarse.dt) == (DT, 4 * DT)
+    y = fine.predict(u[:, None])
+    np.testing.assert_allclose(y[::4], coarse.predict(u[::4, None]), atol=1e-10)
+    assert fine.stepper(u0=u[0]).dt == DT
+    np.testing.assert_allclose(fine.stepper(u0=u[0]).run(u), y, atol=1e-12)
+    _, expected, _ = signal.lsim(SAMPLED, u - u[0], DT * np.arange(100), interp=False)
+    at_rest = u[0] * SAMPLED.num[-1] / SAMPLED.den[-1]
+    np.testing.assert_allclose(y, expected + at_rest, atol=1e-9)
+    with pytest.raises(ValueError, match=r"'dt' parameter of TransferFunction\.resampled"):
+        coarse.resampled(0.0)
+
+
+def test_delays_in_continuous_time():
+    pytest.importorskip("control")
+    model = TransferFunction.from_system(SAMPLED, delay=0.02, dt=DT)
+    with pytest.raises(ValueError, match=r"to_control\(pade=3\)"):
+        model.to_control()
+    omega = np.array([1.0, 20.0, 60.0])
+    found = model.to_control(pade=4)(1j * omega)
+    expected = np.exp(-0.02j * omega) * signal.freqresp(SAMPLED, omega)[1]
+    np.testing.assert_allclose(found, expected, rtol=1e-5)
+    both = TransferFunction.from_system(two_inputs(), delay=[0.02, 0.0], dt=DT)
+    plain = TransferFunction.from_system(two_inputs(), dt=DT).to_control()(20.0j)
+    found = both.to_control(pade=4)(20.0j)
+    np.testing.assert_allclose(found, plain * [[np.exp(-0.4j), 1.0]], rtol=1e-5)
+    with pytest.raises(ValueError, match="'pade' parameter"):
+        model.to_control(pade=0)
+
+
+def test_discrete_systems_that_sample_none_are_refused():
+    for den, why in (([1.0, 0.5], "negative real pole"), ([1.0, -0.5, 0.0], "z = 0")):
+        with pytest.raises(ValueError, match=why):
+            TransferFunction.from_system(signal.dlti([1.0, 0.3, 0.2][: len(den)], den, dt=DT))
+    control = pytest.importorskip("control")
+    with pytest.raises(ValueError, match="dt = True"):
+        TransferFunction.from_system(control.tf([1.0], [1.0, -0.5], True))
+    with pytest.raises(ValueError, match="'delay' parameter of"):
+        TransferFunction.from_system(SAMPLED, delay="fit")
+
+
 def test_message_without_python_control(monkeypatch):
     monkeypatch.setitem(sys.modules, "control", None)
     with pytest.raises(ImportError, match=r"skhyst\[control\]"):
@@ -371,7 +470,7 @@ def test_an_integrator_is_found_from_zero(initial_state):
     X, y = integrated(1)
     assert model.score(X, y) == pytest.approx(1.0, abs=1e-9)
     known = np.where(np.arange(2000) < 100, y[1000:], np.nan)
-    late = model.predict_from(X[1000:], known)
+    late = model.predict(X[1000:], known)
     assert np.std(late - y[1000:]) < 0.02 * np.std(y[1000:])
 
 
@@ -382,3 +481,32 @@ def test_what_rests_keeps_its_rest():
     y = slow.run(u, DT)[0] + 1e-4 * rng.normal(size=400)
     model = TransferFunction(3, dt=DT).fit(u[:, None], y)
     assert model.has_rest_
+
+
+@pytest.mark.parametrize("n_zeros", [0, 2, 3])
+def test_the_divisions_are_all_ways_to_write_the_operator_as_two_in_series(n_zeros):
+    parts = np.array([0.5]), np.array([20.0, 50.0]), np.array([0.1, 0.2])
+    numerator = np.array([0.3, -0.2, 0.1])[:n_zeros]
+    whole = TransferFunctionOperator(*parts, numerator, 2.0, 0.3)
+    frequency = np.geomspace(0.01, 100.0, 30)
+    divisions = whole.divisions()
+    for first, second in divisions:
+        np.testing.assert_allclose(
+            first.frequency_response(frequency) * second.frequency_response(frequency),
+            whole.frequency_response(frequency),
+            rtol=1e-9,
+        )
+        assert (first.gain, second.gain, second.intercept) == (1.0, 2.0, 0.3)
+        assert all(0 < len(p.poles()) >= len(p.numerator) for p in (first, second))
+    found = {tuple(np.sort_complex(first.poles()).round(6)) for first, _ in divisions}
+    assert len(found) == 2**3 - 2  # a real pole and two pairs, neither part without
+    if not n_zeros:
+        assert len(divisions) == len(found)
+
+
+def test_many_real_poles_make_a_limited_number_of_divisions():
+    many = TransferFunctionOperator(
+        np.geomspace(0.01, 1.0, 10), np.empty(0), np.empty(0), np.empty(0)
+    )
+    divisions = many.divisions()
+    assert len(divisions) == 2**8 - 2

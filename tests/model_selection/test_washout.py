@@ -159,12 +159,12 @@ def test_what_is_scored_does_not_tell_the_state(recording):
         scorer(model, X[600:], np.r_[y[600:630], response[630:]])
     np.testing.assert_array_equal(*seen)
     known = np.r_[y[600:630], np.full(570, np.nan)]
-    np.testing.assert_array_equal(seen[0], model.predict_from(X[600:], known)[30:])
+    np.testing.assert_array_equal(seen[0], model.predict(X[600:], known)[30:])
 
 
 def test_an_estimator_that_cannot_take_a_state(data):
     X, y = data
     scorer = washout_scorer(r2_score, washout=5, initial_state="estimate")
     assert "initial_state='estimate'" in repr(scorer)
-    with pytest.raises(ValueError, match="without predict_from"):
+    with pytest.raises(ValueError, match="does not take"):
         scorer(Transient().fit(X, y), X, y)

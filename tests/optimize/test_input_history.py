@@ -22,8 +22,8 @@ from skhyst.optimize import (
     estimate_input_history,
     identify,
     input_history_of,
-    path_of,
 )
+from skhyst.optimize._problem import path_of
 
 DT, CUT, N = 0.02, 700, 600
 PLAYS = PrandtlIshlinskiiOperator(np.array([0.0, 0.5, 1.0]), np.array([1.0, 0.5, 0.4]), 0.2)

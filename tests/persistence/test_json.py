@@ -5,11 +5,12 @@ import numpy as np
 import pytest
 from sklearn.linear_model import Ridge
 
+from skhyst.autoregressive import NARMAXRegressor
 from skhyst.compose import Cascade, Corrected, ScheduledParameters, Sum
 from skhyst.disturbance import Offset
-from skhyst.hysteresis import PrandtlIshlinskii, SystemLevelOperator
-from skhyst.linear import DynamicStiffness, FirstOrderLag, Gain, KelvinVoigt
-from skhyst.neural import GrayBoxOperator
+from skhyst.hysteresis import PrandtlIshlinskii, Preisach, SystemLevelOperator
+from skhyst.linear import DynamicStiffness, FirstOrderLag, Gain, KelvinVoigt, TransferFunction
+from skhyst.neural import GrayBoxOperator, SCNRegressor
 from skhyst.persistence import from_json, to_json
 
 U = np.sin(0.1 * np.arange(200.0))[:, None]
@@ -128,3 +129,82 @@ def test_lags_are_refused_before_their_terms_are_listed(name, value):
     with pytest.raises(ValueError, match=r"parameter of GrayBoxOperator must"):
         GrayBoxOperator(static, np.zeros(18), **options)
     assert len(GrayBoxOperator(static, np.zeros(18), 2, 2, 2).pack())  # 5 signals, less the level
+
+
+def places(plain, at=()):
+    """Yield where the numbers and names of a model stand."""
+    if isinstance(plain, dict | list):
+        parts = plain.items() if isinstance(plain, dict) else enumerate(plain)
+        for key, part in parts:
+            yield from places(part, (*at, key))
+    else:
+        yield at
+
+
+WRONG = [-1, 7, 50, 2**40, -(2**40), 1.5, -1.5, 1e300, "x", None, {"float": "nan"}, []]
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        Cascade([("hysteresis", PrandtlIshlinskii(3)), ("lag", FirstOrderLag())]),
+        ScheduledParameters(PrandtlIshlinskii(3)),
+        Preisach(4),
+        TransferFunction(1, n_zeros=1, inputs="all"),
+        NARMAXRegressor(2, n_terms=4),
+        NARMAXRegressor(1, noise_lags=(1,), n_terms=4),
+        SCNRegressor(max_nodes=5, random_state=0),
+    ],
+    ids=lambda model: type(model).__name__,
+)
+@pytest.mark.filterwarnings("ignore")
+def test_numbers_that_no_fit_has_made_reach_no_compiled_code(model):
+    """A broken file is refused, or read as another model: no index leaves its array."""
+    noise = 0.01 * np.random.default_rng(0).normal(size=200)
+    text = to_json(model.fit(U, Y + noise))
+    rng, at = np.random.default_rng(1), list(places(json.loads(text)["model"]["fitted"]))
+    refused = 0
+    for place in rng.permutation(len(at))[:60]:
+        content = json.loads(text)
+        plain = content["model"]["fitted"]
+        for key in at[place][:-1]:
+            plain = plain[key]
+        plain[at[place][-1]] = WRONG[rng.integers(len(WRONG))]
+        try:
+            predicted = from_json(json.dumps(content)).predict(U)
+        except ValueError:
+            refused += 1
+        else:
+            assert predicted.shape == (200,)
+            assert np.isfinite(predicted).all()
+    assert refused > 10
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("_n_columns", 0),
+        ("_n_columns", 2**40),
+        ("input_lags_", {"tuple": [{"tuple": [0, 2**40]}]}),
+        ("input_lags_", {"tuple": [{"tuple": [5, 1]}]}),
+        ("output_lags_", {"tuple": [0]}),
+        ("term_factors_", {"array": [99], "dtype": "int64", "shape": [1, 1]}),
+        ("_output_scale", 0.0),
+        ("dt_", -1.0),
+        ("bound_", {"float": "nan"}),
+        ("output_range_", {"tuple": [0.0, "x"]}),
+    ],
+)
+def test_a_polynomial_that_no_fit_has_made_is_refused(name, value):
+    content = json.loads(to_json(NARMAXRegressor(1, dt=0.1).fit(U, Y)))
+    content["model"]["fitted"][name] = value
+    with pytest.raises(ValueError, match="cannot be read"):
+        from_json(json.dumps(content))
+
+
+@pytest.mark.parametrize(("name", "value"), [("dt_", -0.1), ("operator_", 3), ("time_unit_", "h")])
+def test_fitted_attributes_are_what_a_fit_makes(name, value):
+    content = json.loads(to_json(Gain(dt=0.1).fit(U, Y)))
+    content["model"]["fitted"][name] = value
+    with pytest.raises(ValueError, match=f"'{name}' parameter of Gain must"):
+        from_json(json.dumps(content))

@@ -145,8 +145,8 @@ def test_a_record_in_motion_goes_on_through_lost_rows():
     found = FirstOrderLag(initial_state="estimate").fit(X, y)
     late, known = X[1000:][kept[1000:]], y[1000:][kept[1000:]].copy()
     known.iloc[300:] = np.nan
-    expected = found.predict_from(X[1000:], y[1000:].where(np.arange(1000) < 300, np.nan))
-    own = found.predict_from(late, known)
+    expected = found.predict(X[1000:], y[1000:].where(np.arange(1000) < 300, np.nan))
+    own = found.predict(late, known)
     assert own.shape == (len(late),)
     assert np.abs(own - expected[kept[1000:]])[400:].max() < 0.05 * np.ptp(expected)
 

@@ -1,0 +1,161 @@
+r"""Something between two parts of linear dynamics, from their best linear approximation.
+
+For a Gaussian drive, a curve between two linear parts :math:`G_1, G_2` changes the best linear
+approximation :math:`G = k\,G_1 G_2` by a factor alone (Bussgang [1]_), so that the poles and zeros
+of both parts are those of :math:`G`, and only who has which is unknown. Every division is tried, as
+Sjöberg and Schoukens [2]_ do. Instead of a fit each costs a few filtered signals. With
+:math:`x = G_1 u`, the response has to lie in the span of the linear prediction's derivatives by its
+parameters and of :math:`G_2 f_i(x)`, where :math:`f_i` are the Legendre polynomials of degree 2 to
+5 and two plays of :math:`x`; the division that leaves least is the most promising (a score
+statistic: the derivatives stand for the refit of the linear parts). What is to stand there is then
+started in the same way, by its output and its derivatives by its own parameters.
+
+References
+----------
+.. [1] Bussgang, *Crosscorrelation functions of amplitude-distorted Gaussian signals*, 1952.
+.. [2] Sjöberg and Schoukens, *Automatica*, 2012.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..operators import Series, play_basis
+
+_DEGREE = 5  # of the curve by which divisions are compared: it may bend and saturate
+_PLAYS = np.array([0.03, 0.1])  # half gaps, parts of the range of what comes in between
+_DIVISIONS = 3  # that are followed
+_ENOUGH = 10_000  # samples that tell divisions apart
+_TINY = np.finfo(float).tiny
+
+
+class Divisions:
+    """The ways to divide a linear operator in two, those first between which most may stand.
+
+    Parameters
+    ----------
+    operator : TransferFunctionOperator
+        Best linear approximation, at its solution.
+    records : sequence of RecordData
+        Whose drive is what comes into the operator.
+    initial_state : {"rest", "zero"}, default="rest"
+        State before each record.
+    behind : sequence of Operator, default=()
+        What follows in the series.
+    fitting : callable, optional
+        Takes both parts of a division and returns them as a model has them, or None where it does
+        not.
+    """
+
+    def __init__(self, operator, records, initial_state="rest", *, behind=(), fitting=None):
+        self._score = _Score([operator, *behind], first_parts(records), initial_state)
+        self._behind = behind
+        ways = map(fitting, operator.divisions()) if fitting else operator.divisions()
+        found = []
+        for first, second in filter(None, ways):
+            signals = self._score.outputs(first)
+            columns = [_curves_and_plays(x) for x in signals]
+            left = self._score.left(signals, columns, [second, *behind])
+            found.append((left, first, second, signals))
+        self._best = sorted(found, key=lambda own: own[0])[:_DIVISIONS]
+
+    def started(self, starts_of):
+        """Return what most promisingly stands in between the parts of a division, and the parts.
+
+        Parameters
+        ----------
+        starts_of : callable
+            Returns starting operators of what stands in between for records whose drive is what
+            comes in there.
+
+        Returns
+        -------
+        list of (float, (TransferFunctionOperator, Operator, TransferFunctionOperator))
+            Three at most, with the part of the residual's power that each leaves, ascending. Empty
+            where there is no division.
+        """
+        started = []
+        for _, first, second, signals in self._best:
+            for start in starts_of(self._score.driven_by(signals)):
+                columns = self._score.tangents(start, signals)
+                left = self._score.left(signals, columns, [second, *self._behind])
+                started.append((left, (first, start, second)))
+        return sorted(started, key=lambda own: own[0])[:_DIVISIONS]
+
+
+class _Score:
+    """What columns explain of a response beside the derivatives of a linear prediction."""
+
+    def __init__(self, operators, records, state):
+        self.records, self.state = records, state
+        self._weights = [np.sqrt(record.counts()) for record in records]
+        derivatives = [
+            _series(operators).sensitivities(r.u, np.empty((len(r.u), 0)), r.dt, state)[1]
+            for r in records
+        ]
+        derivatives = self._stacked(derivatives)
+        self._basis = np.linalg.qr(derivatives / _norms(derivatives))[0]
+        self._rest = self._beside(self._stacked([record.y[:, None] for record in records]))
+
+    def outputs(self, operator):
+        """Return what an operator makes of the drives."""
+        return [operator.run(r.u, r.dt, operator.init(r.u[0], self.state))[0] for r in self.records]
+
+    def driven_by(self, signals):
+        """Return the records with other drives."""
+        return [replace(r, u=u, before=None) for r, u in zip(self.records, signals, strict=True)]
+
+    def tangents(self, operator, signals):
+        """Return the output of an operator and its derivatives by its parameters, by records."""
+        columns = []
+        for record, x in zip(self.records, signals, strict=True):
+            y, dy = operator.sensitivities(x, np.empty((len(x), 0)), record.dt, self.state)
+            columns.append(np.column_stack([y, dy]))
+        return columns
+
+    def left(self, signals, columns, behind):
+        """Return the part of the power that columns leave once they have gone through operators."""
+        behind = _series(behind)
+        found = [
+            behind.propagate(x, own, r.dt, self.state)[1]
+            for r, x, own in zip(self.records, signals, columns, strict=True)
+        ]
+        found = self._beside(self._stacked(found))
+        if not np.isfinite(found).all():
+            return np.inf
+        found /= _norms(found)
+        rest = self._rest - found @ np.linalg.lstsq(found, self._rest, rcond=None)[0]
+        return float(np.square(rest).sum() / max(np.square(self._rest).sum(), _TINY))
+
+    def _stacked(self, columns):
+        return np.concatenate(
+            [w[:, None] * own for w, own in zip(self._weights, columns, strict=True)]
+        )
+
+    def _beside(self, columns):
+        return columns - self._basis @ (self._basis.T @ columns)
+
+
+def _series(operators):
+    return Series(tuple(map(str, range(len(operators)))), tuple(operators))
+
+
+def _norms(columns):
+    return np.linalg.norm(columns, axis=0) + _TINY
+
+
+def _curves_and_plays(x):
+    """Return polynomials and plays of a signal, (n_samples, 6)."""
+    low, high = float(x.min()), float(x.max())
+    z = (x - 0.5 * (low + high)) / (0.5 * (high - low) or 1.0)
+    plays = np.empty((len(z), len(_PLAYS)))
+    play_basis(z, 2.0 * _PLAYS, np.full(len(_PLAYS), z[0]), plays)
+    return np.column_stack([np.polynomial.legendre.legvander(z, _DEGREE)[:, 2:], plays])
+
+
+def first_parts(records):
+    """Return the records cut to so many samples in all as suffice."""
+    share = _ENOUGH / sum(len(record.u) for record in records)
+    if share >= 1.0:
+        return list(records)
+    return [r.first_part(max(int(share * len(r.u)), len(r.segments))) for r in records]

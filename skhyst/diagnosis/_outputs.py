@@ -1,0 +1,71 @@
+"""Several responses to the same inputs: a search of each, and what the searches share."""
+
+import numpy as np
+import pandas as pd
+from scipy.stats import chi2
+
+SHARED = ["effect", "responses", "number", "value", "std", "unit", "p_value"]
+
+
+def response_columns(y):
+    """Return the responses by name or number where there are several, else {}.
+
+    Parameters
+    ----------
+    y : DataFrame or array-like of shape (n_samples, n_outputs) or (n_samples,)
+        Responses.
+
+    Returns
+    -------
+    dict of str or int to Series or ndarray
+        Each of shape (n_samples,).
+    """
+    if np.ndim(y) != 2 or np.shape(y)[1] < 2:
+        return {}
+    if hasattr(y, "iloc"):
+        return {name: y.iloc[:, i] for i, name in enumerate(y.columns)}
+    return dict(enumerate(np.asarray(y).T))
+
+
+def shared_claims(searches):
+    """Return the effects that are claimed of several responses, and their numbers.
+
+    A number with standard errors, such as a resonance frequency, is averaged over the responses,
+    weighted by their variances; the p-value is that of the scatter about it if it is one and the
+    same (chi-squared, independent noise).
+
+    Parameters
+    ----------
+    searches : dict of str to EffectSearchCV
+        Fitted, by response.
+
+    Returns
+    -------
+    DataFrame
+        A row for each effect and number; ``number`` is None where an effect has none.
+    """
+    claimed = dict.fromkeys(name for search in searches.values() for name in search.effects_)
+    rows = []
+    for effect in claimed:
+        own = {key: s.evidence_[effect] for key, s in searches.items() if effect in s.effects_}
+        if len(own) < 2:
+            continue
+        common = set.intersection(*(set(evidence.numbers) for evidence in own.values()))
+        names = [name for name in next(iter(own.values())).numbers if name in common]
+        for name in names or [None]:
+            numbers = [evidence.numbers[name] for evidence in own.values()] if name else []
+            rows.append((effect, list(own), name, *_agreed(numbers)))
+    return pd.DataFrame(rows, columns=SHARED)
+
+
+def _agreed(numbers):
+    """Return mean, its standard error, unit, and the probability of so large a scatter."""
+    known = [(v, s) for v, s, _ in numbers if np.isfinite(v) and np.isfinite(s) and s > 0.0]
+    unit = numbers[0][2] if numbers else ""
+    if len(known) < 2:
+        return np.nan, np.nan, unit, np.nan
+    values, std = np.transpose(known)
+    weights = std**-2.0
+    mean = weights @ values / weights.sum()
+    scatter = weights @ (values - mean) ** 2
+    return mean, weights.sum() ** -0.5, unit, float(chi2.sf(scatter, len(values) - 1))
