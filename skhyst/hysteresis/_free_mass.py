@@ -646,40 +646,12 @@ class FreeMassOperator(HeldInput):
         return y, np.ascontiguousarray(dy[:, [*range(m), *columns, m]])
 
     def by_start(self, u, dt, start):
-        """Return the derivatives of the output by displacement and velocity at the start.
-
-        Parameters
-        ----------
-        u : ndarray of shape (n_samples,)
-            Input.
-        dt : float
-            Sampling interval in s.
-        start : array-like of shape (2,)
-            Displacement and velocity at the first sample.
-
-        Returns
-        -------
-        ndarray of shape (n_samples, 2)
-        """
         d = np.zeros((2, 2 + 15))
         d[0, 0] = d[1, 1] = 1.0
         state = self.init(u[0], start)
         return self._tangents(u, np.zeros((len(u), 2)), dt, state, d)[1][:, :2].copy()
 
     def starts(self, u, y, dt):
-        """Return possible displacements and velocities at the start, from the response.
-
-        Parameters
-        ----------
-        u, y : ndarray of shape (n_samples,)
-            Input and response.
-        dt : float
-            Sampling interval in s.
-
-        Returns
-        -------
-        list of ndarray of shape (2,)
-        """
         found = [np.array([y[0], 0.0])]
         for window in _STARTING:
             if window <= len(y):

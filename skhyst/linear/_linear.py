@@ -263,21 +263,6 @@ class LinearOperator(HeldInput):
         return self._rest() * u0, None if self.integrators else float(u0)
 
     def by_start(self, u, dt, start):
-        """Return the derivatives of the output by the states at the first sample.
-
-        Parameters
-        ----------
-        u : ndarray of shape (n_samples,)
-            Input.
-        dt : float
-            Sampling interval in s.
-        start : array-like of shape (n_states,)
-            The states.
-
-        Returns
-        -------
-        ndarray of shape (n_samples, n_states)
-        """
         ad, _, _, c, _ = self.discrete(dt)
         dy, row = np.empty((len(u), len(c))), c
         for k in range(len(u)):
@@ -286,19 +271,6 @@ class LinearOperator(HeldInput):
         return dy
 
     def starts(self, u, y, dt):
-        """Return states from which a search for those at the first sample begins.
-
-        Parameters
-        ----------
-        u, y : ndarray of shape (n_samples,)
-            Input and response.
-        dt : float
-            Sampling interval in s.
-
-        Returns
-        -------
-        list of ndarray of shape (n_states,)
-        """
         return [self._rest() * u[0]]
 
     def run(self, u, dt, state=None):

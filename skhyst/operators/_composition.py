@@ -88,6 +88,9 @@ class WrappedOperator(_ByEntries):
     def by_start(self, u, dt, start):
         return self.operator.by_start(u, dt, start)
 
+    def starts(self, u, y, dt):
+        return self.operator.starts(u, y, dt)
+
     def compiled_step(self, dt, state):
         return self.operator.compiled_step(dt, state)
 
@@ -226,6 +229,9 @@ class OnColumnOperator(WrappedOperator):
 
     def by_start(self, u, dt, start):
         return self.operator.by_start(self._own(u), dt, start)
+
+    def starts(self, u, y, dt):
+        return self.operator.starts(self._own(u), y, dt)
 
     def compiled_step(self, dt, state):
         own = self.operator.compiled_step(dt, state)
@@ -836,6 +842,9 @@ class _Composition(_ByEntries):
 
     def at(self, schedule):
         return replace(self, stages=tuple(stage.at(schedule) for stage in self.stages))
+
+    def starts(self, u, y, dt):
+        return next(stage.starts(u, y, dt) for stage in self.stages if stage.n_start)
 
     def _compiled_step(self, dt, states):
         """Return each stage's step."""

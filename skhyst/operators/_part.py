@@ -171,6 +171,42 @@ class Part:
         """
         return max((child.slowest_decay() for child in self.children), default=0.0)
 
+    def by_start(self, u, dt, start):
+        """Return the derivatives of the output by the values that a record starts from.
+
+        Parameters
+        ----------
+        u : ndarray of shape (n_samples,)
+            Input.
+        dt : float
+            Sampling interval in s.
+        start : array-like of shape (n_start,)
+            The values.
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_start)
+            Of an operator with ``n_start`` above 0.
+        """
+        raise NotImplementedError
+
+    def starts(self, u, y, dt):
+        """Return values that a record may start from, of which a search begins with the best.
+
+        Parameters
+        ----------
+        u, y : ndarray of shape (n_samples,)
+            Input and response.
+        dt : float
+            Sampling interval in s.
+
+        Returns
+        -------
+        list of ndarray of shape (n_start,)
+            Of an operator with ``n_start`` above 0.
+        """
+        raise NotImplementedError
+
     def at(self, schedule):
         """Return the operator of a record, whose parameters may depend on a number of it.
 
