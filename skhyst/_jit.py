@@ -44,6 +44,7 @@ def jit(function=None, *, fastmath=False, inline=False, allocates=True):
         function.py_func = function
         return function
     options = {"nogil": True, "error_model": "numpy", "fastmath": fastmath, "forceinline": inline}
+    options["no_cfunc_wrapper"] = True  # one that C calls, which takes long to compile
     if not allocates:
         options["_nrt"] = False
     compiled = numba.njit(**options)(function)
