@@ -7,11 +7,16 @@ from reprlib import repr as shortened
 import numpy as np
 import pandas as pd
 from sklearn.frozen import FrozenEstimator
-from sklearn.utils.validation import validate_data
+from sklearn.utils.validation import (
+    check_array,
+    check_consistent_length,
+    column_or_1d,
+    validate_data,
+)
 
 from ._sklearn import StrOptions, validate_parameter_constraints
 from .exceptions import ExtrapolationWarning, RecordError
-from .records import MISMATCH, record_slices
+from .records import MISMATCH, record_slices, refuse_lost_index
 
 # Largest value and, inverted, the smallest, unless an estimator has its own `largest_value`: the
 # squares of such values, of their gains and of the inverses of these are finite.
@@ -42,29 +47,27 @@ def read_data(estimator, X, *y, reset, dt=None, bridge=False):
     refuse_extreme(drive, response, _least(estimator))
     slices = read_slices(estimator, X, *y, reset=reset, dt=dt, bridge=bridge)
     if reset:
-        if not (_has_times(X) or _is_memoryless(estimator)):
-            _refuse_drawn(drive, array, response)
+        if not _is_memoryless(estimator):
+            refuse_drawn(X, drive, array, response)
         keep_seen(estimator, drive, slices)
     return slices, array, response
-
-
-def _has_times(X):
-    index = getattr(X, "index", None)
-    return isinstance(index, pd.Index) and not isinstance(index, pd.RangeIndex)
 
 
 def _is_memoryless(estimator):
     return getattr(getattr(estimator, "operator_class", None), "memoryless", False)
 
 
-def _refuse_drawn(drive, X, response):
+def refuse_drawn(frame, drive, X, response):
     """Refuse rows that have been drawn from a recording with repeats, as ensembles do.
 
     Neighbours are then no more alike than any two rows (von Neumann, *Annals of Mathematical
     Statistics*, 1941), and rows are equal to the last digit that stand apart, though most occur
     once, and the rows behind them are not equal. Where the same inputs often have another response,
-    their digits are few, and equal rows are chance.
+    their digits are few, and equal rows are chance. Rows with times in their index are in order.
     """
+    index = getattr(frame, "index", None)
+    if isinstance(index, pd.Index) and not isinstance(index, pd.RangeIndex):
+        return
     n = len(X)
     if n < _FEWEST or not all(_is_disordered(values) for values in (drive, response)):
         return
@@ -318,6 +321,15 @@ def as_floats(estimator, X, *y, **options):
         raise RecordError(
             f"The response y must be numbers. Got {response[0]!r} instead."
         ) from error
+
+
+def known_response(X, y):
+    """Return a response of the samples of X, NaN where it is not known, as a copy."""
+    refuse_lost_index(X, y)
+    options = {"ensure_2d": False, "ensure_all_finite": "allow-nan", "copy": True}
+    y = column_or_1d(check_array(y, dtype=float, input_name="y", **options), warn=True)
+    check_consistent_length(X, y)
+    return y
 
 
 def take_rows(values, rows):

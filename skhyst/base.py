@@ -13,7 +13,7 @@ from typing import Self
 
 import numpy as np
 from sklearn.base import BaseEstimator, RegressorMixin, clone
-from sklearn.utils.validation import check_array, check_consistent_length, check_is_fitted
+from sklearn.utils.validation import check_is_fitted
 from threadpoolctl import ThreadpoolController
 
 from ._documentation import inherit_documentation
@@ -24,6 +24,7 @@ from ._validation import (
     drive_column,
     finite_number,
     fitted_interval,
+    known_response,
     read_data,
     rest_of,
     warn_beyond,
@@ -831,10 +832,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         >>> bool(np.allclose(model.predict_from(late, known), model.predict(u)[200:], rtol=0.01))
         True
         """
-        found = self.predict(X)
+        y, found = known_response(X, y), self.predict(X)
         slices, X, _ = read_data(self, X, reset=False, bridge=True)
-        y = check_array(y, ensure_2d=False, ensure_all_finite="allow-nan", dtype=float)
-        check_consistent_length(X, y)
         if np.isnan(y).all():
             return found
         slices, X, y, found, read = with_lost_rows(slices, X, y, found)
