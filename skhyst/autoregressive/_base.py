@@ -15,7 +15,7 @@ from .._documentation import inherit_documentation
 from .._sklearn import Interval, StrOptions, check_feature_names_in, fit_context
 from .._validation import fitted_interval, refuse_large, rest_of
 from ..base import read_data
-from ..exceptions import DivergenceWarning, RecordError
+from ..exceptions import ConvergenceWarning, DivergenceWarning, RecordError
 from ..operators import Stepper
 from ..preprocessing import SampleRules, lagged_columns, read_lag_table, read_lags
 from ..records import MISMATCH, chosen_interval, with_lost_rows
@@ -139,6 +139,13 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         self
         """
         records, X, y = read_data(self, X, y, reset=True)
+        if not np.ptp(X, axis=0).any():
+            warnings.warn(
+                f"The drive does not move: it is {X[0, 0]:g} in every sample, which leaves open "
+                f"how {type(self).__name__} responds to it.",
+                ConvergenceWarning,
+                stacklevel=3,
+            )
         self.input_lags_ = read_lag_table(self, "input_lags", range(X.shape[1]))
         self.output_lags_ = tuple(read_lags(self, "output_lags", self.output_lags, 1))
         X, names = self._widen(X, records, reset=True)
