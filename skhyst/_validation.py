@@ -16,7 +16,7 @@ from sklearn.utils.validation import (
 
 from ._sklearn import StrOptions, validate_parameter_constraints
 from .exceptions import ExtrapolationWarning, RecordError
-from .records import MISMATCH, record_slices, refuse_lost_index
+from .records import MISMATCH, chosen_interval, record_slices, refuse_lost_index
 
 # Largest value and, inverted, the smallest, unless an estimator has its own `largest_value`: the
 # squares of such values, of their gains and of the inverses of these are finite.
@@ -39,11 +39,11 @@ def read_data(estimator, X, *y, reset, dt=None, bridge=False):
     """
     if not y:
         array = as_floats(estimator, X, reset=reset)
-        drive_column(estimator)
+        _drive_of(estimator, reset)
         return read_slices(estimator, X, reset=reset, dt=dt, bridge=bridge), array, None
     least = 2 if reset else 1
     array, response = as_floats(estimator, X, *y, reset=reset, ensure_min_samples=least)
-    drive = array[:, drive_column(estimator)]
+    drive = array[:, _drive_of(estimator, reset)]
     refuse_extreme(drive, response, _least(estimator))
     slices = read_slices(estimator, X, *y, reset=reset, dt=dt, bridge=bridge)
     if reset:
@@ -151,6 +151,19 @@ def _refuse_other_interval(estimator, dt, counted, known):
             f"The records must be sampled at {own:g} s, as those of the fit: {kind} counts "
             f"samples. Got {dt:g} s instead; use skhyst.records.resample_records."
         )
+    elif unit == "sample":
+        _refuse_seconds(estimator, dt)
+
+
+def _refuse_seconds(estimator, dt):
+    """Refuse an interval in s where an estimator, or its model, is in samples and they matter."""
+    model = getattr(estimator, "model_", estimator)
+    if hasattr(model, "depends_on_interval") and model.depends_on_interval(dt):
+        raise RecordError(
+            f"{type(model).__name__} was fitted without a time, and its constants are in samples. "
+            f"Got the interval {dt:g} s instead: fit it with a time index or 'dt', or use it "
+            "without."
+        )
 
 
 def _agree(one, other):
@@ -166,6 +179,15 @@ def fitted_interval(estimator):
     if len({own.dt for own in records}) != 1:
         return None, None
     return records[0].dt, records[0].time_unit
+
+
+def used_interval(estimator, dt, caller):
+    """Return the interval at which a fitted model is used, by default that of its fit."""
+    own, unit = fitted_interval(estimator)
+    used = chosen_interval(estimator.records_, own if dt is None else dt, caller)
+    if unit == "sample" and used != own:
+        _refuse_seconds(estimator, used)
+    return used
 
 
 def interval_of(estimator, *, fitted=True):
@@ -230,6 +252,20 @@ def drive_column(estimator):
         raise ValueError(
             f"The drive must be column 0 of X for {type(estimator).__name__}, which reads further "
             f"columns. Got {drive!r} among {names} instead; move it to the front."
+        )
+    return position
+
+
+def _drive_of(estimator, reset):
+    """Return the position of the drive; refuse another one than that of the fit."""
+    position = drive_column(estimator)
+    if reset:
+        estimator._drive_number = position
+    known = getattr(estimator, "_drive_number", position)
+    if known != position:
+        raise ValueError(
+            f"The 'drive' parameter of {type(estimator).__name__} must be that of the fit, column "
+            f"{known}. Got {agreed(estimator, 'drive')!r} instead; fit the model again."
         )
     return position
 

@@ -47,7 +47,13 @@ from .._sklearn import (
     fit_context,
     validate_parameter_constraints,
 )
-from .._validation import finite_number, finite_numbers, interval_of, refuse_large
+from .._validation import (
+    finite_number,
+    finite_numbers,
+    interval_of,
+    refuse_large,
+    used_interval,
+)
 from ..base import ParametricModel, read_data
 from ..exceptions import ReachWarning
 from ..linear import DelayOperator, GainOperator
@@ -444,7 +450,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         check_is_fitted(self)
         if self.method == "learned":
             raise NotImplementedError("A learned inverse cannot be run sample by sample.")
-        dt = chosen_interval(self.model_.records_, dt, f"InverseCompensator.{caller}")
+        dt = used_interval(self.model_, dt, f"InverseCompensator.{caller}")
         return _InvertiblePlant(self.model_.operator_, dt, self._limits())
 
     def _preview_tol(self):

@@ -13,7 +13,7 @@ from sklearn.base import BaseEstimator, MetaEstimatorMixin
 from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import HasMethods, Interval, StrOptions, fit_context
-from .._validation import interval_of
+from .._validation import interval_of, used_interval
 from ..base import ParametricModel, input_at_rest, one_thread, read_data
 from ..operators import (
     CompiledSeries,
@@ -23,7 +23,6 @@ from ..operators import (
     SumOperator,
     split_disturbances,
 )
-from ..records import chosen_interval
 from ._compensator import _fitted
 from ._kalman import (
     CompiledObserver,
@@ -337,7 +336,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         return self._stream
 
     def _interval(self, dt):
-        return chosen_interval(self.model_.records_, dt, "Observer.compiled_step")
+        return used_interval(self.model_, dt, "Observer.compiled_step")
 
     def _compiled_step(self, dt, u0, operator):
         driven, disturbances = split_disturbances(operator)

@@ -35,6 +35,7 @@ from ..operators import (
     CompiledSum,
     Series,
     parameter,
+    run_records,
     state_space_begin,
     state_space_step,
 )
@@ -1118,5 +1119,5 @@ class TransferFunction(ModesMixin, LinearModel):
         signal = array[:, : self._n_inputs] if self.reads_columns else array[:, 0]
         slices = read_slices(self, X, reset=False, bridge=True)
         slices, signal, read = with_lost_rows(slices, signal)
-        y = self._free_run(signal, slices, [None] * len(slices))
+        y = run_records(self.operator_, signal, slices, self.free_run_state, [None] * len(slices))
         return y if read is None else y[read]

@@ -11,7 +11,7 @@ import pytest
 from scipy.signal import lsim
 from sklearn.exceptions import ConvergenceWarning
 
-from skhyst.compose import Cascade, OnColumn, Sum
+from skhyst.compose import Cascade, Sum
 from skhyst.hysteresis import BoucWen, BoucWenOperator
 from skhyst.linear import FirstOrderLag, FirstOrderLagOperator, Gain, TransferFunction
 from skhyst.optimize import VariableProjection
@@ -74,21 +74,6 @@ def test_a_sum_fits_no_worse_than_a_part_that_comes_last():
     steps = [("gain", Gain()), ("poles", TransferFunction(2, hold="zoh"))]
     model = Sum(steps, dt=0.01, initial_state="zero").fit(u[:, None], y)
     assert model.fit_error_ < 1e-5 * y.std()
-
-
-def test_a_sum_of_two_columns_that_begins_in_motion():
-    """The start of each lag is estimated, and from rest they end elsewhere."""
-    rng = np.random.default_rng(0)
-    X = rng.normal(size=(2, 400)).cumsum(axis=1).T
-    seconds = {"drive__time_constant": 0.02, "load__time_constant": 0.05}
-    parts = zip(seconds.values(), X.T.copy(), strict=True)
-    y = sum(FirstOrderLagOperator(own).run(x, 0.002)[0] for own, x in parts)
-    y += 0.01 * rng.normal(size=400)
-    steps = [("drive", FirstOrderLag()), ("load", OnColumn(FirstOrderLag(), 1))]
-    model = Sum(steps, dt=0.002, initial_state="estimate").fit(X[200:], y[200:])
-    assert model.fit_error_ < 0.011
-    found = {name: model.params_[name] for name in seconds}
-    assert found == pytest.approx(seconds, rel=0.02)
 
 
 def test_a_white_residual_asks_for_no_further_start():
