@@ -11,13 +11,14 @@ from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import (
     check_array,
     check_consistent_length,
+    column_or_1d,
     has_fit_parameter,
     validate_data,
 )
 
 from ._sklearn import StrOptions, validate_parameter_constraints
 from .exceptions import ExtrapolationWarning, RecordError
-from .records import MISMATCH, chosen_interval, record_slices
+from .records import MISMATCH, chosen_interval, record_slices, refuse_lost_index
 
 # Largest value and, inverted, the smallest, unless an estimator has its own `largest_value`: the
 # squares of such values, of their gains and of the inverses of these are finite.
@@ -40,37 +41,35 @@ def read_data(estimator, X, *y, reset, dt=None, bridge=False):
     """
     if not y:
         array = as_floats(estimator, X, reset=reset)
-        drive_column(estimator)
+        _drive_of(estimator, reset)
         return read_slices(estimator, X, reset=reset, dt=dt, bridge=bridge), array, None
     least = 2 if reset else 1
     array, response = as_floats(estimator, X, *y, reset=reset, ensure_min_samples=least)
-    drive = array[:, drive_column(estimator)]
+    drive = array[:, _drive_of(estimator, reset)]
     refuse_extreme(drive, response, _least(estimator))
     slices = read_slices(estimator, X, *y, reset=reset, dt=dt, bridge=bridge)
     if reset:
-        if not (_has_times(X) or _is_memoryless(estimator)):
-            _refuse_drawn(drive, array, response)
+        if not _is_memoryless(estimator):
+            refuse_drawn(X, drive, array, response)
         keep_seen(estimator, drive, slices)
     return slices, array, response
-
-
-def _has_times(X):
-    index = getattr(X, "index", None)
-    return isinstance(index, pd.Index) and not isinstance(index, pd.RangeIndex)
 
 
 def _is_memoryless(estimator):
     return getattr(getattr(estimator, "operator_class", None), "memoryless", False)
 
 
-def _refuse_drawn(drive, X, response):
+def refuse_drawn(frame, drive, X, response):
     """Refuse rows that have been drawn from a recording with repeats, as ensembles do.
 
     Neighbours are then no more alike than any two rows (von Neumann, *Annals of Mathematical
     Statistics*, 1941), and rows are equal to the last digit that stand apart, though most occur
     once, and the rows behind them are not equal. Where the same inputs often have another response,
-    their digits are few, and equal rows are chance.
+    their digits are few, and equal rows are chance. Rows with times in their index are in order.
     """
+    index = getattr(frame, "index", None)
+    if isinstance(index, pd.Index) and not isinstance(index, pd.RangeIndex):
+        return
     n = len(X)
     if n < _FEWEST or not all(_is_disordered(values) for values in (drive, response)):
         return
@@ -154,6 +153,19 @@ def _refuse_other_interval(estimator, dt, counted, known):
             f"The records must be sampled at {own:g} s, as those of the fit: {kind} counts "
             f"samples. Got {dt:g} s instead; use skhyst.records.resample_records."
         )
+    elif unit == "sample":
+        _refuse_seconds(estimator, dt)
+
+
+def _refuse_seconds(estimator, dt):
+    """Refuse an interval in s where an estimator, or its model, is in samples and they matter."""
+    model = getattr(estimator, "model_", estimator)
+    if hasattr(model, "depends_on_interval") and model.depends_on_interval(dt):
+        raise RecordError(
+            f"{type(model).__name__} was fitted without a time, and its constants are in samples. "
+            f"Got the interval {dt:g} s instead: fit it with a time index or 'dt', or use it "
+            "without."
+        )
 
 
 def _agree(one, other):
@@ -173,8 +185,11 @@ def fitted_interval(estimator):
 
 def used_interval(estimator, dt, caller):
     """Return the interval at which a fitted model is used, by default that of its fit."""
-    own = fitted_interval(estimator)[0] if dt is None else dt
-    return chosen_interval(estimator.records_, own, caller)
+    own, unit = fitted_interval(estimator)
+    used = chosen_interval(estimator.records_, own if dt is None else dt, caller)
+    if unit == "sample" and used != own:
+        _refuse_seconds(estimator, used)
+    return used
 
 
 def interval_of(estimator, *, fitted=True):
@@ -239,6 +254,20 @@ def drive_column(estimator):
         raise ValueError(
             f"The drive must be column 0 of X for {type(estimator).__name__}, which reads further "
             f"columns. Got {drive!r} among {names} instead; move it to the front."
+        )
+    return position
+
+
+def _drive_of(estimator, reset):
+    """Return the position of the drive; refuse another one than that of the fit."""
+    position = drive_column(estimator)
+    if reset:
+        estimator._drive_number = position
+    known = getattr(estimator, "_drive_number", position)
+    if known != position:
+        raise ValueError(
+            f"The 'drive' parameter of {type(estimator).__name__} must be that of the fit, column "
+            f"{known}. Got {agreed(estimator, 'drive')!r} instead; fit the model again."
         )
     return position
 
@@ -333,9 +362,10 @@ def as_floats(estimator, X, *y, **options):
 
 
 def known_response(X, y):
-    """Return a response of as many samples as X has, NaN where it is not known, as a copy."""
+    """Return a response of the samples of X, NaN where it is not known, as a copy."""
+    refuse_lost_index(X, y)
     options = {"ensure_2d": False, "ensure_all_finite": "allow-nan", "copy": True}
-    y = check_array(y, dtype=float, input_name="y", **options)
+    y = column_or_1d(check_array(y, dtype=float, input_name="y", **options), warn=True)
     check_consistent_length(X, y)
     return y
 

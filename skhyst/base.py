@@ -31,7 +31,12 @@ from ._validation import (
     used_interval,
     warn_beyond,
 )
-from .exceptions import ConvergenceWarning, RecordError, ShortRecordWarning
+from .exceptions import (
+    ConvergenceWarning,
+    DivergenceWarning,
+    RecordError,
+    ShortRecordWarning,
+)
 from .operators import (
     Operator,
     Stepper,
@@ -42,6 +47,7 @@ from .operators import (
 )
 from .optimize import (
     METHODS,
+    NOISELESS,
     Method,
     RecordData,
     begun,
@@ -51,7 +57,7 @@ from .optimize import (
     with_further_starts,
     with_input_history,
 )
-from .records import with_lost_rows
+from .records import RecordSlice, with_lost_rows
 
 __all__ = ["ParametricModel"]
 
@@ -65,7 +71,8 @@ _NO_REST = (
     "a known response, 'y_start' of predict"
 )
 _CLEARLY = 0.5  # of the error: as much as chance and the colour of a residual do not make
-_NOTHING = 0.99  # of the standard deviation of the response, which a constant leaves
+_NOTHING = 0.98  # of the variance of the response, which a constant leaves
+_MOST = 0.5  # of a squared error, which is more than another fit of the same noise removes
 _FEW = "Records this short tell like few independent samples, and params_std_ is too small for"
 
 
@@ -752,10 +759,16 @@ class ParametricModel(RegressorMixin, BaseEstimator):
                 "initial_state='zero'.",
                 ConvergenceWarning,
             )
-        if driven and _opposes(drives, result.error, records):
+        slope = _better_slope(drives, result, records) if driven else 0.0
+        if slope:
+            remedy = (
+                "turn the sign of one of them"
+                if slope < 0.0
+                else "put a Gain beside it in a Cascade, or take other units"
+            )
             yield (
-                f"{name} explains nothing of the response, which falls where the drive rises: turn "
-                "the sign of one of them.",
+                f"A straight line, {'rising' if slope > 0.0 else 'falling'} with the drive, "
+                f"predicts the response clearly better than {name} does: {remedy}.",
                 ConvergenceWarning,
             )
         if _is_constant(result.operator) and any(np.ptp(record.y) > 0.0 for record in records):
@@ -890,7 +903,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             )
         if not self.operator_.signal_linear:
             warn_beyond(self, X[:, drive_column(self)])
-        y = self._free_run(signal, slices, schedules)
+        y = run_records(self.operator_, signal, slices, self.free_run_state, schedules)
         for number, own in going.items():
             y[slices[number].rows] = np.nan_to_num(own.run()[0])
         if not return_std:
@@ -949,19 +962,33 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             found[i] = _Run(*own, u, record.dt, state, skip).at(record.schedule)
         return found
 
-    def _free_run(self, signal, slices, schedules):
-        """Return the free run; refuse times in s where the model is in samples, and they matter."""
-        options = self.free_run_state, schedules
-        y = run_records(self.operator_, signal, slices, *options)
-        if slices[0].time_unit == "s" and fitted_interval(self)[1] == "sample":
-            counted = [replace(own, dt=1.0) for own in slices]
-            if not np.allclose(y, run_records(self.operator_, signal, counted, *options)):
-                raise RecordError(
-                    f"{type(self).__name__} was fitted without a time, and its constants are in "
-                    f"samples. Got an X with the interval {slices[0].dt:g} s instead: fit it with "
-                    "a time index or 'dt', or give it an X without."
-                )
-        return y
+    def depends_on_interval(self, dt) -> bool:
+        """Whether the fitted model answers otherwise at an interval than at that of its fit.
+
+        That is tried with a sweep through the range of the drive, as long as the longest record.
+
+        Parameters
+        ----------
+        dt : float
+            Sampling interval in s.
+
+        Returns
+        -------
+        bool
+        """
+        n = max((record.n_samples for record in self.records_), default=1_000)
+        low, high = getattr(self, "drive_range_", (-1.0, 1.0))
+        # up to a quarter of the sampling rate
+        sweep = low + 0.5 * (high - low) * (1.0 + np.sin(0.25 * np.pi * np.arange(n) ** 2 / n))
+        X, runs = np.repeat(sweep[:, None], self.n_features_in_, axis=1), []
+        for own in (dt, fitted_interval(self)[0]):
+            slices = (RecordSlice(0, slice(0, n), own, 0.0, n),)
+            signal, schedules = self.operator_input(X, slices)
+            with warnings.catch_warnings():  # a run may diverge, which is nothing to tell
+                warnings.simplefilter("ignore", DivergenceWarning)
+                state = self.free_run_state
+                runs.append(run_records(self.operator_, signal, slices, state, schedules))
+        return not np.allclose(*runs)
 
     def stepper_from(self, X, y, *, schedule=None) -> Stepper:
         """Return the fitted model as a device that goes on from a record that is known.
@@ -1072,16 +1099,23 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         return "zero" if known else "rest"
 
 
-def _opposes(drives, error, records):
-    """Whether a falling line explains most of a response of which a fit explains nothing."""
+def _better_slope(drives, result, records):
+    """Return a slope where a straight line explains most, also of what a fit leaves, or zero.
+
+    What has a gain of its own may still be no line, as a friction force: unless it explains nothing
+    it is as meant.
+    """
     counts = np.concatenate([record.counts() for record in records])
     y = np.concatenate([record.y for record in records])
     if not (np.ptp(y) > 0.0 and np.ptp(drives) > 0.0):
-        return False
+        return 0.0
     both = y / np.ptp(y), drives / np.ptp(drives)
     (power, product), (_, own) = np.cov(*both, ddof=0, aweights=counts)
-    least = error >= _NOTHING * np.sqrt(power) * np.ptp(y)
-    return bool(least and product < 0.0 and product**2 > 0.5 * power * own)
+    error = (result.error / np.ptp(y)) ** 2
+    if result.operator.owns_gain and error < _NOTHING * power:
+        return 0.0
+    left = max(power - product**2 / own, NOISELESS * power)
+    return product if left < _MOST * min(power, error) else 0.0
 
 
 def _is_constant(operator):

@@ -12,6 +12,7 @@ import pytest
 import sklearn
 from scipy.signal import lfilter, lti
 from sklearn.base import clone
+from sklearn.exceptions import DataConversionWarning
 from sklearn.frozen import FrozenEstimator
 from sklearn.metrics import root_mean_squared_error
 from sklearn.model_selection import GridSearchCV
@@ -181,6 +182,17 @@ def test_shuffled_rows(model):
         model.fit(shuffled, Y[order])
     with pytest.raises(RecordError, match="not in the order of time"):
         model.fit(frame(), Y).predict(shuffled)
+
+
+def test_a_known_response_is_that_of_the_rows(model):
+    model.fit(frame(), Y)
+    for known in (pd.Series(Y, frame().index[::-1]), pd.Series(Y, frame(record="b").index)):
+        with pytest.raises(RecordError, match="index of X and that of y must be equal"):
+            model.predict(frame(), y_start=known)
+    with pytest.warns(DataConversionWarning, match="column-vector"):
+        found = model.predict(frame(), y_start=Y[:, None])
+    same = pd.Series(Y, frame().index)
+    np.testing.assert_array_equal(found, model.predict(frame(), y_start=same))
 
 
 def test_each_record_runs_at_its_own_interval(model):

@@ -14,7 +14,7 @@ from sklearn.ensemble import (
     VotingRegressor,
 )
 from sklearn.feature_selection import RFE, RFECV, SequentialFeatureSelector
-from sklearn.linear_model import LinearRegression
+from sklearn.linear_model import LinearRegression, RANSACRegressor
 from sklearn.model_selection import GridSearchCV
 from sklearn.multioutput import MultiOutputRegressor, RegressorChain
 from sklearn.pipeline import make_pipeline
@@ -24,6 +24,7 @@ from skhyst.compose import Cascade
 from skhyst.exceptions import RecordError
 from skhyst.linear import FirstOrderLag, FirstOrderLagOperator
 from skhyst.model_selection import RecordKFold
+from skhyst.preprocessing import LaggedFeatures
 from skhyst.records import stack_records
 from skhyst.static import SmoothCurve
 
@@ -77,7 +78,7 @@ def test_the_page_has_these_rows():
     page = Path(__file__).parents[1] / "docs" / "howto" / "meta_estimators.rst"
     named = re.findall(r"^   \* - (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)[1:]
     names = [name.strip("`") for row in named for name in row.split(", ")]
-    assert sorted(names) == sorted([*KEEP, *ARRAYS, *REFUSED])
+    assert sorted(names) == sorted([*KEEP, *ARRAYS, *REFUSED, "RANSACRegressor"])
 
 
 @pytest.mark.parametrize("name", KEEP)
@@ -125,6 +126,13 @@ def test_a_pipeline_is_bagged_by_drawing_rows(steps):
         bagging.fit(*ONE)
 
 
+def test_ransac_is_wrong_without_a_word():
+    """The page warns of it: of data without noise, the time constant of the array is another."""
+    lag = FirstOrderLag(dt=DT)
+    model = RANSACRegressor(lag, min_samples=100, max_trials=2, random_state=0).fit(*ONE)
+    assert model.estimator_.params_["time_constant"] != pytest.approx(SECONDS, rel=0.01)
+
+
 def test_an_array_from_a_step_is_refused_where_y_has_the_index():
     with pytest.raises(RecordError, match="set_output"):
         make_pipeline(StandardScaler(), LAG).fit(X, Y)
@@ -162,6 +170,8 @@ def test_drawn_rows_are_refused(kind, share):
     LAG.fit(u, y)
     with pytest.raises(RecordError, match="a second time, in no order"):
         Cascade([("lag", LAG)]).fit(u[rows], y[rows])
+    with pytest.raises(RecordError, match="a second time, in no order"):
+        make_pipeline(LaggedFeatures([0, 1]), LinearRegression()).fit(u[rows], y[rows])
     SmoothCurve(3).fit(u[rows], y[rows])  # without a memory, rows have no order
     time = pd.Index(DT * np.arange(len(rows)), name="time")
     LAG.fit(pd.DataFrame({"u": u[rows, 0]}, time), y[rows])  # says that they are in order

@@ -12,10 +12,13 @@ from sklearn.pipeline import make_pipeline
 
 from skhyst.autoregressive import NARMAXRegressor, NARXRegressor
 from skhyst.compose import Cascade, Corrected, Modulated, OnColumn, ScheduledParameters, Sum
+from skhyst.control import InverseCompensator, Observer
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.exceptions import RecordError
+from skhyst.export import to_c
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import (
+    Delay,
     FirstOrderLag,
     FirstOrderLagOperator,
     Gain,
@@ -117,11 +120,41 @@ def test_what_contradicts_the_fit_is_refused(data):
         model.predict(X.reset_index(drop=True))
 
 
+IN_SAMPLES = {
+    "Corrected": lambda X, y, timed: (
+        Corrected(LinearRegression(), FirstOrderLag(), cv=2).fit(X, y).predict(timed)
+    ),
+    "rate": lambda X, y, timed: GeneralizedInputGradient().fit(X).transform(timed),
+    "stepper": lambda X, y, timed: FirstOrderLag().fit(X, y).stepper(DT),
+    "inverse": lambda X, y, timed: InverseCompensator(FirstOrderLag()).fit(X, y).predict(timed),
+    "drive_for": lambda X, y, timed: (
+        InverseCompensator(Cascade(steps_of())).fit(X, y).drive_for(y, DT)
+    ),
+    "observer": lambda X, y, timed: Observer(FirstOrderLag()).fit(X, y).filter(timed, y),
+    "to_c": lambda X, y, timed: to_c(FirstOrderLag().fit(X, y), "never written", "lag", dt=DT),
+    "delay of many samples": lambda X, y, timed: (
+        Delay().fit(X[:, :1], np.append(np.full(50, X[0, 0]), X[:-50, 0])).stepper(DT)
+    ),
+}
+
+
+@pytest.mark.parametrize("name", IN_SAMPLES)
+def test_constants_in_samples_are_not_taken_for_seconds(name, data):
+    X, y = data
+    array, response = X.to_numpy(), y.to_numpy()
+    with pytest.raises(RecordError, match="fitted without a time"):
+        IN_SAMPLES[name](array, response, pd.DataFrame(array, X.index))
+
+
 def test_what_does_not_depend_on_time_is_not_asked_for_it(data):
     X, y = data
     model = PrandtlIshlinskii(3).fit(X.to_numpy(), y.to_numpy())
     frame = pd.DataFrame(X.to_numpy(), X.index)
     np.testing.assert_array_equal(model.predict(frame), model.predict(X.to_numpy()))
+    run = model.stepper(DT, u0=X.iloc[0, 0]).run(X.to_numpy()[:, 0])
+    np.testing.assert_allclose(run, model.predict(frame), rtol=1e-12)
+    rests = GeneralizedInputGradient(include_rate=False).fit(X.to_numpy())
+    np.testing.assert_array_equal(rests.transform(frame), rests.transform(X.to_numpy()))
 
 
 # --------------------------------------------------------------------- models that count samples
@@ -307,6 +340,17 @@ def test_the_drive_is_a_column_by_name_or_position(kind, drive, data):
     assert model.drive_range_ == (u.min(), u.max())
     stepper = model.stepper(u0=[20.0, u[0]])
     np.testing.assert_allclose(stepper.run(u), y, atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", [FirstOrderLag, NARXRegressor])
+def test_another_drive_than_that_of_the_fit_is_refused(kind, data):
+    X, y = with_temperature(data)
+    model = pickle.loads(pickle.dumps(kind(drive="u").fit(X, y)))
+    expected = model.predict(X)
+    np.testing.assert_array_equal(model.set_params(drive=-1).predict(X), expected)
+    for drive in ("temp", None):
+        with pytest.raises(ValueError, match="must be that of the fit, column 1"):
+            model.set_params(drive=drive).predict(X)
 
 
 def test_features_of_a_narmax_model_are_those_of_its_drive(data):

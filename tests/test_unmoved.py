@@ -8,7 +8,7 @@ from skhyst.compose import Cascade
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.exceptions import ConvergenceWarning
 from skhyst.hysteresis import Backlash, PrandtlIshlinskii, Preisach
-from skhyst.linear import FirstOrderLag, TransferFunction
+from skhyst.linear import Delay, FirstOrderLag, Gain, TimeShift, TransferFunction
 from skhyst.records import data_quality, record_slices
 from skhyst.static import SmoothCurve
 
@@ -48,6 +48,18 @@ def test_a_step_at_the_first_sample_moves():
 def test_what_cannot_fall_asks_for_the_other_sign(model):
     with pytest.warns(ConvergenceWarning, match="turn the sign"):
         model.fit(WAVE[:, None], NOISE - WAVE)
+
+
+@pytest.mark.parametrize("model", [Backlash(), Delay(), SmoothCurve(), TimeShift()], ids=name_of)
+@pytest.mark.parametrize(("gain", "constant"), [(1e6, 0.0), (1.0, 1e3), (1e-3, 0.0)])
+@pytest.mark.filterwarnings("ignore:The data do not determine", "ignore:The fit of")
+def test_what_has_no_gain_or_constant_asks_for_one(model, gain, constant):
+    """A `Gain` has both; with it nothing warns, which would be an error."""
+    y = gain * (NOISE + WAVE) + constant
+    with pytest.warns(ConvergenceWarning, match="put a Gain beside it"):
+        model.fit(WAVE[:, None], y)
+    whole = Cascade([("gain", Gain()), ("model", model)]).fit(WAVE[:, None], y)
+    assert whole.fit_error_ == pytest.approx(gain * NOISE.std(), rel=0.1)
 
 
 @pytest.mark.parametrize("model", [Preisach(), FirstOrderLag()], ids=name_of)

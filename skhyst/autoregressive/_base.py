@@ -28,7 +28,7 @@ from .._validation import (
     rest_of,
 )
 from ..base import read_data
-from ..exceptions import DivergenceWarning, RecordError
+from ..exceptions import ConvergenceWarning, DivergenceWarning, RecordError
 from ..operators import Stepper
 from ..preprocessing import SampleRules, lagged_columns, read_lag_table, read_lags
 from ..records import MISMATCH, chosen_interval, with_lost_rows
@@ -160,6 +160,13 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         self
         """
         self.records_, X, y = read_data(self, X, y, reset=True, bridge=self._bridges)
+        if not np.ptp(X, axis=0).any():
+            warnings.warn(
+                f"The drive does not move: it is {X[0, 0]:g} in every sample, which leaves open "
+                f"how {type(self).__name__} responds to it.",
+                ConvergenceWarning,
+                stacklevel=3,
+            )
         weights = np.ones(len(y))
         if sample_weight is not None:
             options = {"dtype": float, "ensure_non_negative": True}

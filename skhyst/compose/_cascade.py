@@ -260,7 +260,42 @@ class Composition(ParametricModel, BaseComposition):
         return [add_disturbances(result.operator, result.disturbances, self.disturbance_names)]
 
     def further_starts(self, records):
-        return []
+        """Return combinations of the steps' starting values, in series each behind those before it.
+
+        Of each step are those whose output fits best itself, up to a gain and a constant.
+
+        Parameters
+        ----------
+        records : sequence of RecordData
+            Records of the fit.
+
+        Returns
+        -------
+        list of Operator
+        """
+        models, found = self._starting_models(), [([], records)]
+        if self.disturbance_names or (models[0].reads_columns and not self._parallel):
+            return []
+        most = max(int(_MOST_PRODUCTS ** (1.0 / len(models))), 2)
+        for model in models:
+            longer = []
+            for stages, given in found:
+                own = [(s, self._behind([s], given)) for s in _driven_starts(model, given)]
+                own = sorted(own, key=lambda pair: _unlike(pair[1]))[:most]
+                longer += [([*stages, s], given if self._parallel else after) for s, after in own]
+            found = longer
+        names = [name for name, _ in self._kept_steps()]
+        return [self._compose(names, stages) for stages, _ in found]
+
+    def _behind(self, stages, records):
+        """Return records whose drive has gone through stages."""
+        state = self.free_run_state
+        for stage in stages:
+            records = [
+                replace(record, u=stage.run(record.u, record.dt, stage.init(record.u[0], state))[0])
+                for record in records
+            ]
+        return records
 
     def in_order(self, operator, records):
         """Return an operator in which linear steps that are alike are slowest first; see the base.
@@ -523,16 +558,6 @@ class Cascade(Composition):
             records = self._behind([stage], records)
         return self._compose([name for name, _ in self._kept_steps()], found)
 
-    def _behind(self, stages, records):
-        """Return records whose drive has gone through stages."""
-        state = self.free_run_state
-        for stage in stages:
-            records = [
-                replace(record, u=stage.run(record.u, record.dt, stage.init(record.u[0], state))[0])
-                for record in records
-            ]
-        return records
-
     def _orders(self):
         """Return the orders in which steps are added.
 
@@ -576,34 +601,6 @@ class Cascade(Composition):
         if products:
             yield refine(self, products, data, self.method)
         yield from self._led_back(data)
-
-    def further_starts(self, data):
-        """Return combinations of the steps' starting values, each behind those before it.
-
-        Of each step are those whose output fits best itself, up to a gain and a constant.
-
-        Parameters
-        ----------
-        data : sequence of RecordData
-            Records of the fit.
-
-        Returns
-        -------
-        list of Operator
-        """
-        models, found = self._starting_models(), [([], data)]
-        if models[0].reads_columns:
-            return []
-        most = max(int(_MOST_PRODUCTS ** (1.0 / len(models))), 2)
-        for model in models:
-            longer = []
-            for stages, records in found:
-                own = [(s, self._behind([s], records)) for s in _driven_starts(model, records)]
-                own = sorted(own, key=lambda pair: _unlike(pair[1]))[:most]
-                longer += [([*stages, stage], behind) for stage, behind in own]
-            found = longer
-        names = [name for name, _ in self._kept_steps()]
-        return [self._compose(names, stages) for stages, _ in found]
 
     def _led_back(self, data):
         """Yield what is found where the others follow what the last step may have been given."""

@@ -12,7 +12,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from .._documentation import documented_like
 from .._sklearn import HasMethods, Interval, check_sample_weight, fit_context
-from .._validation import in_native_order, known_response, refuse_std, rest_of
+from .._validation import in_native_order, known_response, refuse_std, rest_of, used_interval
 from ..autoregressive import compiled_regressor
 from ..base import (
     ParametricModel,
@@ -33,7 +33,7 @@ from ..operators import (
     run_records,
 )
 from ..optimize import OperatorProblem
-from ..records import chosen_interval, fill_lost_rows, with_lost_rows
+from ..records import fill_lost_rows, with_lost_rows
 from ._backfitting import Backfitting, Turn, fold_of_rows
 
 
@@ -250,6 +250,14 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         y = run_records(effects.operator_, signal, slices, state, schedules)
         return y if read is None else y[read]
 
+    def _timed_effects(self):
+        return with_params(self.effects_, dt_=self.dt_, time_unit_=self.time_unit_)
+
+    @documented_like(ParametricModel.depends_on_interval)
+    def depends_on_interval(self, dt) -> bool:
+        """Whether the effects answer otherwise at an interval than at that of the fit."""
+        return self._timed_effects().depends_on_interval(dt)
+
     def stepper(self, dt=None, u0=0.0, initial_state=None, *, schedule=None) -> Stepper:
         """Return the fitted model as a device that is fed its inputs sample by sample.
 
@@ -294,7 +302,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         True
         """
         check_is_fitted(self)
-        dt = chosen_interval(self.records_, dt, "Corrected.stepper")
+        dt = used_interval(self, dt, "Corrected.stepper")
         row = rest_of(u0, initial_state, self.n_features_in_, "Corrected.stepper")
         if hasattr(self.estimator_, "stepper"):
             first = self.estimator_.stepper(dt, row, initial_state).compiled_step

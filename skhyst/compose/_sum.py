@@ -83,12 +83,39 @@ class Sum(Composition):
 
     def identify(self, data):
         self._check_steps()
+        return self._identified_from(0, data)
+
+    def identified_otherwise(self, data):
+        """Yield what each other step leads to as the first, and starts of all steps together.
+
+        The first one is identified alone, so that the whole fits no worse than it.
+
+        Parameters
+        ----------
+        data : sequence of RecordData
+            Records of the fit.
+
+        Yields
+        ------
+        IdentificationResult
+        """
+        for first in range(1, len(self._kept_steps())):
+            yield self._identified_from(first, data)
+        products = self.further_starts(data)
+        if products:
+            yield refine(self, products, data)
+
+    def _identified_from(self, first, data):
+        """Identify each step from what those before it have left, then all; see `identify`."""
         state = self.free_run_state
         models = self._starting_models()
-        found, disturbances, evaluations = {}, [], 0
+        found, disturbances, evaluations = {}, {}, 0
         records, last = data, None
-        # what is held is known: it is subtracted from the response first
-        for i in sorted(range(len(models)), key=lambda i: not isinstance(models[i], HeldStep)):
+
+        def order(i):  # what is held is known: it is subtracted from the response before
+            return not isinstance(models[i], HeldStep), i != first, i
+
+        for i in sorted(range(len(models)), key=order):
             result = models[i].identify(records)
             evaluations += result.n_evaluations
             if not (_is_disturbance(models[i]) or isinstance(models[i], HeldStep)):
@@ -99,13 +126,14 @@ class Sum(Composition):
             ]
             if not _is_disturbance(models[i]):
                 found[i] = result.operator
-            disturbances += result.disturbances
-        alone = len(found) == 1 and not disturbances
+            disturbances[i] = result.disturbances
+        beside = tuple(own for i in sorted(disturbances) for own in disturbances[i])
+        alone = len(found) == 1 and not beside
         branches = [found] if alone or not last else [found, *self._others(found, *last)]
         steps = self._kept_steps()
         names = [steps[i][0] for i in sorted(found)]
         starts = [self._compose(names, [own[i] for i in sorted(own)]) for own in branches]
-        result = refine(self, [(start, tuple(disturbances)) for start in starts], data)
+        result = refine(self, [(start, beside) for start in starts], data)
         return replace(result, n_evaluations=evaluations + result.n_evaluations)
 
     def _others(self, found, i, records):

@@ -124,7 +124,7 @@ class PeriodicDisturbance(Disturbance):
 
 
 def _spectral_lines(records, count):
-    """Return the frequencies (Hz) of the strongest lines in the summed power of all records.
+    """Return the frequencies (Hz), in order, of the strongest lines in the power of all records.
 
     They are found one after the other: each line is fitted and subtracted before the next search.
     """
@@ -147,4 +147,4 @@ def _spectral_lines(records, count):
         for i, y in enumerate(residuals):
             basis = line.basis(records[i].dt * np.arange(len(y)))
             residuals[i] = y - basis @ np.linalg.lstsq(basis, y, rcond=None)[0]
-    return np.array(found)
+    return np.sort(found)

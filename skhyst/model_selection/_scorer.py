@@ -139,8 +139,9 @@ class _WashoutScorer:
         """Return the prediction from rest, or from what is known of the response."""
         if self.initial_state is None:
             return np.asarray(estimator.predict(X))
-        if isinstance(estimator, Pipeline):
-            X, estimator = estimator[:-1].transform(X), estimator[-1]
+        while isinstance(estimator, Pipeline):
+            X = estimator[:-1].transform(X) if len(estimator) > 1 else X
+            estimator = estimator[-1]
         if "y_start" not in signature(estimator.predict).parameters:
             raise ValueError(
                 "The 'initial_state' parameter of washout_scorer must be None for an estimator "

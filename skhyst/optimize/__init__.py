@@ -11,6 +11,7 @@ from ._frequency_problem import FrequencyProblem as FrequencyProblem
 from ._frequency_problem import identify_response as identify_response
 from ._further_starts import with_further_starts as with_further_starts
 from ._identify import METHODS as METHODS
+from ._identify import NOISELESS as NOISELESS
 from ._identify import IdentificationResult, identify
 from ._identify import calibrated as calibrated
 from ._identify import constant_entries as constant_entries

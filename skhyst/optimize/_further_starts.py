@@ -133,9 +133,10 @@ def with_further_starts(result, records, starts, others=(), *, fixed=(), initial
 def _better(result, other):
     """Return the other result where it is noticeably better, with the evaluations of both.
 
-    Where it leaves more undetermined, it explains by chance: then it is no better.
+    Where it leaves more undetermined, it explains by chance: then it is no better. What two parts
+    share may be undetermined in either, so that their number counts.
     """
     evaluations = result.n_evaluations + other.n_evaluations
     better = other.error**2 < (1.0 - _NOTICEABLE) * result.error**2
-    better &= set(other.undetermined) <= set(result.undetermined)
+    better &= len(other.undetermined) <= len(result.undetermined)
     return replace(other if better else result, n_evaluations=evaluations)

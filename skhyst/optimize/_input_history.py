@@ -172,11 +172,12 @@ def _starts(misfit, record, count):
 
 def _searched(misfit, values, chance):
     """Return the minimum near a start, and its sum of squares."""
-    before, least = np.inf, misfit.cost(values)
-    while least < (1.0 - chance) * before:
+    least = misfit.cost(values)
+    while True:
         before = least
         values, least = misfit.descended(*misfit.stepped(values, least))
-    return values, least
+        if not least < (1.0 - chance) * before:
+            return values, least
 
 
 class _Misfit:

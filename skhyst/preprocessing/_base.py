@@ -11,7 +11,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from .._documentation import inherit_documentation
 from .._sklearn import check_feature_names_in, fit_context
-from .._validation import as_floats, find_column, read_slices, refuse_large
+from .._validation import as_floats, find_column, read_slices, refuse_drawn, refuse_large
 from ..records import with_lost_rows
 
 _EXTREME = 1e250  # largest values, whose differences over a short interval are finite
@@ -99,11 +99,17 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
         X : DataFrame or array-like of shape (n_samples, n_inputs)
             Inputs; the index carries records and time.
         y : array-like of shape (n_samples,), optional
-            Not used, but its index must agree with that of ``X``.
+            Not used, but its index must agree with that of ``X``, and it tells whether rows have
+            been drawn at random.
 
         Returns
         -------
         self
+
+        Raises
+        ------
+        RecordError
+            If the rows are not a recording in the order of time.
         """
         array = as_floats(self, X, ensure_min_samples=2)
         single = isinstance(self.columns, str | Integral)
@@ -115,7 +121,11 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
             )
         refuse_large("X", array[:, self.columns_], _EXTREME)
         given = () if y is None else (y,)
-        self._fit_records(array, read_slices(self, X, *given, reset=True))
+        records = read_slices(self, X, *given, reset=True)
+        response = np.asarray(y)
+        if response.shape == (len(array),) and response.dtype.kind in "biuf":
+            refuse_drawn(X, array[:, self.columns_[0]], array, response.astype(float))
+        self._fit_records(array, records)
         return self
 
     def transform(self, X) -> pd.DataFrame:

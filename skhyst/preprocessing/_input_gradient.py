@@ -97,6 +97,20 @@ class GeneralizedInputGradient(RecordTransformer):
         self.columns = columns
         self.dt = dt
 
+    def depends_on_interval(self, dt) -> bool:
+        """Whether features at an interval are others than at that of the fit.
+
+        Parameters
+        ----------
+        dt : float
+            Sampling interval in s.
+
+        Returns
+        -------
+        bool
+        """
+        return self.include_rate and dt != self.dt_
+
     def _fit_records(self, X, records):
         if not (self.include_drive or self.include_rate or self.direction or self.turning_points):
             raise ValueError(

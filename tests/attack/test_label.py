@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from skhyst.compose import Cascade, Sum
+from skhyst.disturbance import PeriodicDisturbance
 from skhyst.fluid import TankChain, TankChainOperator
 from skhyst.linear import (
     KelvinVoigt,
@@ -37,6 +38,16 @@ def test_modes_by_frequency(seed, order):
         found = [value for key, value in model.params_.items() if "natural_frequenc" in key]
         np.testing.assert_allclose(found, [60.0, 150.0], rtol=0.02)
         assert model.fit_error_ <= np.sqrt(np.mean(noise**2))
+
+
+@pytest.mark.parametrize("strong", [50.0, 17.0])
+def test_lines_by_frequency(strong):
+    """Whichever is the stronger one."""
+    time = DT * np.arange(600)
+    y = sum((3.0 if f == strong else 1.0) * np.sin(2.0 * np.pi * f * time) for f in (17.0, 50.0))
+    model = PeriodicDisturbance(2, dt=DT).fit(np.zeros((600, 1)), y)
+    found = [model.params_[key] for key in sorted(model.params_) if "frequencies" in key]
+    np.testing.assert_allclose(found, [17.0, 50.0], rtol=1e-6)
 
 
 def test_the_order_of_modes_changes_no_response():

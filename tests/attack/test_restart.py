@@ -11,8 +11,9 @@ import pytest
 from scipy.signal import lsim
 from sklearn.exceptions import ConvergenceWarning
 
-from skhyst.compose import Cascade
-from skhyst.linear import FirstOrderLag, TransferFunction
+from skhyst.compose import Cascade, Sum
+from skhyst.hysteresis import BoucWen, BoucWenOperator
+from skhyst.linear import FirstOrderLag, FirstOrderLagOperator, Gain, TransferFunction
 from skhyst.optimize import VariableProjection
 from skhyst.static import SmoothCurve
 
@@ -50,6 +51,29 @@ def test_a_cascade_fits_no_worse_than_its_parts(scale):
     assert whole.fit_error_ < 0.011 * y.std()
     alone = parts[1].set_params(dt=0.01).fit(u[:, None], y)
     assert whole.fit_error_ < alone.fit_error_
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_sum_fits_in_either_order_of_its_steps(order):
+    """Each explains part of what the other does: a lag and Bouc-Wen have a gain each."""
+    rng = np.random.default_rng(3)
+    u = np.sin(2.0 * np.pi * np.cumsum(np.linspace(0.002, 0.12, 1500)))
+    u += 0.01 * rng.normal(size=1500).cumsum()
+    operators = FirstOrderLagOperator(0.02), BoucWenOperator(0.4, 1.0, 0.3, 0.5)
+    y = sum(own.run(u, 1e-3)[0] for own in operators) + 1e-3 * rng.normal(size=1500)
+    steps = [("lag", FirstOrderLag()), ("hysteresis", BoucWen())][::order]
+    model = Sum(steps, dt=1e-3).fit(u[:, None], y)
+    assert model.fit_error_ < 1.03e-3
+    assert model.params_["lag__time_constant"] == pytest.approx(0.02, rel=0.01)
+
+
+@pytest.mark.filterwarnings("ignore:The data do not determine")  # the poles of an integrator
+def test_a_sum_fits_no_worse_than_a_part_that_comes_last():
+    u = np.repeat(np.random.default_rng(0).uniform(-1.0, 1.0, 60), 50)
+    y = lsim([4.0, [0.1, 1.0, 0.0]], u, 0.01 * np.arange(3000), interp=False)[1]
+    steps = [("gain", Gain()), ("poles", TransferFunction(2, hold="zoh"))]
+    model = Sum(steps, dt=0.01, initial_state="zero").fit(u[:, None], y)
+    assert model.fit_error_ < 1e-5 * y.std()
 
 
 def test_a_white_residual_asks_for_no_further_start():

@@ -401,6 +401,7 @@ for name, operator in OPERATORS.items():
 REFUSED = {  # what no drive can give, or what is known of a whole record alone
     **dict.fromkeys(("offset", "drift", "sinusoid", "empty sum"), "has no inverse|of nothing"),
     "plays, stop form, no spring left": "needs a first threshold",
+    **{name: "an inverse from a rest" for name in AT_ONCE if "integrator" in name},
     **{name: "looks ahead" for name in AT_ONCE if name.startswith("rate-dependent")},
 }
 

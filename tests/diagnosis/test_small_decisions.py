@@ -927,7 +927,12 @@ def test_numbers_of_records_differ_by_parts_of_the_largest():
 )
 def test_a_stop_is_stiff_reached_and_left(stiffness, lower, upper, plausible):
     operator = SimpleNamespace(
-        stop_stiffness=stiffness, lower=lower, upper=upper, gain=2.0, intercept=0.3
+        stop_stiffness=stiffness,
+        lower=lower,
+        upper=upper,
+        gain=2.0,
+        intercept=0.3,
+        linear_mode=lambda: True,
     )
     motion = 0.3 + 2.0 * np.sin(np.linspace(0.0, 20.0, 500))
     assert (stops(operator, motion, []) > 0.0) == plausible

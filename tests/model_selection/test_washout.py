@@ -137,10 +137,12 @@ def test_the_state_of_a_fold_comes_from_its_washout(recording):
     errors = {}
     for state in (None, "estimate"):
         scorer = washout_scorer(root_mean_squared_error, washout=30, initial_state=state)
-        for name, model in (("model", MODEL), ("steps", STEPS)):
+        models = {"model": MODEL, "steps": STEPS, "one step": make_pipeline(MODEL)}
+        for name, model in models.items():
             found = cross_validate(model, pd.DataFrame(X), y, scoring=scorer, **options)
             errors[state, name] = -found["test_score"].mean()
     assert errors["estimate", "model"] < 1.2 * NOISE < 5.0 * NOISE < errors[None, "model"]
+    assert errors["estimate", "one step"] == errors["estimate", "model"]
     assert errors["estimate", "steps"] == pytest.approx(errors["estimate", "model"], rel=0.02)
 
 

@@ -172,3 +172,13 @@ def test_records_may_differ_in_length():
     input_history, _ = input_history_of(PLAYS, (), [whole, short])
     for record, before in zip([whole, short], input_history, strict=True):
         assert errors(PLAYS, record, before)[1] < 2e-3
+
+
+def test_fewer_samples_than_values_tell_the_start():
+    """One sample of a lag is its state; the other record asks for nine values before each."""
+    device = DEVICES["lag"]
+    whole, other = (cut(device, seed) for seed in (1, 2))
+    known = replace(other, weights=(np.arange(N) < 1).astype(float))
+    _, before = input_history_of(device, (), [whole, known])[0]
+    rest, told = errors(device, other, before)
+    assert told < 0.2 * rest
