@@ -888,8 +888,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         check_is_fitted(self)
         if return_std:
             self._require_noise()
-        slices, X = self._read_inputs(X)
         known = [] if y_start is None else [known_response(X, y_start)]
+        slices, X = self._read_inputs(X)
         slices, X, *known, read = with_lost_rows(slices, X, *known)
         if known and read is not None:
             known[0][~read] = np.nan
@@ -1029,8 +1029,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         True
         """
         check_is_fitted(self)
+        y = known_response(X, y)
         slices, X = self._read_inputs(X)
-        slices, X, y, read = with_lost_rows(slices, X, known_response(X, y))
+        slices, X, y, read = with_lost_rows(slices, X, y)
         if read is not None:
             y[~read] = np.nan
         refuse_several(self, slices)

@@ -239,11 +239,11 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
                     f"The 'y' parameter of {type(self).__name__}.predict must be the measured "
                     "response where 'horizon' is given. Got None instead."
                 )
+        known = [] if y_start is None else [known_response(X, y_start)]
         given = () if y is None else (y,)
         bridge = horizon is None or self._bridges
         records, X, y = read_data(self, X, *given, reset=False, bridge=bridge)
-        given = [own for own in (y,) if own is not None]
-        given += [] if y_start is None else [known_response(X, y_start)]
+        given = known + [own for own in (y,) if own is not None]
         records, X, *given, read = with_lost_rows(records, X, *given)
         y = given[0] if given else None
         refuse_large("X", X)
@@ -384,8 +384,9 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
             If X has several records.
         """
         check_is_fitted(self)
+        y = known_response(X, y)
         records, X, _ = read_data(self, X, reset=False, bridge=True)
-        records, X, y, _ = with_lost_rows(records, X, known_response(X, y))
+        records, X, y, _ = with_lost_rows(records, X, y)
         refuse_several(self, records)
         start = self._after_known(self._widen(X, records)[0], y)
         own = X[:, 0] if X.shape[1] == 1 else X

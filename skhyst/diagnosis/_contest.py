@@ -579,8 +579,7 @@ class Contest:
 
         A variant that follows the residual where it was fitted may predict badly: of those that
         are plausible the simplest that predicts as well as the best is taken: its error is hardly
-        larger, and not told apart. One that leaves several times as much where it was fitted does
-        not, and is not held out. ``bases`` are what the effects were put into.
+        larger, and not told apart. ``bases`` are what the effects were put into.
         """
         variants, kept, seen = screened
         most = (1.0 - self.criterion.min_improvement) ** 2
@@ -590,8 +589,6 @@ class Contest:
             for c in variants[i]
             if c.predicted_cost < most * seen[i][1] and self._is_plausible(c, bases[i], seen[i][0])
         ]
-        least = {i: min(c.predicted_cost for j, c in jobs if j == i) for i, _ in jobs}
-        jobs = [(i, c) for i, c in jobs if c.predicted_cost <= FACTOR * least[i]]
         tried = self._parallel(delayed(held_out)(c, seen[i][0], self.folds) for i, c in jobs)
         tried = [(i, c) for (i, _), c in zip(jobs, tried, strict=True) if c is not None]
         own = {i: [c for j, c in tried if j == i] for i, _ in tried}

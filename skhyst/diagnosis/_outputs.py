@@ -20,11 +20,12 @@ def response_columns(y):
     dict of str or int to Series or ndarray
         Each of shape (n_samples,).
     """
-    if np.ndim(y) != 2 or np.shape(y)[1] < 2:
+    columns = np.asarray(y)
+    if columns.ndim != 2 or columns.shape[1] < 2:
         return {}
     if hasattr(y, "iloc"):
         return {name: y.iloc[:, i] for i, name in enumerate(y.columns)}
-    return dict(enumerate(np.asarray(y).T))
+    return dict(enumerate(columns.T))
 
 
 def shared_claims(searches):

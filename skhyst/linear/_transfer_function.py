@@ -298,7 +298,7 @@ class TransferFunctionOperator(LinearOperator):
         >>> modes = np.array([20.0, 50.0]), np.array([0.1, 0.1])
         >>> whole = TransferFunctionOperator(np.array([0.5]), *modes, np.empty(0))
         >>> [len(first.poles()) for first, _ in whole.divisions()]
-        [3, 3, 4, 1, 2, 2]
+        [3, 3, 1, 4, 2, 2]
         """
         poles, zeros = self.poles(), self.zeros() if np.size(self.numerator) else np.empty(0)
         if np.any(poles.real >= 0.0) or np.any(zeros == 0.0):

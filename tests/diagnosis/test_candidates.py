@@ -173,7 +173,7 @@ def test_a_start_far_from_its_solution_is_judged_by_its_next_step(budget):
     bent = [
         replace(r, y=np.clip(v, -0.6, 0.9)) for r, v in zip(records, tree.run(records), strict=True)
     ]
-    (candidate,) = screened(EFFECTS["dead_zone"], tree, bent)
+    candidate, *_ = screened(EFFECTS["dead_zone"], tree, bent)
     early = refitted(candidate, candidate.structure, bent, budget)
     problem = early.structure.problem(bent)
     assert early.predicted_cost < early.cost
