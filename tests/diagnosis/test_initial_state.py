@@ -7,7 +7,7 @@ from sklearn.base import clone
 
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
-from skhyst.linear import Gain, SecondOrderMode, SecondOrderModeOperator
+from skhyst.linear import FirstOrderLagOperator, Gain, SecondOrderMode
 
 NOISE, CUT, N = 2e-3, 500, 700
 PLAYS = PrandtlIshlinskiiOperator(np.array([0.0, 0.3, 0.8, 1.4]), np.array([1.0, 0.4, 0.3, 0.3]))
@@ -89,7 +89,7 @@ def test_what_begins_at_rest_has_none():
 @pytest.mark.slow
 def test_it_is_estimated_anew_beside_what_is_found_later():
     """A lag is missing too: what came before has to be found behind both."""
-    stages = [PLAYS, SecondOrderModeOperator(25.0, 1.5)]
+    stages = [PLAYS, FirstOrderLagOperator(0.1)]
 
     class Device:
         def run(self, u, dt):
@@ -99,8 +99,7 @@ def test_it_is_estimated_anew_beside_what_is_found_later():
 
     X, y = recording(Device(), records=3)
     found = EffectSearchCV(DECLARED, effects=[*EFFECTS, "resonance"], random_state=0).fit(X, y)
-    assert set(found.effects_) & {"lag", "resonance"}
-    assert "initial_state" in found.effects_
+    assert set(found.effects_) == {"lag", "initial_state"}
     assert found.error_after_ < 1.3 * NOISE
 
 
