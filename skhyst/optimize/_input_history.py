@@ -210,7 +210,7 @@ class _Misfit:
         self._scale = np.linalg.norm(self._root * record.y) or 1.0
         self._last = self.relative(record.u[:1]).reshape(1, -1)
         self._stiffness = 0.0
-        self._settled, self._reach = None, len(record.u)
+        self._settled, self._reach, self._faded = None, len(record.u), 0.0
         self.n_values, self.runs = 0, 0
 
     def relative(self, values):
@@ -229,31 +229,32 @@ class _Misfit:
         That penalty is the mean square of the least residual. From then on as many values and as
         much of the record are simulated as it depends on.
         """
-        n_inputs, lowest, highest, left = len(self._size), np.inf, -np.inf, []
-        count = len(starts[0]) // n_inputs
-        ends = [np.repeat(own, n_inputs) for own in _at_the_limits(count)]
-        for start in (*starts, *ends):
-            output = self._simulate(start)
-            left.append(self._squares(output))
-            lowest, highest = np.fmin(lowest, output), np.fmax(highest, output)
-        least = min(left[: len(starts)])
-        self._stiffness = np.sqrt(least / len(self._root))
-        self._settled = self._simulate(starts[int(np.argmin(left[: len(starts)]))])
-        after = np.cumsum(self._change(lowest - highest)[::-1])[::-1]
-        self._reach = max(int(np.sum(after > _FADED * self._stiffness**2)), 1)
-        rest = np.tile(self._last.ravel(), count)
-        rested, kept = self._simulate(rest), count
-        while kept > 1:
-            trials = [
-                np.append(rest[: (kept - 1) * n_inputs], own[(kept - 1) * n_inputs :])
-                for own in ends
-            ]
-            changes = [self._change(self._simulate(trial) - rested).sum() for trial in trials]
-            if not max(changes) <= _FADED * self._stiffness**2:
-                break
-            kept -= 1
-        self.n_values = kept * n_inputs
-        return np.array(left[: len(starts)])
+        n_inputs, rest = len(self._size), starts[0]
+        ends = [np.repeat(own, n_inputs) for own in _at_the_limits(len(rest) // n_inputs)]
+        outputs = np.array([self._simulate(values) for values in (rest, *ends)])
+        with np.errstate(invalid="ignore"):  # runs that diverge
+            spread = np.ptp(outputs, axis=0)
+        after = np.cumsum(self._change(spread)[::-1])[::-1]
+        self._settled, left = outputs[0], [self._squares(outputs[0])]
+        self._reach = self._lasting(after, left)
+        left += [self._squares(self._simulate(start)) for start in starts[1:]]
+        self._reach = self._lasting(after, left)
+        kept = len(rest)
+        while kept > n_inputs and self._is_forgotten(rest, ends, kept - n_inputs):
+            kept -= n_inputs
+        self.n_values, self._stiffness = kept, np.sqrt(min(left) / len(self._root))
+        return np.array(left)
+
+    def _lasting(self, after, left):
+        """Return how many samples pasts act on: behind them ``after`` is what all could change."""
+        self._faded = _FADED * min(left) / len(self._root)
+        return max(int(np.sum(after > self._faded)), 1)
+
+    def _is_forgotten(self, rest, ends, kept):
+        """Whether nothing noticeable depends on the values behind so many."""
+        rested = self._simulate(rest)
+        trials = [self._simulate(np.append(rest[:kept], own[kept:])) for own in ends]
+        return all(self._change(trial - rested).sum() <= self._faded for trial in trials)
 
     def _change(self, part):
         """Return the squares of a change of the output, relative to the response, weighted."""
