@@ -7,6 +7,8 @@ integration: while the limits cut the drive, the integral part does not move fur
 
 import math
 from collections.abc import Callable
+from copy import copy
+from functools import partial
 from numbers import Real
 
 import numpy as np
@@ -14,8 +16,8 @@ from scipy.signal import bilinear
 
 from .._jit import jit
 from .._sklearn import HasMethods, Interval, validate_parameter_constraints
-from .._validation import finite_number, finite_numbers
-from ..operators import CompiledLaw, Stepper
+from .._validation import drive_signal, finite_number, finite_numbers
+from ..operators import CompiledLaw, Signal, Stepper
 from ..records import chosen_interval
 from ._compensator import check_limits
 from ._damping import as_mode
@@ -175,8 +177,15 @@ class FeedforwardPI:
         state[0] = u0 - settled
         _, state[1:3] = _settled(notch, state[0])
         step = following_step if follows else feedback_step
-        n_inputs, flags = 3 if follows else 2, (("limited", 5),)
-        return Stepper(CompiledLaw(step, constants, state, n_inputs, flags=flags), dt)
+        inputs = (Signal("reference"), Signal("reading"), Signal("drive of the compensator"))
+        inputs, flags = inputs[: 3 if follows else 2], (("limited", 5),)
+        return Stepper(
+            CompiledLaw(step, constants, state, len(inputs), flags=flags),
+            dt,
+            inputs=inputs,
+            result=drive_signal(self.compensator),
+            remake=partial(copy(self).stepper, dt, reference, u0),
+        )
 
     def controlling(self, reference, dt, u0=None) -> Callable[[int, float], float]:
         """Return a function ``(k, reading) -> drive`` that controls a device along a reference.

@@ -1,6 +1,7 @@
 """Write a model as a C99 program, with a test program."""
 
 import hashlib
+import math
 import re
 from numbers import Real
 from pathlib import Path
@@ -10,7 +11,7 @@ import numpy as np
 
 from .._files import replacing
 from .._validation import finite_numbers
-from ..operators import Stepper
+from ..operators import Signal, Stepper
 from ..records import chosen_interval
 from ._fixed import MARGIN, Fixed, FixedPrinter, boundary
 from ._model import model_step
@@ -32,15 +33,21 @@ _HEADER = Template("""\
    Compile with: cc -std=c99 -c $name.c
    Test with: cc -std=c99 -o ${name}_test ${name}_test.c $name.c -lm && ./${name}_test
 
+$legend
    $units
    One call is one sampling interval. Nothing is allocated and loops are bounded. */
 #ifndef ${name}_H
 #define ${name}_H
 
-#include <stdint.h>
+${needs}#include <stdint.h>
+
+${bits_of_double}#ifdef __cplusplus
+extern "C" {
+#endif
 
 #define ${name}_DT $dt /* sampling interval in s */
 #define ${name}_N_INPUTS $n_inputs
+#define ${name}_PREVIEW $preview /* samples by which the input comes before its output */
 /* SHA-256 of the program in double precision: of its laws, constants and initial state */
 #define ${name}_HASH "$digest"
 
@@ -56,6 +63,10 @@ $type ${name}_step(${name}_state *state, $input);
 
 ${bits}/* Conditions of the last sample: a bit is set for each that holds. */
 uint32_t ${name}_status(const ${name}_state *state);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif
 """)
@@ -120,7 +131,7 @@ _INTEGERS = {
     "measure": "a unit of output",
     "span": "1.0",
     "last": "0",
-    **dict.fromkeys(("kept", "kept_first", "guard", "refuses", "refused"), ""),
+    **dict.fromkeys(("guard", "refuses", "refused", "needs", "bits_of_double"), ""),
 }
 _REFUSES = Template("""\
 /* Whether input that is not finite is refused: each column in turn. */
@@ -139,6 +150,12 @@ static int ${name}_refuses(${name}_state *state, $type last)
 }
 
 """)
+_BITS_OF_DOUBLE = """\
+#if DBL_MANT_DIG < 53
+#error "double has fewer than 64 bits here: write the program with dtype float32"
+#endif
+
+"""
 _FINITE_MATH = """\
 #if defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__
 #error "isfinite is needed: compile without -ffast-math and -ffinite-math-only"
@@ -167,7 +184,10 @@ def to_c(
     0 if its responses to a drive agree with those of the Python model. The header says how to
     compile. The status of a sample has a bit for each condition that holds, those named in
     :attr:`~skhyst.operators.Stepper.status`: ``name_LIMITED`` if limits have cut the output of a
-    compensator or controller, ``name_REFUSED`` if the input was not finite.
+    compensator or controller, ``name_UNREACHABLE`` if an inverse has found no drive for its
+    reference, ``name_EXTRAPOLATED`` if the drive has left the range or the rate of the fit,
+    ``name_REFUSED`` if the input was not finite. The header says what goes in and what comes out,
+    with their units where they are given, and the preview of a compensator. C++ can include it.
 
     Input that is not finite is refused: the state stays as it is, and the output is that of the
     last sample before, or the response to ``u0`` where there was none. Integers are always finite.
@@ -199,9 +219,10 @@ def to_c(
         largest value, as far as numbers can hold the response to jumps from there. The test
         continues with these jumps, with rests and with limited input, where responses do not depend
         on rounding, and prints how many branches of the law it takes.
-    input_unit, output_unit : float, optional
-        For ``"int32"``: the drive (the same for all inputs) and the response that correspond to the
-        integer 1.
+    input_unit, output_unit : float or str, optional
+        For ``"int32"`` numbers: the input (the same for all inputs) and the output that correspond
+        to the integer 1. Else names of units, such as ``"V"``, for the header; of several inputs
+        one name each, or one for all.
 
     Returns
     -------
@@ -269,15 +290,20 @@ def to_c(
         "n_inputs": n_inputs,
         "covered": "",
         "one": "" if compiled_step.n_inputs else "[0]",
+        "preview": stepper.preview,
+        "needs": "#include <float.h>\n" if dtype == "float64" else "",
+        "bits_of_double": _BITS_OF_DOUBLE if dtype == "float64" else "",
         "n_states": max(len(compiled_step.state), 1),
         "digest": hashlib.sha256(_program(step, stepper.state).encode()).hexdigest(),
-        **_status(name, compiled_step.flags, refuses=dtype != "int32"),
+        **_status(name, stepper, dtype),
     }
     if dtype == "int32":
         units = _units(drive, input_unit, output_unit)
+        common["legend"] = _legend(stepper, dt, None, None)
         drive = _inputs(drive, n_inputs)
         texts = _in_integers(stepper, common, drive, units)
     else:
+        common["legend"] = _legend(stepper, dt, input_unit, output_unit)
         drive = _test_drive(u0, n_inputs) if drive is None else _inputs(drive, n_inputs)
         texts = _in_reals(step, stepper, common, drive, u0, dtype)
     folder = Path(folder)
@@ -310,13 +336,98 @@ def _stepper(model, dt, initial_state, u0):
     return model, model.dt if dt is None else dt
 
 
-def _status(name, flags, refuses):
+def _legend(stepper, dt, input_unit, output_unit):
+    """Return the lines of the header that say what goes in and what comes out."""
+    n = stepper.compiled_step.n_inputs
+    signals = (*(stepper.inputs or (Signal("input"),) * (n or 1)), stepper.result)
+    signals = [*signals[:-1], signals[-1] or Signal("output")]
+    listed = isinstance(input_unit, list | tuple)
+    named = [*(input_unit if listed else [input_unit] * (n or 1)), output_unit]
+    if len(named) != len(signals) or not all(u is None or isinstance(u, str) for u in named):
+        raise ValueError(
+            "The 'input_unit' and 'output_unit' parameters of to_c must be names of units, of the "
+            f"inputs one name or {n or 1}. Got {input_unit!r} and {output_unit!r} instead."
+        )
+    places = [*(["u"] if n is None else [f"u[{k}]" for k in range(n)]), "returns"]
+    lines = []
+    for place, unit, signal in zip(places, named, signals, strict=True):
+        text = f"   {place}: {signal.name}" + (f" in {unit}" if unit else "")
+        if signal.is_limited:
+            text += f"; the fit has seen {signal.low:.9g} to {signal.high:.9g}"
+            text += f" and {signal.rate:.9g} per s" if np.isfinite(signal.rate) else ""
+        lines.append(" ".join(text.replace("*/", "* /").replace("/*", "/ *").split()))
+    if stepper.preview:
+        seconds = "" if dt is None else f", {stepper.preview * dt:.6g} s,"
+        lines.append(
+            f"What it returns belongs to the input {stepper.preview} samples{seconds} earlier: give"
+        )
+        lines.append("the reference early by this preview.")
+    return "\n".join(f"   {line}" for line in lines)
+
+
+def _range_check(stepper, texts, literal, size, known, eps):
+    """Return the parts of the program that tell whether a signal has left the range of the fit.
+
+    Parameters
+    ----------
+    stepper : Stepper
+    texts : list of str
+        Each input, and the output.
+    literal : callable
+        ``literal(k, value, is_high)`` writes an end of the range of signal ``k`` in its unit.
+    size : callable
+        Returns the name of the function for an absolute value, which is written if it is used.
+    known : str
+        Condition that ``{}`` holds the value of an earlier sample, followed by ``&&``; or ``""``.
+    eps : float
+        Relative rounding of the numbers of the program.
+
+    Returns
+    -------
+    condition : str
+        Empty if no range is known.
+    lasts : list of str
+        The signals whose last value is needed.
+    """
+    conditions, lasts = [], []
+    for k, low, high, change in stepper.watched:
+        rounding = eps * max(abs(x) for x in (low, high, 0.0) if np.isfinite(x))
+        if np.isfinite(low):
+            conditions.append(f"{texts[k]} < {literal(k, low - rounding, False)}")
+        if np.isfinite(high):
+            conditions.append(f"{texts[k]} > {literal(k, high + rounding, True)}")
+        if np.isfinite(change):
+            last = f"state->last[{len(lasts)}]"
+            moved = f"{size()}({texts[k]} - {last}) > {literal(k, change + 2.0 * rounding, True)}"
+            conditions.append(f"({known.format(last)}{moved})" if known else moved)
+            lasts.append(texts[k])
+    return " || ".join(conditions), lasts
+
+
+def _kept(type_, condition, lasts, unknown, before=("", "")):
+    """Return the members of the state outside the model, their first values, and statements."""
+    members, first, lines = [before[0]], [before[1]], []
+    if condition:
+        members.append("    uint32_t extrapolated;\n")
+        first.append(", 0u")
+        lines.append(f"state->extrapolated = ({condition}) ? 1u : 0u;")
+    if lasts:
+        members.append(f"    {type_} last[{len(lasts)}]; /* of signals whose rate is known */\n")
+        first.append(f", {{{', '.join([unknown] * len(lasts))}}}")
+        lines += [f"state->last[{k}] = {text};" for k, text in enumerate(lasts)]
+    return {"kept": "".join(members), "kept_first": "".join(first)}, lines
+
+
+def _status(name, stepper, dtype):
     """Return the parts of header and source for the status bits, which are read from the state."""
-    places = [(flag, f"s[{at}]") for flag, at in flags] + [("refused", "refused")] * refuses
+    zero = DIALECTS[dtype].literal(0.0) if dtype in DIALECTS else "0"
+    places = [(flag, f"s[{at}] != {zero}") for flag, at in stepper.compiled_step.flags]
+    places += [("refused", "refused != 0u")] * (dtype in DIALECTS)
+    places += [("extrapolated", "extrapolated != 0u")] * bool(stepper.watched)
     bits = {flag: f"{name}_{flag.upper()}" for flag, _ in places}
     lines = [
-        f"    if (state->{at} != 0) {{\n        status |= {bits[flag]};\n    }}\n"
-        for flag, at in places
+        f"    if (state->{holds}) {{\n        status |= {bits[flag]};\n    }}\n"
+        for flag, holds in places
     ]
     lines = ["    uint32_t status = 0u;\n", *lines, "    return status;\n"]
     return {
@@ -403,20 +514,32 @@ def _in_reals(step, stepper, common, drive, u0, dtype):
     last = _answers(stepper, _at(u0, 1, n_inputs))[0] if last is None else last
     inputs = ["u"] if common["one"] else [f"u[{k}]" for k in range(n_inputs)]
     check = " && ".join(f"isfinite({u})" for u in inputs)
-    common |= {
+    condition, lasts = _range_check(
+        stepper,
+        [*inputs, "state->output"],
+        lambda k, value, is_high: dialect.literal(value),
+        lambda: f"fabs{dialect.suffix}",
+        "",
+        np.finfo(dialect.number).eps,
+    )
+    own = (
+        f"    {dialect.type} output; /* of the last sample that was not refused */\n"
+        "    uint32_t refused;\n",
+        f", {dialect.literal(last)}, 0u",
+    )
+    kept, lines = _kept(dialect.type, condition, lasts, dialect.literal(math.nan), own)
+    lines = "".join(f"        {line}\n" for line in (f"state->output = {call};", *lines))
+    common |= kept | {
         "type": dialect.type,
         "inner": dialect.type,
-        "kept": f"    {dialect.type} output; /* of the last sample that was not refused */\n"
-        "    uint32_t refused;\n",
         "guard": _FINITE_MATH,
         "units": "Input and output are in the units of the model's drive and response.",
         "caution": "Input that is not finite is refused: the state stays as it is and the\n"
         f"   output is the last one ({last:.9g} at first), see {name}_REFUSED.",
         "first": _listed(stepper.state, dialect.literal),
         "last": dialect.literal(last),
-        "kept_first": f", {dialect.literal(last)}, 0u",
         "body": f"    state->refused = {check} ? 0u : 1u;\n    if (state->refused == 0u) {{\n"
-        f"        state->output = {call};\n    }}\n    return state->output;\n",
+        f"{lines}    }}\n    return state->output;\n",
         "tolerance": DIALECTS["float64"].literal(tolerance),
         "measure": "the range",
         "span": DIALECTS["float64"].literal(span),
@@ -433,22 +556,47 @@ def _in_integers(stepper, common, drive, units):
     counts, ends = explore(ranges, counts, units, MARGIN, lambda u: _answers(stepper, u))
     printer = _reserve(FixedPrinter(common["name"], Fixed(), ranges=ranges))
     body, first = boundary(printer, step, stepper, ends, units)
+    n_inputs = stepper.compiled_step.n_inputs
+    texts = ["u"] if n_inputs is None else [f"u[{k}]" for k in range(n_inputs)]
+    condition, lasts = _range_check(
+        stepper,
+        [f"(int64_t){text}" for text in (*texts, "output")],
+        lambda k, *end: _count(end[0], units[k == len(texts)], end[1], k < len(texts)),
+        lambda: printer.helper("abs", "real"),
+        "{} != INT64_MIN && ",
+        0.0,
+    )
+    kept, lines = _kept("int64_t", condition, lasts, "INT64_MIN")
+    body += "".join(f"    {line}\n" for line in (*lines, "return output;"))
     taken, there_are = ranges.branches
     missed = ", ".join(f"{n} of {name}" for name, n in sorted(ranges.passed_by.items()))
-    common |= _INTEGERS | {
-        "units": f"An input of 1 is {units[0]!r} and an output of 1 is {units[1]!r}, in the\n"
-        "   units of the model's drive and response.",
-        "caution": "Input below {} or above {}, and output beyond 32 bits, are held.".format(
-            *(_listed(end, str) for end in ends.tolist())
-        ),
-        "first": first,
-        "body": body,
-        "covered": f"; {taken} of {there_are} branches taken"
-        + (f", not {missed}" if missed else ""),
-    }
+    common |= (
+        _INTEGERS
+        | kept
+        | {
+            "units": f"An input of 1 is {units[0]!r} and an output of 1 is {units[1]!r}, in the\n"
+            "   units of the model's drive and response.",
+            "caution": "Input below {} or above {}, and output beyond 32 bits, are held.".format(
+                *(_listed(end, str) for end in ends.tolist())
+            ),
+            "first": first,
+            "body": body,
+            "covered": f"; {taken} of {there_are} branches taken"
+            + (f", not {missed}" if missed else ""),
+        }
+    )
     outputs = _answers(stepper, np.clip(counts, *ends) * units[0]) / units[1]
     outputs = np.clip(outputs, 1 - 2.0**31, 2.0**31 - 1)
     return _texts(common, printer, [_listed(row, str) for row in counts], outputs)
+
+
+def _count(value, unit, is_high, is_input):
+    """Return the literal of an end of a range in units of an integer.
+
+    Integers at the input are exact, so those beyond the end are beyond it; the output is rounded.
+    """
+    count = (math.floor if is_high == is_input else math.ceil)(value / unit)
+    return f"INT64_C({min(max(count, -(2**62)), 2**62)})"
 
 
 def _inputs(drive, n_inputs):
