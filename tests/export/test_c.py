@@ -6,6 +6,7 @@ import subprocess
 
 import numpy as np
 import pytest
+from c_programs import FLAGS
 from operator_cases import DT, OPERATORS, make_drive
 
 from skhyst.export import to_c
@@ -20,11 +21,6 @@ from skhyst.operators import CompiledColumn, CompiledLaw, CompiledSeries, Steppe
 from skhyst.operators._compiled_step import CompiledProduct
 from skhyst.operators._composition import factor_step
 
-FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror", "-pedantic") + (
-    "-Wdouble-promotion",
-    "-fsanitize=address,undefined",
-    "-fno-sanitize-recover=all",
-)
 BARS = {"float64": 1e-12, "float32": 1e-6, "int32": 1.0}  # of the range; units of output
 NEEDS_COMPILER = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
 

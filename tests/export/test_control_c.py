@@ -6,6 +6,7 @@ import subprocess
 
 import numpy as np
 import pytest
+from c_programs import FLAGS, error_of
 from operator_cases import DT, OPERATORS, make_drive
 from sklearn.base import clone
 
@@ -16,11 +17,6 @@ from skhyst.linear import Gain, SecondOrderMode, SecondOrderModeOperator
 from skhyst.operators import CompiledLaw, Stepper, inverse_of
 from skhyst.static import SaturationOperator
 
-FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror", "-pedantic") + (
-    "-Wdouble-promotion",
-    "-fsanitize=address,undefined",
-    "-fno-sanitize-recover=all",
-)
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
 # one of each way to invert: in closed form, by the root of a step, and of a composition
 INVERTED = [
@@ -28,15 +24,6 @@ INVERTED = [
     *(pytest.param(own, marks=pytest.mark.slow) for own in ("curve", "creep, logarithmic", "sum")),
 ]
 BARS = {"float64": 1e-12, "float32": 1e-6, "int32": 1.0}  # of the range; units of output
-
-
-def error_of(folder, name):
-    """Run the test program and return the error that it tells."""
-    command = ["cc", *FLAGS, f"{name}.c", f"{name}_test.c", "-o", name, "-lm"]
-    subprocess.run(command, cwd=folder, check=True)
-    done = subprocess.run(folder / name, capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return float(re.search(r": (\S+) of", done.stdout)[1])
 
 
 @pytest.mark.parametrize("case", INVERTED)
