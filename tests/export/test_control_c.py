@@ -224,3 +224,16 @@ def test_what_rounding_makes_of_a_flat_part_is_allowed(tmp_path):
     y = np.minimum(make_drive(), 0.413)
     to_c(flat, tmp_path, "flat", "float32", dt=DT, u0=y[0], drive=y)
     assert error_of(tmp_path, "flat") > BARS["float32"]
+
+
+def test_a_controller_with_all_its_parts_answers_as_in_python(tmp_path):
+    rows = np.random.default_rng(0).normal(size=(200, 3))
+    more = {"kd": 1e-3, "setpoint_weight": 0.5, "rate_limit": 400.0, "tracking_time": 0.01}
+    controller = FeedforwardPI(
+        0.7, 30.0, notch=(20.0, 0.1), drive_limits=(-2.0, 2.0), start_time=0.2, **more
+    )
+    units = {"input_unit": 2.0**-20, "output_unit": 2.0**-20}
+    for dtype, bar in BARS.items():
+        own = units if dtype == "int32" else {}
+        to_c(controller, tmp_path, dtype, dtype, dt=DT, drive=rows, **own)
+        assert error_of(tmp_path, dtype) <= bar
