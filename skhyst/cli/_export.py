@@ -26,7 +26,7 @@ def _export_c(model, options, more):
     name = options.name or options.model.stem
     _check([options.c / f"{name}{end}" for end in (".h", ".c", "_test.c")], options)
     for unit in ("input_unit", "output_unit"):
-        if more[unit] is not None:
+        if options.dtype == "int32" and more[unit] is not None:
             more[unit] = float(more[unit])
     if options.drive:
         first, *others = options.column or [1]

@@ -241,7 +241,7 @@ def _add_export(commands):
     add("--dt", type=float, metavar="S", help="sampling interval (default: that of the fit)")
     add("--initial-state", choices=("rest", "zero"), help="(default: that of the model)")
     add("--u0", type=float, default=0.0, help="input at which the device rests (default: 0)")
-    units = "name of its unit in an FMU; for int32 the value that the integer 1 stands for"
+    units = "name of its unit; for int32 the value that the integer 1 stands for"
     add("--input-unit", metavar="UNIT", help=units)
     add("--output-unit", metavar="UNIT", help=units)
     for_c = parser.add_argument_group("for --c")

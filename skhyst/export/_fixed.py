@@ -389,7 +389,7 @@ def boundary(printer, model, stepper, ends, units):
     per = min(max(digits(1.0 / units[1], _EXACT), -own), _LONGEST - own)
     call = f"{printer.function(model)}({', '.join(model.args(['x', 'state->s']))})"
     lines += [f"const int64_t y = {product}({call}, {scaled(1.0 / units[1], per)}, {own + per});"]
-    lines += [f"return {printer.helper('whole', 'real')}(y);"]
+    lines += [f"const int32_t output = {printer.helper('whole', 'real')}(y);"]
     unused = zip(("x", "state"), model.taken, strict=True)
     lines[1:1] = [f"(void){name};" for name, used in unused if not used]
     first = []

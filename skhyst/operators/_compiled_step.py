@@ -11,7 +11,7 @@ Steps are composed as their operators are: a series passes the output of one ste
 
 import math
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 
 import numpy as np
 
@@ -425,6 +425,44 @@ class CompiledColumnSeries(CompiledParts):
         return lambda u: second(_Replaced(first(u), u))
 
 
+@dataclass(frozen=True)
+class Signal:
+    """What a step takes or returns, and the range of it that a fit has seen.
+
+    Parameters
+    ----------
+    name : str
+        Such as ``"drive"``.
+    low, high : float, default=-inf, inf
+        Range of the fit, in the unit of the signal.
+    rate : float, default=inf
+        Fastest change of the fit, units of the signal per s.
+    """
+
+    name: str
+    low: float = -math.inf
+    high: float = math.inf
+    rate: float = math.inf
+
+    @property
+    def is_limited(self):
+        """Whether a range or a rate is known."""
+        return (self.low, self.high, self.rate) != (-math.inf, math.inf, math.inf)
+
+    def ends(self, dt):
+        """Return lowest and highest value, and largest change in an interval (None: any).
+
+        Rounding of what lies on an end is no extrapolation.
+        """
+        span = self.high - self.low
+        rounding = ROUNDING * (span if math.isfinite(span) else 0.0)
+        change = math.inf if dt is None else self.rate * dt
+        return self.low - rounding, self.high + rounding, change * (1.0 + ROUNDING) + rounding
+
+
+ROUNDING = 1e-9  # of a range: what exceeds it by less has not left it
+
+
 class Stepper:
     """A device that is fed sample by sample.
 
@@ -434,6 +472,15 @@ class Stepper:
         Operator at its sampling interval, with the state to begin from.
     dt : float, default=None
         That interval in s, where it is known.
+    inputs : sequence of Signal, default=()
+        What a step takes, one per column.
+    result : Signal, default=None
+        What it returns.
+    preview : int, default=0
+        Samples by which the input comes before the output that belongs to it.
+    remake : callable, default=None
+        Returns a stepper of this kind again, for pickling; by default the compiled step itself is
+        pickled.
 
     Attributes
     ----------
@@ -445,9 +492,16 @@ class Stepper:
         At the last sample that was not refused; None before the first, and after ``state`` is set.
     status : frozenset of str
         Conditions that hold at the last sample: ``"limited"``, limits have cut the drive;
-        ``"refused"``, the last input was refused, see :meth:`step`.
+        ``"unreachable"``, an inverse by root finding has found no drive for its reference;
+        ``"extrapolated"``, the drive has left the range or the rate of the fit; ``"refused"``, the
+        last input was refused, see :meth:`step`.
     compiled_step : CompiledStep
         What is stepped, with the state that it began from.
+    inputs, result, preview : tuple of Signal, Signal or None, int
+        As given.
+    watched : tuple of (int, float, float, float)
+        Signals whose range is known: position among inputs and result, lowest and highest value,
+        and largest change from one sample to the next.
 
     Raises
     ------
@@ -468,13 +522,25 @@ class Stepper:
     (0.5, array([3.5, 0.5]))
     """
 
-    def __init__(self, compiled_step, dt=None):
+    def __init__(self, compiled_step, dt=None, *, inputs=(), result=None, preview=0, remake=None):
         self.compiled_step = compiled_step
         self.dt = None if dt is None else chosen_interval((), dt, "Stepper")
+        self.inputs, self.result, self.preview = tuple(inputs), result, preview
+        if self.inputs and len(self.inputs) != (compiled_step.n_inputs or 1):
+            raise ValueError(
+                f"The 'inputs' parameter of Stepper must be {compiled_step.n_inputs or 1} signals, "
+                f"one per column. Got {inputs!r} instead."
+            )
+        self._remake = remake
+        self.watched = tuple(
+            (k, *signal.ends(self.dt))
+            for k, signal in enumerate((*self.inputs, result))
+            if signal is not None and signal.is_limited
+        )
         self._begin(compiled_step.state)
 
     def _begin(self, state):
-        self.output, self._refused = None, False
+        self._forget()
         self._state = np.array(state)
         self._step = self.compiled_step.stepping(self._state)
 
@@ -492,12 +558,30 @@ class Stepper:
                 f"read. Got {values!r} instead."
             )
         self._state[:] = values
+        self._forget()
+
+    def _forget(self):
         self.output, self._refused = None, False
+        self._last = self._before = None  # input and output of the last two samples
 
     @property
     def status(self):
         found = {name for name, at in self.compiled_step.flags if self._state[at] != 0.0}
-        return frozenset(found | {"refused"} if self._refused else found)
+        found |= {"refused"} if self._refused else set()
+        return frozenset(found | {"extrapolated"} if self._has_left() else found)
+
+    def _has_left(self):
+        """Whether the last sample was beyond the range of a signal, or its rate."""
+        if self._last is None or not self.watched:
+            return False
+        now = (*np.ravel(self._last[0])[: len(self.inputs)], self._last[1])
+        before = now if self._before is None else self._before
+        if before is not now:
+            before = (*np.ravel(before[0])[: len(self.inputs)], before[1])
+        return any(
+            now[k] < low or now[k] > high or abs(now[k] - before[k]) > change
+            for k, low, high, change in self.watched
+        )
 
     def step(self, u):
         """Return the response at the next sample.
@@ -528,6 +612,8 @@ class Stepper:
         else:
             value = self._checked(u, 1)
         self.output = self._step(value)
+        if self.watched:
+            self._before, self._last = self._last, (value, self.output)
         return self.output
 
     def run(self, u):
@@ -550,13 +636,16 @@ class Stepper:
         n_inputs = self.compiled_step.n_inputs
         u = self._checked(u, 1 if n_inputs is None else 2)
         y = self.compiled_step.streaming(self._state)(u)
-        self.output = float(y[-1]) if len(y) else self.output
+        if len(y):
+            self.output = float(y[-1])
+            before = (u[-2].copy(), float(y[-2])) if len(y) > 1 else self._last
+            self._before, self._last = before, (u[-1].copy(), self.output)
         return y
 
     def _checked(self, u, ndim):
         n_inputs = self.compiled_step.n_inputs
         try:
-            rows = np.asarray(u, dtype=float)
+            rows = np.array(u, dtype=float)
         except (TypeError, ValueError):
             rows = np.empty(())
         is_whole = rows.ndim == ndim and not (n_inputs and rows.shape[-1] < n_inputs)
@@ -568,10 +657,20 @@ class Stepper:
 
     def copy(self):
         """Return an independent copy in the same state."""
-        other = Stepper(self.compiled_step, self.dt)
+        other = Stepper(self.compiled_step, self.dt, **self._described())
         other._begin(self._state)
-        other.output, other._refused = self.output, self._refused
+        other._recall(self._known())
         return other
+
+    def _described(self):
+        names = "inputs", "result", "preview"
+        return {name: getattr(self, name) for name in names} | {"remake": self._remake}
+
+    def _known(self):
+        return self.output, self._refused, self._last, self._before
+
+    def _recall(self, known):
+        self.output, self._refused, self._last, self._before = known
 
     __copy__ = copy
 
@@ -579,4 +678,15 @@ class Stepper:
         return self.copy()
 
     def __reduce__(self):
-        raise TypeError("A Stepper is compiled, and not pickled: keep its model and its 'state'.")
+        again = self._remake
+        if again is None:
+            again = partial(Stepper, self.compiled_step, self.dt, **self._described())
+        return _restored, (again, self.state, self._known())
+
+
+def _restored(again, state, known):
+    """Return a stepper that goes on from where a pickled one was."""
+    stepper = again()
+    stepper.state = state
+    stepper._recall(known)
+    return stepper

@@ -6,6 +6,7 @@ import subprocess
 
 import numpy as np
 import pytest
+from c_programs import FLAGS
 from operator_cases import DT, OPERATORS, make_drive
 
 from skhyst.export import to_c
@@ -20,10 +21,6 @@ from skhyst.operators import CompiledColumn, CompiledLaw, CompiledSeries, Steppe
 from skhyst.operators._compiled_step import CompiledProduct
 from skhyst.operators._composition import factor_step
 
-FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror", "-pedantic") + (
-    "-fsanitize=address,undefined",
-    "-fno-sanitize-recover=all",
-)
 BARS = {"float64": 1e-12, "float32": 1e-6, "int32": 1.0}  # of the range; units of output
 NEEDS_COMPILER = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
 
@@ -194,6 +191,44 @@ int main(void)
     start = text.index("_outputs[N_SAMPLES] = {\n") + len("_outputs[N_SAMPLES] = {\n")
     test.write_text(text[:start] + "    1e-9 +" + text[start:].lstrip(" "))
     assert compiled(tmp_path, "gear.c", "gear_test.c").returncode == 1
+
+
+@NEEDS_COMPILER
+@pytest.mark.skipif(shutil.which("g++") is None, reason="there is no C++ compiler")
+@pytest.mark.parametrize("dtype", ["float64", "float32", "int32"])
+def test_a_program_is_called_from_c_plus_plus(tmp_path, dtype):
+    """Compiled as C and linked to C++, and compiled as C++ itself, without a warning."""
+    more = {"input_unit": 0.25, "output_unit": 0.25, "drive": [0.0, 1.0]}
+    more = more if dtype == "int32" else {}
+    to_c(BacklashOperator(0.25), tmp_path, "gear", dtype, dt=1.0, **more)
+    (tmp_path / "main.cpp").write_text("""
+#include "gear.h"
+int main()
+{
+    gear_state gear;
+    gear_init(&gear);
+    return gear_step(&gear, 4) == GEAR ? 0 : 2;
+}
+""")
+    answer = {"float64": "3.75", "float32": "3.75f", "int32": "3"}
+    strict = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Werror"]
+    cpp = ["g++", "-std=c++17", *strict, f"-DGEAR={answer[dtype]}"]
+    subprocess.run(["cc", "-std=c99", *strict, "-c", "gear.c"], cwd=tmp_path, check=True)
+    for source in (["gear.o"], ["-x", "c++", "gear.c", "-x", "none"]):
+        command = [*cpp, "main.cpp", *source, "-o", "program", "-lm"]
+        subprocess.run(command, cwd=tmp_path, check=True)
+        assert subprocess.run(tmp_path / "program").returncode == 0
+
+
+@NEEDS_COMPILER
+def test_a_double_of_32_bits_is_refused_by_the_compiler(tmp_path):
+    """As that of the small AVR controllers is; single precision compiles there."""
+    small = ["-U__DBL_MANT_DIG__", "-D__DBL_MANT_DIG__=24", "-Wno-builtin-macro-redefined"]
+    for dtype, refused in (("float64", True), ("float32", False)):
+        to_c(BacklashOperator(0.2), tmp_path, "gear", dtype, dt=1.0)
+        command = ["cc", *small, "-c", "gear.c"]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+        assert ("double has fewer than 64 bits" in done.stderr) == refused == bool(done.returncode)
 
 
 @NEEDS_COMPILER
