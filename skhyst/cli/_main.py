@@ -179,7 +179,7 @@ def _add_search(parser, nargs=1):
     rest = "search the first fraction F (of the records, or of the only one), report on the rest"
     add("--train-fraction", type=float, metavar="F", help=rest)
     series = "declared model, in series with +: prandtl_ishlinskii+transfer_function(n_poles=2)"
-    add("--model", default="prandtl_ishlinskii", metavar="NAME", help=series)
+    add("--model", metavar="NAME", help=f"{series} (default: the best of a few that are compared)")
     add("--effects", default="all", help="comma-separated names (default: all)")
     add("--folds", "--cv", type=int, default=5, metavar="N", help="folds (default: 5)")
     add("--washout", type=int, metavar="N", help="samples at the start that are not scored")
