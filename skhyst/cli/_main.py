@@ -219,6 +219,10 @@ def _add_compensate(commands):
     add("--limits", type=float, nargs=2, metavar=("LOW", "HIGH"), help=limits)
     rate = "fastest change of the drive, its units per s (default: that in the fit)"
     add("--rate-limit", type=float, metavar="RATE", help=rate)
+    rest = (
+        "drive at which the amplifier rests, from and to which ramps are written (default: the one"
+    )
+    add("--rest", type=float, metavar="DRIVE", help=f"{rest} nearest to 0 within that written)")
     margin = "fraction of range and rate of the fit by which its limits are widened (default: 0)"
     add("--limit-margin", type=float, default=0.0, metavar="PART", help=margin)
     add("--no-limits", action="store_true", help="no limits but those that are given")
