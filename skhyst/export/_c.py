@@ -376,8 +376,9 @@ def to_c(
     Integer arithmetic saturates: nothing overflows, for any input. A number that grows without
     bound, such as a count of time, stays at about 4096 times its largest value in the test.
 
-    Integers have no ``exp``, ``tanh``, ``cos``, ... and no powers but squares: laws that need
-    them are refused by name.
+    Integers have ``exp``, ``log``, ``pow`` of positive numbers, ``sqrt``, ``tanh``, ``sin``,
+    ``cos``, ``expm1``, ``log1p`` and whole powers: laws that need other functions are refused by
+    name.
 
     Examples
     --------

@@ -90,5 +90,6 @@ def _size(source, name, compiler, options):
         for file in (f"{source.stem}.o", "state.o"):
             told = subprocess.run([tool, file], cwd=folder, capture_output=True, text=True)
             sizes.append([int(x) for x in told.stdout.splitlines()[1].split()[:3]])
-        stack = [int(line.split("\t")[1]) for line in Path(folder, f"{source.stem}.su").open()]
+        lines = Path(folder, f"{source.stem}.su").read_text().splitlines()
+        stack = [int(line.split("\t")[1]) for line in lines]
     return sizes[0][0] + sizes[0][1], sizes[1][2], max(stack)
