@@ -219,6 +219,10 @@ def _add_compensate(commands):
     add("--limits", type=float, nargs=2, metavar=("LOW", "HIGH"), help=limits)
     rate = "fastest change of the drive, its units per s (default: that in the fit)"
     add("--rate-limit", type=float, metavar="RATE", help=rate)
+    rest = (
+        "drive at which the amplifier rests, from and to which ramps are written (default: the one"
+    )
+    add("--rest", type=float, metavar="DRIVE", help=f"{rest} nearest to 0 within that written)")
     margin = "fraction of range and rate of the fit by which its limits are widened (default: 0)"
     add("--limit-margin", type=float, default=0.0, metavar="PART", help=margin)
     add("--no-limits", action="store_true", help="no limits but those that are given")
@@ -248,6 +252,9 @@ def _add_export(commands):
     add = for_c.add_argument
     add("--name", help="name of files and functions (default: that of the model's file)")
     add("--dtype", choices=("float64", "float32", "int32"), help="(default: float64)")
+    add("--form", choices=("table", "step"), help="laws by tables or integrated (default: table)")
+    sizes = "print flash, RAM and stack on Cortex-M0, Cortex-M4F, AVR and x86-64"
+    add("--sizes", action="store_const", const=True, help=sizes)
     add("--drive", type=Path, metavar="FILE", help="input of the test program; int32 needs it")
     column = "column of the drive (default: the second); repeat it for a model of several inputs"
     add("--column", action="append", metavar="COL", help=column)

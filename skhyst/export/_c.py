@@ -283,6 +283,8 @@ def to_c(
     input_unit=None,
     output_unit=None,
     tunable=(),
+    form="table",
+    tolerance=None,
 ) -> list[Path]:
     """Write a model, compensator, controller or operator as a C99 program, run sample by sample.
 
@@ -339,6 +341,13 @@ def to_c(
         their ranges, by default half of the value on either side. The program has a struct
         ``name_params``, ``name_defaults``, and ``name_configure``, which computes the constants
         that depend on them; the state stays. Not for ``"int32"``.
+    form : {"table", "step"}, default="table"
+        ``"step"``: laws that are looked up in tables, as that of Bouc and Wen, are integrated
+        instead, in less than 2 kB; the header says how far the response is from that of the model
+        under the drive of the test.
+    tolerance : float, default=None
+        Error that the test allows in floating point, as a fraction of the range of the response; by
+        default as below. Single precision is refused where its error is larger.
 
     Returns
     -------
@@ -367,8 +376,9 @@ def to_c(
     Integer arithmetic saturates: nothing overflows, for any input. A number that grows without
     bound, such as a count of time, stays at about 4096 times its largest value in the test.
 
-    Integers have no ``exp``, ``tanh``, ``cos``, ... and no powers but squares: laws that need
-    them are refused by name.
+    Integers have ``exp``, ``log``, ``pow`` of positive numbers, ``sqrt``, ``tanh``, ``sin``,
+    ``cos``, ``expm1``, ``log1p`` and whole powers: laws that need other functions are refused by
+    name.
 
     Examples
     --------
@@ -391,7 +401,8 @@ def to_c(
             f"{dtype!r} instead."
         )
     texts = program(
-        model, name, dtype, dt, initial_state, u0, drive, (input_unit, output_unit), tunable
+        *(model, name, dtype, dt, initial_state, u0, drive, (input_unit, output_unit), tunable),
+        *(form, tolerance),
     )
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -431,12 +442,24 @@ class Program:
     begins_at: bool
 
 
-def program(model, name, dtype, dt, initial_state, u0, drive, units, tunable):
+def program(
+    model, name, dtype, dt, initial_state, u0, drive, units, tunable, form="table", tolerance=None
+):
     """Return the :class:`Program` that :func:`to_c` writes; parameters are as there."""
     what = type(model).__name__
+    if form not in ("table", "step"):
+        raise ValueError(
+            f"The 'form' parameter of to_c must be 'table' or 'step'. Got {form!r} instead."
+        )
+    if tolerance is not None and not (isinstance(tolerance, Real) and 0.0 < tolerance < np.inf):
+        raise ValueError(
+            "The 'tolerance' parameter of to_c must be a number above 0 or None. Got "
+            f"{tolerance!r} instead."
+        )
 
     def at_rest(level, model=model):
-        return _stepper(model, dt, initial_state, level)
+        stepper, own = _stepper(model, dt, initial_state, level)
+        return _compacted(stepper) if form == "step" else stepper, own
 
     stepper, dt = at_rest(u0)
     compiled_step = stepper.compiled_step
@@ -478,11 +501,13 @@ def program(model, name, dtype, dt, initial_state, u0, drive, units, tunable):
         units = _units(drive, *units)
         common["legend"] = _legend(stepper, dt, None, None)
         drive = _inputs(drive, n_inputs)
+        common["legend"] += _deviation(model, stepper, drive, dt, initial_state, u0, form)
         texts, rules = _in_integers(stepper, common, drive, units), None
     else:
         common["legend"] = _legend(stepper, dt, *units)
         drive = _test_drive(u0, n_inputs) if drive is None else _inputs(drive, n_inputs)
         drive = drive.astype(DIALECTS[dtype].number).astype(float)
+        common["legend"] += _deviation(model, stepper, drive, dt, initial_state, u0, form)
         rules = ends = None
         if not isinstance(model, Stepper) and not hasattr(model, "bound"):
             rules, ends = rest_rules(lambda level: at_rest(_level(level, compiled_step))[0], drive)
@@ -508,7 +533,8 @@ def program(model, name, dtype, dt, initial_state, u0, drive, units, tunable):
                 del runs[1:]
             runs.append(_Run(other, tuned.at(values)))
             common |= configuration(name, entries, tuned, DIALECTS[dtype], values)
-        texts = _in_reals(step, stepper, common, drive, u0, dtype, runs, tuned, rules)
+        tolerance = TOLERANCES[dtype] if tolerance is None else float(tolerance)
+        texts = _in_reals(step, stepper, common, drive, u0, dtype, runs, tuned, rules, tolerance)
     by_row = compiled_step.n_inputs is not None
     return Program(texts, dt, digest, n_inputs, by_row, entries or (), rules is not None)
 
@@ -523,6 +549,30 @@ class _Run:
     def answers(self, drive):
         """Return the response (n_samples,) to a drive (n_samples, n_inputs)."""
         return _answers(self.stepper, drive)
+
+
+def _compacted(stepper):
+    """Return a stepper whose laws do without tables, in the same state."""
+    step = stepper.compiled_step.compacted()
+    if not np.array_equal(stepper.state, stepper.compiled_step.state):
+        raise ValueError(
+            "The 'form' parameter of to_c must be 'table' for a stepper under way. Got 'step' "
+            "instead."
+        )
+    signals = {"inputs": stepper.inputs, "result": stepper.result, "preview": stepper.preview}
+    return Stepper(step, stepper.dt, **signals)
+
+
+def _deviation(model, stepper, drive, dt, initial_state, u0, form):
+    """Return a line for the header: how far a program without tables is from its model."""
+    if form == "table":
+        return ""
+    expected = _answers(_stepper(model, dt, initial_state, u0)[0], drive)
+    error = np.abs(_answers(stepper, drive) - expected).max() / (np.ptp([0.0, *expected]) or 1.0)
+    return (
+        f"\n   Laws are integrated instead of looked up: within {1.05 * error:.1e} of the range\n"
+        "   of the model's response under the drive of the test."
+    )
 
 
 def _level(level, compiled_step):
@@ -708,7 +758,7 @@ def _reserve(printer):
     return printer
 
 
-def _in_reals(step, stepper, common, drive, u0, dtype, runs, tuned, rules):
+def _in_reals(step, stepper, common, drive, u0, dtype, runs, tuned, rules, tolerance):
     dialect = DIALECTS[dtype]
     printer = _reserve(Printer(common["name"], dialect))
     call = f"{printer.function(step)}({', '.join(step.args(_ARGS[: len(step.taken)]))})"
@@ -727,7 +777,7 @@ def _in_reals(step, stepper, common, drive, u0, dtype, runs, tuned, rules):
             off = runs[-1].tuned * (1.0 + 2.0 * np.finfo(dialect.number).eps * sign)
             device = Interpreter(step, stepper.state, off)
             moved = max(moved, np.abs([device.answer(u) for u in drive] - outputs[-1]).max())
-    tolerance = max(TOLERANCES[dtype], 2.0 * moved / span)
+    tolerance = max(tolerance, 2.0 * moved / span)
     if dtype == "float32":
         for run, own in zip(runs, outputs, strict=True):
             given = drive, own, span, tolerance, () if run.tuned is None else run.tuned

@@ -11,7 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-_LEVELS = (0.0, 1.0, -1.0, 0.37, -0.61)  # fractions of the range; the first is where parts begin
+# fractions of the range, the first of which is where parts begin: small ones, too, since what a law
+# saturates at hides its state
+_LEVELS = (0.0, 1.0, -1.0, 0.37, -0.04, 0.01)
 _WIDER = (16.0, 1.0)  # multiples of the range of the drive over which it is tried
 _N_SAMPLES = 20  # of each drive that compares two devices
 _PARTS = (0.5, 0.02, 0.0005)  # sizes of these drives, as fractions of the range

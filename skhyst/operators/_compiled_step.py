@@ -120,6 +120,17 @@ class CompiledStep:
         """
         raise NotImplementedError
 
+    def compacted(self):
+        """Return the step with less memory, where one of its laws has such a form.
+
+        Returns
+        -------
+        CompiledStep
+            It begins from the same state of the device, and its response is close to that of this
+            step.
+        """
+        return self
+
     def stepping(self, s):
         """Return a function of the input at one sample.
 
@@ -173,6 +184,8 @@ class CompiledLaw(CompiledStep):
         are in range. None: the step takes any finite state.
     flags : tuple of (str, int), default=()
         As of :class:`CompiledStep`.
+    compact : CompiledLaw, default=None
+        The law with less memory, in the same state: it computes what this one looks up.
 
     Examples
     --------
@@ -192,6 +205,10 @@ class CompiledLaw(CompiledStep):
     double_only: str = ""
     possible: object = None
     flags: tuple = ()
+    compact: object = None
+
+    def compacted(self):
+        return self if self.compact is None else self.compact
 
     def __post_init__(self):
         constants = tuple(as_constant(c) if np.ndim(c) else float(c) for c in self.constants)
@@ -215,7 +232,7 @@ class CompiledLaw(CompiledStep):
         step = self.stepping(s)
         for value in u:
             step(value)
-        return replace(self, state=s)
+        return replace(self, state=s, compact=None)
 
     def is_possible(self, s):
         return self.possible is None or bool(self.possible(s, self.constants))
@@ -260,6 +277,9 @@ class CompiledParts(CompiledStep):
         """Yield each part with its part of a state."""
         ends = np.cumsum([len(part.state) for part in self.parts])
         return zip(self.parts, np.split(s, ends[:-1]) if self.parts else (), strict=True)
+
+    def compacted(self):
+        return replace(self, parts=tuple(part.compacted() for part in self.parts))
 
     def is_possible(self, s):
         return all(part.is_possible(own) for part, own in self._each(s))

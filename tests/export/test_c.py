@@ -1,6 +1,7 @@
 """The exported C answers as Python does."""
 
 import math
+import re
 import shutil
 import subprocess
 
@@ -9,9 +10,10 @@ import pytest
 from c_programs import FLAGS
 from operator_cases import DT, OPERATORS, make_drive
 
-from skhyst.export import to_c
+from skhyst.export import program_sizes, to_c
 from skhyst.hysteresis import (
     BacklashOperator,
+    BoucWenOperator,
     JilesAthertonOperator,
     PrandtlIshlinskiiOperator,
     TanhHysteresisOperator,
@@ -289,6 +291,60 @@ def test_the_test_program_sees_what_is_not_refused(tmp_path):
     source.write_text(text)
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert "isfinite is needed" in done.stderr
+
+
+@NEEDS_COMPILER
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_a_law_without_tables_is_small_and_close(tmp_path, dtype):
+    """The deviation is at most that which the header states, and known from the closed form."""
+    wires = BoucWenOperator(0.4, 0.7, 0.31, 1.0, 1.0, 0.0, 0.1)  # r = n = 1: exponential branches
+    u = make_drive()
+    options = {"dt": DT, "drive": u}
+    header, source, _ = to_c(wires, tmp_path, "wires", dtype, form="step", **options)
+    stated = float(re.search(r"within (\S+) of the range", header.read_text())[1])
+    assert stated < 1e-7
+    z, last, branch = 0.0, 0.0, []
+    for value in u:  # dz/du = 1 - z sgn(u') / D
+        d = np.sign(value - last)
+        z = d * 0.31 - (d * 0.31 - z) * np.exp(-abs(value - last) / 0.31)
+        branch.append(0.4 * value + 0.7 * z + 0.1)
+        last = value
+    closed = Stepper(wires.compiled_step(DT, wires.init(0.0)).compacted()).run(u)
+    np.testing.assert_allclose(closed, branch, rtol=0.0, atol=stated * np.ptp([0.0, *branch]))
+    done = compiled(tmp_path, "wires.c", "wires_test.c")
+    assert done.returncode == 0, (done.stdout, done.stderr)
+    assert len(source.read_text()) < 6000
+    table = to_c(wires, tmp_path, "table", dtype, **options)[1]
+    assert len(table.read_text()) > 5 * len(source.read_text())
+
+
+def test_sizes_are_those_of_the_compiler(tmp_path, monkeypatch):
+    plays = PrandtlIshlinskiiOperator([0.0, 0.3, 0.5], [1.0, 0.5, 0.2])
+    to_c(plays, tmp_path, "plays", "float32", dt=DT)
+    sizes = program_sizes(tmp_path, "plays")
+    assert sizes.index.tolist() == ["Cortex-M0", "Cortex-M4F", "AVR", "x86-64"]
+    found = sizes.dropna()
+    assert (found["state"] == 4 * (3 + 2)).all()  # three plays, the output and a flag
+    assert found["flash"].between(100, 2000).all()
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    assert program_sizes(tmp_path, "plays").isna().all(axis=None)
+    with pytest.raises(FileNotFoundError, match="There is no program"):
+        program_sizes(tmp_path, "stops")
+
+
+def test_a_tolerance_is_as_asked(tmp_path):
+    law = of_weights
+    law.py_func = law
+    step = CompiledLaw(law, (), ())
+    with pytest.raises(ValueError, match=r"1.0e-06 is allowed"):
+        to_c(step, tmp_path, "single", "float32")
+    test = to_c(step, tmp_path, "single", "float32", tolerance=0.01)[2].read_text()
+    assert "return largest <= 0.01 *" in test
+    for tolerance in (0.0, "small", np.nan):
+        with pytest.raises(ValueError, match="'tolerance' parameter of to_c"):
+            to_c(step, tmp_path, "single", tolerance=tolerance)
+    with pytest.raises(ValueError, match="'form' parameter of to_c"):
+        to_c(step, tmp_path, "single", form="small")
 
 
 def test_derivatives_are_left_out_and_the_hash_is_that_of_the_numbers(tmp_path):
