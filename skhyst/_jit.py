@@ -5,8 +5,8 @@ where that folder, or ``NUMBA_CACHE_DIR``, can be written; elsewhere the kernel 
 process instead, since a plain ``cache=True`` raises at import in a read-only install without a
 home folder. What cannot be read from the cache is compiled anew and written again: a damaged file,
 one of another layout, one that names a module which is gone. So is a kernel that calls, or takes a
-constant from, what has changed in another file, as after an upgrade. Without Numba the same function runs
-as plain Python: slow, but with equal results.
+constant from, what has changed in another file, as after an upgrade. Without Numba the same
+function runs as plain Python: slow, but with equal results.
 """
 
 import pickle
