@@ -156,7 +156,8 @@ class Feedback(ParametricModel):
         linear, curve = self._models()
         linear = with_params(linear, initial_state=agreed(self, "initial_state"))
         base = linear.identify(records).operator
-        if not (hasattr(base, "discrete") and hasattr(base, "hold") and base.gain):
+        is_linear = hasattr(base, "discrete") and hasattr(base, "hold")
+        if not (is_linear and base.gain and not base.n_start):
             raise TypeError(
                 "The 'linear' parameter of Feedback must be linear dynamics with a static gain and "
                 f"without a delay. Got {self.linear!r} instead."

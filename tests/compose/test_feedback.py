@@ -156,6 +156,7 @@ def test_what_is_no_such_model_is_refused():
     for model, name in (
         (Feedback(Delay(), SmoothCurve()), "linear"),
         (Feedback(TransferFunction(2, delay=0.02), SmoothCurve()), "linear"),
+        (Feedback(TransferFunction(1, integrators=1), SmoothCurve()), "linear"),
         (Feedback(FirstOrderLag(), FirstOrderLag()), "curve"),
     ):
         with pytest.raises(TypeError, match=f"The '{name}' parameter of Feedback must be"):
