@@ -7,6 +7,7 @@ from ._fold import Fold, FoldOperator
 from ._saturation import Saturation, SaturationOperator
 from ._smooth_curve import PolynomialCurveOperator, SmoothCurve
 from ._soft_saturation import SoftSaturation, SoftSaturationOperator
+from ._unknown_term import ARGUMENTS as ARGUMENTS
 from ._unknown_term import UnknownTerm, UnknownTermOperator
 from ._unknown_term import smooth as smooth
 

@@ -10,10 +10,10 @@ passes. :math:`B_k` are cubic B-splines on even knots, with the penalty
 everything that the parameters of the rest of the model can do (partial residuals, Frisch and Waugh
 [2]_), and :math:`S` that of the penalty. With :math:`S v_j = d_j G v_j`, :math:`v_i' G v_j =
 \delta_{ij}` (Demmler and Reinsch [3]_) the functions :math:`v_j` are uncorrelated, ever less
-smooth, and the penalty multiplies each one's coefficient by :math:`1 / (1 + \lambda d_j)`. :math:`\lambda`
-is that of the restricted maximum likelihood. The functions that it leaves more than half of are
-kept, the columns of :math:`T`, and fitted by least squares with all other parameters. The others
-are left out. So the term is linear in its weights and takes part in a joint fit as any other.
+smooth, and the penalty multiplies each one's coefficient by :math:`1 / (1 + \lambda d_j)`.
+:math:`\lambda` is that of the restricted maximum likelihood. The columns of :math:`T` are these
+functions, but for those of which less than a hundredth is left. So the term is linear in its
+weights, the penalty is diagonal, and both take part in a joint fit as anything else does.
 
 **Orthogonality.** What the parameters can do as well, as a gain does what is straight in the drive,
 has next to no power in :math:`G`. Such functions are left out: the parameters keep what is theirs,
@@ -42,6 +42,7 @@ from ..operators import CompiledLaw, Operator, as_signal, parameter
 ARGUMENTS = ("input", "rate", "play")
 _DOABLE = 0.05**2  # of a function's power: below, the parameters can do it to 5 % of its size
 _GRID = np.logspace(-8.0, 8.0, 161)  # of the penalty, relative to the median of d_j
+_LEAST = 0.01  # of a function that the penalty leaves
 _PLAY = 0.1  # half gap of a play, relative to the range of its input
 
 
@@ -97,6 +98,8 @@ class UnknownTermOperator(Operator):
         Of the play, units of the input. Fixed structure.
     passed : float, default=0.0
         What is added of the input itself, 1 at a joint of a series. Fixed structure.
+    penalty : ndarray of shape (n_functions,) or float, default=0.0
+        Of each squared weight, for each sample of a fit. Fixed structure.
 
     Notes
     -----
@@ -119,6 +122,7 @@ class UnknownTermOperator(Operator):
     argument: str = "input"
     half_gap: float = 0.0
     passed: float = 0.0
+    penalty: np.ndarray | float = 0.0
 
     stage_order = 40
 
@@ -128,6 +132,18 @@ class UnknownTermOperator(Operator):
         v = np.linspace(self.low, self.high, 10 * len(self.basis))
         slope = self.functions(v, derivative=True) @ self.weights
         return bool(self.argument != "rate" and slope.min() + self.passed > 0.0 < self.passed)
+
+    def entries(self):
+        """Return name and spec of each weight, with its penalty; see the base."""
+        penalty = np.broadcast_to(self.penalty, np.shape(self.weights)).tolist()
+        both = zip(super().entries(), penalty, strict=True)
+        return [(name, replace(spec, penalty=own)) for (name, spec), own in both]
+
+    @property
+    def effective_number(self):
+        """Number of functions, each as far as the penalty leaves it (degrees of freedom)."""
+        penalty = np.broadcast_to(self.penalty, np.shape(self.weights))
+        return float(np.sum(1.0 / (1.0 + penalty)))
 
     @property
     def width(self):
@@ -351,7 +367,7 @@ class UnknownTerm(ParametricModel):
 
 
 def smooth(operator, gram, own, n_samples):
-    """Return a flexible operator with the functions that restricted maximum likelihood keeps.
+    """Return a flexible operator with the smoothness of the restricted maximum likelihood.
 
     Parameters
     ----------
@@ -387,19 +403,22 @@ def smooth(operator, gram, own, n_samples):
     part, turned = np.linalg.eigh(axes.T @ left[:-1, :-1] @ axes)
     axes = axes @ turned[:, part > _DOABLE]
     bends = np.diff(np.eye(len(operator.basis)), 2, axis=0) @ operator.basis
-    basis = np.empty((len(k), 0))
+    basis, penalty = np.empty((len(k), 0)), np.empty(0)
     if axes.shape[1]:
-        roughness, turned = eigh(axes.T @ bends.T @ bends @ axes, axes.T @ left[:-1, :-1] @ axes)
-        axes = axes @ turned
-        kept = _kept(
-            np.maximum(roughness, 0.0), axes.T @ left[:-1, -1], left[-1, -1], n_samples - rest.size
+        inner = axes.T @ left[:-1, :-1] @ axes
+        roughness, turned = eigh(axes.T @ bends.T @ bends @ axes, inner)
+        axes, roughness = axes @ turned, np.maximum(roughness, 0.0)
+        penalty = roughness * _smoothing(
+            roughness, axes.T @ left[:-1, -1], left[-1, -1], n_samples - rest.size
         )
-        basis = np.sqrt(n_samples) * axes[:, kept]
-    return replace(operator, weights=np.zeros(basis.shape[1]), basis=operator.basis @ basis)
+        kept = 1.0 / (1.0 + penalty) >= min(_LEAST, 1.0 / (1.0 + penalty.min()))
+        basis, penalty = np.sqrt(n_samples) * axes[:, kept], penalty[kept]
+    weights = np.zeros(basis.shape[1])
+    return replace(operator, weights=weights, basis=operator.basis @ basis, penalty=penalty)
 
 
-def _kept(roughness, found, power, n_samples):
-    """Return which functions the penalty of restricted maximum likelihood leaves most of.
+def _smoothing(roughness, found, power, n_samples):
+    """Return the penalty of the restricted maximum likelihood.
 
     ``found`` are the least-squares coefficients of orthonormal functions, ``power`` the sum of
     squares that they are part of. With the penalty as a prior, each has the variance
@@ -407,14 +426,11 @@ def _kept(roughness, found, power, n_samples):
     """
     bent = roughness > 1e-9 * roughness.max(initial=0.0)
     if not bent.any():
-        return np.ones(len(roughness), dtype=bool)
+        return 0.0
     d, z = roughness[bent], np.square(found[bent])
     white = max(power - np.square(found).sum(), np.finfo(float).tiny)
     n = max(n_samples - np.count_nonzero(~bent), 1.0)
     penalties = _GRID / np.median(d)
     ratio = 1.0 + 1.0 / np.multiply.outer(penalties, d)
     deviance = np.log(ratio).sum(axis=1) + n * np.log(white + (z / ratio).sum(axis=1))
-    best = penalties[np.argmin(deviance)]
-    kept = best * roughness < 1.0
-    kept[np.argmin(roughness)] = True
-    return kept
+    return penalties[np.argmin(deviance)]

@@ -38,7 +38,7 @@ def test_finds_the_function(argument):
     y = truth + 0.1 * RNG.normal(size=N)
     model.fit(U[:, None], y)
     # least squares of q functions has a variance of q / n of the noise's
-    q = model.operator_.weights.size
+    q = model.operator_.effective_number
     assert q >= 3
     assert rms(model.predict(U[:, None]) - truth) < 2.0 * 0.1 * np.sqrt(q / N)
 
@@ -47,9 +47,9 @@ def test_noise_has_no_function_but_a_straight_line():
     counts = []
     for seed in range(20):
         y = np.random.default_rng(seed).normal(size=N)
-        counts.append(UnknownTerm(dt=0.01).fit(U[:, None], y).operator_.weights.size)
+        counts.append(UnknownTerm(dt=0.01).fit(U[:, None], y).operator_.effective_number)
     # a constant and a slope are not penalised; maximum likelihood rarely has more for noise
-    assert np.median(counts) == 2
+    assert 2.0 <= np.median(counts) < 2.5
 
 
 def test_leaves_to_the_parameters_what_they_can_do():
