@@ -133,7 +133,7 @@ class Module:
         names = [alias for node in found for alias in node.names]
         return [alias.name for alias in names if alias.asname == alias.name]
 
-    @cache  # noqa: B019: as long as the process, which is short
+    @cache  # noqa: B019  (the process is short)
     def imports(self, everywhere=False):
         """Return module and name (None for a whole module) of each import of skhyst."""
         found = []
