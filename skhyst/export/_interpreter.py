@@ -61,12 +61,15 @@ class Interpreter:
     model : Slice
         See :func:`~skhyst.export._model.model_step`.
     state : ndarray of shape (n_states,)
+    tuned : ndarray of shape (n_constants,), optional
+        Constants that can be changed at run time.
     """
 
     _longest = None  # largest number of iterations of a loop
 
-    def __init__(self, model, state):
+    def __init__(self, model, state, tuned=()):
         self._model, self._state = model, np.array(state, dtype=float)
+        self._tuned = np.array(tuned, dtype=float)
         self._row = isinstance(model.function.params[0], Array)
         self._functions = {}
 
@@ -75,7 +78,8 @@ class Interpreter:
         seen = self._noted(None, "u")
         for value in u if seen else ():
             seen(value)
-        given = [u if self._row else float(u[0]), self._state]
+        given = [u if self._row else float(u[0]), self._state, self._tuned]
+        given = given[: len(self._model.function.params)]
         with np.errstate(all="ignore"):
             return self._function(None, self._model)(self._model.args(given))[0]
 
