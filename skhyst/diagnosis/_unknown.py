@@ -34,6 +34,7 @@ from ._candidates import Candidate, completed, held_out
 from ._constants import FACTOR
 from ._edits import Drive, InsertAt
 from ._jobs import side_by_side
+from ._pictures import Picture
 from ._shortened import are_long
 from ._starts import Scene
 
@@ -147,10 +148,8 @@ class Unknown:
 
     def __str__(self):
         """Return it in one sentence."""
-        what = "added to the response" if self.place == "response" else f"at the {self.place}"
-        if self.place.startswith("behind"):
-            what = f"added {self.place}"
-        text = f"a term {what} that depends on the {self.argument}, {self.shape}"
+        added = self.place if self.place.startswith("behind") else f"to the {self.place}"
+        text = f"a term added {added} that depends on the {self.argument}, {self.shape}"
         if len(self.laws):
             first = self.laws.iloc[0]
             text += f", which can be {first['formula']}"
@@ -176,6 +175,21 @@ class Unknown:
         if np.all(slopes >= 0.0) or np.all(slopes <= 0.0):
             words.append("rising" if slopes.sum() > 0.0 else "falling")
         return ", ".join(words) if len(words) else "neither odd nor even"
+
+    def picture(self):
+        """Return the curve with its band, over the density of the data.
+
+        Returns
+        -------
+        Picture
+        """
+        v, f, low, high, density = self.curve.to_numpy().T
+        band = ("", v, high, "dashed")
+        curves = ("curve", v, f, "line"), ("95 % band", v, low, "dashed"), band
+        share = ("", v, 100.0 * density, "line")
+        below = Picture("", self.argument, "samples (%)", (share,))
+        added = self.place if self.place.startswith("behind") else f"to the {self.place}"
+        return Picture("Unexplained", self.argument, f"added {added}", curves, below=below)
 
     def to_dict(self):
         """Return it as plain data.
@@ -405,7 +419,7 @@ def curve_of(site, tree, result, rng):
         spread = np.where(size > 0.0, size, 1.0)
         half = size * np.quantile(np.abs(draws @ functions.T / spread).max(axis=1), _LEVEL)
     value = functions @ term.weights
-    edges = np.concatenate([[-np.inf], 0.5 * (v[1:] + v[:-1]), [np.inf]])
+    edges = np.append(v, 2.0 * v[-1] - v[-2]) - 0.5 * (v[1] - v[0])
     density = np.histogram(seen, edges)[0] / len(seen)
     return pd.DataFrame(
         {

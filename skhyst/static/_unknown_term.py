@@ -272,7 +272,7 @@ class UnknownTerm(ParametricModel):
         Half gap of the play, units of the input. None: a tenth of the range of the input.
     passes : bool, default=False
         Whether the input itself is added, as at a joint of a series.
-    n_intervals : int, default=20
+    n_intervals : int, default=40
         Intervals of the knots, evenly spaced. The smoothness hardly depends on their number, where
         it is large enough.
 
@@ -318,7 +318,7 @@ class UnknownTerm(ParametricModel):
         *,
         half_gap=None,
         passes=False,
-        n_intervals=20,
+        n_intervals=40,
         initial_state="rest",
         dt=None,
         drive=None,
