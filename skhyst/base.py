@@ -54,6 +54,7 @@ from .optimize import (
     calibrated,
     identify,
     input_history_of,
+    is_coloured,
     with_further_starts,
     with_input_history,
 )
@@ -659,7 +660,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         model, result = identified(self, records)
         moving = None if self.free_run_state == "zero" else self._without_rest(result, records)
         if moving is None:
-            return self.finish(self._settled(model, result, records), records)
+            result = self._settled(model, result, records)
+            self._doubt_rest(model, result, records)
+            return self.finish(result, records)
         warnings.warn(
             f"{_NO_REST.format(type(self).__name__)}: with initial_state='zero' the error is "
             f"{moving.error:.3g} in place of {result.error:.3g}.",
@@ -688,6 +691,35 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         again = refine(model, [(ordered, result.disturbances)], records, "variable_projection")
         evaluations = result.n_evaluations + again.n_evaluations
         return replace(again, n_evaluations=evaluations, is_local=result.is_local)
+
+    def _doubt_rest(self, model, result, records):
+        """Warn where records begin otherwise than at rest: a fit then bends to how they do.
+
+        ``model`` has its hold decided.
+        """
+        operator, told = result.operator, agreed(self, "initial_state") != "rest"
+        if told or operator.memoryless or result.input_history is not None:
+            return
+        # what has no rest does not forget how it began
+        if not (is_coloured if operator.n_start else _is_left_early)(result, records):
+            return
+        state, least = "rest", result.error
+        started = [(operator, result.disturbances)]
+        zero = with_params(model, initial_state="zero")
+        for other, found in (
+            ("zero", refine(zero, started, records, with_errors=False)),
+            ("estimate", with_input_history(result, records, self.method)),
+        ):
+            if found.error < _CLEARLY * least:
+                state, least = other, found.error
+        if state != "rest":
+            warnings.warn(
+                f"The records begin otherwise than at the rest that {type(self).__name__} starts "
+                f"from: with initial_state={state!r} the error is {least:.3g} in place of "
+                f"{result.error:.3g}.",
+                ConvergenceWarning,
+                stacklevel=5,
+            )
 
     def _without_rest(self, result, records):
         """Return what a start from zero leaves room for, if the response has no state of rest.
@@ -1117,6 +1149,17 @@ def _better_slope(drives, result, records):
         return 0.0
     left = max(power - product**2 / own, NOISELESS * power)
     return product if left < _MOST * min(power, error) else 0.0
+
+
+def _is_left_early(result, records):
+    """Whether most of what a fit from rest leaves is left in the first tenth of each record."""
+    early, left = 0.0, 0.0
+    for record, output in zip(records, result.outputs(records), strict=True):
+        squares = record.counts() * np.square(record.y - output)
+        early += squares[: len(squares) // 10].sum()
+        left += squares.sum()
+    negligible = NOISELESS * sum(record.power() for record in records)
+    return left > negligible and early > 0.5 * left
 
 
 def _is_constant(operator):
