@@ -277,6 +277,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         "sample" where the fit was told no interval.
     drive_range_ : tuple of (float, float)
         Smallest and largest drive that the fit has seen, units of the drive.
+    input_range_ : ndarray of shape (2, n_inputs)
+        Smallest and largest value of each column of X that the fit has seen, in its units.
     drive_rate_ : float
         Fastest change of the drive between two samples that it has seen, units of the drive per s.
     initial_drive_ : ndarray of shape (n_records, n_values), or (n_records, n_values, n_inputs)
@@ -447,6 +449,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """Validate X and y, store the records, and return them as identification uses them."""
         slices, X, y = read_data(self, X, y, reset=True, bridge=True)
         self.records_, self.has_rest_ = slices, True
+        self.input_range_ = np.array([X.min(axis=0), X.max(axis=0)])
         weights = np.ones(len(y))
         if sample_weight is not None:
             options = {"dtype": float, "ensure_non_negative": True}
@@ -934,7 +937,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
                 stacklevel=2,
             )
         if not self.operator_.signal_linear:
-            warn_beyond(self, X[:, drive_column(self)])
+            warn_beyond(self, X, _read_columns(self.operator_))
         y = run_records(self.operator_, signal, slices, self.free_run_state, schedules)
         for number, own in going.items():
             y[slices[number].rows] = np.nan_to_num(own.run()[0])
@@ -1149,6 +1152,12 @@ def _better_slope(drives, result, records):
         return 0.0
     left = max(power - product**2 / own, NOISELESS * power)
     return product if left < _MOST * min(power, error) else 0.0
+
+
+def _read_columns(operator):
+    """Return the numbers of the columns that act by themselves in a tree of operators."""
+    own = getattr(operator, "column", -1)  # -1 is the amplitude, which is that of the drive
+    return {own} - {-1} | {i for child in operator.children for i in _read_columns(child)}
 
 
 def _is_left_early(result, records):

@@ -657,7 +657,7 @@ def test_a_prediction_beyond_the_range_of_the_fit_is_told():
     u = np.sin(2.0 * np.pi * t) * t[::-1]
     plays = PrandtlIshlinskii(5, dt=0.01).fit(u[:, None], u)
     low, high = plays.drive_range_
-    with pytest.warns(ExtrapolationWarning, match=f"from {low:g} to {high:g}. Got one from"):
+    with pytest.warns(ExtrapolationWarning, match=f"from {low:g} to {high:g}. Got"):
         plays.predict(1.5 * u[:, None])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
