@@ -703,6 +703,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         operator, told = result.operator, agreed(self, "initial_state") != "rest"
         if told or operator.memoryless or result.input_history is not None:
             return
+        if not np.ptp(np.concatenate([record.drive for record in records])):  # which is told
+            return
         # what has no rest does not forget how it began
         if not (is_coloured if operator.n_start else _is_left_early)(result, records):
             return

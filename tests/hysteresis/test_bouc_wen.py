@@ -10,6 +10,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.integrate import solve_ivp
 from scipy.special import hyp2f1
 
+from skhyst.exceptions import ConvergenceWarning
 from skhyst.hysteresis import BoucWen, BoucWenOperator
 from skhyst.operators import check_operator
 
