@@ -74,6 +74,7 @@ _NO_REST = (
 _CLEARLY = 0.5  # of the error: as much as chance and the colour of a residual do not make
 _NOTHING = 0.98  # of the variance of the response, which a constant leaves
 _MOST = 0.5  # of a squared error, which is more than another fit of the same noise removes
+_OTHERWISE = 10.0  # times the error of a fit, which no new record of a device makes
 _FEW = "Records this short tell like few independent samples, and params_std_ is too small for"
 
 
@@ -942,7 +943,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             warn_beyond(self, X, _read_columns(self.operator_))
         y = run_records(self.operator_, signal, slices, self.free_run_state, schedules)
         for number, own in going.items():
-            y[slices[number].rows] = np.nan_to_num(own.run()[0])
+            rows = slices[number].rows
+            y[rows] = np.nan_to_num(own.run()[0])
+            self._doubt_known(y[rows], known[0][rows])
         if not return_std:
             return y if read is None else y[read]
         variance = np.empty(len(y))
@@ -998,6 +1001,23 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             state = "rest" if record.start is None else record.start
             found[i] = _Run(*own, u, record.dt, state, skip).at(record.schedule)
         return found
+
+    def _doubt_known(self, run, known):
+        """Warn where no start leads to a response that is known, as one of another unit."""
+        told = np.isfinite(known)
+        # about as many values are estimated from it: fewer samples do not tell
+        if np.count_nonzero(told) <= np.log2(len(known)) or not hasattr(self, "fit_error_"):
+            return
+        known = known[told]
+        error = np.sqrt(np.mean(np.square(run[told] - known)))
+        if error > max(_OTHERWISE * self.fit_error_, np.std(known)):
+            warnings.warn(
+                f"{type(self).__name__} does not follow the known response from any start: the "
+                f"error is {error:.3g}, that of the fit was {self.fit_error_:.3g}. Is it the same "
+                "device, in the same units?",
+                ConvergenceWarning,
+                stacklevel=3,
+            )
 
     def depends_on_interval(self, dt) -> bool:
         """Whether the fitted model answers otherwise at an interval than at that of its fit.
@@ -1075,7 +1095,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         signal, schedules = self.operator_input(X, slices)
         rest = _Run(self.operator_, None, signal, slices[0].dt, self.free_run_state)
         going = self._begun(slices, signal, schedules, y).get(0, rest.at(schedules[0]))
-        _, state = going.run()
+        run, state = going.run()
+        self._doubt_known(run, y)
         if schedule is not None:
             going = going.at(
                 finite_number(schedule, f"{type(self).__name__}.stepper_from", "schedule")

@@ -186,6 +186,19 @@ def test_records_that_begin_otherwise_than_at_rest_are_told(first, state):
     assert model.operator_.time_constant == pytest.approx(0.1, rel=1e-2)
 
 
+@pytest.mark.parametrize("factor", [1e3, 1e-3, -1.0])
+def test_a_known_response_that_no_start_leads_to_is_told(factor):
+    model = FirstOrderLag(dt=DT).fit(X, Y + 1e-3 * np.random.default_rng(0).normal(size=N))
+    known = np.where(np.arange(N) < 40, Y, np.nan)
+    model.predict(X, y_start=known)  # warnings are errors
+    model.predict(X, y_start=np.where(np.arange(N) < 1, Y, np.nan))
+    model.stepper_from(X[:40], Y[:40])
+    with pytest.warns(ConvergenceWarning, match="does not follow the known response"):
+        model.predict(X, y_start=factor * known)
+    with pytest.warns(ConvergenceWarning, match="does not follow the known response"):
+        model.stepper_from(X[:40], factor * Y[:40])
+
+
 @pytest.mark.parametrize("name", ["lag", "cascade"])
 def test_constant_response(name):
     """No gain, so there is nothing to see of the time constant."""
