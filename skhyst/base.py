@@ -710,11 +710,11 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         if not (is_coloured if operator.n_start else _is_left_early)(result, records):
             return
         state, least = "rest", result.error
-        started = [(operator, result.disturbances)]
+        start, method = [(operator, result.disturbances)], "variable_projection"
         zero = with_params(model, initial_state="zero")
         for other, found in (
-            ("zero", refine(zero, started, records, with_errors=False)),
-            ("estimate", with_input_history(result, records, self.method)),
+            ("zero", refine(zero, start, records, method, with_errors=False)),
+            ("estimate", with_input_history(result, records, method)),
         ):
             if found.error < _CLEARLY * least:
                 state, least = other, found.error
