@@ -24,6 +24,7 @@ from ._validation import (
     drive_column,
     finite_number,
     fitted_interval,
+    input_signals,
     known_response,
     read_data,
     refuse_several,
@@ -39,6 +40,7 @@ from .exceptions import (
 )
 from .operators import (
     Operator,
+    Signal,
     Stepper,
     add_disturbances,
     run_records,
@@ -319,6 +321,11 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     def __init_subclass__(cls, **options):
         super().__init_subclass__(**options)
         inherit_documentation(cls)
+
+    @classmethod
+    @cache  # a search asks thousands of times
+    def _get_param_names(cls):
+        return super()._get_param_names()
 
     def __init__(self, *, initial_state="rest", dt=None, drive=None, method="variable_projection"):
         self.initial_state = initial_state
@@ -1101,7 +1108,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             going = going.at(
                 finite_number(schedule, f"{type(self).__name__}.stepper_from", "schedule")
             )
-        return Stepper(going.operator.compiled_step(going.dt, state), going.dt)
+        return self._stepper(going.operator, going.dt, state)
 
     def stepper(self, dt=None, u0=0.0, initial_state=None, *, schedule=None) -> Stepper:
         """Return the fitted model as a device that is fed the drive sample by sample.
@@ -1147,8 +1154,12 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         if schedule is not None:
             operator = operator.at(finite_number(schedule, caller, "schedule"))
         u0 = input_at_rest(self, u0, initial_state, caller)
-        state = operator.init(u0, initial_state or self.free_run_state)
-        return Stepper(operator.compiled_step(dt, state), dt)
+        return self._stepper(operator, dt, operator.init(u0, initial_state or self.free_run_state))
+
+    def _stepper(self, operator, dt, state):
+        """Return a device that goes on from a state of an operator."""
+        step = operator.compiled_step(dt, state)
+        return _device(operator, dt, state, input_signals(self, step.n_inputs), step)
 
     @property
     def free_run_state(self) -> str:
@@ -1192,6 +1203,17 @@ def _is_left_early(result, records):
         left += squares.sum()
     negligible = NOISELESS * sum(record.power() for record in records)
     return left > negligible and early > 0.5 * left
+
+
+def _device(operator, dt, state, inputs, step=None):
+    """Return a stepper; it is pickled as the operator, which holds no compiled code."""
+    return Stepper(
+        operator.compiled_step(dt, state) if step is None else step,
+        dt,
+        inputs=inputs,
+        result=Signal("response"),
+        remake=partial(_device, operator, dt, state, inputs),
+    )
 
 
 def _is_constant(operator):
