@@ -395,17 +395,23 @@ def input_signals(estimator, n_inputs):
     )
 
 
-def warn_beyond(estimator, drive):
-    """Warn of a drive that goes further than those of the fit."""
-    low, high = getattr(estimator, "drive_range_", (-np.inf, np.inf))
-    further = max(low - drive.min(), drive.max() - high)
-    if low < high and further > _FURTHER * (high - low):
-        warnings.warn(
-            f"{type(estimator).__name__} was fitted to drives from {low:g} to {high:g}. Got one "
-            f"from {drive.min():g} to {drive.max():g}: the response there was not measured.",
-            ExtrapolationWarning,
-            stacklevel=3,
-        )
+def warn_beyond(estimator, X, columns):
+    """Warn of a drive, or of further columns that are read, beyond those of the fit."""
+    drive = drive_column(estimator)
+    seen = {drive: getattr(estimator, "drive_range_", (-np.inf, np.inf))}
+    if hasattr(estimator, "input_range_"):  # models of earlier versions know that of the drive
+        seen |= {i: estimator.input_range_[:, i] for i in sorted(columns - {drive})}
+    names = list(getattr(estimator, "feature_names_in_", range(X.shape[1])))
+    for i, (low, high) in seen.items():
+        what = "drives" if i == drive else f"values of column {names[i]!r}"
+        lowest, highest = X[:, i].min(), X[:, i].max()
+        if low < high and max(low - lowest, highest - high) > _FURTHER * (high - low):
+            warnings.warn(
+                f"{type(estimator).__name__} was fitted to {what} from {low:g} to {high:g}. Got "
+                f"{lowest:g} to {highest:g} instead: the response there was not measured.",
+                ExtrapolationWarning,
+                stacklevel=3,
+            )
 
 
 def as_floats(estimator, X, *y, **options):
