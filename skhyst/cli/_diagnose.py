@@ -2,6 +2,7 @@
 
 import importlib.util
 import math
+import shlex
 import sys
 from collections import Counter
 from concurrent.futures import BrokenExecutor
@@ -11,8 +12,9 @@ from ..diagnosis import EffectSearchCV, Report, next_experiment
 from ..discovery import parse_model
 from ..exceptions import RecordError
 from ..fleet import diagnose_files
+from ..inspection import FAR, compare_models
 from ..persistence import save_model
-from ..records import read_records, record_slices
+from ..records import read_records, record_slices, resample_records
 from ._reading_options import find_columns, reading_options
 
 _DRAWN = ("jinja2", "matplotlib")
@@ -43,7 +45,7 @@ def _diagnose_one(options):
     outputs = [options.report, options.save, options.json, getattr(options, "output", None)]
     if options.report and options.report.suffix.lower() not in _REPORTS:
         raise ValueError(f"The report must end in .html or .md. Got {options.report} instead.")
-    model = parse_model(options.model)
+    model = parse_model(options.model) if options.model else None  # refused before it is read
     checkpoint = [options.checkpoint] if options.checkpoint else []
     prepare([path for path in outputs if path], [*options.files, *checkpoint], options)
     check_outputs(checkpoint, options.files, force=True)  # the search refuses one of another search
@@ -55,9 +57,43 @@ def _diagnose_one(options):
     if options.train_fraction is not None:
         n = _training_rows(X, options.train_fraction, uneven=options.resample is not None)
         X, y, held_out = X.iloc[:n], y.iloc[:n], (X.iloc[n:], y.iloc[n:])
+    comparison = None
+    if model is None:
+        model, comparison = _choose(options, X, y)
     search = make_search(model, options, **_searching(options)).fit(X, y)
-    conclude(search, options, held_out)
+    if comparison is None and _may_be_outdone(search):
+        comparison = _compared(options, X, y)
+    conclude(search, options, held_out, comparison)
     return search
+
+
+def _choose(options, X, y):
+    """Compare models, and return the one to declare and the comparison; a terminal is asked."""
+    comparison = _compared(options, X, y)
+    print(comparison)
+    name, model = comparison.taken, parse_model(comparison.taken)
+    if sys.stdin.isatty() and sys.stdout.isatty() and not options.quiet:
+        print(f"What moves? The drive is {X.columns[0]!r}, the response is {y.name!r}.")
+        while answer := input(f"Model to declare (Enter: {name}): ").strip():
+            try:
+                name, model = answer, parse_model(answer)
+                break
+            except ValueError as error:
+                print(error)
+    options.command += f" --model {shlex.quote(name)}"
+    return model, comparison
+
+
+def _compared(options, X, y):
+    if options.resample is not None:
+        X, y = resample_records(X, y, dt=options.resample)
+    return compare_models(X, y)
+
+
+def _may_be_outdone(search):
+    """Whether another model can be as far below the declared one as a report tells."""
+    left = search.error_after_ > (1.0 + search.min_improvement) * search.noise_floor_
+    return left and search.error_before_ > FAR * search.noise_floor_
 
 
 def _summarize(options):
@@ -65,9 +101,9 @@ def _summarize(options):
     refused = [name for name in _OF_ONE if getattr(options, name)]
     if refused:
         raise ValueError(f"--{refused[0].replace('_', '-')} is for one recording: not --summary.")
-    model, more = parse_model(options.model), _searching(options)
+    reading, more = _reading(options), _searching(options)
+    model = parse_model(options.model) if options.model else _of_first(options, reading)
     search = make_search(model, options, **more).set_params(n_jobs=1, verbose=0)
-    reading = _reading(options)
     try:
         table = diagnose_files(
             options.files,
@@ -90,6 +126,20 @@ def _summarize(options):
     for effect, number in effects.most_common():
         print(f"  {effect}: {number}")
     print(f"written: {options.summary}")
+
+
+def _of_first(options, reading):
+    """Return the model that the first recording that can be read asks for, to search all with."""
+    failure = None
+    for path in options.files:
+        try:
+            comparison = _compared(options, *read_records(path, **reading))
+        except (ValueError, OSError) as error:
+            failure = failure or error
+            continue
+        print(f"{path}: {comparison}")
+        return parse_model(comparison.taken)
+    raise failure
 
 
 def _tell_rows(rows):
@@ -121,7 +171,7 @@ def _reading(options):
 def _searching(options):
     """Return the parameters of the search."""
     effects = options.effects if options.effects == "all" else options.effects.split(",")
-    names = ("alpha", "max_effects", "resample", "washout", "loss", "checkpoint")
+    names = ("alpha", "max_effects", "resample", "washout", "loss", "unknown", "checkpoint")
     more = {name: getattr(options, name) for name in names}
     more |= {"effects": effects, "cv": options.folds, "reference": None}
     if options.reference is not None:  # the last column: drive and auxiliary inputs come before
@@ -147,9 +197,10 @@ def make_search(model, options, **more):
     return EffectSearchCV(model, random_state=options.seed, **quiet, **more)
 
 
-def conclude(search, options, held_out):
+def conclude(search, options, held_out, comparison=None):
     """Print the result and write the files."""
-    report = Report.from_search(search, command=options.command, held_out=held_out)
+    more = {"held_out": held_out, "comparison": comparison}
+    report = Report.from_search(search, command=options.command, **more)
     print(report.to_text(), end="")
     if search.units_.time == "sample":
         print("sampling interval unknown: give --time or --sampling-rate for s and Hz")

@@ -179,7 +179,7 @@ def _add_search(parser, nargs=1):
     rest = "search the first fraction F (of the records, or of the only one), report on the rest"
     add("--train-fraction", type=float, metavar="F", help=rest)
     series = "declared model, in series with +: prandtl_ishlinskii+transfer_function(n_poles=2)"
-    add("--model", default="prandtl_ishlinskii", metavar="NAME", help=series)
+    add("--model", metavar="NAME", help=f"{series} (default: the best of a few that are compared)")
     add("--effects", default="all", help="comma-separated names (default: all)")
     add("--folds", "--cv", type=int, default=5, metavar="N", help="folds (default: 5)")
     add("--washout", type=int, metavar="N", help="samples at the start that are not scored")
@@ -187,6 +187,8 @@ def _add_search(parser, nargs=1):
     add("--loss", choices=("squared", "huber"), default="squared", help=gross)
     add("--alpha", type=float, default=0.01, help="probability of a false claim (default: 0.01)")
     add("--max-effects", type=int, default=3, help="largest number of claims (default: 3)")
+    nameless = "seek a term without a name where no effect explains the residual"
+    add("--unknown", action="store_true", help=nameless)
     add("--seed", type=int, default=0, help="seed (default: 0)")
     add("--jobs", type=int, default=-1, help="processes (default: all processors)")
     add("--report", type=Path, metavar="FILE", help="report, .html or .md")

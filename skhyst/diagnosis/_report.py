@@ -23,6 +23,7 @@ import numpy as np
 
 from .._files import printable, replacing
 from ..inspection import (
+    FAR,
     EffectRankingDisplay,
     EvidenceDisplay,
     HysteresisLoopDisplay,
@@ -104,6 +105,9 @@ class Report:
         loop; parameters of the search.
     held_out : dict or None
         Errors on data that the search has not used at all.
+    comparison : dict or None
+        Other models, where they were compared: ``models``, list of dict, the ``best`` and the one
+        ``taken``, with the ``reason``.
     versions, seconds : dict
         Packages; time by stage in s.
     command : str or None
@@ -124,6 +128,9 @@ class Report:
         What was done to the resolution of the declared model, and what its fits have warned of.
     suspects : list of dict
         What would lower the error but is not significant.
+    unknown : dict or None
+        Of a search with ``unknown``, the term that is missing and has no name, as
+        :meth:`Unknown.to_dict` returns it; None where there is none.
     dropped, next_steps : list of str
         Effects that were in the model for a time, and what to measure next.
 
@@ -141,7 +148,7 @@ class Report:
         self.displays = displays
 
     @classmethod
-    def from_search(cls, search, command=None, *, held_out=None) -> Self:
+    def from_search(cls, search, command=None, *, held_out=None, comparison=None) -> Self:
         """Collect what a fitted search found.
 
         Parameters
@@ -152,12 +159,16 @@ class Report:
             The command that ran it.
         held_out : tuple (X, y) or None, default=None
             Data that the search has not seen, to report the error on.
+        comparison : ModelComparisonDisplay or None, default=None
+            Other models, as :func:`skhyst.inspection.compare_models` compares them. One with an
+            error three times smaller than that of the declared model is told first, unless what
+            was found makes up for it.
 
         Returns
         -------
         Report
         """
-        return cls(_collect(search, command, held_out), _displays(search))
+        return cls(_collect(search, command, held_out, comparison), _displays(search, comparison))
 
     def __getattr__(self, name):
         try:
@@ -218,7 +229,8 @@ class Report:
 
     def to_text(self) -> str:
         """Return what is missing, the errors, the residual and remarks, in a few lines."""
-        lines = [f"resolution: {', '.join(self.resolution)}"] if self.resolution else []
+        lines = list(_outdone(self))
+        lines += [f"resolution: {', '.join(self.resolution)}"] if self.resolution else []
         lines.append(f"missing: {', '.join(self.effects) or 'nothing'}")
         for claim in self.claims:
             lines.append(f"  {claim['effect']}: {claim['statement']}")
@@ -226,6 +238,9 @@ class Report:
                 lines.append(f"    {_not_told(claim)} {claim['experiment']}")
             if claim["provisional"]:
                 lines.append(f"    {_PROVISIONAL}")
+        if self.unknown:
+            less = _error(self, self.unknown["error_after"])
+            lines.append(f"unexplained: {self.unknown['text']}; with it the error is {less}")
         errors = [_error(self, value) for value in (self.error_before, self.error_after)]
         lines += [
             f"held-out error: {' -> '.join(errors)}; noise floor {_error(self, self.noise_floor)}",
@@ -287,7 +302,7 @@ class Report:
 # --------------------------------------------------------------------------------------- the dict
 
 
-def _collect(search, command, held_out):
+def _collect(search, command, held_out, comparison):
     """Return the entries of a report by name, as plain data."""
     columns = getattr(search, "feature_names_in_", ["drive"])
     order = {"by": ["round", "error_after", "screen"], "ascending": [True, True, False]}
@@ -322,6 +337,7 @@ def _collect(search, command, held_out):
         "data": data,
         "settings": settings,
         "held_out": None if held_out is None else _held_out(search, *held_out),
+        "comparison": None if comparison is None else _comparison(comparison),
         "versions": _versions(),
         "seconds": search.seconds_,
         "command": command,
@@ -343,6 +359,7 @@ def _collect(search, command, held_out):
         "noise_ceiling": float(search.noise_ceiling_),
         "resolution": search.resolution_,
         "suspects": search.suspects_.to_dict("records"),
+        "unknown": None if search.unknown_ is None else search.unknown_.to_dict(),
         "warnings": search.warnings_,
     }
     return json.loads(json.dumps(entries, default=_plain), parse_constant=lambda _: None)
@@ -481,6 +498,13 @@ def _held_out(search, X, y):
     }
 
 
+def _comparison(comparison):
+    """Return the models that were compared, which one is best, and which one to declare."""
+    table = comparison.table.reset_index(names="model")
+    own = {"taken": comparison.taken, "best": comparison.best, "reason": comparison.reason}
+    return own | {"models": table.to_dict("records")}
+
+
 def _location(table, slices):
     """Return the strongest entry of each way to look at the residual."""
     labels = {name: str(name) for name in record_names(slices)}  # the table holds 1 as 1.0
@@ -566,7 +590,24 @@ def next_steps(claims, not_it, location, verdict, faults, settings, advice=""):
 # ------------------------------------------------------------------------------------------ words
 
 
+def _outdone(report):
+    """Yield a sentence where another model explains far more than was declared and found."""
+    if report.comparison is None:
+        return
+    best = next(
+        own for own in report.comparison["models"] if own["model"] == report.comparison["best"]
+    )
+    less, enough = report.error_before / best["error"], 1.0 + report.settings["min_improvement"]
+    if less > FAR and report.error_after > enough * best["error"]:
+        yield (
+            f"Another model explains far more: {best['model']} ({best['about']}) has a held-out "
+            f"error of {_error(report, best['error'])}, {number(less, 2)} times smaller than the "
+            "declared model. Declare it, or take the names of effects as provisional."
+        )
+
+
 def _warnings(report):
+    yield from _outdone(report)
     worst, part = max(report.error_before, report.error_after), report.data["extrapolated"]
     if worst > report.response_range:
         yield (
@@ -742,7 +783,7 @@ def _failures(failed):
 # ----------------------------------------------------------------------------------------- views
 
 
-def _displays(search):
+def _displays(search, comparison=None):
     """Return the pictures by name, not yet drawn."""
     displays = {
         "course": PredictionDisplay.from_search(search, draw=False),
@@ -752,6 +793,10 @@ def _displays(search):
     contested = search.ranking_[search.ranking_["error_after"].notna()]
     for n in map(int, contested["round"].unique()):
         displays[f"round {n}"] = EffectRankingDisplay.from_search(search, round=n, draw=False)
+    if search.unknown_ is not None:
+        displays["unknown"] = EvidenceDisplay(search.unknown_.picture())
+    if comparison is not None:
+        displays["models"] = comparison
     for name in search.effects_:
         displays[f"evidence {name}"] = EvidenceDisplay.from_search(search, name, draw=False)
     return displays
@@ -762,9 +807,13 @@ def _drawn(name, display):
     height, label, shape = _PICTURES.get(name, (3.4, name.capitalize(), (1, 1)))
     if name.startswith("round"):
         height = 0.95 + 0.24 * len(display.ranking)
+    elif name == "models":
+        height, label = 0.95 + 0.24 * len(display.table), "Models, held-out errors"
     elif name.startswith("evidence"):
         label = f"Evidence for {name.removeprefix('evidence ')}"
         height = 3.4 if display.picture.below is None else 5.4
+    elif name == "unknown":
+        height, label = 5.4, "What is unexplained, as a curve with its band"
 
     def draw(figure):
         if name != "loops":

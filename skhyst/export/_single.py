@@ -19,8 +19,12 @@ class _Single(Interpreter):
         super().__init__(model, state, np.float32(tuned))
         self._only = only
 
-    def _number(self, value, step, *key):
-        return float(np.float32(value)) if self._only in (None, step) else value
+    def _stored(self, step, *key):
+        return _single if self._only in (None, step) else None
+
+
+def _single(value):
+    return float(np.float32(value))
 
 
 def check_single(model, state, drive, outputs, span, tolerance, tuned=()):

@@ -9,6 +9,8 @@ from ._evidence_display import EvidenceDisplay
 from ._fleet import FleetDisplay
 from ._hysteresis_loop import HysteresisLoopDisplay
 from ._loop_figures import LoopFiguresDisplay
+from ._model_comparison import FAR as FAR
+from ._model_comparison import ModelComparisonDisplay, compare_models
 from ._plot_data import binned_statistics as binned_statistics
 from ._plot_data import branch as branch
 from ._plot_data import spectrum as spectrum
@@ -26,8 +28,10 @@ __all__ = [
     "FrequencyResponseDisplay",
     "HysteresisLoopDisplay",
     "LoopFiguresDisplay",
+    "ModelComparisonDisplay",
     "PoleZeroDisplay",
     "PredictionDisplay",
     "RecordingDisplay",
     "ResidualDisplay",
+    "compare_models",
 ]

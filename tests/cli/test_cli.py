@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 import warnings
+from functools import partial
 
 import joblib
 import numpy as np
@@ -22,6 +23,8 @@ from skhyst.diagnosis import EffectSearchCV, next_experiment
 from skhyst.discovery import parse_model
 from skhyst.exceptions import TimeUnitWarning
 from skhyst.hysteresis import PrandtlIshlinskii
+from skhyst.inspection import compare_models
+from skhyst.linear import Gain, SecondOrderMode
 from skhyst.records import read_records
 
 
@@ -48,7 +51,7 @@ def searched(X, y):
 def arguments(path, *more):
     columns = ["--drive", "volt", "--response", "um", "--time", "t"]
     effects = ["--effects", ",".join(EFFECTS), "--jobs", "1", "--quiet"]
-    return ["diagnose", str(path), *columns, *effects, *more]
+    return ["diagnose", str(path), *columns, *effects, "--model", "prandtl_ishlinskii", *more]
 
 
 def files(folder, report):
@@ -104,6 +107,49 @@ def test_columns_are_found_and_told(recording, capsys):
         assert f"{role}: '{name}' (by its name); --{role} chooses another" in printed
     assert main(arguments(recording)) == 0
     assert printed.endswith(capsys.readouterr().out)
+
+
+FEW = {"gain": Gain(), "second_order_mode": SecondOrderMode()}
+
+
+def test_without_a_model_a_few_are_compared_and_one_is_taken(
+    recording, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr("skhyst.cli._diagnose.compare_models", partial(compare_models, models=FEW))
+    command = [
+        part for part in arguments(recording) if part not in ("--model", "prandtl_ishlinskii")
+    ]
+    assert main([*command, "--json", str(tmp_path / "out.json")]) == 0
+    told = capsys.readouterr().out
+    found = json.loads((tmp_path / "out.json").read_text())
+    assert found["comparison"]["taken"] == "gain"
+    assert found["declared_model"].startswith("Gain")
+    assert found["command"].endswith("--model gain")  # which does the same again
+    assert all(f"{name} " in told for name in FEW)
+    assert f"\n{found['comparison']['reason']}" in told
+    # what is wrong with a model is told before anything is read
+    assert main([*command, "--model", "gian"]) == 1
+
+
+def test_a_terminal_is_asked_for_the_model(recording, capsys, monkeypatch):
+    monkeypatch.setattr("skhyst.cli._diagnose.compare_models", partial(compare_models, models=FEW))
+    for stream in ("stdin", "stdout"):
+        monkeypatch.setattr(f"sys.{stream}.isatty", lambda: True, raising=False)
+    answers = iter(["no_such_model", "backlash+gain"])
+    monkeypatch.setattr("builtins.input", lambda asked: next(answers))
+    command = ["diagnose", str(recording), "--effects", "offset", "--jobs", "1"]
+    assert main(command) == 0
+    told = capsys.readouterr().out
+    assert "What moves? The drive is 'volt', the response is 'um'." in told
+    assert "There is no model 'no_such_model'" in told
+
+
+def test_one_model_is_taken_for_a_table(recording, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("skhyst.cli._diagnose.compare_models", partial(compare_models, models=FEW))
+    files = [tmp_path / "none.csv", recording]
+    command = ["diagnose", *map(str, files), "--effects", "offset", "--jobs", "1", "--quiet"]
+    assert main([*command, "--summary", str(tmp_path / "table.csv")]) == 0
+    assert f"{recording}:" in capsys.readouterr().out
 
 
 def test_inspect_tells_and_draws(recording, tmp_path, capsys):

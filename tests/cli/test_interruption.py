@@ -86,7 +86,7 @@ def test_a_search_on_the_command_line_is_terminated(tmp_path):
     table = pd.DataFrame({"t": t, "u": u, "y": u + 0.3 * np.abs(u)})
     table.to_csv(tmp_path / "data.csv", index=False)
     command = [sys.executable, "-m", "skhyst", "diagnose", str(tmp_path / "data.csv")]
-    command += ["--drive", "u", "--response", "y", "--time", "t", "--jobs", "1"]
+    command += ["--drive", "u", "--response", "y", "--time", "t", "--jobs", "1", "--model", "gain"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as child:
         child.stderr.readline()  # progress
         child.terminate()

@@ -27,6 +27,7 @@ from skhyst.diagnosis import EffectSearchCV, Report
 from skhyst.diagnosis._report import next_steps
 from skhyst.diagnosis._report_text import number, plus_minus
 from skhyst.hysteresis import PrandtlIshlinskii
+from skhyst.inspection import ModelComparisonDisplay
 
 HOSTILE = "<script>alert(1)</script>"
 COMMAND = 'skhyst diagnose "a b.csv" --drive <x> & more'
@@ -195,7 +196,10 @@ def test_column_that_wants_to_be_a_script(nothing):
 
 @pytest.mark.parametrize(
     ("drive", "response"),
-    [(r"a$b$ $\nope{ ], |*`_", "line\nbreak"), ("x" * 300, "\x00\x1b\ud800]]>")],
+    [
+        (r"a$b$ $\nope{ ], |*`_", "line\nbreak"),
+        pytest.param("x" * 300, "\x00\x1b\ud800]]>", marks=pytest.mark.slow),
+    ],
 )
 def test_any_column_name_is_drawn(nothing, tmp_path, drive, response):
     names = {"drive_name": drive, "response_name": response}
@@ -574,6 +578,27 @@ def test_what_to_beware_of_comes_first(report):
     assert far.sentence == f"{far.sentence[: -len(plain)]}{plain}"
     assert far.sentence.startswith("The folds extrapolate: 20 % of the samples")
     assert not plain.startswith("The folds") or report.data["extrapolated"] > 0.05
+
+
+def test_a_model_that_explains_far_more_is_told_first(search, report):
+    """Three times is far, and what was found may make up for it."""
+    names, errors = ["gain", "stage"], [report.error_before, 0.5 * report.error_after]
+    rows = {"about": "a device", "single": True, "error": errors, "n_parameters": 3}
+    table = pd.DataFrame(rows, index=names)
+    comparison = ModelComparisonDisplay(table, "stage", None, report.response_range)
+    far = Report.from_search(search, comparison=comparison)
+    told = "Another model explains far more: stage (a device)"
+    assert far.sentence.startswith(told)
+    assert far.to_text().startswith(told)
+    assert far.to_dict()["comparison"]["taken"] == "stage"
+    assert "models" in far.displays
+    view = changed(far)  # without pictures
+    assert "Models that were compared" in Page(view.to_html()).text
+    assert tables_are_whole(view.to_markdown())
+    for error in (0.5 * report.error_before, report.error_after):
+        models = [own | {"error": error} for own in far.comparison["models"]]
+        near = changed(far, comparison=far.comparison | {"models": models})
+        assert near.sentence == report.sentence
 
 
 def test_the_noise_is_told(report):

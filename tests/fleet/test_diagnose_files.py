@@ -142,6 +142,7 @@ def test_a_worker_that_dies_is_told(files, tmp_path, capsys, monkeypatch):
         raise BrokenProcessPool
 
     monkeypatch.setattr("skhyst.cli._diagnose.diagnose_files", killed)
-    command = ["diagnose", str(files[0]), "--drive", "u", "--response", "y", "--summary"]
+    command = ["diagnose", str(files[0]), "--drive", "u", "--response", "y", "--model", "gain"]
+    command += ["--summary"]
     assert main([*command, str(tmp_path / "summary.csv")]) == 1
     assert "the same command resumes from there" in capsys.readouterr().err

@@ -4,14 +4,16 @@
 
 Each file has a trap, as files have: milliseconds, decimal commas, units with a µ in latin-1,
 sheets, structs, groups, no time at all, readings that are codes, uneven times. The device behind it
-is integrated here, by numpy alone, and has one effect that the declared model, the default one,
-lacks, or none. The newcomer calls `skhyst diagnose FILE`. What comes out must be the effect, and
-its frequency within 2 %; or a refusal that names the one option that mends it, and the truth with
-that option. `--fresh` makes a virtual environment first, installs skhyst into it as the README
+is integrated here, by numpy alone, and has hysteresis and one effect more, or none. The newcomer
+calls `skhyst diagnose FILE`, which compares models and declares one. What that model has and what
+the search finds missing must be the hysteresis of the device and its effect, nothing else, and the
+effect's frequency within 2 %; or a refusal that names the one option that mends it, and the truth
+with that option. `--fresh` makes a virtual environment first, installs skhyst into it as the README
 says, and runs the command that the README shows. Prints a table; exits with 1 where one fails.
 """
 
 import argparse
+import json
 import os
 import re
 import subprocess
@@ -31,6 +33,12 @@ ROOT = Path(__file__).resolve().parents[2]
 _DT = 1e-3  # s
 _MODE = 40.0  # Hz
 _TOLERANCE = 0.02
+_DECLARED = {  # what a model that may be declared has
+    "gain": "",
+    "prandtl_ishlinskii": "hysteresis",
+    "first_order_lag": "lag",
+    "second_order_mode": "resonance",
+}
 
 
 def plays(drive):
@@ -278,31 +286,37 @@ def run(name, folder, diagnose):
     """
     case, path = CASES[name], Path(folder, name)
     case.write(path, case.law)
-    outcomes = [diagnose(path)]
+    kept = path.with_name(f"{name}.json")
+    written = ["--json", str(kept), "--force"]
+    outcomes = [diagnose(path, *written)]
     if case.effect == "refused":
         told = outcomes[0].code == 1 and "another signal" in outcomes[0].text
         return "" if told else "not refused", outcomes
     if case.option:
         if case.option[0] not in outcomes[0].text:
             return f"{case.option[0]} is not named", outcomes
-        outcomes.append(diagnose(path, *case.option))
-    return _fault(case, outcomes[-1]), outcomes
+        outcomes.append(diagnose(path, *case.option, *written))
+    return _fault(case, outcomes[-1], kept), outcomes
 
 
-def _fault(case, outcome):
+def _fault(case, outcome, found):
     """Return what is wrong in what was told, or an empty text."""
     if outcome.code:
         return f"exit code {outcome.code}"
-    missing = re.search(r"^missing: (.*)$", outcome.text, re.MULTILINE)[1]
-    if missing != (case.effect or "nothing"):
-        return f"missing: {missing}"
+    found = json.loads(found.read_text(encoding="utf-8"))
+    declared = found["comparison"]["taken"]
+    told = {*found["effects"], _DECLARED.get(declared, declared)} - {""}
+    if told != {"hysteresis", case.effect} - {""}:
+        return f"{declared}, missing: {', '.join(found['effects'])}"
     if case.effect == "resonance":
-        found = re.search(r"natural frequency ([\d.]+) ± \S+ Hz", outcome.text)
-        if not found or abs(float(found[1]) / _MODE - 1.0) > _TOLERANCE:
-            return f"frequency {found[1] if found else 'not in Hz'}"
-    if case.unit and not re.search(rf"noise floor \S+ {case.unit}\b", outcome.text):
-        return f"errors are not in {case.unit}"
-    return ""
+        frequencies = [
+            own["value"] * (1.0 if own["unit"] == "Hz" else 0.5 / np.pi)
+            for own in found["parameters"]["augmented"]
+            if own["name"].endswith("natural_frequency")
+        ]
+        if not frequencies or abs(frequencies[0] / _MODE - 1.0) > _TOLERANCE:
+            return f"frequencies {frequencies}"
+    return "" if found["units"]["response"] == case.unit else f"unit {found['units']['response']}"
 
 
 def fresh_python(folder):

@@ -11,7 +11,7 @@ pytestmark = pytest.mark.slow
 @pytest.mark.parametrize("name", ["milliseconds.csv", "coded.csv", "twice.csv"])
 def test_a_newcomer_finds_the_truth(name, tmp_path, capsys):
     def diagnose(path, *options):
-        few = ["--effects", "resonance,output_saturation", "--jobs", "1", "--quiet"]
+        few = ["--effects", "hysteresis,resonance,output_saturation", "--jobs", "1", "--quiet"]
         code = main(["diagnose", str(path), *few, *options])
         return Outcome("".join(capsys.readouterr()), code, 0.0)
 

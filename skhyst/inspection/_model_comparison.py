@@ -1,0 +1,314 @@
+"""Which model to declare: models of one mechanism each, compared on data that they have not seen.
+
+A model is fitted to all samples, and once more for every fold from there, to the samples that the
+fold trains on; the whole record is simulated, so that the past of what is held out is known.
+
+Of two models that predict equally well the simpler one is taken: one whose error is larger by less
+than 5 %, or its mean square by less than one standard error of the difference over the folds (the
+one standard error rule of Breiman, Friedman, Olshen and Stone, *Classification and Regression
+Trees*, 1984, section 3.4.3, for paired differences). Models that join two mechanisms show how far
+such a model can come. They are not taken: what a second mechanism adds is what a search tests.
+"""
+
+import math
+import warnings
+from dataclasses import replace
+from typing import Self
+
+import numpy as np
+import pandas as pd
+from sklearn.base import clone
+
+from .._documentation import documented_like
+from .._validation import read_data
+from ..base import ParametricModel, identified
+from ..compose import Cascade
+from ..exceptions import RecordError
+from ..fluid import TankChain
+from ..hysteresis import (
+    CoulombFriction,
+    Dahl,
+    FreeMass,
+    FrictionStage,
+    PrandtlIshlinskii,
+)
+from ..linear import DynamicStiffness, FirstOrderLag, Gain, SecondOrderMode, TransferFunction
+from ..model_selection import segment_folds
+from ..optimize import VariableProjection
+from ._base import Display
+from ._drawing import COLORS, INK, MUTED, new_axes, plain, tidy
+
+FAR = 3.0
+"""How many times smaller an error is that another model should be declared for."""
+
+_MATTERS = 1.05  # as min_improvement of a search: what less removes is not worth more parameters
+_NEAR = VariableProjection(tolerance=1e-4, max_evaluations=10)  # a fold begins near its end
+_PLAYS, _LAG, _MODE = PrandtlIshlinskii(), FirstOrderLag(), SecondOrderMode()
+_FRICTION = FrictionStage(stribeck=False)
+_SINGLE = {  # the simplest first: what --model takes, the model, what it is
+    "gain": (Gain(), "straight line"),
+    "first_order_lag": (_LAG, "lag"),
+    "prandtl_ishlinskii": (_PLAYS, "hysteresis of plays, at any rate"),
+    "second_order_mode": (_MODE, "mass, spring and damper: force to motion"),
+    "free_mass": (FreeMass(), "mass without a spring: force to motion"),
+    "dynamic_stiffness": (DynamicStiffness(), "mass, spring and damper: motion to force"),
+    "coulomb_friction": (CoulombFriction(), "friction: motion to force"),
+    "dahl": (Dahl(), "spring with friction: motion to force"),
+    "tank_chain": (TankChain(), "tanks: flow to level"),
+    "transfer_function(n_poles=3)": (TransferFunction(n_poles=3), "linear, of order 3"),
+}
+_JOINED = {
+    "prandtl_ishlinskii+first_order_lag": (
+        Cascade([("prandtl_ishlinskii", _PLAYS), ("first_order_lag", _LAG)]),
+        "hysteresis, then a lag",
+    ),
+    "prandtl_ishlinskii+second_order_mode": (
+        Cascade([("prandtl_ishlinskii", _PLAYS), ("second_order_mode", _MODE)]),
+        "hysteresis, then a mode",
+    ),
+    "friction_stage(stribeck=False)": (_FRICTION, "mass, spring and damper with friction"),
+    "free_mass(friction=True)": (FreeMass(friction=True), "mass with friction, without a spring"),
+}
+
+
+def compare_models(X, y, models=None, *, cv=5, max_samples=5000) -> "ModelComparisonDisplay":
+    """Compare models on held-out samples, and tell which one to declare.
+
+    Parameters
+    ----------
+    X : DataFrame or array-like of shape (n_samples, n_inputs)
+        Column 0 is the drive; the index carries records and time.
+    y : array-like of shape (n_samples,)
+        Response.
+    models : dict of str to ParametricModel, default=None
+        Models by name, the simplest first. None: a straight line, a lag, hysteresis, an oscillating
+        and a free mass, the forces that go with a motion, tanks and a linear model, by the names
+        that ``skhyst diagnose --model`` takes, and four that join two of these mechanisms.
+    cv : int, default=5
+        Folds of contiguous blocks, as in :func:`skhyst.model_selection.segment_folds`.
+    max_samples : int or None, default=5000
+        Samples that are compared: of longer data, the first part of each record. None: all.
+
+    Returns
+    -------
+    ModelComparisonDisplay
+        Not drawn; its ``plot`` draws it. A model whose fit fails has no error.
+
+    Raises
+    ------
+    RecordError
+        If the samples are not evenly spaced in time, the response is constant, or no model can be
+        fitted.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.inspection import compare_models
+    >>> from skhyst.linear import FirstOrderLag, FirstOrderLagOperator, Gain
+    >>> drive = np.random.default_rng(0).normal(size=400)
+    >>> y, _ = FirstOrderLagOperator(2.0).run(drive, 1.0)
+    >>> models = {"line": Gain(), "lag": FirstOrderLag()}
+    >>> compare_models(drive[:, None], y, models).taken
+    'lag'
+    """
+    known = (_SINGLE | _JOINED) if models is None else {n: (m, "") for n, m in models.items()}
+    wrong = next((m for m, _ in known.values() if not isinstance(m, ParametricModel)), None)
+    if wrong is not None or not known:
+        raise ValueError(
+            "The 'models' parameter of compare_models must be a dict of name to parametric model "
+            f"of skhyst. Got {models!r} instead."
+        )
+    slices, _, response = read_data(Gain(), X, y, reset=True)
+    n = len(response) if max_samples is None else max_samples
+    rows = np.concatenate(
+        [np.arange(s.rows.start, s.rows.start + _part(s, n / len(response))) for s in slices]
+    )
+    X, y = (v.iloc[rows] if hasattr(v, "iloc") else np.asarray(v)[rows] for v in (X, y))
+    slices, _, response = read_data(Gain(), X, y, reset=True)
+    if not np.ptp(response):
+        raise RecordError("The response is constant: there is nothing to compare models on.")
+    segments, folds = segment_folds(slices, cv, X, response)
+    spans = [
+        slice(s.rows.start + start, s.rows.start + stop)
+        for s, own in zip(slices, segments, strict=True)
+        for start, stop in own
+    ]
+    masks = [[_rows(spans, part, len(rows)) for part in fold] for fold in folds]
+    table, squares, failure = [], {}, None
+    for name, (model, about) in known.items():
+        try:
+            with warnings.catch_warnings(), np.errstate(all="ignore"):
+                warnings.simplefilter("ignore")  # of fits that are only compared
+                count, e = _held_out(clone(model), X, y, masks)
+        except (ValueError, ArithmeticError) as error:
+            count, e, failure = 0, np.full(len(response), np.nan), failure or error
+        squares[name] = [np.mean(np.square(e[test])) for _, test in masks]
+        scored = np.logical_or.reduce([test for _, test in masks])
+        error = float(np.sqrt(np.mean(np.square(e[scored]))))
+        table.append((name, about, name not in _JOINED or models is not None, error, count))
+    names = ["model", "about", "single", "error", "n_parameters"]
+    table = pd.DataFrame(table, columns=names).set_index("model")
+    if table["error"].isna().all():
+        raise failure
+    taken, as_good = _taken(table, squares)
+    own = {"response_name": str(getattr(y, "name", None) or "response")}
+    return ModelComparisonDisplay(table, taken, as_good, float(np.ptp(response)), **own)
+
+
+def _part(record, share):
+    return record.n_samples if share >= 1.0 else max(int(share * record.n_samples), 2)
+
+
+def _rows(spans, chosen, n):
+    mask = np.zeros(n, dtype=bool)
+    for i in np.flatnonzero(chosen):
+        mask[spans[i]] = True
+    return mask
+
+
+def _held_out(model, X, y, masks):
+    """Return the number of parameters, and what is left of each sample (n_samples,) held out."""
+    slices, array, response = read_data(model, X, y, reset=True)
+    records = model.record_data(slices, array, response)
+    whole, result = identified(model, records)  # from its starts, without the further ones of a fit
+    whole, left = whole.adopt(result), np.full(len(response), np.nan)
+    for train, test in masks:
+        weighted = [
+            replace(record, weights=train[s.rows].astype(float))
+            for record, s in zip(records, slices, strict=True)
+        ]
+        own = clone(whole).fit_from(whole.operator_, X, y, records=weighted, method=_NEAR)
+        left[test] = (response - own.predict(X))[test]
+    return len(whole.params_), left
+
+
+def _taken(table, squares):
+    """Return the model to declare, and the one of least error that it is as good as, or None."""
+    single = table[table["single"]]
+    best = single["error"].idxmin()
+    for name in single.index:
+        more = np.subtract(squares[name], squares[best])
+        near = single.loc[name, "error"] <= _MATTERS * single.loc[best, "error"]
+        if near or np.mean(more) <= np.std(more, ddof=1) / np.sqrt(len(more)):
+            return name, None if name == best else best
+
+
+class ModelComparisonDisplay(Display):
+    """Held-out errors of models, and which one to declare.
+
+    Made by :func:`compare_models`. All parameters are kept as attributes.
+
+    Parameters
+    ----------
+    table : DataFrame
+        One row a model, by its name: ``about``, what it is; ``single``, whether it has one
+        mechanism and so may be declared; ``error``, its held-out root mean square error in units of
+        the response, NaN where its fit fails; ``n_parameters``.
+    taken : str
+        Name of the model to declare.
+    as_good : str or None
+        The model of least error, where that is another one and its error is no smaller than the
+        scatter between folds allows.
+    response_range : float
+        Range of the response.
+    response_name : str, default="response"
+        Name for the axis.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> from skhyst.inspection import ModelComparisonDisplay
+    >>> table = pd.DataFrame({
+    ...     "about": ["straight line", "a mode with friction"], "single": [True, False],
+    ...     "error": [0.8, 0.1], "n_parameters": [2, 9]}, index=["gain", "friction_stage"])
+    >>> ModelComparisonDisplay(table, "gain", None, 10.0).worse("gain")
+    8.0
+    """
+
+    def __init__(self, table, taken, as_good, response_range, *, response_name="response"):
+        self.table = table
+        self.taken = taken
+        self.as_good = as_good
+        self.response_range = response_range
+        self.response_name = response_name
+
+    @property
+    def best(self) -> str:
+        """Name of the model of least error."""
+        return self.table["error"].idxmin()
+
+    @property
+    def reason(self) -> str:
+        """Why this model is taken, in a sentence or two."""
+        table, taken = self.table, self.taken
+        why = "it has the least held-out error"
+        if self.as_good:
+            why = f"it is simpler than {self.as_good}, and as good within 5 % or the folds' scatter"
+        elif not table["single"].all():
+            why += " of the models with one mechanism"
+        if not self.worse(taken) > FAR:
+            return f"{taken}: {why}."
+        return (
+            f"{taken}: {why}. {self.best} ({table.loc[self.best, 'about']}) has an error "
+            f"{self.worse(taken):.2g} times smaller: the search tests what it adds."
+        )
+
+    def worse(self, name) -> float:
+        """Return how many times the least error that of a model is.
+
+        Parameters
+        ----------
+        name : str
+            Of the model, as in ``table``.
+
+        Returns
+        -------
+        float
+        """
+        error, least = self.table.loc[name, "error"], self.table["error"].min()
+        return float(error / least) if error > least > 0.0 else math.inf if error > least else 1.0
+
+    def lines(self) -> list[str]:
+        """Return the table as lines of text, errors in per cent of the response's range.
+
+        Returns
+        -------
+        list of str
+        """
+        width = max(map(len, self.table.index))
+        head = f"{'':2s}{'model':{width}s}  {'error':>8s}  what it is"
+        rows = [
+            f"{'>' if name == self.taken else '':2s}{name:{width}s}  "
+            f"{100.0 * row.error / self.response_range:6.3g} %  {row.about}".rstrip()
+            for name, row in zip(self.table.index, self.table.itertuples(), strict=True)
+        ]
+        return [head, *rows]
+
+    def __str__(self):
+        return "\n".join([*self.lines(), self.reason])
+
+    __repr__ = __str__
+
+    @documented_like(Display.plot)
+    def plot(self, ax=None) -> Self:
+        """Draw the errors on a logarithmic axis, that of the model to declare in another colour."""
+        table = self.table.dropna(subset="error").iloc[::-1]
+        size = (7.0, 1.0 + 0.32 * len(table))
+        axes = new_axes(ax, 1, 1, "ModelComparisonDisplay", size=size)[0, 0]
+        share = 100.0 * table["error"] / self.response_range
+        heights = np.arange(len(table))
+        for height, name, value, single in zip(
+            heights, table.index, share, table["single"], strict=True
+        ):
+            color = COLORS[0] if name == self.taken else COLORS[1] if single else MUTED
+            axes.plot(value, height, "o", color=color, markerfacecolor=color if single else "none")
+        axes.set_xscale("log")
+        tidy(axes, x_label=f"held-out error of {self.response_name}, % of its range (RMS)")
+        axes.set_yticks(heights, [plain(name) for name in table.index])
+        for label in axes.get_yticklabels():
+            chosen = label.get_text() == plain(self.taken)
+            label.set(fontweight="bold" if chosen else "normal", color=INK)
+        axes.tick_params(axis="y", length=0)
+        axes.set_ylim(-0.6, len(table) - 0.4)
+        self.ax_, self.figure_ = axes, axes.figure
+        return self

@@ -1,0 +1,105 @@
+"""Comparison of models: which one is taken of devices whose law is known, and what is refused."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from skhyst.discovery import parse_model
+from skhyst.exceptions import RecordError
+from skhyst.hysteresis import BacklashOperator, PrandtlIshlinskii
+from skhyst.inspection import ModelComparisonDisplay, compare_models
+from skhyst.inspection._model_comparison import _JOINED, _SINGLE
+from skhyst.linear import FirstOrderLag, Gain, SecondOrderMode, SecondOrderModeOperator
+from skhyst.records import stack_records
+
+QUICK = {
+    "gain": Gain(),
+    "lag": FirstOrderLag(),
+    "plays": PrandtlIshlinskii(),
+    "mode": SecondOrderMode(),
+}
+DT = 1e-3
+RNG = np.random.default_rng(0)
+DRIVE = np.cumsum(RNG.normal(size=800)) * np.hanning(800)
+NOISE = 1e-3 * np.ptp(DRIVE) * RNG.normal(size=800)
+LAWS = {
+    "gain": lambda u: 2.0 * u,
+    "plays": lambda u: BacklashOperator(0.2 * np.ptp(DRIVE)).run(u, DT)[0] + u,
+    "mode": lambda u: SecondOrderModeOperator(2.0 * np.pi * 30.0, 0.1).run(u, DT)[0],
+}
+
+
+def recording(law, scale=1.0):
+    y = scale * (LAWS[law](DRIVE) + NOISE)
+    return stack_records([(DRIVE, y)], dt=DT)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_the_law_of_the_device_is_taken(law):
+    found = compare_models(*recording(law), QUICK)
+    assert found.taken == law
+    if law != "plays":  # which the default thresholds only approximate
+        assert found.table.loc[law, "error"] == pytest.approx(np.std(NOISE), rel=0.2)
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1e9])
+def test_units_of_the_response_change_no_choice(scale):
+    one, other = (compare_models(*recording("mode", own), QUICK) for own in (1.0, scale))
+    assert other.taken == one.taken
+    ratio = other.table["error"] / one.table["error"]
+    np.testing.assert_allclose(ratio, scale, rtol=1e-3)
+
+
+def test_every_default_model_is_one_that_can_be_declared_by_its_name():
+    for name, (model, about) in (_SINGLE | _JOINED).items():
+        assert repr(parse_model(name)) == repr(model)
+        assert about
+
+
+def test_a_model_of_two_mechanisms_is_shown_and_not_taken():
+    table = pd.DataFrame(
+        {"about": "", "single": [True, False], "error": [0.9, 0.1], "n_parameters": 1},
+        index=["one", "two"],
+    )
+    display = ModelComparisonDisplay(table, "one", None, 10.0)
+    assert display.best == "two"
+    assert display.worse("one") == pytest.approx(9.0)
+    assert "9 times smaller" in display.reason
+    assert str(display).splitlines()[1].split() == [">", "one", "9", "%"]
+    assert len(display.plot().ax_.lines) == 2
+
+
+def test_a_model_that_cannot_be_fitted_has_no_error():
+    class Broken(Gain):
+        def identify(self, data):
+            raise RecordError("no")
+
+    found = compare_models(*recording("gain"), {"broken": Broken(), "gain": Gain()})
+    assert found.taken == "gain"
+    assert np.isnan(found.table.loc["broken", "error"])
+    with pytest.raises(RecordError, match="no"):
+        compare_models(*recording("gain"), {"broken": Broken()})
+
+
+def test_several_records_and_a_limit_of_samples():
+    X, y = stack_records([(DRIVE, LAWS["plays"](DRIVE)), (-DRIVE, LAWS["plays"](-DRIVE))], dt=DT)
+    found = compare_models(X, y, {"gain": Gain(), "plays": PrandtlIshlinskii()}, max_samples=600)
+    first = compare_models(
+        X.groupby(level=0).head(300), y.groupby(level=0).head(300), {"gain": Gain()}
+    )
+    assert found.taken == "plays"
+    assert found.table.loc["gain", "error"] == first.table.loc["gain", "error"]
+
+
+def test_a_constant_response_is_refused_and_an_exact_one_is_not():
+    with pytest.raises(RecordError, match="response is constant"):
+        compare_models(DRIVE[:, None], np.ones(800), QUICK)
+    found = compare_models(DRIVE[:, None], 2.0 * DRIVE, {"line": Gain(), "lag": FirstOrderLag()})
+    assert found.taken == "line"
+    assert "line" in str(found.plot())
+
+
+@pytest.mark.parametrize("models", [{}, {"line": object()}])
+def test_what_is_no_model_is_refused(models):
+    with pytest.raises(ValueError, match="'models' parameter of compare_models"):
+        compare_models(*recording("gain"), models)
