@@ -11,12 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-# fractions of the range, the first of which is where parts begin: small ones, too, since what a law
-# saturates at hides its state
-_LEVELS = (0.0, 1.0, -1.0, 0.37, -0.04, 0.01)
+# fractions of the range, the first of which is where parts begin
+_LEVELS = (0.0, 1.0, -1.0, 0.61, -0.37, 0.1)
 _WIDER = (16.0, 1.0)  # multiples of the range of the drive over which it is tried
 _N_SAMPLES = 20  # of each drive that compares two devices
-_PARTS = (0.5, 0.02, 0.0005)  # sizes of these drives, as fractions of the range
+_PARTS = (0.5, 0.02)  # sizes of these drives, as fractions of the range
 _SAME = 2e-13  # error, relative to the range of the output
 _FAILED = (ArithmeticError, ValueError, TypeError, NotImplementedError, IndexError)
 
@@ -101,7 +100,7 @@ def rest_rules(at_rest, drive):
     for wider in _WIDER:
         size = wider * largest
         try:
-            rules = _rules(at_rest, size)
+            rules = _rules(at_rest, size, largest)
         except _FAILED:
             rules = None
         if rules is not None:
@@ -109,11 +108,15 @@ def rest_rules(at_rest, drive):
     return None, None
 
 
-def _rules(at_rest, size):
-    """Return the rules for inputs up to a size in each column, or None."""
-    levels = [part * size for part in _LEVELS]
+def _rules(at_rest, size, own):
+    """Return the rules for inputs up to a size in each column, or None.
+
+    They are tried within the size of the drive, ``own``, too.
+    """
+    levels = [part * size for part in _LEVELS] + [part * own for part in _LEVELS[1:]]
     if len(size) > 1:  # columns move independently
-        levels[3:] = [size * np.roll((0.37, -0.61), k)[np.arange(len(size)) % 2] for k in (0, 1)]
+        signs = np.where(np.arange(len(size)) % 2, 1.0, -0.6)
+        levels += [signs * own, signs[::-1] * size]
     steppers, visits = [], []
     for level in levels:
         stepper = at_rest(level)
@@ -126,7 +129,10 @@ def _rules(at_rest, size):
     for stepper, level in zip(steppers, levels, strict=True):
         other = stepper.copy()
         other.state = put_to_rest(stepper.compiled_step, rules, level)
-        if not _begins_equally(stepper, other, level, size):
+        if not (
+            _begins_equally(stepper, other, level, size)
+            and _begins_equally(stepper, other, level, own)
+        ):
             return None
     return rules
 

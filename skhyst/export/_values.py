@@ -50,12 +50,16 @@ _OPERATORS = {
     ast.Eq: "==",
     ast.NotEq: "!=",
 }
-# keywords of C, and names that the printed text uses
+# keywords of C and C++, and names that the printed text uses
 _WORDS = frozenset(
     """
     auto bool break case char const continue default do double else enum extern false float for
     goto if inline int int32_t int64_t isfinite isnan long main register restrict return short
     signed sizeof static struct switch true typedef union uint64_t unsigned void volatile while
+    alignas alignof and asm bitand bitor catch class compl concept const_cast constexpr decltype
+    delete dynamic_cast explicit export friend mutable namespace new noexcept not nullptr operator
+    or private protected public reinterpret_cast requires static_assert static_cast template this
+    thread_local throw try typeid typename using virtual wchar_t xor
     """.split()  # noqa: SIM905
 )
 TAKEN = _WORDS | MATH | ROUNDED | {f"{name}f" for name in MATH | ROUNDED}
