@@ -322,11 +322,6 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         super().__init_subclass__(**options)
         inherit_documentation(cls)
 
-    @classmethod
-    @cache  # a search asks thousands of times
-    def _get_param_names(cls):
-        return super()._get_param_names()
-
     def __init__(self, *, initial_state="rest", dt=None, drive=None, method="variable_projection"):
         self.initial_state = initial_state
         self.dt = dt
