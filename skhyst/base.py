@@ -17,6 +17,7 @@ from sklearn.utils.validation import check_is_fitted
 from threadpoolctl import ThreadpoolController
 
 from ._documentation import inherit_documentation
+from ._signals import input_signals
 from ._sklearn import Interval, StrOptions, check_sample_weight, fit_context
 from ._validation import (
     agreed,
@@ -24,7 +25,6 @@ from ._validation import (
     drive_column,
     finite_number,
     fitted_interval,
-    input_signals,
     known_response,
     read_data,
     refuse_several,

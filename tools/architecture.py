@@ -25,7 +25,7 @@ LAYERS = (  # from the bottom: a module imports from its own layer and those bef
     ("noise",),
     ("io",),
     ("records", "_validation"),
-    ("operators",),
+    ("operators", "_signals"),
     ("optimize",),
     ("datasets", "metrics", "model_selection", "persistence"),
     ("preprocessing",),
@@ -47,6 +47,7 @@ SHARED = (
     "skhyst._jit",
     "skhyst._sizes",
     "skhyst._sklearn",
+    "skhyst._signals",
     "skhyst._validation",
 )
 # Calls within skhyst of one fit, with compositions in two trees: of models and of operators

@@ -14,6 +14,7 @@ from sklearn.utils.validation import check_is_fitted
 from threadpoolctl import threadpool_limits
 
 from .._documentation import inherit_documentation
+from .._signals import input_signals
 from .._sklearn import (
     Interval,
     StrOptions,
@@ -23,7 +24,6 @@ from .._sklearn import (
 )
 from .._validation import (
     fitted_interval,
-    input_signals,
     known_response,
     refuse_large,
     refuse_several,

@@ -13,10 +13,10 @@ from sklearn.base import BaseEstimator, MetaEstimatorMixin, RegressorMixin, clon
 from sklearn.utils.validation import check_is_fitted
 
 from .._documentation import documented_like
+from .._signals import input_signals
 from .._sklearn import HasMethods, Interval, check_sample_weight, fit_context
 from .._validation import (
     in_native_order,
-    input_signals,
     known_response,
     refuse_std,
     rest_of,

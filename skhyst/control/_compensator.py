@@ -41,6 +41,7 @@ from sklearn.base import BaseEstimator, MetaEstimatorMixin, clone
 from sklearn.exceptions import NotFittedError
 from sklearn.utils.validation import check_is_fitted
 
+from .._signals import drive_signal
 from .._sklearn import (
     HasMethods,
     Interval,
@@ -49,7 +50,6 @@ from .._sklearn import (
     validate_parameter_constraints,
 )
 from .._validation import (
-    drive_signal,
     finite_number,
     finite_numbers,
     interval_of,

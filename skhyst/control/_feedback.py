@@ -23,8 +23,9 @@ import numpy as np
 from scipy.signal import bilinear
 
 from .._jit import jit
+from .._signals import drive_signal
 from .._sklearn import HasMethods, Interval, StrOptions, validate_parameter_constraints
-from .._validation import drive_signal, finite_number, finite_numbers
+from .._validation import finite_number, finite_numbers
 from ..operators import CompiledLaw, Signal, Stepper
 from ..records import chosen_interval
 from ._compensator import check_limits

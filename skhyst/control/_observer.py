@@ -14,8 +14,9 @@ import numpy as np
 from sklearn.base import BaseEstimator, MetaEstimatorMixin
 from sklearn.utils.validation import check_is_fitted
 
+from .._signals import input_signals
 from .._sklearn import HasMethods, Interval, StrOptions, fit_context
-from .._validation import input_signals, interval_of, used_interval
+from .._validation import interval_of, used_interval
 from ..base import ParametricModel, input_at_rest, one_thread, read_data
 from ..operators import (
     CompiledSeries,

@@ -11,10 +11,10 @@ import numpy as np
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 from sklearn.utils.validation import check_is_fitted
 
+from .._signals import input_signals
 from .._sklearn import Interval, StrOptions, fit_context
 from .._validation import (
     as_floats,
-    input_signals,
     keep_seen,
     read_slices,
     refuse_extreme,

@@ -23,10 +23,10 @@ from sklearn.model_selection import train_test_split
 from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted
 
+from .._signals import input_signals
 from .._sklearn import Interval, StrOptions, fit_context
 from .._validation import (
     as_floats,
-    input_signals,
     refuse_large,
     refuse_size,
     refuse_std,
