@@ -4,15 +4,18 @@ Kernels compile on first use and release the GIL. The machine code is cached nex
 where that folder, or ``NUMBA_CACHE_DIR``, can be written; elsewhere the kernel is compiled once per
 process instead, since a plain ``cache=True`` raises at import in a read-only install without a
 home folder. What cannot be read from the cache is compiled anew and written again: a damaged file,
-one of another layout, one that names a module which is gone. Without Numba the same function runs
-as plain Python: slow, but with equal results.
+one of another layout, one that names a module which is gone. So is a kernel that calls, or takes a
+constant from, what has changed in another file, as after an upgrade. Without Numba the same
+function runs as plain Python: slow, but with equal results.
 """
 
 import pickle
 from contextlib import suppress
 from functools import cache, partial
 from hashlib import sha256
-from types import FunctionType
+from types import CodeType, FunctionType
+
+import numpy as np
 
 
 def jit(function=None, *, fastmath=False, inline=False, allocates=True):
@@ -58,7 +61,8 @@ def jit(function=None, *, fastmath=False, inline=False, allocates=True):
 def _cache_class():
     """Return Numba's cache of a function, of which only what is whole is used.
 
-    Numba's own raises where a file is damaged. Where two processes begin it at once, with a
+    Numba's own raises where a file is damaged, and sees changes in the file of the function alone,
+    not in what is compiled into it from elsewhere. Where two processes begin it at once, with a
     signature each, it may give one the code of the other: so the code is kept with its key, and
     with a digest, since damaged machine code may end the interpreter.
     """
@@ -87,6 +91,9 @@ def _cache_class():
             base, stamp = self._impl.filename_base, self._impl.locator.get_source_stamp()
             self._cache_file = WholeFile(self._cache_path, base, stamp)
 
+        def _index_key(self, signature, codegen):
+            return *super()._index_key(signature, codegen), _digest(self._py_func)
+
         def load_overload(self, signature, context):
             with suppress(Exception):
                 return super().load_overload(signature, context)
@@ -96,6 +103,31 @@ def _cache_class():
                 super().save_overload(signature, code)
 
     return WholeCache
+
+
+def _digest(function):
+    """Return a digest of the code and the constants of a function and of all that it calls."""
+    seen, pending, parts = set(), [function], []
+    while pending:
+        own = pending.pop()
+        own = getattr(own, "py_func", own)
+        if isinstance(own, FunctionType):
+            if own in seen:
+                continue
+            seen.add(own)
+            codes = [own.__code__]
+            for code in codes:
+                parts += [code.co_code, *(c for c in code.co_consts if not isinstance(c, CodeType))]
+                codes += [c for c in code.co_consts if isinstance(c, CodeType)]
+                pending += [own.__globals__.get(name) for name in code.co_names]
+            pending += [cell.cell_contents for cell in own.__closure__ or ()]
+        elif isinstance(own, np.ndarray):
+            parts += [own.dtype, own.shape, own.tobytes()]
+        elif isinstance(own, tuple):
+            pending += own
+        elif isinstance(own, (bool, int, float, complex, str, np.generic)):
+            parts.append(own)
+    return sha256(repr(parts).encode()).hexdigest()
 
 
 def bind(loop, law, **options):

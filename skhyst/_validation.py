@@ -18,6 +18,7 @@ from sklearn.utils.validation import (
 
 from ._sklearn import StrOptions, validate_parameter_constraints
 from .exceptions import ExtrapolationWarning, RecordError
+from .operators import Signal
 from .records import MISMATCH, chosen_interval, record_slices, refuse_lost_index
 
 # Largest value and, inverted, the smallest, unless an estimator has its own `largest_value`: the
@@ -359,6 +360,39 @@ def keep_seen(estimator, drive, slices):
         ]
     estimator.drive_range_ = (float(drive.min()), float(drive.max()))
     estimator.drive_rate_ = float(max(rates))
+
+
+def drive_signal(estimator, name="drive"):
+    """Return the drive with the range and the rate of the fit, where they are known."""
+    low, high = getattr(estimator, "drive_range_", (-np.inf, np.inf))
+    return Signal(name, low, high, getattr(estimator, "drive_rate_", np.inf))
+
+
+def input_signals(estimator, n_inputs):
+    """Return the signals that a step of a fitted model takes.
+
+    Parameters
+    ----------
+    estimator : estimator
+        Whose columns of X the step reads from the first on.
+    n_inputs : int or None
+        Number of columns that it reads; None for the drive alone.
+
+    Returns
+    -------
+    tuple of Signal
+        By the names of the columns where they have names.
+    """
+    drive = drive_column(estimator)
+    names = list(getattr(estimator, "feature_names_in_", ()))
+    if n_inputs is None:
+        return (drive_signal(estimator, str(names[drive]) if names else "drive"),)
+    known = [str(name) for name in names[:n_inputs]]
+    known += [f"column {k}" if k != drive else "drive" for k in range(len(known), n_inputs)]
+    return tuple(
+        drive_signal(estimator, name) if k == drive else Signal(name)
+        for k, name in enumerate(known)
+    )
 
 
 def warn_beyond(estimator, drive):

@@ -24,6 +24,7 @@ from ._validation import (
     drive_column,
     finite_number,
     fitted_interval,
+    input_signals,
     known_response,
     read_data,
     refuse_several,
@@ -39,6 +40,7 @@ from .exceptions import (
 )
 from .operators import (
     Operator,
+    Signal,
     Stepper,
     add_disturbances,
     run_records,
@@ -315,6 +317,11 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     def __init_subclass__(cls, **options):
         super().__init_subclass__(**options)
         inherit_documentation(cls)
+
+    @classmethod
+    @cache  # a search asks thousands of times
+    def _get_param_names(cls):
+        return super()._get_param_names()
 
     def __init__(self, *, initial_state="rest", dt=None, drive=None, method="variable_projection"):
         self.initial_state = initial_state
@@ -1043,7 +1050,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             going = going.at(
                 finite_number(schedule, f"{type(self).__name__}.stepper_from", "schedule")
             )
-        return Stepper(going.operator.compiled_step(going.dt, state), going.dt)
+        return self._stepper(going.operator, going.dt, state)
 
     def stepper(self, dt=None, u0=0.0, initial_state=None, *, schedule=None) -> Stepper:
         """Return the fitted model as a device that is fed the drive sample by sample.
@@ -1089,8 +1096,12 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         if schedule is not None:
             operator = operator.at(finite_number(schedule, caller, "schedule"))
         u0 = input_at_rest(self, u0, initial_state, caller)
-        state = operator.init(u0, initial_state or self.free_run_state)
-        return Stepper(operator.compiled_step(dt, state), dt)
+        return self._stepper(operator, dt, operator.init(u0, initial_state or self.free_run_state))
+
+    def _stepper(self, operator, dt, state):
+        """Return a device that goes on from a state of an operator."""
+        step = operator.compiled_step(dt, state)
+        return _device(operator, dt, state, input_signals(self, step.n_inputs), step)
 
     @property
     def free_run_state(self) -> str:
@@ -1117,6 +1128,17 @@ def _better_slope(drives, result, records):
         return 0.0
     left = max(power - product**2 / own, NOISELESS * power)
     return product if left < _MOST * min(power, error) else 0.0
+
+
+def _device(operator, dt, state, inputs, step=None):
+    """Return a stepper; it is pickled as the operator, which holds no compiled code."""
+    return Stepper(
+        operator.compiled_step(dt, state) if step is None else step,
+        dt,
+        inputs=inputs,
+        result=Signal("response"),
+        remake=partial(_device, operator, dt, state, inputs),
+    )
 
 
 def _is_constant(operator):

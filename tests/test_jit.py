@@ -127,6 +127,49 @@ def test_a_loop_is_cached_with_its_law(kernel, tmp_path):
     assert names == ["kernel_of_test.law", "kernel_of_test.law_loop"]
 
 
+LAW = """
+import numpy as np
+from skhyst._jit import jit
+
+GAIN = 3.0
+TABLE = np.array([0.0, 1.0])
+
+
+@jit
+def law(value):
+    return GAIN * value + TABLE[0]
+"""
+CALLER = """
+from law_of_test import law
+from skhyst._jit import jit
+
+
+@jit
+def total(values):
+    y = 0.0
+    for value in values:
+        y += law(value)
+    return y
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [("+ TABLE[0]", "+ 2 * TABLE[1]", 27.0), ("3.0", "4.00", 28.0), ("[0.0,", "[1.00,", 24.0)],
+    ids=["law", "constant", "array"],
+)
+def test_what_changes_in_another_file_is_compiled_anew(kernel, tmp_path, old, new, expected):
+    """After an upgrade the file of the loop may be as it was."""
+    Path(tmp_path, "caller_of_test.py").write_text(CALLER)
+    found = []
+    for text in (LAW, LAW, LAW.replace(old, new)):
+        Path(tmp_path, "law_of_test.py").write_text(text)
+        total = import_module("caller_of_test").total
+        found.append((total(VALUES), sum(total.stats.cache_hits.values())))
+        del sys.modules["law_of_test"], sys.modules["caller_of_test"]
+    assert found == [(21.0, 0), (21.0, 1), (expected, 0)]
+
+
 def test_a_folder_that_can_no_longer_be_written_costs_the_cache_alone(kernel, tmp_path):
     compiled = jit(kernel.total)
     (tmp_path / "cache").rename(tmp_path / "old")

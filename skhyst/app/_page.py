@@ -270,7 +270,7 @@ def _next(found):
         experiment = found["next"]
         st.write(experiment.reason)
         st.line_chart(experiment.drive, height=200)
-        data = experiment.drive.to_csv()
+        data = experiment.from_rest().to_csv()
         st.download_button("Next drive", data, "next_drive.csv", on_click="ignore")
 
 

@@ -2,6 +2,8 @@
 
 import warnings
 from abc import abstractmethod
+from copy import copy
+from functools import partial
 from numbers import Integral, Real
 from typing import Self
 
@@ -21,6 +23,7 @@ from .._sklearn import (
 )
 from .._validation import (
     fitted_interval,
+    input_signals,
     known_response,
     refuse_large,
     refuse_several,
@@ -29,7 +32,7 @@ from .._validation import (
 )
 from ..base import read_data
 from ..exceptions import ConvergenceWarning, DivergenceWarning, RecordError
-from ..operators import Stepper
+from ..operators import Signal, Stepper
 from ..preprocessing import SampleRules, lagged_columns, read_lag_table, read_lags
 from ..records import MISMATCH, chosen_interval, with_lost_rows
 from ._initial_outputs import estimate_history, fit_line, rest_outputs
@@ -361,7 +364,14 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
             (history,) = self._rest(np.array([[rules.row[place] for place, _ in places]]))
         parts = inputs, self.output_lags_, self.bound_, rules, history
         call, name = self._one_step, type(self).__name__
-        return Stepper(compiled_lags(self._plain_step(), *parts, call, name), own)
+        step = compiled_lags(self._plain_step(), *parts, call, name)
+        return Stepper(
+            step,
+            own,
+            inputs=input_signals(self, step.n_inputs),
+            result=Signal("response"),
+            remake=partial(copy(self).stepper, dt, u0, initial_state),
+        )
 
     def stepper_from(self, X, y) -> Stepper:
         """Return the fitted model as a device that goes on from a record that is known.

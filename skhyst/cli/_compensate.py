@@ -2,10 +2,12 @@
 
 import warnings
 
+import numpy as np
 import pandas as pd
 
 from .._files import check_outputs, replacing
 from ..control import InverseCompensator
+from ..datasets import from_rest_to_rest
 from ..exceptions import ReachWarning
 from ..persistence import load_model
 from ..records import read_records
@@ -40,11 +42,25 @@ def compensate(options):
         print(message)
     if not options.force:
         _refuse(options, worst, fraction, hasattr(compensator, "drive_range_"))
-    table = pd.DataFrame({"drive": drive}, X.index).reset_index()
+    rate = rate if np.isfinite(rate) else None
+    parts = pd.Series(drive, X.index).groupby(level="record", sort=False)
+    table = pd.concat([_from_rest(name, part, options.rest, rate) for name, part in parts])
     single = table["record"].nunique() == 1
     with replacing(options.output) as (part,):
         table.drop(columns="record" if single else []).to_csv(part, index=False)
     print(f"written: {options.output}")
+
+
+def _from_rest(record, drive, rest, rate):
+    """Return the rows of a record with ramps from the rest of the amplifier and back."""
+    time = drive.index.get_level_values("time").to_numpy()
+    dt = (time[-1] - time[0]) / (len(time) - 1)
+    values, n_before = from_rest_to_rest(drive, dt, rest, rate_limit=rate)
+    n_after = len(values) - n_before - len(time)
+    before = time[0] - dt * np.arange(n_before, 0, -1)
+    after = time[-1] + dt * np.arange(1, n_after + 1)
+    time = np.concatenate([before, time, after])
+    return pd.DataFrame({"record": record, "time": time, "drive": values})
 
 
 def _refuse(options, worst, fraction, known):

@@ -176,7 +176,7 @@ def _reading(options, recordings):
 def _searching(options):
     """Return the parameters of the search."""
     effects = options.effects if options.effects == "all" else options.effects.split(",")
-    names = ("alpha", "max_effects", "resample", "washout", "loss", "checkpoint")
+    names = ("alpha", "max_effects", "resample", "washout", "loss", "unknown", "checkpoint")
     more = {name: getattr(options, name) for name in names}
     more |= {"effects": effects, "cv": options.folds, "reference": None}
     if options.reference is not None:  # the last column: drive and auxiliary inputs come before

@@ -1,11 +1,12 @@
 """`skhyst export`: a model in a file as a C99 program or as a functional mock-up unit."""
 
 from .._files import check_outputs
-from ..export import to_c, to_fmu
+from ..export import program_sizes, to_c, to_fmu
 from ..persistence import load_model
 from ..records import read_records
 
-_FOR_C, _FOR_FMU = ("name", "dtype", "drive", "column"), ("fmi_version",)
+_FOR_C = "name", "dtype", "drive", "column", "form", "sizes"
+_FOR_FMU = ("fmi_version",)
 
 
 def export(options):
@@ -20,17 +21,21 @@ def export(options):
     more = {name: getattr(options, name) for name in passed}
     for path in (_export_c if options.c else _export_fmu)(model, options, more):
         print(f"written: {path}")
+    if options.sizes:
+        print("bytes on controllers, as far as their compilers are installed:")
+        print(program_sizes(options.c, options.name or options.model.stem).to_string())
 
 
 def _export_c(model, options, more):
     name = options.name or options.model.stem
     _check([options.c / f"{name}{end}" for end in (".h", ".c", "_test.c")], options)
     for unit in ("input_unit", "output_unit"):
-        if more[unit] is not None:
+        if options.dtype == "int32" and more[unit] is not None:
             more[unit] = float(more[unit])
     if options.drive:
         first, *others = options.column or [1]
         more["drive"] = read_records(options.drive, drive=first, auxiliary=others)[0].to_numpy()
+    more["form"] = options.form or "table"
     return to_c(model, options.c, name, options.dtype or "float64", **more)
 
 

@@ -189,6 +189,8 @@ def _add_search(parser, nargs=1):
     add("--loss", choices=("squared", "huber"), default="squared", help=gross)
     add("--alpha", type=float, default=0.01, help="probability of a false claim (default: 0.01)")
     add("--max-effects", type=int, default=3, help="largest number of claims (default: 3)")
+    nameless = "seek a term without a name where no effect explains the residual"
+    add("--unknown", action="store_true", help=nameless)
     add("--seed", type=int, default=0, help="seed (default: 0)")
     add("--jobs", type=int, default=-1, help="processes (default: all processors)")
     add("--report", type=Path, metavar="FILE", help="report, .html or .md")
@@ -221,6 +223,10 @@ def _add_compensate(commands):
     add("--limits", type=float, nargs=2, metavar=("LOW", "HIGH"), help=limits)
     rate = "fastest change of the drive, its units per s (default: that in the fit)"
     add("--rate-limit", type=float, metavar="RATE", help=rate)
+    rest = (
+        "drive at which the amplifier rests, from and to which ramps are written (default: the one"
+    )
+    add("--rest", type=float, metavar="DRIVE", help=f"{rest} nearest to 0 within that written)")
     margin = "fraction of range and rate of the fit by which its limits are widened (default: 0)"
     add("--limit-margin", type=float, default=0.0, metavar="PART", help=margin)
     add("--no-limits", action="store_true", help="no limits but those that are given")
@@ -243,13 +249,16 @@ def _add_export(commands):
     add("--dt", type=float, metavar="S", help="sampling interval (default: that of the fit)")
     add("--initial-state", choices=("rest", "zero"), help="(default: that of the model)")
     add("--u0", type=float, default=0.0, help="input at which the device rests (default: 0)")
-    units = "name of its unit in an FMU; for int32 the value that the integer 1 stands for"
+    units = "name of its unit; for int32 the value that the integer 1 stands for"
     add("--input-unit", metavar="UNIT", help=units)
     add("--output-unit", metavar="UNIT", help=units)
     for_c = parser.add_argument_group("for --c")
     add = for_c.add_argument
     add("--name", help="name of files and functions (default: that of the model's file)")
     add("--dtype", choices=("float64", "float32", "int32"), help="(default: float64)")
+    add("--form", choices=("table", "step"), help="laws by tables or integrated (default: table)")
+    sizes = "print flash, RAM and stack on Cortex-M0, Cortex-M4F, AVR and x86-64"
+    add("--sizes", action="store_const", const=True, help=sizes)
     add("--drive", type=Path, metavar="FILE", help="input of the test program; int32 needs it")
     column = "column of the drive (default: the second); repeat it for a model of several inputs"
     add("--column", action="append", metavar="COL", help=column)

@@ -1,6 +1,8 @@
 """Any regressor with physical effects in series and in parallel."""
 
+from copy import copy
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from numbers import Integral, Real
 from typing import Self
@@ -12,7 +14,14 @@ from sklearn.utils.validation import check_is_fitted
 
 from .._documentation import documented_like
 from .._sklearn import HasMethods, Interval, check_sample_weight, fit_context
-from .._validation import in_native_order, known_response, refuse_std, rest_of, used_interval
+from .._validation import (
+    in_native_order,
+    input_signals,
+    known_response,
+    refuse_std,
+    rest_of,
+    used_interval,
+)
 from ..autoregressive import compiled_regressor
 from ..base import (
     ParametricModel,
@@ -29,6 +38,7 @@ from ..operators import (
     CompiledColumn,
     CompiledColumnSeries,
     CompiledSeries,
+    Signal,
     Stepper,
     run_records,
 )
@@ -313,10 +323,14 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         effects = with_params(informed(self.effects_, self), records_=self.records_)
         second = effects.stepper(dt, row, initial_state, schedule=schedule).compiled_step
         if second.n_inputs is None:
-            return Stepper(CompiledSeries((first, second)), dt)
-        if first.n_inputs is None:
-            first = CompiledColumn((first,), 0, 0.0)
-        return Stepper(CompiledColumnSeries((first, second)), dt)
+            step = CompiledSeries((first, second))
+        elif first.n_inputs is None:
+            step = CompiledColumnSeries((CompiledColumn((first,), 0, 0.0), second))
+        else:
+            step = CompiledColumnSeries((first, second))
+        again = partial(copy(self).stepper, dt, u0, initial_state, schedule=schedule)
+        inputs = input_signals(self, step.n_inputs)
+        return Stepper(step, dt, inputs=inputs, result=Signal("response"), remake=again)
 
 
 def _stretches(fold):

@@ -14,6 +14,8 @@ from ..operators import FeedbackOperator, split_disturbances
 
 _FINE = 0.1  # longest substep, in radians of the fastest motion
 _RESTS = 9  # over the range of the response, about which stability is asked
+_GROWS = 0.01  # of the range of q, beyond which its curve is identified over the new one
+_ROUNDS = 8  # of that: each gain is nearer to the one that its range belongs to
 _NAMES = ("linear", "curve")
 
 
@@ -153,17 +155,25 @@ class Feedback(ParametricModel):
         return with_params(self, linear=operator.linear.unfitted(), curve=operator.curve.unfitted())
 
     def starting_values(self, records):
-        linear, curve = self._models()
-        linear = with_params(linear, initial_state=agreed(self, "initial_state"))
+        return self._starts_around(self._linear_alone(records), records)
+
+    def _linear_alone(self, records):
+        """Return the operator of the linear dynamics without a feedback."""
+        linear = with_params(self._models()[0], initial_state=agreed(self, "initial_state"))
         base = linear.identify(records).operator
-        if not (hasattr(base, "discrete") and hasattr(base, "hold") and base.gain):
+        is_linear = hasattr(base, "discrete") and hasattr(base, "hold")
+        if not (is_linear and base.gain and not base.n_start):
             raise TypeError(
                 "The 'linear' parameter of Feedback must be linear dynamics with a static gain and "
                 f"without a delay. Got {self.linear!r} instead."
             )
+        return base
+
+    def _starts_around(self, base, records):
+        """Return starts with a curve over the range of the responses, relative to a gain."""
         answers = [replace(r, u=(r.y - base.intercept) / base.gain, before=None) for r in records]
         found = []
-        for start in curve.starting_values(answers):
+        for start in self._models()[1].starting_values(answers):
             own, _ = split_disturbances(start)
             fed = self._fed_back(base, own, records, answers)
             found += [self._divided(base, c, records) for c in (own, *fed)]
@@ -209,8 +219,24 @@ class Feedback(ParametricModel):
                 yield curve.unpack(values)
 
     def identify(self, data):
-        """Identify with the substeps of the starting values, then with those of the result."""
-        result = super().identify(data)
+        """Identify with the range and substeps of the starting values, then those of the result.
+
+        The range of q grows as the gain of the dynamics shrinks: beyond that of its start a curve
+        is not what it is within.
+        """
+        base = self._linear_alone(data)
+        result = refine(self, self._starts_around(base, data), data)
+        for _ in range(_ROUNDS):
+            found = result.operator.linear
+            if not 0.0 < abs(found.gain) <= (1.0 - _GROWS) * abs(base.gain):
+                break
+            base = found
+            again = refine(self, self._starts_around(base, data), data)
+            evaluations = result.n_evaluations + again.n_evaluations
+            if again.error >= result.error:
+                result = replace(result, n_evaluations=evaluations)
+                break
+            result = replace(again, n_evaluations=evaluations)
         finer = self._divided(*result.operator.stages, data)
         if finer.n_substeps > result.operator.n_substeps:
             again = refine(self, [finer], data)

@@ -30,6 +30,7 @@ root mean square.
 
 import warnings
 from dataclasses import replace
+from functools import partial
 from numbers import Integral, Real
 from typing import Literal, Self, overload
 
@@ -48,6 +49,7 @@ from .._sklearn import (
     validate_parameter_constraints,
 )
 from .._validation import (
+    drive_signal,
     finite_number,
     finite_numbers,
     interval_of,
@@ -58,8 +60,10 @@ from ..base import ParametricModel, read_data
 from ..exceptions import ReachWarning
 from ..linear import DelayOperator, GainOperator
 from ..operators import (
+    ROUNDING,
     CompiledSeries,
     Series,
+    Signal,
     Stepper,
     add_disturbances,
     inverse_of,
@@ -70,7 +74,6 @@ from ._drive_limits import DriveLimits
 
 _ORDER = 4  # of the low-pass, run forwards and backwards
 _SMALLEST = 2.0**-6  # fraction of a step below which nothing is gained
-_ROUNDING = 1e-9  # of the range of the drive: what exceeds a limit by less is not reported
 # Fraction of a change of the drive that must be visible in the response, else it is damped out of
 # a combination of trials. Through an exact inverse all of it is, through one with a stiffness wrong
 # by a factor of ten still a tenth. A step is at most (1 + 1 / (2 * this)) of the requested change.
@@ -414,7 +417,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
             )
         plant = self._plant(dt, "stepper")
         _warn([self._unknown()])
-        return plant.stepper(reference, self._preview_tol(), preview)
+        return plant.stepper(reference, self._preview_tol(), preview, drive_signal(self))
 
     def drive_for(self, reference, dt) -> np.ndarray:
         """Return the drive for one record of a reference.
@@ -487,7 +490,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         self._check_limits()
         low, high, rate = self._seen()
         span = high - low if np.isfinite(high - low) else 0.0
-        rounding, wider = min(self.tol, _ROUNDING) * span, self.limit_margin * span
+        rounding, wider = min(self.tol, ROUNDING) * span, self.limit_margin * span
         if not isinstance(self.drive_limits, str):
             low, high = (-np.inf, np.inf) if self.drive_limits is None else self.drive_limits
             wider = 0.0
@@ -744,12 +747,13 @@ class _InvertiblePlant:
             v = inverse.run(v, self.dt)[0]
         return compiled_steps, delay, v[0]
 
-    def stepper(self, reference, tol, preview):
+    def stepper(self, reference, tol, preview, drive):
         """Return the inverse as a stepper, from rest, whose drive is late by the preview."""
-        compiled_steps, delay, drive = self.inverse_steps(reference, tol)
+        again = partial(self.stepper, reference, tol, preview, drive)
+        compiled_steps, delay, rest = self.inverse_steps(reference, tol)
         if preview is not None:
             for exponent in range(-15, 1):  # the smallest error that this preview allows
-                compiled_steps, delay, drive = self.inverse_steps(reference, 10.0**exponent)
+                compiled_steps, delay, rest = self.inverse_steps(reference, 10.0**exponent)
                 if delay <= preview:
                     break
             else:
@@ -766,8 +770,15 @@ class _InvertiblePlant:
             own = add_disturbances(GainOperator(1.0), negative)
             compiled_steps.insert(0, own.compiled_step(self.dt, own.init(reference)))
         if self.limits:
-            compiled_steps.append(self.limits.compiled_step(self.dt, drive))
-        return Stepper(CompiledSeries(tuple(compiled_steps)), self.dt)
+            compiled_steps.append(self.limits.compiled_step(self.dt, rest))
+        return Stepper(
+            CompiledSeries(tuple(compiled_steps)),
+            self.dt,
+            inputs=(Signal("reference"),),
+            result=drive,
+            preview=delay if preview is None else preview,
+            remake=again,
+        )
 
 
 def _fitted(model, X, y):

@@ -1,30 +1,47 @@
-"""Proportional-integral control with feed-forward, notch and damping, as one compiled step.
+r"""Proportional-integral control with feed-forward, derivative, notch and damping, as one step.
 
 At a sample the controller takes the reading, the reference of the same instant and, with
 feed-forward, the compensator's drive for the next sample. Anti-windup is by conditional
 integration: while the limits cut the drive, the integral part does not move further beyond them.
+Where the drive that acts is measured, or another controller gives it, the integral part follows it
+by back-calculation (K. J. Åström, T. Hägglund, "Advanced PID Control", ISA, 2006, chapter 3).
+
+The derivative part of a signal x, with a filter of time constant T, is by backward differences
+
+.. math:: d_k = \frac{T}{T + h} d_{k-1} + \frac{k_d}{T + h} (x_k - x_{k-1})
+
+with the sampling interval h (same, chapter 13).
 """
 
 import math
 from collections.abc import Callable
+from copy import copy
+from functools import partial
 from numbers import Real
 
 import numpy as np
 from scipy.signal import bilinear
 
 from .._jit import jit
-from .._sklearn import HasMethods, Interval, validate_parameter_constraints
-from .._validation import finite_number, finite_numbers
-from ..operators import CompiledLaw, Stepper
+from .._sklearn import HasMethods, Interval, StrOptions, validate_parameter_constraints
+from .._validation import drive_signal, finite_number, finite_numbers
+from ..operators import CompiledLaw, Signal, Stepper
 from ..records import chosen_interval
 from ._compensator import check_limits
 from ._damping import as_mode
 
 _THROUGH = (1.0, 0.0, 0.0, 0.0, 0.0)
 _NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0)
+_FILTER = 0.1  # of the derivative's own time constant kd / kp: Åström and Hägglund name 1/8 to 1/16
 _CONSTRAINTS = {
     "kp": [Interval(Real, None, None, closed="neither")],
     "ki": [Interval(Real, None, None, closed="neither")],
+    "kd": [Interval(Real, None, None, closed="neither")],
+    "filter_time": [Interval(Real, 0, None, closed="left"), None],
+    "setpoint_weight": [Interval(Real, 0, None, closed="left")],
+    "rate_limit": [StrOptions({"fit"}), Interval(Real, 0, None, closed="neither"), None],
+    "tracking_time": [Interval(Real, 0, None, closed="neither"), None],
+    "start_time": [StrOptions({"fit"}), Interval(Real, 0, None, closed="left")],
     "compensator": [HasMethods("drive_for"), None],
     "damping": [HasMethods("section"), None],
 }
@@ -44,44 +61,110 @@ def section_step(x, b, s, at):
 
 
 @jit
-def limited_step(feedforward, error, damped, c, s):
-    """Return the drive for an error, a feed-forward drive, and the input of the damping filter.
+def started(reference, reading, c, s):
+    """Return the reference, which after the start is led to the one given in equal steps.
 
-    ``c`` is (kp, ki dt, lowest, highest drive, coefficients of notch, of damping). ``s`` is the
-    integral part, two states each of notch and damping, and 1 if the limits cut, else 0.
+    ``s[10]`` is the part of the way that remains, and ``s[11]`` the whole of it: from the first
+    reading.
     """
-    kp, ki, low, high, notch, damping = c
+    if s[10] == 1.0:
+        s[11] = reading - reference
+    s[10] = max(s[10] - c[11], 0.0)
+    return reference + s[10] * s[11]
+
+
+@jit
+def limited_step(feedforward, reference, reading, damped, c, s):
+    """Return the drive for a feed-forward drive and the input of the damping filter.
+
+    ``c`` is (kp, ki dt, lowest, highest drive, coefficients of notch, of damping, weight of the
+    reference, decay of the derivative, its gain, largest change of the drive, dt over tracking
+    time, part of the start per sample). ``s`` is the integral part, two states each of notch and
+    damping, 1 if the limits cut, else 0, the last drive, derivative, the last signal that it was
+    taken of, 1 before the first sample, else 0, and the two numbers of :func:`started`.
+    """
+    kp, ki, low, high, notch, damping, weight, decay, kd, change = c[:10]
+    error = reference - reading
+    s[7] = decay * s[7] - (0.0 if s[9] > 0.0 else kd * (damped - s[8]))
+    s[8], s[9] = damped, 0.0
     step = ki * error
-    wanted = feedforward + section_step(kp * error + s[0] + step, notch, s, 1)
+    direct = kp * (weight * reference - reading) + s[7]
+    wanted = feedforward + section_step(direct + s[0] + step, notch, s, 1)
     wanted += section_step(damped, damping, s, 3)
-    drive = min(max(wanted, low), high)
+    drive = min(max(wanted, s[6] - change), s[6] + change)
+    drive = min(max(drive, low), high)  # whatever has acted before
     s[5] = 1.0 if drive != wanted else 0.0
+    s[6] = drive
     if (wanted - drive) * step <= 0.0:  # not cut, or integrating back into the limits
         s[0] += step
     return drive
 
 
 @jit
+def tracked(acted, c, s):
+    """Lead the integral part to where the drive is the one that has acted."""
+    s[0] += c[10] * (acted - s[6])
+    s[6] = acted
+    return 0.0
+
+
+@jit
 def feedback_step(u, c, s):
     """Return the drive for the row (reference, reading)."""
-    return limited_step(0.0, u[0] - u[1], u[1], c, s)
+    return limited_step(0.0, started(u[0], u[1], c, s), u[1], u[1], c, s)
+
+
+@jit
+def tracking_feedback_step(u, c, s):
+    """Return the drive for the row (reference, reading, drive that has acted)."""
+    tracked(u[2], c, s)
+    return feedback_step(u, c, s)
+
+
+@jit
+def followed(u, c, s):
+    """Return the drive for the row of :func:`following_step`, the drive before being known."""
+    reference = started(u[0], u[1], c, s)
+    return limited_step(u[2], reference, u[1], u[1] - reference, c, s)
 
 
 @jit
 def following_step(u, c, s):
     """Return the drive for the row (reference, reading, drive of the compensator)."""
-    return limited_step(u[2], u[0] - u[1], u[1] - u[0], c, s)
+    if s[9] > 0.0:  # at rest the drive is that of the compensator, and a difference
+        s[6] += u[2]
+    return followed(u, c, s)
+
+
+@jit
+def tracking_following_step(u, c, s):
+    """Return the drive for the row (reference, reading, compensator's drive, that has acted)."""
+    if s[9] > 0.0:
+        s[6] += u[2]
+    tracked(u[3], c, s)
+    return followed(u, c, s)
+
+
+_STEPS = {  # by whether there is a compensator, and the drive that acts is known
+    (False, False): feedback_step,
+    (True, False): following_step,
+    (False, True): tracking_feedback_step,
+    (True, True): tracking_following_step,
+}
 
 
 class FeedforwardPI:
     r"""Proportional-integral control, with feed-forward by an inverse compensator, notch, damping.
 
-    .. math:: u = u_r + N \left[ k_p e + k_i \int e \, dt \right] + D[y - y_r], \qquad e = r - y
+    .. math::
 
-    with the drive :math:`u_r` that a compensator gives for the reference r, a notch N, and a filter
-    D for damping. With feed-forward, D acts on the deviation from :math:`y_r = r`, so that it adds
-    nothing while the device follows the reference; without, on the reading alone,
-    :math:`y_r = 0`.
+        u = u_r + N \left[ k_p (b r - y) + k_i \int e \, dt
+        - \frac{k_d s}{1 + T s} (y - y_r) \right] + D[y - y_r], \qquad e = r - y
+
+    with the drive :math:`u_r` that a compensator gives for the reference r, a weight b of the
+    reference, a notch N, and a filter D for damping. With feed-forward, the derivative and D act on
+    the deviation from :math:`y_r = r`, so that they add nothing while the device follows the
+    reference; without, on the reading alone, :math:`y_r = 0`.
 
     Parameters
     ----------
@@ -102,6 +185,24 @@ class FeedforwardPI:
     drive_limits : {"fit"}, tuple of (float, float) or None, default="fit"
         Units of the drive. By default those of the compensator, ``drive_limits_``, and none where
         there is no compensator. None: there are none.
+    kd : float, default=0.0
+        Derivative gain, units of the drive per unit of the response, times s.
+    filter_time : float, default=None
+        Time constant T of the derivative's filter in s; by default a tenth of ``kd / kp``.
+    setpoint_weight : float, default=1.0
+        Weight b of the reference in the proportional part: below 1, steps overshoot less.
+    rate_limit : {"fit"}, float or None, default="fit"
+        Fastest change of the drive, its units per s; by default that of the compensator,
+        ``rate_limit_``, and none where there is no compensator. None: none.
+    tracking_time : float, default=None
+        Where the drive that acts is known: it is a further column of the rows, that until the
+        present sample, and while it is another than that asked for, by a limit of the amplifier or
+        another controller, the integral part follows it with this time constant in s, at least a
+        sampling interval. With the interval itself, control is taken over without a bump.
+    start_time : {"fit"} or float, default="fit"
+        Time in s in which the reference is led from the first reading to the one that is given. By
+        default the time that the drive takes through the range of the fit at its fastest rate, and
+        zero where there is no compensator that knows them.
 
     Notes
     -----
@@ -125,13 +226,34 @@ class FeedforwardPI:
     [1.04, 0.56]
     """
 
-    def __init__(self, kp, ki, *, compensator=None, notch=None, damping=None, drive_limits="fit"):
+    def __init__(
+        self,
+        kp,
+        ki,
+        *,
+        compensator=None,
+        notch=None,
+        damping=None,
+        drive_limits="fit",
+        kd=0.0,
+        filter_time=None,
+        setpoint_weight=1.0,
+        rate_limit="fit",
+        tracking_time=None,
+        start_time="fit",
+    ):
         self.kp = kp
         self.ki = ki
         self.compensator = compensator
         self.notch = notch
         self.damping = damping
         self.drive_limits = drive_limits
+        self.kd = kd
+        self.filter_time = filter_time
+        self.setpoint_weight = setpoint_weight
+        self.rate_limit = rate_limit
+        self.tracking_time = tracking_time
+        self.start_time = start_time
 
     def stepper(self, dt, reference=0.0, u0=0.0) -> Stepper:
         """Return the controller as a device that is fed rows, from rest.
@@ -148,8 +270,9 @@ class FeedforwardPI:
         -------
         Stepper
             Its ``step`` takes the row (reference, reading), with a compensator (reference, reading,
-            drive of the compensator), and returns the drive until the next sample. The reference is
-            that at the instant of the reading, the compensator's drive that for the next sample.
+            drive of the compensator), with a ``tracking_time`` the drive that has acted as the last
+            column, and returns the drive until the next sample. The reference is that at the
+            instant of the reading, the compensator's drive that for the next sample.
 
         Raises
         ------
@@ -168,15 +291,64 @@ class FeedforwardPI:
         low, high = (-math.inf, math.inf) if limits is None else limits
         notch = _THROUGH if self.notch is None else notch_section(self.notch, dt)
         damping = _NOTHING if self.damping is None else self.damping.section(dt)
-        constants = (self.kp, self.ki * dt, low, high, notch, damping)
-        state = np.zeros(6)
-        follows = self.compensator is not None
+        if self.tracking_time is not None and not self.tracking_time >= dt:
+            raise ValueError(
+                "The 'tracking_time' parameter of FeedforwardPI must be at least the sampling "
+                f"interval, {dt:g} s. Got {self.tracking_time!r} instead."
+            )
+        filter_time = self._filter_time()
+        follows, tracks = self.compensator is not None, self.tracking_time is not None
+        constants = (
+            *(self.kp, self.ki * dt, low, high, notch, damping, self.setpoint_weight),
+            filter_time / (filter_time + dt),
+            self.kd / (filter_time + dt),
+            self._rate_limit() * dt,
+            dt / self.tracking_time if tracks else 0.0,
+            min(dt / self._start_time(), 1.0) if self._start_time() else 1.0,
+        )
+        state = np.zeros(12)
         settled, state[3:5] = _settled(damping, 0.0 if follows else reference)
-        state[0] = u0 - settled
-        _, state[1:3] = _settled(notch, state[0])
-        step = following_step if follows else feedback_step
-        n_inputs, flags = 3 if follows else 2, (("limited", 5),)
-        return Stepper(CompiledLaw(step, constants, state, n_inputs, flags=flags), dt)
+        inner = u0 - settled  # the output of the notch, whose gain at rest is one
+        state[0] = inner - self.kp * (self.setpoint_weight - 1.0) * reference
+        _, state[1:3] = _settled(notch, inner)
+        state[6] = u0 if follows else min(max(u0, low), high)
+        state[9] = state[10] = 1.0
+        inputs = [Signal("reference"), Signal("reading")]
+        inputs += [Signal("drive of the compensator")] * follows + [Signal("drive")] * tracks
+        law = CompiledLaw(
+            _STEPS[follows, tracks], constants, state, len(inputs), flags=(("limited", 5),)
+        )
+        return Stepper(
+            law,
+            dt,
+            inputs=inputs,
+            result=drive_signal(self.compensator),
+            remake=partial(copy(self).stepper, dt, reference, u0),
+        )
+
+    def _filter_time(self):
+        """Return the time constant of the derivative's filter in s."""
+        if self.filter_time is None and self.kd:
+            if not self.kp:
+                raise ValueError(
+                    "The 'filter_time' parameter of FeedforwardPI must be given in s for a 'kp' of "
+                    "0. Got None instead."
+                )
+            return _FILTER * abs(self.kd / self.kp)
+        return self.filter_time or 0.0
+
+    def _rate_limit(self):
+        """Return the fastest change of the drive, its units per s."""
+        if isinstance(self.rate_limit, str):
+            return getattr(self.compensator, "rate_limit_", math.inf)
+        return math.inf if self.rate_limit is None else self.rate_limit
+
+    def _start_time(self):
+        """Return the time in s in which the reference is led to the one that is given."""
+        if not isinstance(self.start_time, str):
+            return self.start_time
+        drive = drive_signal(self.compensator)
+        return (drive.high - drive.low) / drive.rate if 0.0 < drive.rate < math.inf else 0.0
 
     def controlling(self, reference, dt, u0=None) -> Callable[[int, float], float]:
         """Return a function ``(k, reading) -> drive`` that controls a device along a reference.
@@ -208,12 +380,20 @@ class FeedforwardPI:
         dt = chosen_interval((), dt, caller)
         # the reading of a sample is the response at the sample before
         due = np.concatenate([reference[:1], reference[:-1]])
-        if self.compensator is None:
-            step = self.stepper(dt, reference[0], u0 or 0.0).step
-            return lambda k, reading: step((due[k], reading))
-        feedforward = self.compensator.drive_for(reference, dt)
-        step = self.stepper(dt, reference[0], 0.0 if u0 is None else u0 - feedforward[0]).step
-        return lambda k, reading: step((due[k], reading, feedforward[k]))
+        columns, rest = [due], u0 or 0.0
+        if self.compensator is not None:
+            columns.append(self.compensator.drive_for(reference, dt))
+            rest = 0.0 if u0 is None else u0 - columns[1][0]
+        stepper = self.stepper(dt, reference[0], rest)
+        begin = rest + (columns[1][0] if len(columns) > 1 else 0.0)
+        tracks = self.tracking_time is not None
+
+        def control(k, reading):
+            acted = begin if stepper.output is None else stepper.output
+            row = due[k], reading, *(own[k] for own in columns[1:])
+            return stepper.step((*row, acted) if tracks else row)
+
+        return control
 
 
 def notch_section(mode, dt):

@@ -5,6 +5,8 @@ uncertain part is linear: motion of the linear stages after the hysteresis that 
 explain, and a drifting output. A Kalman filter estimates both, see :mod:`skhyst.control._kalman`.
 """
 
+from copy import copy
+from functools import partial
 from numbers import Real
 from typing import Self
 
@@ -13,12 +15,13 @@ from sklearn.base import BaseEstimator, MetaEstimatorMixin
 from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import HasMethods, Interval, StrOptions, fit_context
-from .._validation import interval_of, used_interval
+from .._validation import input_signals, interval_of, used_interval
 from ..base import ParametricModel, input_at_rest, one_thread, read_data
 from ..operators import (
     CompiledSeries,
     CompiledStep,
     Series,
+    Signal,
     Stepper,
     SumOperator,
     split_disturbances,
@@ -261,7 +264,15 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         Stepper
             ``step([u, y]) -> estimate``, ``run(rows)``, ``state``, ``copy()``.
         """
-        return Stepper(self.compiled_step(dt, u0), self._interval(dt))
+        step = self.compiled_step(dt, u0)
+        inputs = input_signals(self.model_, None if step.n_inputs == 2 else step.n_inputs - 1)
+        return Stepper(
+            step,
+            self._interval(dt),
+            inputs=(*inputs, Signal("reading")),
+            result=Signal("estimate of the response"),
+            remake=partial(copy(self).stepper, dt, u0),
+        )
 
     def reset(self) -> None:
         """Discard all readings: the next sample is the first one of a device at rest."""

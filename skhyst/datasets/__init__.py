@@ -1,6 +1,6 @@
 """Test signals, published parameters, and the recordings that they generate."""
 
-from ._catalogue import signals_within
+from ._catalogue import from_rest_to_rest, signals_within
 from ._inchworm_motor import inchworm_motor_stepper, make_inchworm_motor, walking_drive
 from ._random_test_signals import band_limited_noise, multisine
 from ._scanning_stage import (
@@ -24,6 +24,7 @@ __all__ = [
     "band_limited_noise",
     "decaying_sine",
     "first_order_reversal_curves",
+    "from_rest_to_rest",
     "inchworm_motor_stepper",
     "load_scanning_stage_parameters",
     "load_tanh_parameters",

@@ -86,6 +86,61 @@ def signals_within(drive_limits, duration, dt, *, rate_limit=None) -> dict[str, 
     return found
 
 
+def from_rest_to_rest(drive, dt, rest=None, *, rate_limit=None) -> tuple[np.ndarray, int]:
+    """Return a drive with ramps from the rest of an amplifier to its beginning, and back.
+
+    Parameters
+    ----------
+    drive : array-like of shape (n_samples,)
+        Units of the drive.
+    dt : float
+        Sampling interval in s.
+    rest : float or None, default=None
+        Drive at which amplifier and device rest; by default the one within the range of the drive
+        that is nearest to zero.
+    rate_limit : float or None, default=None
+        Largest slope of the ramps, units of the drive over s. None: that of the drive, or of a
+        constant drive a ramp as long as the drive.
+
+    Returns
+    -------
+    drive : ndarray of shape (n_samples + n_before + n_after,)
+    n_before : int
+        Samples before the drive begins.
+
+    Raises
+    ------
+    ValueError
+        If the drive is not finite, or the rate is not positive.
+
+    Examples
+    --------
+    >>> from skhyst.datasets import from_rest_to_rest
+    >>> drive, n_before = from_rest_to_rest([3.0, 4.0, 2.0], dt=0.1, rest=0.0)
+    >>> drive.tolist(), n_before
+    ([0.0, 1.5, 3.0, 4.0, 2.0, 0.0], 2)
+    """
+    function = "from_rest_to_rest"
+    dt = check.interval(function, dt)
+    drive = np.asarray(drive, dtype=float)
+    if drive.ndim != 1 or not drive.size or not np.isfinite(drive).all():
+        check.refuse(function, "drive", "finite numbers, one per sample", drive)
+    nearest = min(max(0.0, drive.min()), drive.max())
+    rest = nearest if rest is None else check.scalar(function, "rest", rest)
+    change = np.abs(np.diff(drive)).max(initial=0.0)
+    if rate_limit is not None:
+        change = dt * check.scalar(function, "rate_limit", rate_limit, positive=True)
+
+    def ramp(end):
+        """Return the samples from rest to a value, without the value."""
+        way = abs(end - rest)
+        n = int(np.ceil(way / change * (1.0 - 1e-12))) if change else len(drive)
+        return rest + (end - rest) * np.arange(n) / n if way else np.empty(0)
+
+    before, after = ramp(drive[0]), ramp(drive[-1])[::-1]
+    return np.concatenate([before, drive, after]), len(before)
+
+
 def _shapes(n, dt, rise):
     """Return the forms, about zero, of unit size, (n,).
 

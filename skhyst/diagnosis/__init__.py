@@ -8,6 +8,7 @@ from ._pictures import Picture
 from ._progress import Progress
 from ._report import Report
 from ._search import EffectSearchCV
+from ._unknown import Unknown
 
 __all__ = [
     "Effect",
@@ -17,6 +18,7 @@ __all__ = [
     "Picture",
     "Progress",
     "Report",
+    "Unknown",
     "effect_names",
     "next_experiment",
     "register_effect",

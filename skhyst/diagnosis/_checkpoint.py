@@ -14,7 +14,7 @@ import joblib
 from .._files import check_input, replacing
 from ..persistence import read_trusted, skops_io
 
-_NOT_DECISIVE = ("checkpoint", "n_jobs", "verbose")
+_NOT_DECISIVE = ("checkpoint", "n_jobs", "unknown", "verbose")
 
 
 class Checkpoint:

@@ -62,6 +62,7 @@ from ._plausibility import (
     bends,
     comes_later,
     goes_on,
+    has_no_peak,
     has_own_lines,
     is_between_samples,
     is_wider_than_noise,
@@ -253,10 +254,11 @@ _BUILT_IN = (
     ),
     Effect(
         "lag",
-        lambda: [FirstOrderLag()],
-        "A first-order low-pass delays and attenuates fast motion.",
+        lambda: [FirstOrderLag(), SecondOrderMode()],
+        "A low-pass of first or second order, without a peak, delays and attenuates fast motion.",
         "Sweep to higher frequency: gain and phase fall together.",
         picture="frequency",
+        plausible=has_no_peak,
     ),
     Effect(
         "resonance",

@@ -8,7 +8,7 @@ import pandas as pd
 from sklearn.utils.validation import check_is_fitted
 
 from .._files import check_outputs, replacing
-from ..datasets import signals_within
+from ..datasets import from_rest_to_rest, signals_within
 from ..optimize import RecordData
 from ..records import record_slices, stack_records
 from ._black_box import drive_of
@@ -38,13 +38,19 @@ class Experiment:
     reason: str
     expected_gain: float
 
-    def save(self, path, *, force=False) -> None:
-        """Write time and drive as a CSV file.
+    def save(self, path, rest=None, *, force=False) -> None:
+        """Write time and drive as a CSV file, from rest to rest.
+
+        The drive is preceded by a ramp from rest, at times below zero, and followed by one back,
+        neither steeper than the drive itself.
 
         Parameters
         ----------
         path : str or Path
             File that is written.
+        rest : float or None, default=None
+            Drive at which the amplifier rests, its units; by default the one nearest to zero within
+            the range of the drive.
         force : bool, default=False
             Whether an existing file is overwritten.
 
@@ -55,7 +61,26 @@ class Experiment:
         """
         check_outputs([Path(path)], force=force)
         with replacing(path) as (part,):
-            self.drive.to_csv(part)
+            self.from_rest(rest).to_csv(part)
+
+    def from_rest(self, rest=None) -> pd.Series:
+        """Return the drive with the ramps from rest and back that :meth:`save` writes.
+
+        Parameters
+        ----------
+        rest : float or None, default=None
+            Drive at which the amplifier rests, its units; by default the one nearest to zero within
+            the range of the drive.
+
+        Returns
+        -------
+        Series of shape (n_samples + n_ramps,)
+            The index is the time in s, zero where the drive itself begins.
+        """
+        dt = float(self.drive.index[1] - self.drive.index[0])
+        drive, n_before = from_rest_to_rest(self.drive, dt, rest)
+        time = pd.Index(dt * (np.arange(len(drive)) - n_before), name="time")
+        return pd.Series(drive, time, name="drive")
 
 
 def next_experiment(search, drive_limits, rate_limit=None, duration=None, dt=None) -> Experiment:

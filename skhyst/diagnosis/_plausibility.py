@@ -91,6 +91,11 @@ def _have_changed_places(before, tree, name):
 # ------------------------------------------------------------------------------------ margins
 
 
+def has_no_peak(operator, motion, records):
+    """Return the margin of the damping above that at which a mode has a peak."""
+    return np.log(getattr(operator, "damping_ratio", np.inf) / np.sqrt(0.5))
+
+
 def rings(operator, motion, records):
     """Return margins of a mode: below critical damping, height of its peak, resolved by sampling.
 

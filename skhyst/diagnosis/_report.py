@@ -138,6 +138,9 @@ class Report:
         What was done to the resolution of the declared model, and what its fits have warned of.
     suspects : list of dict
         What would lower the error but is not significant.
+    unknown : dict or None
+        Of a search with ``unknown``, the term that is missing and has no name, as
+        :meth:`Unknown.to_dict` returns it; None where there is none.
     dropped, next_steps : list of str
         Effects that were in the model for a time, and what to measure next.
 
@@ -252,6 +255,9 @@ class Report:
                 lines.append(f"    {_not_told(claim)} {claim['experiment']}")
             if claim["provisional"]:
                 lines.append(f"    {_PROVISIONAL}")
+        if self.unknown:
+            less = _error(self, self.unknown["error_after"])
+            lines.append(f"unexplained: {self.unknown['text']}; with it the error is {less}")
         errors = [_error(self, value) for value in (self.error_before, self.error_after)]
         lines += [
             f"held-out error: {' -> '.join(errors)}; noise floor {_error(self, self.noise_floor)}",
@@ -370,6 +376,7 @@ def _collect(search, command, held_out, comparison):
         "noise_ceiling": float(search.noise_ceiling_),
         "resolution": search.resolution_,
         "suspects": search.suspects_.to_dict("records"),
+        "unknown": None if search.unknown_ is None else search.unknown_.to_dict(),
         "warnings": search.warnings_,
     }
     return json.loads(json.dumps(entries, default=_plain), parse_constant=lambda _: None)
@@ -831,6 +838,8 @@ def _displays(search, comparison=None):
     contested = search.ranking_[search.ranking_["error_after"].notna()]
     for n in map(int, contested["round"].unique()):
         displays[f"round {n}"] = EffectRankingDisplay.from_search(search, round=n, draw=False)
+    if search.unknown_ is not None:
+        displays["unknown"] = EvidenceDisplay(search.unknown_.picture())
     if comparison is not None:
         displays["models"] = comparison
     for name in search.effects_:
@@ -848,6 +857,8 @@ def _drawn(name, display):
     elif name.startswith("evidence"):
         label = f"Evidence for {name.removeprefix('evidence ')}"
         height = 3.4 if display.picture.below is None else 5.4
+    elif name == "unknown":
+        height, label = 5.4, "What is unexplained, as a curve with its band"
 
     def draw(figure):
         if name != "loops":

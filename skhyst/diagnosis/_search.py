@@ -53,6 +53,7 @@ from ._progress import watched
 from ._reference import column_of, reference_of, without_column
 from ._report import Report
 from ._tables import HISTORY, RANKING, SUSPECTS, WithTables, cv_results
+from ._unknown import LAW_COLUMNS, Unknown, curve_of, find_unknown
 from ._verdict import Judgement, judge_residual
 
 
@@ -104,6 +105,9 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         :func:`skhyst.records.resample_records` derives; a float: at this interval, s. Everything
         then refers to the samples of these grids, row numbers in ``cv``, ``washout`` and faults of
         the measurement among them; only :meth:`predict` returns to the instants that it is given.
+    unknown : bool, default=False
+        Whether a term without a name is sought where the residual is not noise, see ``unknown_``.
+        Where one is found, the verdict is ``"unexplained"``; all else is as it is without.
     n_jobs : int or None, default=None
         Processes. None is 1, or what joblib's context says; -1 is all processors. A round's steps
         are many and short, so that threads would wait for each other's interpreter lock; the
@@ -177,6 +181,11 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         data ask for 23".
     dropped_ : list of str
         Effects that were in the model for a time.
+    unknown_ : Unknown or None
+        With ``unknown``, of what is unexplained: the place and the argument of the smooth function
+        that is missing, its curve with a simultaneous band, errors, what the recording does not
+        tell from it, laws that it resembles, and the ``estimator`` with it. None where no such term
+        is significant, or the residual is noise.
     suspects_ : DataFrame
         What would lower the held-out error most but is not claimed: ``effect``, ``error_before``,
         ``error_after``, ``folds_better``, ``p_value``.
@@ -260,6 +269,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         "washout": [Interval(Integral, 0, None, closed="left"), None],
         "reference": [Integral, str, None],
         "resample": [StrOptions({"auto"}), Interval(Real, 0, None, closed="neither"), None],
+        "unknown": ["boolean"],
         "n_jobs": [Integral, None],
         "verbose": ["verbose"],
         "random_state": ["random_state"],
@@ -279,6 +289,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         washout=None,
         reference=None,
         resample=None,
+        unknown=False,
         n_jobs=None,
         verbose=0,
         random_state=None,
@@ -294,6 +305,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         self.washout = washout
         self.reference = reference
         self.resample = resample
+        self.unknown = unknown
         self.n_jobs = n_jobs
         self.verbose = verbose
         self.random_state = random_state
@@ -501,6 +513,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
             self.data_quality_ = with_reactions(self.data_quality_, self.drive_, left, slices)
         self.residual_location_ = locate(slices, self.drive_, self.residual_after_, self.units_)
         self.seconds_["noise floor"] = time.perf_counter() - begin
+        self.unknown_ = self._unknown(slices, contest, decided) if self.unknown else None
         begin = time.perf_counter()
         del self._inputs, self._reference, self._whole, self._read
         self._structure, self._records = base.structure, tuple(records)
@@ -531,6 +544,38 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         self.cv_results_ = cv_results(ranking, len(contest.folds))
         self.failed_ = pd.DataFrame(contest.failed, columns=["round", "effect", "error"])
         self.seconds_["refit and evidence"] = time.perf_counter() - begin
+
+    def _unknown(self, slices, contest, base):
+        """Return the term without a name that a candidate lacks; None where it lacks none."""
+        if self.verdict_ == "noise" or self._reference is not None:
+            return None
+        begin, records = time.perf_counter(), contest.records_of(base)
+        how = contest.criterion, contest.n_tried, self.n_jobs
+        found = find_unknown(base, records, slices, contest.folds, *how)
+        if found is not None:
+            site, chosen, p_value, same, laws = found
+            if self.verdict_ == "undetermined":  # what is found is structure
+                self.verdict_, self.verdict_advice_ = "unexplained", ""
+                self.verdict_reason_ = "a smooth function of a signal explains it"
+            left = contest.judgement(chosen).structured
+            (scored,) = self._by_records(slices, records, chosen)
+            estimator, result = chosen.structure.fitted(records, slices)
+            rng = np.random.default_rng(check_random_state(self.random_state).randint(2**31 - 1))
+            found = Unknown(
+                site.place,
+                site.argument,
+                curve_of(site, chosen.structure, result, rng),
+                self.error_after_,
+                scored.error,
+                max(1.0 - (scored.error / self.error_after_) ** 2, 0.0),
+                p_value,
+                tuple(map(str, same)),
+                pd.DataFrame(laws, columns=LAW_COLUMNS),
+                left,
+                estimator,
+            )
+        self.seconds_["unknown term"] = time.perf_counter() - begin
+        return found
 
     def _warnings(self, first, fits, records):
         """Return what a user has to know of the fits, each once."""

@@ -3,5 +3,6 @@
 from ._c import to_c
 from ._control import to_control
 from ._fmu import to_fmu
+from ._sizes import program_sizes
 
-__all__ = ["to_c", "to_control", "to_fmu"]
+__all__ = ["program_sizes", "to_c", "to_control", "to_fmu"]

@@ -288,8 +288,8 @@ class FixedText(FunctionText):
                 return self._moved(text, ATOM, own, f)
             case "*" | "/":
                 return self._product(op, *args, f)
-            case "powi" if args[1].value == 2:
-                return self._product("*", args[0], args[0], f)
+            case "powi" if args[1].value is not None:
+                return self._whole_power(args[0], args[1].value, f)
             case "neg":
                 return f"-{self._bracketed(args[0], f, ATOM)}", UNARY
             case "choice":
@@ -352,6 +352,22 @@ class FixedText(FunctionText):
         remaining = n - min(max(n, 0), _LONGEST)  # shift that the helper cannot do
         return self._moved(text, ATOM, remaining if op == "*" else -remaining, 0)
 
+    def _whole_power(self, a, n, f):
+        """Return a power of an integer exponent, by products."""
+        if n == 0:
+            return scaled(1.0, f), UNARY
+        if n == 2:
+            return self._product("*", a, a, f)
+        own = self._common(a)
+        base = text = self._fitted(a, own)[0]
+        bits = _BITS - MARGIN
+        digits_of = own  # of the power so far: for the largest base its power has as many bits
+        for power in range(2, n + 1):
+            wanted = bits - power * (bits - own)
+            text = self._helper("product", text, base, digits_of + own - wanted)
+            digits_of = wanted
+        return self._moved(text, ATOM, digits_of, f)
+
     def _power(self, a, b, f):
         """Return a power of a non-negative number."""
         fa, fb = self._common(a), min(max(self._common(b), 0), _BITS)
@@ -389,7 +405,7 @@ def boundary(printer, model, stepper, ends, units):
     per = min(max(digits(1.0 / units[1], _EXACT), -own), _LONGEST - own)
     call = f"{printer.function(model)}({', '.join(model.args(['x', 'state->s']))})"
     lines += [f"const int64_t y = {product}({call}, {scaled(1.0 / units[1], per)}, {own + per});"]
-    lines += [f"return {printer.helper('whole', 'real')}(y);"]
+    lines += [f"const int32_t output = {printer.helper('whole', 'real')}(y);"]
     unused = zip(("x", "state"), model.taken, strict=True)
     lines[1:1] = [f"(void){name};" for name, used in unused if not used]
     first = []

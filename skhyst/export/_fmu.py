@@ -1,7 +1,6 @@
 """Write a model as a functional mock-up unit: co-simulation around its C99 program."""
 
 import platform
-import re
 import shutil
 import subprocess
 import tempfile
@@ -13,7 +12,7 @@ from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 import numpy as np
 
 from .._files import replacing
-from ._c import to_c
+from ._c import DIALECTS, program
 
 _VERSIONS = ("2.0", "3.0")
 _XML = Template("""\
@@ -60,6 +59,7 @@ def to_fmu(
     u0=0.0,
     input_unit=None,
     output_unit=None,
+    tunable=(),
 ) -> Path:
     """Write a model, compensator or operator as a functional mock-up unit (FMU) for co-simulation.
 
@@ -83,6 +83,8 @@ def to_fmu(
         Input at which the device rests, in units of the drive; the start value of the FMU's input.
     input_unit, output_unit : str, optional
         Names of the units of drive (the same for all inputs) and response, such as ``"V"``.
+    tunable : sequence of str, or dict of str to (float, float), default=()
+        As for :func:`to_c`: they are the parameters of the FMU, which may change at any time.
 
     Returns
     -------
@@ -99,7 +101,9 @@ def to_fmu(
     Variables are ``time``, ``input`` (``input_1``, ``input_2``, ... if there are several) and
     ``output``. A communication step is one sampling interval: the input set before it is one
     sample, the output after it is the response to that sample, so in simulation time it appears one
-    interval later. In a step of several intervals the input is held; steps of other sizes, and
+    interval later. Before the first step the device has rested at the start value of its input,
+    where its rest is known as of ``name_init_at`` of :func:`to_c`, else at ``u0``. In a step of
+    several intervals the input is held; steps of other sizes, and
     input that is not finite, are refused with an error.
 
     Examples
@@ -122,23 +126,33 @@ def to_fmu(
         )
     path = Path(path)
     name = path.stem
+    units = input_unit, output_unit
+    own = program(model, name, "float64", dt, initial_state, u0, None, units, tunable)
+    if own.dt is None:
+        raise ValueError("The 'dt' parameter of to_fmu must be given, in s.")
+    first = (np.zeros(own.n_inputs) + u0).tolist()
+    u = "u" if own.by_row else "u[0]"
+    init_at = f"{name}_init_at(&it->now.model, {u});" if own.begins_at else ""
+    values = [*first, *(entry.value for entry in own.entries)]
+    template = Template(Path(__file__).with_name("fmu.c").read_text())
+    wrapper = template.substitute(
+        name=name,
+        version=version,
+        major=version[0],
+        first=", ".join(map(repr, values)),
+        u=u,
+        n_parameters=len(own.entries),
+        configure=_configure(name, own.entries),
+        init_at=init_at or ";",
+    )
     with tempfile.TemporaryDirectory() as folder:
-        header, source, _ = to_c(model, folder, name, dt=dt, initial_state=initial_state, u0=u0)
-        text = header.read_text()
-        said = dict(re.findall(rf"#define {name}_(\w+) (\S+)", text))
-        if said["DT"] == "NAN":
-            raise ValueError("The 'dt' parameter of to_fmu must be given, in s.")
-        first = (np.zeros(int(said["N_INPUTS"])) + u0).tolist()
-        u = "u" if "const double *u" in text else "u[0]"
-        wrapper = Path(folder, f"{name}_fmu.c")
-        template = Template(Path(__file__).with_name("fmu.c").read_text())
-        listed = ", ".join(map(repr, first))
-        wrapper.write_text(
-            template.substitute(name=name, version=version, major=version[0], first=listed, u=u)
-        )
-        files = {f"sources/{file.name}": file.read_bytes() for file in (header, source, wrapper)}
+        texts = own.files | {f"{name}_fmu.c": wrapper}
+        del texts[f"{name}_test.c"]
+        for file, text in texts.items():
+            Path(folder, file).write_text(text, encoding="utf-8")
+        files = {f"sources/{file}": text.encode() for file, text in texts.items()}
         files["modelDescription.xml"] = _description(
-            name, version, type(model).__name__, said, first, (input_unit, output_unit)
+            name, version, type(model).__name__, own, first, units
         ).encode()
         if version == "3.0":
             files["sources/buildDescription.xml"] = _BUILD.substitute(name=name).encode()
@@ -153,7 +167,20 @@ def to_fmu(
     return path
 
 
-def _description(name, version, what, said, first, units):
+def _configure(name, entries):
+    """Return the body of the function that puts the parameters in force."""
+    if not entries:
+        return "    (void)it;\n    return OK;\n"
+    lines = [f"    {name}_params to;\n"]
+    for k, entry in enumerate(entries):
+        place = entry.field if entry.index is None else f"{entry.field}[{entry.index}]"
+        lines.append(f"    to.{place} = it->now.values[PARAMETERS + {k}];\n")
+    lines.append(f"    return {name}_configure(&it->now.model, &to)\n")
+    lines.append('               ? refused(it, "a parameter is out of its range") : OK;\n')
+    return "".join(lines)
+
+
+def _description(name, version, what, own, first, units):
     """Return ``modelDescription.xml``."""
     names = ["input"] if len(first) == 1 else [f"input_{k + 1}" for k in range(len(first))]
     unit = ["" if text is None else f" unit={quoteattr(text)}" for text in units]
@@ -165,16 +192,26 @@ def _description(name, version, what, said, first, units):
         (n, 'causality="input"', unit[0], f' start="{u!r}"')
         for n, u in zip(names, first, strict=True)
     ]
-    common = 'name="{}" valueReference="{}" {} variability="continuous"'
-    variables = ""
+    rows += [
+        (
+            entry.name,
+            'causality="parameter"',
+            f' min="{entry.low!r}" max="{entry.high!r}"',
+            f' start="{entry.value!r}"',
+        )
+        for entry in own.entries
+    ]
+    common = 'name="{}" valueReference="{}" {} variability="{}"'
+    variables, dt = "", DIALECTS["float64"].literal(own.dt)
     for k, (variable, role, of, start) in enumerate(rows):
-        attributes = common.format(variable, k, role)
+        variability = "tunable" if "parameter" in role else "continuous"
+        attributes = common.format(variable, k, role, variability)
         variables += (
             f"    <Float64 {attributes}{of}{start}/>\n"
             if version == "3.0"
             else f"    <ScalarVariable {attributes}><Real{of}{start}/></ScalarVariable>\n"
         )
-    own = {
+    more = {
         "2.0": {
             "token": "guid",
             "can": 'canGetAndSetFMUstate="true" canSerializeFMUstate="true"\n'
@@ -187,20 +224,20 @@ def _description(name, version, what, said, first, units):
         "3.0": {
             "token": "instantiationToken",
             "can": 'canGetAndSetFMUState="true" canSerializeFMUState="true"\n'
-            f'      fixedInternalStepSize="{said["DT"]}"/>',
+            f'      fixedInternalStepSize="{dt}"/>',
             "sources": "",
             "structure": '<Output valueReference="1" dependencies=""/>\n'
             '    <InitialUnknown valueReference="1" dependencies=""/>',
         },
     }
     return _XML.substitute(
-        own[version],
+        more[version],
         name=name,
         version=version,
         what=what,
-        digest=said["HASH"].strip('"'),
+        digest=own.digest,
         units="".join(f"\n    <Unit name={quoteattr(u)}/>" for u in sorted({*units} - {None, "s"})),
-        dt=said["DT"],
+        dt=dt,
         variables=variables,
     )
 

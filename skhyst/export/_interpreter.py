@@ -1,4 +1,9 @@
-"""Run a step in the intermediate representation, number by number."""
+"""Run a step in the intermediate representation, number by number.
+
+Functions, statements and expressions become closures once, which then run for each sample. A
+statement returns a tuple of results, "break", "continue" or None, and an expression its value, of
+the variables ``env`` of the function.
+"""
 
 import math
 import operator
@@ -9,15 +14,27 @@ import numpy as np
 from ._expressions import Array, Assign, Call, For, If, Jump, Listed, Return, Store, While
 from ._slice import called
 
+
+def _divided(a, b):
+    return a / b if b else float(np.divide(a, b))
+
+
+def _power(a, b):
+    try:
+        return math.pow(a, b)
+    except (ValueError, OverflowError):  # infinite, or not a number
+        return float(np.power(float(a), float(b)))
+
+
 _OPERATORS = {
     "+": operator.add,
     "-": operator.sub,
     "*": operator.mul,
-    "/": np.divide,
+    "/": _divided,
     "//": operator.floordiv,
     "%": operator.mod,
-    "**": np.power,
-    "powi": np.power,
+    "**": _power,
+    "powi": _power,
     "neg": operator.neg,
     "not": operator.not_,
     "abs": abs,
@@ -36,30 +53,49 @@ _CASTS = {"bool": bool, "int": int, "real": float}
 class Interpreter:
     """Runs the step of a whole model, sample by sample.
 
+    Numbers belong to a frame: the index of the step's call in the body of the model, None for the
+    model itself, and the function.
+
     Parameters
     ----------
     model : Slice
         See :func:`~skhyst.export._model.model_step`.
     state : ndarray of shape (n_states,)
+    tuned : ndarray of shape (n_constants,), optional
+        Constants that can be changed at run time.
     """
 
     _longest = None  # largest number of iterations of a loop
 
-    def __init__(self, model, state):
+    def __init__(self, model, state, tuned=()):
         self._model, self._state = model, np.array(state, dtype=float)
+        self._tuned = np.array(tuned, dtype=float)
         self._row = isinstance(model.function.params[0], Array)
+        self._functions = {}
 
     def answer(self, u):
         """Return the response to the next sample of a drive, (n_inputs,)."""
-        self._note((None, "u"), *u)
-        given = [u if self._row else float(u[0]), self._state]
+        seen = self._noted(None, "u")
+        for value in u if seen else ():
+            seen(value)
+        given = [u if self._row else float(u[0]), self._state, self._tuned]
+        given = given[: len(self._model.function.params)]
         with np.errstate(all="ignore"):
-            return self._call(self._model, self._model.args(given), None)[0]
+            return self._function(None, self._model)(self._model.args(given))[0]
 
-    # hooks for subclasses
+    # hooks for subclasses; the functions that they return are called for each number
 
-    def _note(self, key, *values):
-        """Called with the values of a variable, an expression or a result."""
+    def _noted(self, step, *key):
+        """Return a function that sees a variable, an expression or a result, or None."""
+
+    def _stored(self, step, *key):
+        """Return a function that rounds real numbers as they are stored, or None.
+
+        Constants have no key.
+        """
+
+    def _checked(self, op, frame):
+        """Return a function that sees the operands of an operation, or None."""
 
     def _try(self, work, env, place):
         """Called for a branch that is not taken; ``work(copy of env)`` would run it."""
@@ -67,151 +103,274 @@ class Interpreter:
     def _lead(self, place):
         """Called for a branch that is taken."""
 
-    def _computed(self, op, values, frame):
-        """Called for an operation with its operands."""
+    # functions and statements
 
-    def _number(self, value, step, *key):
-        """Return a real number as it is stored, for instance rounded; constants have no key."""
-        return value
+    def _function(self, step, part):
+        """Return a function of those arguments that are used."""
+        if (step, part) not in self._functions:
+            self._functions[step, part] = self._new_function(step, part)
+        return self._functions[step, part]
 
-    # the run
-
-    def _call(self, part, args, step):
-        params = part.args(part.function.params)
+    def _new_function(self, step, part):
+        params, frame = part.args(part.function.params), (step, part)
         names = [p.name if isinstance(p, Array) else p.args[0] for p in params]
-        env = dict(zip(names, args, strict=True))
-        for name, value in env.items():
-            if not isinstance(value, np.ndarray):
-                self._note((step, part, name), value)
-        results = self._block(part.body, env, (step, part)) or ()
-        for k, value in enumerate(results):
-            self._note((step, part, k), value)
-        return results
+        numbers = [k for k, p in enumerate(params) if not isinstance(p, Array)]
+        given = _all_of((k, self._noted(*frame, names[k])) for k in numbers)
+        found = _all_of((k, self._noted(*frame, k)) for k in range(sum(part.mask)))
+        body = self._block(part.body, frame)
 
-    def _block(self, body, env, frame):
-        """Run statements; return a tuple of results, "break", "continue" or None."""
-        for k, statement in enumerate(body):
-            end = self._run(statement, env, frame, k, body[k + 1 :])
-            if end is not None:
-                return end
-        return None
+        def run(args):
+            for k, note in given:
+                note(args[k])
+            results = body(dict(zip(names, args, strict=True))) or ()
+            for k, note in found:
+                note(results[k])
+            return results
 
-    def _run(self, statement, env, frame, k, rest):
+        return run
+
+    def _block(self, body, frame):
+        works = [self._statement(x, frame, k, body[k + 1 :]) for k, x in enumerate(body)]
+
+        def run(env):
+            for work in works:
+                end = work(env)
+                if end is not None:
+                    return end
+            return None
+
+        return works[0] if len(works) == 1 else run
+
+    def _statement(self, statement, frame, k, rest):
         match statement:
             case Assign(target, value):
-                self._set(target, self._value(value, env, frame), env, frame)
+                return _assignment(target, self._value(value, frame), self._noted(*frame, target))
             case Store(array, place, value):
-                x = self._value(value, env, frame)
-                self._array(array, env, frame, False)[self._value(place, env, frame)] = x
+                memory, place = _memory(array), self._value(place, frame)
+                return _store(memory, place, self._value(value, frame))
             case Listed(array, values):
-                env[array.name] = np.array([self._value(x, env, frame) for x in values])
-                self._note((*frame, array.name), *env[array.name])
-            case Call(_, args, outs):
-                outs = [out for out in outs if out is not None]
-                step, part = frame[0], called(statement, outs)
-                inner = k if step is None else step
-                own = args[-1] if step is None else None  # the state of a whole step
-                own = (
-                    []
-                    if own is None or "s" not in env
-                    else self._array(own, env, frame)[: own.shape[0]]
-                )
-                self._note((inner, "s"), *own)
-                results = self._call(part, self._args(part, args, env, frame), inner)
-                self._note((inner, "s"), *own)
-                for out, x in zip(outs, results, strict=True):
-                    self._set(out, x, env, frame)
+                values = [self._value(x, frame) for x in values]
+                return _listing(array.name, values, self._noted(*frame, array.name))
+            case Call():
+                return self._call(statement, frame, k)
             case Jump(word):
-                return word
-            case If(test, body, orelse):
-                held = bool(self._value(test, env, frame))
-                chosen, other = (body, orelse) if held else (orelse, body)
-                self._lead((frame, id(statement), held))
-                if chosen and isinstance(chosen[-1], (Return, Jump)):
-                    other = (*other, *rest)
-                place = (frame, id(statement), not held)
-                self._try(lambda copy: self._block(other, copy, frame), env, place)
-                return self._block(chosen, env, frame)
+                return lambda env: word
+            case If():
+                return self._if(statement, frame, rest)
             case For(name, start, stop, step, body):
-                bounds = (self._value(x, env, frame) for x in (start, stop))
-                return self._loop(({name: i} for i in range(*bounds, step)), body, env, frame)
+                bounds = self._value(start, frame), self._value(stop, frame)
+                return self._loop(_for(name, *bounds, step), body, frame)
             case While(test, body):
-                turns = iter(lambda: {} if self._value(test, env, frame) else None, None)
-                return self._loop(turns, body, env, frame)
-            case _:
-                return tuple(self._value(x, env, frame) for x in statement.values)
-        return None
+                return self._loop(_while(self._value(test, frame)), body, frame)
+        return _tuple([self._value(x, frame) for x in statement.values])
 
-    def _loop(self, turns, body, env, frame):
-        for k, turn in enumerate(turns):
-            if k == self._longest:
-                break
-            env.update(turn)
-            end = self._block(body, env, frame)
-            if end == "break":
-                break
-            if isinstance(end, tuple):
-                return end
-        return None
+    def _call(self, call, frame, k):
+        outs = [out for out in call.outs if out is not None]
+        part, is_step = called(call, outs), frame[0] is None
+        inner = k if is_step else frame[0]
+        args = _tuple([self._value(arg, frame) for arg in part.args(call.args)])
+        function, notes = self._function(inner, part), [self._noted(*frame, out) for out in outs]
+        note = self._noted(inner, "s") if is_step else None
+        own = self._value(call.args[-1], frame) if note else None  # the state of a whole step
+        size = call.args[-1].shape[0] if note else 0
 
-    def _set(self, name, value, env, frame):
-        env[name] = value
-        self._note((*frame, name), value)
+        def note_state(env):
+            if note and "s" in env:
+                for x in own(env)[:size].tolist():
+                    note(x)
 
-    def _args(self, part, args, env, frame):
-        return [self._value(arg, env, frame) for arg in part.args(args)]
+        def run(env):
+            note_state(env)
+            results = function(args(env))
+            note_state(env)
+            for out, seen, x in zip(outs, notes, results, strict=True):
+                env[out] = seen(x) if seen else x
 
-    def _array(self, array, env, frame, shift=True):
-        values = _table(array.values) if array.values is not None else env[array.name]
-        return values[self._value(array.offset, env, frame) :] if shift else values
+        return run
 
-    def _value(self, x, env, frame):
+    def _if(self, statement, frame, rest):
+        test = self._value(statement.test, frame)
+        sides = statement.orelse, statement.body
+        works = [self._block(side, frame) for side in sides]
+        places = [(frame, id(statement), held) for held in (False, True)]
+        # what would run instead: with the statements after it, where the other side leaves
+        instead = [
+            self._later((*sides[held], *rest) if _leaves(sides[not held]) else sides[held], frame)
+            for held in (False, True)
+        ]
+
+        def run(env):
+            held = bool(test(env))
+            self._lead(places[held])
+            self._try(instead[not held], env, places[not held])
+            return works[held](env)
+
+        return run
+
+    def _later(self, body, frame):
+        """Return a block that is turned into closures when it is first run."""
+        work = cache(lambda: self._block(body, frame))
+        return lambda env: work()(env)
+
+    def _loop(self, turns, body, frame):
+        work = self._block(body, frame)
+
+        def run(env):
+            longest = self._longest
+            for k, _ in enumerate(turns(env)):
+                if k == longest:
+                    break
+                end = work(env)
+                if end == "break":
+                    break
+                if isinstance(end, tuple):
+                    return end
+            return None
+
+        return run
+
+    # expressions
+
+    def _value(self, x, frame):
         if isinstance(x, Array):
-            return self._array(x, env, frame)
+            return _view(_memory(x), self._value(x.offset, frame))
         if x.op == "const":
-            return self._number(x.value, frame[0]) if x.kind == "real" else x.value
+            stored = self._stored(frame[0]) if x.kind == "real" else None
+            value = stored(x.value) if stored else x.value
+            return lambda env: value
         if x.op == "name":
-            return env[x.args[0]]
-        value = self._result(x, env, frame)
-        value = self._number(value, *frame, id(x)) if x.kind == "real" else value
-        self._note((*frame, id(x)), value)
-        return value
+            return operator.itemgetter(x.args[0])
+        stored = self._stored(*frame, id(x)) if x.kind == "real" else None
+        return _then(self._result(x, frame), stored, self._noted(*frame, id(x)))
 
-    def _result(self, x, env, frame):
+    def _result(self, x, frame):
         op, args = x.op, x.args
         match op:
             case "load":
-                value = self._array(args[0], env, frame, False)[self._value(args[1], env, frame)]
-                return _CASTS[x.kind](value)
+                return _load(_memory(args[0]), self._value(args[1], frame), _CASTS[x.kind])
             case "call":
                 part = called(x)
-                return self._call(part, self._args(part, args[1:], env, frame), frame[0])[0]
-            case "and" | "or":
-                first = self._value(args[0], env, frame)
-                done = first == (op == "or")
-                second = self._either(x, 1, env, frame, tried=done)
-                return first if done else second
-            case "choice":
-                held = bool(self._value(args[0], env, frame))
-                self._either(x, 1 + held, env, frame, tried=True)
-                return self._either(x, 2 - held, env, frame)
-            case "cast":
-                return _CASTS[x.kind](self._value(args[0], env, frame))
-        values = [self._value(arg, env, frame) for arg in args]
-        self._computed(op, values, frame)
-        if op.startswith("math."):
-            return getattr(math, op[5:])(*values)
-        return _OPERATORS[op](*values)
+                values = _tuple([self._value(arg, frame) for arg in part.args(args[1:])])
+                function = self._function(frame[0], part)
+                return lambda env: function(values(env))[0]
+            case "and" | "or" | "choice":
+                return self._branches(x, frame)
+        values = [self._value(arg, frame) for arg in args]
+        if op == "cast":
+            return _then(*values, _CASTS[x.kind])
+        work = getattr(math, op[5:]) if op.startswith("math.") else _OPERATORS[op]
+        return _operation(work, values, self._checked(op, frame))
 
-    def _either(self, x, which, env, frame, tried=False):
-        """Return the value of an operand, or with ``tried`` only try one that is not evaluated."""
-        place = (frame, id(x), which)
-        if tried:
-            return self._try(lambda copy: self._value(x.args[which], copy, frame), env, place)
-        self._lead(place)
-        return self._value(x.args[which], env, frame)
+    def _branches(self, x, frame):
+        first, *sides = (self._value(arg, frame) for arg in x.args)
+        places = [(frame, id(x), k) for k in range(1, len(x.args))]
+
+        def choice(env):
+            k = 0 if first(env) else 1
+            self._try(sides[1 - k], env, places[1 - k])
+            self._lead(places[k])
+            return sides[k](env)
+
+        def logical(env):
+            value = first(env)
+            if value == (x.op == "or"):
+                self._try(sides[0], env, places[0])
+                return value
+            self._lead(places[0])
+            return sides[0](env)
+
+        return choice if x.op == "choice" else logical
 
 
-@cache
-def _table(values):
-    return np.array(values)
+def _all_of(notes):
+    return [(k, note) for k, note in notes if note]
+
+
+def _leaves(body):
+    return bool(body) and isinstance(body[-1], (Return, Jump))
+
+
+def _assignment(target, value, note):
+    value = _then(value, note)
+
+    def run(env):
+        env[target] = value(env)
+
+    return run
+
+
+def _store(memory, place, value):
+    def run(env):
+        x = value(env)
+        memory(env)[place(env)] = x
+
+    return run
+
+
+def _listing(name, values, note):
+    values = [_then(value, note) for value in values]
+
+    def run(env):
+        env[name] = np.array([value(env) for value in values])
+
+    return run
+
+
+def _for(name, start, stop, step):
+    def turns(env):
+        for env[name] in range(start(env), stop(env), step):  # noqa: B020
+            yield
+
+    return turns
+
+
+def _while(test):
+    def turns(env):
+        while test(env):
+            yield
+
+    return turns
+
+
+def _tuple(values):
+    return lambda env: tuple([value(env) for value in values])
+
+
+def _then(value, *functions):
+    """Return an expression whose value goes through functions; None is left out."""
+    for function in functions:
+        if function:
+            value = _composed(function, value)
+    return value
+
+
+def _composed(function, value):
+    return lambda env: function(value(env))
+
+
+def _memory(array):
+    if array.values is None:
+        return operator.itemgetter(array.name)
+    table = np.array(array.values)
+    return lambda env: table
+
+
+def _view(memory, offset):
+    return lambda env: memory(env)[offset(env) :]
+
+
+def _load(memory, place, cast):
+    return lambda env: cast(memory(env)[place(env)])
+
+
+def _operation(work, values, check):
+    if len(values) == 1:
+        return _then(*values, check, work)
+    first, second = values
+
+    def checked(env):
+        a, b = first(env), second(env)
+        check(a, b)
+        return work(a, b)
+
+    return checked if check else lambda env: work(first(env), second(env))

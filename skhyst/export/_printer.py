@@ -73,14 +73,15 @@ class Dialect:
 
     def literal(self, x):
         """Return the C literal of a number."""
+        cast = "(double)" if self.type == "double" else ""  # of what <math.h> has as a float
         if math.isnan(x):
-            return "NAN"
+            return f"{cast}NAN"
         least = float(np.finfo(self.number).tiny)
         x = math.copysign(max(abs(x), least), x) if x else x  # no number becomes zero
         with np.errstate(over="ignore"):
             value = self.number(x)
         if np.isinf(value):
-            return "-INFINITY" if value < 0.0 else "INFINITY"
+            return f"{'-' if value < 0.0 else ''}{cast}INFINITY"
         text = np.format_float_positional(value, trim="0")
         if len(text) > 12:
             text = min(text, np.format_float_scientific(value, trim="0", exp_digits=1), key=len)

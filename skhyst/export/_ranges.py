@@ -127,11 +127,19 @@ class Ranges(Interpreter):
         self._passed |= self._led - led
         self._led = led
 
-    def _note(self, key, *values):
-        if any(map(math.isinf, values)):
-            self._infinite.add(key)
-        sizes = [abs(float(v)) for v in values if math.isfinite(v)]
-        self._sizes[key] = max([self._sizes.get(key, 0.0), *sizes])
+    def _noted(self, *key):
+        def note(value):
+            size, sizes = abs(value), self._sizes
+            if size < math.inf:
+                if size > sizes.get(key, -1.0):
+                    sizes[key] = float(size)
+            else:
+                sizes.setdefault(key, 0.0)
+                if size == math.inf:
+                    self._infinite.add(key)
+            return value
+
+        return note
 
     def _try(self, work, env, place):
         """Do some work on a copy of the variables, unless a sample has taken that branch."""
@@ -149,13 +157,18 @@ class Ranges(Interpreter):
     def _lead(self, place):
         (self._passed if self._is_trial else self._led).add(place)
 
-    def _computed(self, op, values, frame):
-        self._left -= 1
-        if not self._is_trial and op not in _OF_INFINITY and any(map(math.isinf, values)):
-            raise ValueError(
-                f"'{frame[1].function.name}' computes with an infinite number, which has no form "
-                "in integers."
-            )
+    def _checked(self, op, frame):
+        def check(*values):
+            self._left -= 1
+            if not (self._is_trial or is_allowed) and any(map(math.isinf, values)):
+                raise ValueError(
+                    f"'{frame[1].function.name}' computes with an infinite number, which has no "
+                    "form in integers."
+                )
+            return values[0]
+
+        is_allowed = op in _OF_INFINITY
+        return check
 
 
 class _Rounded(Interpreter):
@@ -164,17 +177,28 @@ class _Rounded(Interpreter):
     def __init__(self, ranges, spare):
         super().__init__(*ranges.begin)
         self._ranges, self._spare = ranges, spare
+        self._lasts = {}  # place value of the last bit of each number, None where it is kept
 
-    def _number(self, value, step, *key):
-        size = self._ranges.of(step, *key) if key else None
-        if not size or not math.isfinite(value):
-            return value
-        last, most = exponent(size) - _BITS, 2 ** (_BITS + self._spare)
-        return math.ldexp(max(-most, min(round(math.ldexp(value, -last)), most)), last)
+    def _stored(self, step, *key):
+        if not key:
+            return None
+        key, lasts, most = (step, *key), self._lasts, 2 ** (_BITS + self._spare)
+
+        def stored(value):
+            if key not in lasts:
+                size = self._ranges.of(*key)
+                lasts[key] = exponent(size) - _BITS if size else None
+            last = lasts[key]
+            if last is None or not math.isfinite(value):
+                return value
+            return math.ldexp(max(-most, min(round(math.ldexp(value, -last)), most)), last)
+
+        return stored
 
     def agrees(self, drive, outputs, allowed):
         """Run a drive and return whether the responses are these; if not, nothing has changed."""
         before = self._state.copy()
+        self._lasts.clear()  # sizes may have grown
         try:
             agrees = all(
                 abs(self.answer(u) - y) <= allowed for u, y in zip(drive, outputs, strict=True)

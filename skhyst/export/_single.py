@@ -15,15 +15,19 @@ _FAILED = (ArithmeticError, ValueError, IndexError)
 class _Single(Interpreter):
     """Run a model in single precision, or only one of its steps."""
 
-    def __init__(self, model, state, only=None):
-        super().__init__(model, state)
+    def __init__(self, model, state, tuned, only=None):
+        super().__init__(model, state, np.float32(tuned))
         self._only = only
 
-    def _number(self, value, step, *key):
-        return float(np.float32(value)) if self._only in (None, step) else value
+    def _stored(self, step, *key):
+        return _single if self._only in (None, step) else None
 
 
-def check_single(model, state, drive, outputs, span, tolerance):
+def _single(value):
+    return float(np.float32(value))
+
+
+def check_single(model, state, drive, outputs, span, tolerance, tuned=()):
     """Raise a ValueError if the response of a model in single precision is not accurate enough.
 
     Parameters
@@ -37,18 +41,20 @@ def check_single(model, state, drive, outputs, span, tolerance):
         Response of the model in double precision.
     span, tolerance : float
         Range of the outputs, and the largest error allowed, relative to it.
+    tuned : ndarray of shape (n_constants,), optional
+        Constants that can be changed at run time.
 
     Raises
     ------
     ValueError
         With the step that has the largest error by itself, the error and the sample.
     """
-    error, n = _lost(_Single(model, state), drive, outputs, tolerance * span)
+    error, n = _lost(_Single(model, state, tuned), drive, outputs, tolerance * span)
     if error <= tolerance * span:
         return
     steps = {k: s.function.name for k, s in enumerate(model.body) if isinstance(s, Call)}
     until = drive[:n], outputs[:n], np.inf
-    alone = {k: _lost(_Single(model, state, k), *until)[0] for k in steps}
+    alone = {k: _lost(_Single(model, state, tuned, k), *until)[0] for k in steps}
     raise ValueError(
         f"Single precision cannot hold '{steps[max(alone, key=alone.get)]}': at sample {n} the "
         f"response is wrong by {error / span:.1e} of the range, {tolerance:.1e} is allowed. The "

@@ -28,7 +28,8 @@
 #endif
 
 enum { OK = 0, ERROR = 3 };
-enum { TIME, OUTPUT, INPUTS, N_VALUES = INPUTS + ${name}_N_INPUTS };
+enum { TIME, OUTPUT, INPUTS, PARAMETERS = INPUTS + ${name}_N_INPUTS };
+enum { N_VALUES = PARAMETERS + $n_parameters };
 typedef const uint32_t *refs;
 
 #if VERSION == 2
@@ -41,7 +42,9 @@ typedef uint8_t byte;
 typedef void (*logger)(void *, int, const char *, const char *);
 #endif
 
-/* All that changes, by value: time, output and inputs, and the model's state. */
+static const double first[] = {$first}; /* values of inputs and parameters */
+
+/* All that changes, by value: time, output, inputs and parameters, and the model's state. */
 typedef struct {
     double values[N_VALUES];
     ${name}_state model;
@@ -68,16 +71,44 @@ static int refused(const unit *it, const char *message)
     return ERROR;
 }
 
+/* Put the parameters in force. */
+static int configured(unit *it)
+{
+$configure}
+
 /* Before the first step the output is the response to the start input in the initial state. */
+static void answered(unit *it)
+{
+    const double *const u = it->now.values + INPUTS;
+    const ${name}_state state = it->now.model;
+    it->now.values[OUTPUT] = ${name}_step(&it->now.model, $u);
+    it->now.model = state;
+}
+
 static void begin(unit *it)
 {
-    static const double first[] = {$first};
-    const double *const u = it->now.values + INPUTS;
     memcpy(it->now.values + INPUTS, first, sizeof first);
     ${name}_init(&it->now.model);
-    it->now.values[OUTPUT] = ${name}_step(&it->now.model, $u);
     it->now.values[TIME] = it->start = 0.0;
-    ${name}_init(&it->now.model);
+    answered(it);
+}
+
+/* The end of the initialization: the device has rested at the start values of the inputs. */
+static int initialized(unit *it)
+{
+    const double *const u = it->now.values + INPUTS;
+    int i, others = 0;
+    for (i = 0; i < ${name}_N_INPUTS; i++) {
+        if (!isfinite(u[i])) {
+            return refused(it, "the start value of an input is not finite");
+        }
+        others |= u[i] < first[i] || u[i] > first[i];
+    }
+    if (others) {
+        $init_at
+    }
+    answered(it);
+    return OK;
 }
 
 static unit *made(const char *name, const char *token, void *environment, logger log)
@@ -129,7 +160,8 @@ static int valid(const unit *it, refs which, size_t n, uint32_t least)
 {
     for (size_t k = 0; k < n; k++) {
         if (which[k] < least || which[k] >= N_VALUES) {
-            return refused(it, least ? "only inputs can be set" : "there is no such variable");
+            return refused(it, least ? "only inputs and parameters can be set"
+                                     : "there is no such variable");
         }
     }
     return OK;
@@ -147,8 +179,15 @@ static int get(const unit *it, refs which, size_t n, double *values)
 static int set(unit *it, refs which, size_t n, const double *values)
 {
     const int status = valid(it, which, n, INPUTS);
+    const snapshot before = it->now;
+    int tuned = 0;
     for (size_t k = 0; k < n && status == OK; k++) {
         it->now.values[which[k]] = values[k];
+        tuned |= which[k] >= PARAMETERS;
+    }
+    if (tuned && configured(it) != OK) {
+        it->now = before;
+        return ERROR;
     }
     return status;
 }
@@ -204,7 +243,7 @@ static int released(void **state)
 API const char *FMI(GetVersion)(void) { return "$version"; }
 API int FMI(SetDebugLogging)(void *it, boolean on, size_t n, const char *const *s) DONE
 API void FMI(FreeInstance)(void *it) { free(it); }
-API int FMI(ExitInitializationMode)(void *it) DONE
+API int FMI(ExitInitializationMode)(void *it) { return initialized(it); }
 API int FMI(Terminate)(void *it) DONE
 API int FMI(Reset)(void *it) { return reset(it); }
 API int STATE(Get, )(void *it, void **to) { return copied(it, &((unit *)it)->now, to); }

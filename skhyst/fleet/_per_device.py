@@ -134,7 +134,7 @@ class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
                 raise ValueError(f"PerDevice was not fitted to the device {label!r}.")
             if known[label] is not None:
                 if y_start is not None:
-                    options["y_start"] = take_rows(y_start, rows)
+                    options["y_start"] = self._part(y_start, rows)
                 found[:, rows] = known[label].predict(self._part(X, rows), **options)
         return (found[0], found[1]) if return_std else found[0]
 

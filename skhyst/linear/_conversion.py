@@ -113,6 +113,11 @@ def poles_and_response(system):
         system = _control().ss(system)
     if plain:
         poles, n_responses = np.asarray(system.poles), system.outputs
+        if n_responses == 1 and np.size(system.zeros) > len(poles):
+            raise ValueError(
+                "The 'system' must have no more zeros than poles: it would differentiate its "
+                f"drive. Got {np.size(system.zeros)} and {len(poles)} instead."
+            )
     else:
         matrices = [np.asarray(m, dtype=float) for m in (system.A, system.B, system.C, system.D)]
         poles, n_responses = np.linalg.eigvals(matrices[0]), len(matrices[2])

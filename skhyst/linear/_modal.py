@@ -1,7 +1,9 @@
 """Common modes of several inputs and responses: one sampled state space for all of them."""
 
 import warnings
+from copy import copy
 from dataclasses import dataclass
+from functools import partial
 from numbers import Integral, Real
 from typing import Self
 
@@ -12,6 +14,7 @@ from sklearn.utils.validation import check_is_fitted
 from .._sklearn import Interval, StrOptions, fit_context
 from .._validation import (
     as_floats,
+    input_signals,
     keep_seen,
     read_slices,
     refuse_extreme,
@@ -24,6 +27,7 @@ from ..operators import (
     CompiledColumn,
     CompiledLaw,
     CompiledSum,
+    Signal,
     Stepper,
     run_records,
     state_space_step,
@@ -485,7 +489,10 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         dt = self.operator_.dt if dt is None else chosen_interval((), dt, caller)
         u0 = rest_of(u0, initial_state, self.n_features_in_, caller)[: self.n_features_in_]
         state = self.operator_.init(u0, initial_state or self.initial_state)
-        return Stepper(self.operator_.compiled_step(dt, state), dt)
+        step = self.operator_.compiled_step(dt, state)
+        again = partial(copy(self).stepper, dt, u0, initial_state)
+        inputs = input_signals(self, step.n_inputs)
+        return Stepper(step, dt, inputs=inputs, result=Signal("response"), remake=again)
 
     def __sklearn_tags__(self):
         tags = super().__sklearn_tags__()

@@ -175,9 +175,9 @@ class TransferFunctionOperator(LinearOperator):
         Parameters
         ----------
         system : scipy.signal.lti, dlti, control.StateSpace or control.TransferFunction
-            One response, one input or several, no pole at zero. One in discrete time is converted
-            exactly to the one in continuous time that it samples under the hold; its poles at
-            z = 0 become delays.
+            One response, one input or several, no pole at zero, no more zeros than poles. One in
+            discrete time is converted exactly to the one in continuous time that it samples under
+            the hold; its poles at z = 0 become delays.
         hold : {"foh", "zoh"}, default="foh"
             Input between samples.
 
@@ -190,8 +190,9 @@ class TransferFunctionOperator(LinearOperator):
         Raises
         ------
         ValueError
-            If the system has several responses, no pole, or a pole at zero; or is in discrete time
-            and samples none in continuous time under the hold, with delays of whole samples.
+            If the system has several responses, no pole, a pole at zero, or more zeros than poles;
+            or is in discrete time and samples none in continuous time under the hold, with delays
+            of whole samples.
         """
         system, delays = without_sampling(system, hold)
         poles, response = poles_and_response(system)
@@ -913,7 +914,8 @@ class TransferFunction(ModesMixin, LinearModel):
         bounds. :meth:`fit` then minimises the errors of predictions one step ahead, in place of
         those of the free run, with the gain of the predictor and the state at each record's start
         (prediction-error method [4]_), for one input without a delay, a given number of poles and
-        one sampling interval. The noise is taken as white innovations.
+        one sampling interval. The noise is taken as white innovations. A part of another model,
+        which is fitted by its free run, is stable.
 
     Attributes
     ----------
@@ -1069,6 +1071,15 @@ class TransferFunction(ModesMixin, LinearModel):
                 f"{n_poles}. Got {self.n_zeros} instead."
             )
 
+    def _check_free_run(self):
+        self._check_orders()
+        if not self.stable:  # alone it is fitted by predictions one step ahead
+            raise ValueError(
+                "The 'stable' parameter of TransferFunction must be True as a part of another "
+                "model, which is fitted by its free run. Got False instead; a fitted one takes "
+                "part in a FrozenEstimator."
+            )
+
     def record_data(self, slices, X, y):
         self.__dict__.pop("_response_inputs", None)  # of an earlier fit to a frequency response
         records = super().record_data(slices, X, y)
@@ -1077,7 +1088,7 @@ class TransferFunction(ModesMixin, LinearModel):
         return records
 
     def starting_values(self, records):
-        self._check_orders()
+        self._check_free_run()
         if self.n_poles == "auto" or self.n_zeros is None:
             return [self._choose(records).operator]
         return self._starts_of(records, self.n_poles, self.n_zeros)
@@ -1092,7 +1103,7 @@ class TransferFunction(ModesMixin, LinearModel):
         return [_with_integrators(start, self.integrators) for start in found]
 
     def identify(self, data):
-        self._check_orders()
+        self._check_free_run()
         return self._choose(data)
 
     def _fit_records(self, records):
@@ -1306,8 +1317,9 @@ class TransferFunction(ModesMixin, LinearModel):
         Parameters
         ----------
         system : scipy.signal.lti, dlti, control.StateSpace or control.TransferFunction
-            One response, no pole at zero. One in discrete time is converted exactly to the one in
-            continuous time that it samples under the ``hold``; its poles at z = 0 become delays.
+            One response, no pole at zero, no more zeros than poles. One in discrete time is
+            converted exactly to the one in continuous time that it samples under the ``hold``; its
+            poles at z = 0 become delays.
         **params
             Parameters of the model, such as ``hold``, ``initial_state``, ``dt``, which is by
             default that of a system in discrete time, and ``delay``, which is added.

@@ -10,6 +10,8 @@ activations (n_samples,) and returns whether it was accepted; ``weights()`` retu
 """
 
 import warnings
+from copy import copy
+from functools import partial
 from numbers import Integral, Real
 from typing import Self
 
@@ -22,10 +24,17 @@ from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import Interval, StrOptions, fit_context
-from .._validation import as_floats, refuse_large, refuse_size, refuse_std, rest_of
+from .._validation import (
+    as_floats,
+    input_signals,
+    refuse_large,
+    refuse_size,
+    refuse_std,
+    rest_of,
+)
 from ..autoregressive import compiled_regressor
 from ..exceptions import ConvergenceWarning
-from ..operators import Stepper
+from ..operators import Signal, Stepper
 
 _AMPLIFICATION = 1e7  # largest amplification of errors of the activations in the weights
 
@@ -584,7 +593,10 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         """
         check_is_fitted(self)
         rest_of(u0, initial_state, self.n_features_in_, f"{type(self).__name__}.stepper")
-        return Stepper(compiled_regressor(self, self.n_features_in_), dt)
+        step = compiled_regressor(self, self.n_features_in_)
+        again = partial(copy(self).stepper, dt, u0, initial_state)
+        inputs = input_signals(self, step.n_inputs)
+        return Stepper(step, dt, inputs=inputs, result=Signal("response"), remake=again)
 
 
 def _location_and_scale(values):

@@ -1,10 +1,11 @@
 """The protocol of operators, series and sums of them, and loops that several models share."""
 
 from ._check_operator import check_operator
+from ._compiled_step import ROUNDING as ROUNDING
 from ._compiled_step import CompiledCall as CompiledCall
 from ._compiled_step import CompiledColumn as CompiledColumn
 from ._compiled_step import CompiledColumnSeries as CompiledColumnSeries
-from ._compiled_step import CompiledLaw, CompiledStep, Stepper
+from ._compiled_step import CompiledLaw, CompiledStep, Signal, Stepper
 from ._compiled_step import CompiledParts as CompiledParts
 from ._compiled_step import CompiledSeries as CompiledSeries
 from ._compiled_step import CompiledSum as CompiledSum
@@ -101,6 +102,7 @@ __all__ = [
     "Scaled",
     "Scheduled",
     "Series",
+    "Signal",
     "Stepper",
     "SumOperator",
     "WindowInverseOperator",

@@ -11,7 +11,7 @@ Steps are composed as their operators are: a series passes the output of one ste
 
 import math
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 
 import numpy as np
 
@@ -120,6 +120,17 @@ class CompiledStep:
         """
         raise NotImplementedError
 
+    def compacted(self):
+        """Return the step with less memory, where one of its laws has such a form.
+
+        Returns
+        -------
+        CompiledStep
+            It begins from the same state of the device, and its response is close to that of this
+            step.
+        """
+        return self
+
     def stepping(self, s):
         """Return a function of the input at one sample.
 
@@ -173,6 +184,8 @@ class CompiledLaw(CompiledStep):
         are in range. None: the step takes any finite state.
     flags : tuple of (str, int), default=()
         As of :class:`CompiledStep`.
+    compact : CompiledLaw, default=None
+        The law with less memory, in the same state: it computes what this one looks up.
 
     Examples
     --------
@@ -192,6 +205,10 @@ class CompiledLaw(CompiledStep):
     double_only: str = ""
     possible: object = None
     flags: tuple = ()
+    compact: object = None
+
+    def compacted(self):
+        return self if self.compact is None else self.compact
 
     def __post_init__(self):
         constants = tuple(as_constant(c) if np.ndim(c) else float(c) for c in self.constants)
@@ -215,7 +232,7 @@ class CompiledLaw(CompiledStep):
         step = self.stepping(s)
         for value in u:
             step(value)
-        return replace(self, state=s)
+        return replace(self, state=s, compact=None)
 
     def is_possible(self, s):
         return self.possible is None or bool(self.possible(s, self.constants))
@@ -260,6 +277,9 @@ class CompiledParts(CompiledStep):
         """Yield each part with its part of a state."""
         ends = np.cumsum([len(part.state) for part in self.parts])
         return zip(self.parts, np.split(s, ends[:-1]) if self.parts else (), strict=True)
+
+    def compacted(self):
+        return replace(self, parts=tuple(part.compacted() for part in self.parts))
 
     def is_possible(self, s):
         return all(part.is_possible(own) for part, own in self._each(s))
@@ -425,6 +445,44 @@ class CompiledColumnSeries(CompiledParts):
         return lambda u: second(_Replaced(first(u), u))
 
 
+@dataclass(frozen=True)
+class Signal:
+    """What a step takes or returns, and the range of it that a fit has seen.
+
+    Parameters
+    ----------
+    name : str
+        Such as ``"drive"``.
+    low, high : float, default=-inf, inf
+        Range of the fit, in the unit of the signal.
+    rate : float, default=inf
+        Fastest change of the fit, units of the signal per s.
+    """
+
+    name: str
+    low: float = -math.inf
+    high: float = math.inf
+    rate: float = math.inf
+
+    @property
+    def is_limited(self):
+        """Whether a range or a rate is known."""
+        return (self.low, self.high, self.rate) != (-math.inf, math.inf, math.inf)
+
+    def ends(self, dt):
+        """Return lowest and highest value, and largest change in an interval (None: any).
+
+        Rounding of what lies on an end is no extrapolation.
+        """
+        span = self.high - self.low
+        rounding = ROUNDING * (span if math.isfinite(span) else 0.0)
+        change = math.inf if dt is None else self.rate * dt
+        return self.low - rounding, self.high + rounding, change * (1.0 + ROUNDING) + rounding
+
+
+ROUNDING = 1e-9  # of a range: what exceeds it by less has not left it
+
+
 class Stepper:
     """A device that is fed sample by sample.
 
@@ -434,6 +492,15 @@ class Stepper:
         Operator at its sampling interval, with the state to begin from.
     dt : float, default=None
         That interval in s, where it is known.
+    inputs : sequence of Signal, default=()
+        What a step takes, one per column.
+    result : Signal, default=None
+        What it returns.
+    preview : int, default=0
+        Samples by which the input comes before the output that belongs to it.
+    remake : callable, default=None
+        Returns a stepper of this kind again, for pickling; by default the compiled step itself is
+        pickled.
 
     Attributes
     ----------
@@ -445,9 +512,16 @@ class Stepper:
         At the last sample that was not refused; None before the first, and after ``state`` is set.
     status : frozenset of str
         Conditions that hold at the last sample: ``"limited"``, limits have cut the drive;
-        ``"refused"``, the last input was refused, see :meth:`step`.
+        ``"unreachable"``, an inverse by root finding has found no drive for its reference;
+        ``"extrapolated"``, the drive has left the range or the rate of the fit; ``"refused"``, the
+        last input was refused, see :meth:`step`.
     compiled_step : CompiledStep
         What is stepped, with the state that it began from.
+    inputs, result, preview : tuple of Signal, Signal or None, int
+        As given.
+    watched : tuple of (int, float, float, float)
+        Signals whose range is known: position among inputs and result, lowest and highest value,
+        and largest change from one sample to the next.
 
     Raises
     ------
@@ -468,13 +542,25 @@ class Stepper:
     (0.5, array([3.5, 0.5]))
     """
 
-    def __init__(self, compiled_step, dt=None):
+    def __init__(self, compiled_step, dt=None, *, inputs=(), result=None, preview=0, remake=None):
         self.compiled_step = compiled_step
         self.dt = None if dt is None else chosen_interval((), dt, "Stepper")
+        self.inputs, self.result, self.preview = tuple(inputs), result, preview
+        if self.inputs and len(self.inputs) != (compiled_step.n_inputs or 1):
+            raise ValueError(
+                f"The 'inputs' parameter of Stepper must be {compiled_step.n_inputs or 1} signals, "
+                f"one per column. Got {inputs!r} instead."
+            )
+        self._remake = remake
+        self.watched = tuple(
+            (k, *signal.ends(self.dt))
+            for k, signal in enumerate((*self.inputs, result))
+            if signal is not None and signal.is_limited
+        )
         self._begin(compiled_step.state)
 
     def _begin(self, state):
-        self.output, self._refused = None, False
+        self._forget()
         self._state = np.array(state)
         self._step = self.compiled_step.stepping(self._state)
 
@@ -492,12 +578,30 @@ class Stepper:
                 f"read. Got {values!r} instead."
             )
         self._state[:] = values
+        self._forget()
+
+    def _forget(self):
         self.output, self._refused = None, False
+        self._last = self._before = None  # input and output of the last two samples
 
     @property
     def status(self):
         found = {name for name, at in self.compiled_step.flags if self._state[at] != 0.0}
-        return frozenset(found | {"refused"} if self._refused else found)
+        found |= {"refused"} if self._refused else set()
+        return frozenset(found | {"extrapolated"} if self._has_left() else found)
+
+    def _has_left(self):
+        """Whether the last sample was beyond the range of a signal, or its rate."""
+        if self._last is None or not self.watched:
+            return False
+        now = (*np.ravel(self._last[0])[: len(self.inputs)], self._last[1])
+        before = now if self._before is None else self._before
+        if before is not now:
+            before = (*np.ravel(before[0])[: len(self.inputs)], before[1])
+        return any(
+            now[k] < low or now[k] > high or abs(now[k] - before[k]) > change
+            for k, low, high, change in self.watched
+        )
 
     def step(self, u):
         """Return the response at the next sample.
@@ -528,6 +632,8 @@ class Stepper:
         else:
             value = self._checked(u, 1)
         self.output = self._step(value)
+        if self.watched:
+            self._before, self._last = self._last, (value, self.output)
         return self.output
 
     def run(self, u):
@@ -550,13 +656,16 @@ class Stepper:
         n_inputs = self.compiled_step.n_inputs
         u = self._checked(u, 1 if n_inputs is None else 2)
         y = self.compiled_step.streaming(self._state)(u)
-        self.output = float(y[-1]) if len(y) else self.output
+        if len(y):
+            self.output = float(y[-1])
+            before = (u[-2].copy(), float(y[-2])) if len(y) > 1 else self._last
+            self._before, self._last = before, (u[-1].copy(), self.output)
         return y
 
     def _checked(self, u, ndim):
         n_inputs = self.compiled_step.n_inputs
         try:
-            rows = np.asarray(u, dtype=float)
+            rows = np.array(u, dtype=float)
         except (TypeError, ValueError):
             rows = np.empty(())
         is_whole = rows.ndim == ndim and not (n_inputs and rows.shape[-1] < n_inputs)
@@ -568,10 +677,20 @@ class Stepper:
 
     def copy(self):
         """Return an independent copy in the same state."""
-        other = Stepper(self.compiled_step, self.dt)
+        other = Stepper(self.compiled_step, self.dt, **self._described())
         other._begin(self._state)
-        other.output, other._refused = self.output, self._refused
+        other._recall(self._known())
         return other
+
+    def _described(self):
+        names = "inputs", "result", "preview"
+        return {name: getattr(self, name) for name in names} | {"remake": self._remake}
+
+    def _known(self):
+        return self.output, self._refused, self._last, self._before
+
+    def _recall(self, known):
+        self.output, self._refused, self._last, self._before = known
 
     __copy__ = copy
 
@@ -579,4 +698,15 @@ class Stepper:
         return self.copy()
 
     def __reduce__(self):
-        raise TypeError("A Stepper is compiled, and not pickled: keep its model and its 'state'.")
+        again = self._remake
+        if again is None:
+            again = partial(Stepper, self.compiled_step, self.dt, **self._described())
+        return _restored, (again, self.state, self._known())
+
+
+def _restored(again, state, known):
+    """Return a stepper that goes on from where a pickled one was."""
+    stepper = again()
+    stepper.state = state
+    stepper._recall(known)
+    return stepper

@@ -63,6 +63,9 @@ class ParameterSpec:
         (a static gain at 1, an intercept at 0). None: the freedom is the operator's own.
     unit : str
         Unit in terms of ``s``, ``drive`` and ``response``, for reports.
+    penalty : float
+        Identification adds this times the square of the value to the squared error of each sample;
+        of linear fields alone.
     held : bool
         Another part of the tree carries the freedom. Nodes set this and the next two.
     movable : bool
@@ -77,6 +80,7 @@ class ParameterSpec:
     log: bool = False
     gauge: float | None = None
     unit: str = ""
+    penalty: float = 0.0
     held: bool = False
     movable: bool = True
     additive: bool = True

@@ -8,6 +8,7 @@ the law. Trials use a copy of the state; the step with the input that is found i
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from types import FunctionType
 
 import numpy as np
@@ -29,18 +30,18 @@ def root_step(y, c, s):
     """Return the input that gives ``y``, a limit if that lies beyond, or else the last input.
 
     ``c`` is (lower limit, upper limit, 1 or -1 if the output rises or falls with the input,
-    *constants of the step); ``s`` is the last input, its last change, workspace for a state, and
-    the state.
+    *constants of the step); ``s`` is the last input, its last change, 1 if no input gave the last
+    output, else 0, workspace for a state, and the state.
     """
     low, high, sign = c[0], c[1], c[2]
-    n = (s.size - 2) // 2
+    n = (s.size - 3) // 2
     u, reach = s[0], s[1]
     below, above, short, long = -math.inf, math.inf, 0.0, 0.0
     side = 0
     for i in range(_TRIALS):
         for j in range(n):
-            s[2 + j] = s[2 + n + j]
-        error = sign * (step(u, c[3:], s[2 : 2 + n]) - y)
+            s[3 + j] = s[3 + n + j]
+        error = sign * (step(u, c[3:], s[3 : 3 + n]) - y)
         if error == 0.0:
             below = above = u
             break
@@ -71,11 +72,13 @@ def root_step(y, c, s):
             u = above - long * (above - below) / (long - short)
             if i % 3 == 2 or not (below < u and u < above):
                 u = middle
+    s[2] = 0.0
     if (math.isinf(above) and u < high) or (math.isinf(below) and u > low):
         u = s[0]  # no input gives it
+        s[2] = 1.0
     s[1] = max(abs(u - s[0]), 0.5 * s[1], _LEAST)  # never zero, however long the rest
     s[0] = u
-    step(u, c[3:], s[2 + n :])
+    step(u, c[3:], s[3 + n :])
     return u
 
 
@@ -147,7 +150,7 @@ class RootInverseOperator(InverseOperator):
 
         ends = [rest(min(max(end, self.low), self.high), (), None) for end in (-1.0, 1.0)]
         sign = 1.0 if ends[1] >= ends[0] else -1.0
-        u0 = _plain(rest)(float(y0), (self.low, self.high, sign), np.array([start, 1.0]))
+        u0 = _plain(rest)(float(y0), (self.low, self.high, sign), np.array([start, 1.0, 0.0]))
         return u0, abs(u0 - start) or 1.0, self.operator.init(u0)
 
     def run(self, u, dt, state=None):
@@ -168,15 +171,14 @@ class RootInverseOperator(InverseOperator):
         for end in (u - reach, u + reach):
             ends.append(forward.stepping(forward.state.copy())(end))
         sign = 1.0 if ends[1] >= ends[0] else -1.0
-        constants, start = (self.low, self.high, sign), [u, reach, *forward.state, *forward.state]
+        constants = self.low, self.high, sign
+        start = [u, reach, 0.0, *forward.state, *forward.state]
         law = _plain(_Composed(forward))  # plain Python: several steps are not compiled together
         if isinstance(forward, CompiledLaw):
             law = bind(root_step, forward.step)
             constants += forward.constants
-        own = len(forward.state)
-        return CompiledLaw(
-            law, constants, start, possible=lambda s, _: forward.is_possible(s[2 + own :])
-        )
+        possible = partial(_is_possible, forward)
+        return CompiledLaw(law, constants, start, possible=possible, flags=(("unreachable", 2),))
 
 
 @dataclass(frozen=True)
@@ -187,6 +189,11 @@ class _Composed:
 
     def __call__(self, u, c, s):
         return self.compiled_step.stepping(s)(u)
+
+
+def _is_possible(forward, s, c):
+    """Return whether the step of the operator can continue from its part of the state."""
+    return forward.is_possible(s[3 + len(forward.state) :])
 
 
 def _plain(law):

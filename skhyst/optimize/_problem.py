@@ -173,6 +173,7 @@ class Unknowns:
         self.names = [name for name, _ in entries]
         self.linear = np.array([spec.linear for _, spec in entries], dtype=bool)
         self.log = np.array([spec.log for _, spec in entries], dtype=bool)
+        self.penalty = np.array([spec.penalty for _, spec in entries])
         lower = np.array([spec.lower for _, spec in entries])
         upper = np.array([spec.upper for _, spec in entries])
         with np.errstate(divide="ignore"):
@@ -204,7 +205,7 @@ class OperatorProblem(Unknowns):
     ----------
     x0 : ndarray of shape (n,)
         Starting values; positive parameters as logarithms.
-    names, linear, lower, upper, log
+    names, linear, lower, upper, log, penalty
         One value an unknown.
     segment_record, segment_length, segment_weight : ndarray of shape (n_segments,)
         Number of the record, number of samples, and the sum of their weights, which is the number
@@ -310,7 +311,7 @@ class OperatorProblem(Unknowns):
         prediction minus the response. The Jacobian by a disturbance's own unknowns depends on its
         coefficients in a record; these come from the selected segments alone. A record without a
         selected segment is not simulated; its matrices are zero. Rows are multiplied by the square
-        root of their weight.
+        root of their weight. Penalties count as further rows, as many as there are samples.
         """
         operator, disturbances = self.unpack(x)  # once: an operator remembers its discrete form
         d, n = self._n_eliminated, len(x) * jacobian
@@ -337,7 +338,20 @@ class OperatorProblem(Unknowns):
             chain = np.ones(d + n + 1)
             chain[d:-1] = self._chain(x)
             blocks *= np.outer(chain, chain)
+        if self.penalty.any():
+            self._penalize(blocks, x)
         return blocks
+
+    def _penalize(self, blocks, x):
+        """Add what penalties add to the Gram matrices: rows ``sqrt(penalty)`` times an unknown."""
+        seen = np.where(blocks[:, -1, -1] > 0.0, self.segment_weight, 0.0)
+        blocks[:, -1, -1] += seen * (self.penalty @ np.square(x))
+        n = blocks.shape[1] - 1 - self._n_eliminated
+        if n:
+            at = self._n_eliminated + np.arange(n)
+            blocks[:, at, at] += seen[:, None] * self.penalty
+            blocks[:, at, -1] += seen[:, None] * (self.penalty * x)
+            blocks[:, -1, at] += seen[:, None] * (self.penalty * x)
 
     def rows(self, x):
         """Yield of each record what :func:`~skhyst.optimize.coloured_covariance` wants of it.

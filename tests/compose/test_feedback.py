@@ -82,6 +82,21 @@ def test_a_cubic_spring_is_that_of_the_restoring_force():
     np.testing.assert_allclose(np.abs(poles) ** 2, stiff, rtol=1e-9)
 
 
+def test_a_hardening_spring_is_identified_as_far_as_it_was_pulled():
+    u = 4.5 * (drive(400) - drive(400)[0])
+
+    def slope(x, v):
+        return np.array([x[1], 400.0 * (v - x[0] - 0.5 * x[0] ** 3) - 4.0 * x[1]])
+
+    y = integrated(u, slope, 2)
+    model = Feedback(SecondOrderMode(), SmoothCurve(3), dt=DT, method=TRIED).fit(u[:, None], y)
+    assert model.fit_error_ < 1e-3 * np.std(y)
+    linear, reached = model.operator_.linear, np.linspace(y.min(), y.max(), 9)
+    spring, _ = model.operator_.curve.run((reached - linear.intercept) / linear.gain, DT)
+    expected = reached + 0.5 * reached**3
+    np.testing.assert_allclose(spring, expected, atol=2e-3 * np.ptp(expected))
+
+
 def test_the_identity_in_the_feedback_leaves_the_dynamics_alone():
     linear = TransferFunctionOperator(
         np.array([0.05]), np.array([30.0]), np.array([0.2]), np.array([0.3, 0.1, 0.2]), 1.4, 0.2
@@ -156,6 +171,7 @@ def test_what_is_no_such_model_is_refused():
     for model, name in (
         (Feedback(Delay(), SmoothCurve()), "linear"),
         (Feedback(TransferFunction(2, delay=0.02), SmoothCurve()), "linear"),
+        (Feedback(TransferFunction(1, integrators=1), SmoothCurve()), "linear"),
         (Feedback(FirstOrderLag(), FirstOrderLag()), "curve"),
     ):
         with pytest.raises(TypeError, match=f"The '{name}' parameter of Feedback must be"):

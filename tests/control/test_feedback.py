@@ -4,11 +4,16 @@ import math
 
 import numpy as np
 import pytest
-from scipy.signal import freqz, sosfilt
+from scipy.signal import freqz, lfilter, sosfilt
 
-from skhyst.control import FeedforwardPI, IntegralResonantControl, simulate_loop
+from skhyst.control import (
+    FeedforwardPI,
+    IntegralResonantControl,
+    InverseCompensator,
+    simulate_loop,
+)
 from skhyst.datasets import inchworm_motor_stepper
-from skhyst.linear import GainOperator, SecondOrderMode, SecondOrderModeOperator
+from skhyst.linear import Gain, GainOperator, SecondOrderMode, SecondOrderModeOperator
 from skhyst.operators import Stepper
 
 DT = 1e-3
@@ -26,7 +31,7 @@ class Ahead:
 def sections(controller, dt=DT):
     """Return notch and damping of a controller, as SciPy has them."""
     constants = controller.stepper(dt).compiled_step.constants
-    return [np.array([[*section[:3], 1.0, *section[3:]]]) for section in constants[4:]]
+    return [np.array([[*section[:3], 1.0, *section[3:]]]) for section in constants[4:6]]
 
 
 @pytest.mark.parametrize("compensator", [None, Ahead()])
@@ -47,10 +52,80 @@ def test_the_step_is_the_sum_of_filters_by_scipy(compensator):
     np.testing.assert_array_equal(again.run(ROWS), drive)
 
 
+def test_the_derivative_is_filtered_and_the_reference_weighted():
+    kd, lag = 0.02, 4e-3
+    reference, reading, _ = ROWS.T
+    controller = FeedforwardPI(0.7, 30.0, kd=kd, filter_time=lag, setpoint_weight=0.4)
+    expected = 0.7 * (0.4 * reference - reading) + 30.0 * DT * np.cumsum(reference - reading)
+    before = np.append(reading[0], reading[:-1])  # the first reading is no jump
+    expected -= lfilter([kd / (lag + DT)], [1.0, -lag / (lag + DT)], reading - before)
+    drive = controller.stepper(DT).run(ROWS[:, :2])
+    np.testing.assert_allclose(drive, expected, rtol=0.0, atol=1e-12 * np.ptp(expected))
+    assert FeedforwardPI(2.0, 0.0, kd=0.5)._filter_time() == 0.025
+    with pytest.raises(ValueError, match=r"'filter_time' .* must be given"):
+        FeedforwardPI(0.0, 1.0, kd=0.5).stepper(DT)
+
+
+def test_the_drive_changes_no_faster_than_its_limit():
+    """From its rest on, in both directions; the integral part does not run away meanwhile."""
+    for compensator, rows in ((None, ROWS[:, :2]), (Ahead(), ROWS)):
+        controller = FeedforwardPI(
+            3.0, 30.0, compensator=compensator, rate_limit=50.0, drive_limits=(-1.0, 1.0)
+        )
+        u0 = 0.3
+        drive = controller.stepper(DT, u0=u0).run(rows)
+        rest = u0 if compensator is None else u0 + rows[0, 2]
+        change = np.abs(np.diff(np.append(min(max(rest, -1.0), 1.0), drive)))
+        assert change[1:].max() == pytest.approx(50.0 * DT)
+        assert compensator is not None or change[0] <= 50.0 * DT * (1.0 + 1e-12)
+        assert np.abs(drive).max() <= 1.0
+
+
+@pytest.mark.parametrize("compensator", [None, Ahead()])
+def test_another_drive_is_taken_over_without_a_bump(compensator):
+    """While another drives, the controller would go on from there by what it integrates."""
+    ahead = [] if compensator is None else [0.5]
+    controller = FeedforwardPI(1.5, 30.0, compensator=compensator, tracking_time=DT)
+    stepper = controller.stepper(DT)
+    assert len(stepper.inputs) == 3 + len(ahead)
+    for _ in range(5):
+        drive = stepper.step((0.3, 0.1, *ahead, 2.0))
+    assert drive == pytest.approx(2.0 + 30.0 * 0.2 * DT, abs=1e-12)
+    slow = FeedforwardPI(1.5, 0.0, tracking_time=0.1).stepper(DT)
+    drives = [slow.step((0.0, 0.0, 1.0)) for _ in range(200)]
+    np.testing.assert_allclose(drives, 1.0 - 0.99 ** np.arange(1, 201), atol=1e-12)
+    with pytest.raises(ValueError, match=r"'tracking_time' .* at least the sampling interval"):
+        FeedforwardPI(1.0, 1.0, tracking_time=0.5 * DT).stepper(DT)
+    own = FeedforwardPI(1.5, 30.0, compensator=compensator)
+    device = [Stepper(GainOperator(0.5).compiled_step(DT, ())) for _ in range(2)]
+    loops = [
+        simulate_loop(d, c, np.ones(50), DT) for d, c in zip(device, (own, controller), strict=True)
+    ]
+    np.testing.assert_allclose(loops[0].drive, loops[1].drive, rtol=0.0, atol=1e-12)
+
+
+def test_the_reference_is_led_from_the_first_reading():
+    controller = FeedforwardPI(1.0, 0.0, start_time=10 * DT)
+    rows = np.stack([np.full(20, 3.0), np.full(20, 1.0)], axis=1)
+    expected = 2.0 * np.minimum(np.arange(1, 21) / 10.0, 1.0)
+    np.testing.assert_allclose(controller.stepper(DT).run(rows), expected, atol=1e-12)
+
+
+def test_a_start_takes_as_long_as_the_range_of_the_fit_at_its_rate():
+    u = np.arange(0.0, 5.0, 0.5)
+    model = Gain(dt=DT).fit(u[:, None], 2.0 * u)
+    compensator = InverseCompensator(model).fit(u[:, None], 2.0 * u)
+    controller = FeedforwardPI(1.0, 0.0, compensator=compensator)
+    assert controller._start_time() == pytest.approx(9 * DT)
+    drive = controller.stepper(DT).run([(3.0, 1.0, 2.0)] * 20)
+    assert np.diff(drive).max() <= compensator.rate_limit_ * DT * (1.0 + 1e-12)
+
+
 @pytest.mark.parametrize("notch", [None, (80.0, 0.05)])
 @pytest.mark.parametrize("damping", [None, DAMPING])
 def test_at_rest_the_drive_stays(notch, damping):
-    controller = FeedforwardPI(0.7, 30.0, notch=notch, damping=damping)
+    more = {"setpoint_weight": 0.3, "kd": 0.01, "start_time": 0.02, "rate_limit": 0.1}
+    controller = FeedforwardPI(0.7, 30.0, notch=notch, damping=damping, **more)
     stepper = controller.stepper(DT, reference=1.5, u0=-0.4)
     np.testing.assert_allclose(stepper.run(np.full((50, 2), 1.5)), -0.4, rtol=0.0, atol=1e-13)
 

@@ -7,7 +7,7 @@ from sklearn.base import clone
 
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
-from skhyst.linear import FirstOrderLagOperator, Gain, SecondOrderMode
+from skhyst.linear import Gain, SecondOrderMode, SecondOrderModeOperator
 
 NOISE, CUT, N = 2e-3, 500, 700
 PLAYS = PrandtlIshlinskiiOperator(np.array([0.0, 0.3, 0.8, 1.4]), np.array([1.0, 0.4, 0.3, 0.3]))
@@ -88,8 +88,8 @@ def test_what_begins_at_rest_has_none():
 
 @pytest.mark.slow
 def test_it_is_estimated_anew_beside_what_is_found_later():
-    """A lag is missing too: what came before has to be found behind both."""
-    stages = [PLAYS, FirstOrderLagOperator(0.1)]
+    """A lag of two time constants is missing too: what came before is found behind both."""
+    stages = [PLAYS, SecondOrderModeOperator(25.0, 1.5)]
 
     class Device:
         def run(self, u, dt):

@@ -6,7 +6,7 @@ import pytest
 from sklearn.exceptions import NotFittedError
 from sklearn.linear_model import LinearRegression
 
-from skhyst.datasets import sine
+from skhyst.datasets import from_rest_to_rest, sine
 from skhyst.diagnosis import EffectSearchCV, next_experiment
 from skhyst.diagnosis._next_experiment import _record
 from skhyst.diagnosis._open_questions import Fitted
@@ -146,11 +146,33 @@ def test_behind_any_regressor(slow):
     assert "delay" in reason
 
 
+def test_a_drive_begins_and_ends_at_rest():
+    """No step is larger than those of the drive, or than the rate, and the drive is inside."""
+    u = np.array([3.0, 4.0, 5.0, 4.0])
+    for more, largest in (({}, 1.0), ({"rate_limit": 0.5}, 0.25), ({"rate_limit": 9.0}, 4.5)):
+        for rest in (0.0, 10.0):
+            drive, n_before = from_rest_to_rest(u, 0.5, rest, **more)
+            np.testing.assert_array_equal(drive[n_before : n_before + 4], u)
+            assert drive[0] == drive[-1] == rest
+            for ramp in (drive[: n_before + 1], drive[n_before + 3 :]):
+                assert np.abs(np.diff(ramp)).max() <= largest * (1.0 + 1e-9)
+    drive, n_before = from_rest_to_rest(u, 0.5)  # from its own value that is nearest to zero
+    assert (drive.tolist(), n_before) == ([3.0, 4.0, 5.0, 4.0, 3.0], 0)
+    drive, n_before = from_rest_to_rest([2.0] * 4, 0.5, 1.0)
+    np.testing.assert_allclose(drive[: n_before + 1], [1.0, 1.25, 1.5, 1.75, 2.0])
+    with pytest.raises(ValueError, match="finite numbers"):
+        from_rest_to_rest([np.nan], 1.0)
+
+
 def test_a_file_is_written_once(experiment, tmp_path):
     path = tmp_path / "drive.csv"
     experiment.save(path)
     X, _ = read_records(path, drive="drive", time="time")
-    np.testing.assert_allclose(X["drive"], experiment.drive)
+    time, drive = X.index.get_level_values("time"), X["drive"].to_numpy()
+    own = (time > -0.5 * DT) & (time < (len(experiment.drive) - 0.5) * DT)
+    np.testing.assert_allclose(drive[own], experiment.drive)
+    assert np.abs(np.diff(drive)).max() <= RATE * DT * (1.0 + 1e-9)
+    assert abs(drive[0]) <= RATE * DT >= abs(drive[-1])  # one step from the rest at zero
     with pytest.raises(FileExistsError, match=r"drive\.csv"):
         experiment.save(path)
 

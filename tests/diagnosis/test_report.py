@@ -196,7 +196,10 @@ def test_column_that_wants_to_be_a_script(nothing):
 
 @pytest.mark.parametrize(
     ("drive", "response"),
-    [(r"a$b$ $\nope{ ], |*`_", "line\nbreak"), ("x" * 300, "\x00\x1b\ud800]]>")],
+    [
+        (r"a$b$ $\nope{ ], |*`_", "line\nbreak"),
+        pytest.param("x" * 300, "\x00\x1b\ud800]]>", marks=pytest.mark.slow),
+    ],
 )
 def test_any_column_name_is_drawn(nothing, tmp_path, drive, response):
     names = {"drive_name": drive, "response_name": response}

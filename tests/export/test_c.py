@@ -1,16 +1,19 @@
 """The exported C answers as Python does."""
 
 import math
+import re
 import shutil
 import subprocess
 
 import numpy as np
 import pytest
+from c_programs import FLAGS
 from operator_cases import DT, OPERATORS, make_drive
 
-from skhyst.export import to_c
+from skhyst.export import program_sizes, to_c
 from skhyst.hysteresis import (
     BacklashOperator,
+    BoucWenOperator,
     JilesAthertonOperator,
     PrandtlIshlinskiiOperator,
     TanhHysteresisOperator,
@@ -20,10 +23,6 @@ from skhyst.operators import CompiledColumn, CompiledLaw, CompiledSeries, Steppe
 from skhyst.operators._compiled_step import CompiledProduct
 from skhyst.operators._composition import factor_step
 
-FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror", "-pedantic") + (
-    "-fsanitize=address,undefined",
-    "-fno-sanitize-recover=all",
-)
 BARS = {"float64": 1e-12, "float32": 1e-6, "int32": 1.0}  # of the range; units of output
 NEEDS_COMPILER = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
 
@@ -197,6 +196,44 @@ int main(void)
 
 
 @NEEDS_COMPILER
+@pytest.mark.skipif(shutil.which("g++") is None, reason="there is no C++ compiler")
+@pytest.mark.parametrize("dtype", ["float64", "float32", "int32"])
+def test_a_program_is_called_from_c_plus_plus(tmp_path, dtype):
+    """Compiled as C and linked to C++, and compiled as C++ itself, without a warning."""
+    more = {"input_unit": 0.25, "output_unit": 0.25, "drive": [0.0, 1.0]}
+    more = more if dtype == "int32" else {}
+    to_c(BacklashOperator(0.25), tmp_path, "gear", dtype, dt=1.0, **more)
+    (tmp_path / "main.cpp").write_text("""
+#include "gear.h"
+int main()
+{
+    gear_state gear;
+    gear_init(&gear);
+    return gear_step(&gear, 4) == GEAR ? 0 : 2;
+}
+""")
+    answer = {"float64": "3.75", "float32": "3.75f", "int32": "3"}
+    strict = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Werror"]
+    cpp = ["g++", "-std=c++17", *strict, f"-DGEAR={answer[dtype]}"]
+    subprocess.run(["cc", "-std=c99", *strict, "-c", "gear.c"], cwd=tmp_path, check=True)
+    for source in (["gear.o"], ["-x", "c++", "gear.c", "-x", "none"]):
+        command = [*cpp, "main.cpp", *source, "-o", "program", "-lm"]
+        subprocess.run(command, cwd=tmp_path, check=True)
+        assert subprocess.run(tmp_path / "program").returncode == 0
+
+
+@NEEDS_COMPILER
+def test_a_double_of_32_bits_is_refused_by_the_compiler(tmp_path):
+    """As that of the small AVR controllers is; single precision compiles there."""
+    small = ["-U__DBL_MANT_DIG__", "-D__DBL_MANT_DIG__=24", "-Wno-builtin-macro-redefined"]
+    for dtype, refused in (("float64", True), ("float32", False)):
+        to_c(BacklashOperator(0.2), tmp_path, "gear", dtype, dt=1.0)
+        command = ["cc", *small, "-c", "gear.c"]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+        assert ("double has fewer than 64 bits" in done.stderr) == refused == bool(done.returncode)
+
+
+@NEEDS_COMPILER
 @pytest.mark.parametrize(("dtype", "real"), [("float64", "double"), ("float32", "float")])
 def test_input_that_is_not_finite_is_refused(tmp_path, dtype, real):
     """The state stays, the output is the last one, the status says so, as that of Python does."""
@@ -254,6 +291,60 @@ def test_the_test_program_sees_what_is_not_refused(tmp_path):
     source.write_text(text)
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert "isfinite is needed" in done.stderr
+
+
+@NEEDS_COMPILER
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_a_law_without_tables_is_small_and_close(tmp_path, dtype):
+    """The deviation is at most that which the header states, and known from the closed form."""
+    wires = BoucWenOperator(0.4, 0.7, 0.31, 1.0, 1.0, 0.0, 0.1)  # r = n = 1: exponential branches
+    u = make_drive()
+    options = {"dt": DT, "drive": u}
+    header, source, _ = to_c(wires, tmp_path, "wires", dtype, form="step", **options)
+    stated = float(re.search(r"within (\S+) of the range", header.read_text())[1])
+    assert stated < 1e-7
+    z, last, branch = 0.0, 0.0, []
+    for value in u:  # dz/du = 1 - z sgn(u') / D
+        d = np.sign(value - last)
+        z = d * 0.31 - (d * 0.31 - z) * np.exp(-abs(value - last) / 0.31)
+        branch.append(0.4 * value + 0.7 * z + 0.1)
+        last = value
+    closed = Stepper(wires.compiled_step(DT, wires.init(0.0)).compacted()).run(u)
+    np.testing.assert_allclose(closed, branch, rtol=0.0, atol=stated * np.ptp([0.0, *branch]))
+    done = compiled(tmp_path, "wires.c", "wires_test.c")
+    assert done.returncode == 0, (done.stdout, done.stderr)
+    assert len(source.read_text()) < 6000
+    table = to_c(wires, tmp_path, "table", dtype, **options)[1]
+    assert len(table.read_text()) > 5 * len(source.read_text())
+
+
+def test_sizes_are_those_of_the_compiler(tmp_path, monkeypatch):
+    plays = PrandtlIshlinskiiOperator([0.0, 0.3, 0.5], [1.0, 0.5, 0.2])
+    to_c(plays, tmp_path, "plays", "float32", dt=DT)
+    sizes = program_sizes(tmp_path, "plays")
+    assert sizes.index.tolist() == ["Cortex-M0", "Cortex-M4F", "AVR", "x86-64"]
+    found = sizes.dropna()
+    assert (found["state"] == 4 * (3 + 2)).all()  # three plays, the output and a flag
+    assert found["flash"].between(100, 2000).all()
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    assert program_sizes(tmp_path, "plays").isna().all(axis=None)
+    with pytest.raises(FileNotFoundError, match="There is no program"):
+        program_sizes(tmp_path, "stops")
+
+
+def test_a_tolerance_is_as_asked(tmp_path):
+    law = of_weights
+    law.py_func = law
+    step = CompiledLaw(law, (), ())
+    with pytest.raises(ValueError, match=r"1.0e-06 is allowed"):
+        to_c(step, tmp_path, "single", "float32")
+    test = to_c(step, tmp_path, "single", "float32", tolerance=0.01)[2].read_text()
+    assert "return largest <= 0.01 *" in test
+    for tolerance in (0.0, "small", np.nan):
+        with pytest.raises(ValueError, match="'tolerance' parameter of to_c"):
+            to_c(step, tmp_path, "single", tolerance=tolerance)
+    with pytest.raises(ValueError, match="'form' parameter of to_c"):
+        to_c(step, tmp_path, "single", form="small")
 
 
 def test_derivatives_are_left_out_and_the_hash_is_that_of_the_numbers(tmp_path):

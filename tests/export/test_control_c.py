@@ -6,19 +6,17 @@ import subprocess
 
 import numpy as np
 import pytest
+from c_programs import FLAGS, error_of
 from operator_cases import DT, OPERATORS, make_drive
 from sklearn.base import clone
 
 from skhyst.control import FeedforwardPI, InverseCompensator
 from skhyst.export import to_c
 from skhyst.hysteresis import PrandtlIshlinskii
+from skhyst.linear import Gain, SecondOrderMode, SecondOrderModeOperator
 from skhyst.operators import CompiledLaw, Stepper, inverse_of
 from skhyst.static import SaturationOperator
 
-FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror", "-pedantic") + (
-    "-fsanitize=address,undefined",
-    "-fno-sanitize-recover=all",
-)
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
 # one of each way to invert: in closed form, by the root of a step, and of a composition
 INVERTED = [
@@ -26,15 +24,6 @@ INVERTED = [
     *(pytest.param(own, marks=pytest.mark.slow) for own in ("curve", "creep, logarithmic", "sum")),
 ]
 BARS = {"float64": 1e-12, "float32": 1e-6, "int32": 1.0}  # of the range; units of output
-
-
-def error_of(folder, name):
-    """Run the test program and return the error that it tells."""
-    command = ["cc", *FLAGS, f"{name}.c", f"{name}_test.c", "-o", name, "-lm"]
-    subprocess.run(command, cwd=folder, check=True)
-    done = subprocess.run(folder / name, capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return float(re.search(r": (\S+) of", done.stdout)[1])
 
 
 @pytest.mark.parametrize("case", INVERTED)
@@ -85,18 +74,49 @@ int main(void)
 """
 
 
-def flags_of(folder, name, rows):
+def flags_of(folder, name, rows, flag="LIMITED", number=("double", "lf")):
     """Return which samples of an input (n_samples, n_inputs) raise the flag in C."""
     n = rows.shape[1]
-    scan = " && ".join(f'scanf("%lf", &u[{k}]) == 1' for k in range(n))
+    scan = " && ".join(f'scanf("%{number[1]}", &u[{k}]) == 1' for k in range(n))
     text = WATCH.replace("$scan", scan).replace("$u)", "u)" if n > 1 else "u[0])")
+    text = text.replace("double", number[0]).replace("LIMITED", flag)
     text = text.replace("$name", name).replace("$n", str(n))
     (folder / "watch.c").write_text(text)
     command = ["cc", *FLAGS, f"{name}.c", "watch.c", "-o", "watch", "-lm"]
     subprocess.run(command, cwd=folder, check=True)
     given = "\n".join(" ".join(f"{value:.17g}" for value in row) for row in rows)
     run = subprocess.run(folder / "watch", input=given, capture_output=True, text=True, check=True)
-    return np.array(run.stdout.split()) == "1"
+    return np.array(run.stdout.split()) != "0"
+
+
+def test_what_the_fit_has_not_seen_raises_a_flag(tmp_path):
+    """Levels and rates of the drive beyond those of the records, in Python and in C."""
+    u = np.array([0.0, 1.0, 3.0, 4.0, 2.0, 1.0])  # from 0 to 4, by up to 2 per sample
+    model = Gain(dt=1.0).fit(u[:, None], 2.0 * u)
+    seen = np.array([1.0, 3.0, 4.0, 4.5, 4.0, 1.5, 0.0, -0.25, 0.0])
+    expected = [False, False, False, True, False, True, False, True, False]
+    stepper = model.stepper()
+    assert [(stepper.step(x), "extrapolated" in stepper.status)[1] for x in seen] == expected
+    to_c(model, tmp_path, "own", drive=u)
+    assert flags_of(tmp_path, "own", seen[:, None], "EXTRAPOLATED").tolist() == expected
+    to_c(model, tmp_path, "whole", "int32", drive=u, input_unit=0.25, output_unit=0.25)
+    counts = (4.0 * seen[:, None]).astype(int)
+    found = flags_of(tmp_path, "whole", counts, "EXTRAPOLATED", ("int32_t", "d"))
+    assert found.tolist() == expected
+    other = model.stepper()
+    other.run(seen[:6])
+    assert other.status == {"extrapolated"}
+
+
+def test_an_output_that_no_input_gives_raises_a_flag(tmp_path):
+    """A saturation gives at most one; its inverse then stays where it was."""
+    inverse = inverse_of(SaturationOperator(upper=1.0))
+    y = np.array([0.5, 2.0, 0.75])
+    stepper = Stepper(inverse.compiled_step(DT, inverse.init(0.0)))
+    flags = [(stepper.step(x), "unreachable" in stepper.status)[1] for x in y]
+    assert (flags, stepper.output) == ([False, True, False], 0.75)
+    to_c(inverse, tmp_path, "own", dt=DT)
+    assert flags_of(tmp_path, "own", y[:, None], "UNREACHABLE").tolist() == flags
 
 
 @pytest.mark.parametrize("rate_limit", [None, 0.5])
@@ -123,6 +143,27 @@ def test_a_cut_drive_raises_a_flag(tmp_path, rate_limit):
     units = {"input_unit": 2.0**-20, "output_unit": 2.0**-20}
     to_c(compensator, tmp_path, "whole", "int32", drive=y, u0=y[0], **units)
     assert error_of(tmp_path, "whole") <= BARS["int32"]
+
+
+def test_the_header_says_what_goes_in_and_comes_out(tmp_path):
+    u = make_drive()[:, None]
+    mode = SecondOrderModeOperator(0.5 / DT, 0.2)
+    y = mode.run(u[:, 0], DT)[0]
+    compensator = InverseCompensator(SecondOrderMode(dt=DT), drive_limits=None).fit(u, y)
+    header, *_ = to_c(compensator, tmp_path, "inverse", input_unit="um", output_unit="V")
+    text, preview = header.read_text(), compensator.preview()
+    assert 0 < preview == compensator.stepper().preview
+    assert f"#define inverse_PREVIEW {preview} " in text
+    assert "u: reference in um\n" in text
+    assert "returns: drive in V; the fit has seen " in text
+    assert f"the input {preview} samples, {preview * DT:g} s, earlier" in text
+    loop = FeedforwardPI(1.0, 40.0, compensator=compensator)
+    text = to_c(loop, tmp_path, "loop", dt=DT, input_unit=["um", "um", "V"])[0].read_text()
+    assert "u[0]: reference in um\n   u[1]: reading in um\n   u[2]: drive of the comp" in text
+    with pytest.raises(ValueError, match="one name or 3"):
+        to_c(loop, tmp_path, "loop", dt=DT, input_unit=["um", "um"])
+    with pytest.raises(ValueError, match="names of units"):
+        to_c(compensator, tmp_path, "inverse", input_unit=2.0)
 
 
 def test_a_cut_controller_raises_a_flag(tmp_path):
@@ -183,3 +224,16 @@ def test_what_rounding_makes_of_a_flat_part_is_allowed(tmp_path):
     y = np.minimum(make_drive(), 0.413)
     to_c(flat, tmp_path, "flat", "float32", dt=DT, u0=y[0], drive=y)
     assert error_of(tmp_path, "flat") > BARS["float32"]
+
+
+def test_a_controller_with_all_its_parts_answers_as_in_python(tmp_path):
+    rows = np.random.default_rng(0).normal(size=(200, 3))
+    more = {"kd": 1e-3, "setpoint_weight": 0.5, "rate_limit": 400.0, "tracking_time": 0.01}
+    controller = FeedforwardPI(
+        0.7, 30.0, notch=(20.0, 0.1), drive_limits=(-2.0, 2.0), start_time=0.2, **more
+    )
+    units = {"input_unit": 2.0**-20, "output_unit": 2.0**-20}
+    for dtype, bar in BARS.items():
+        own = units if dtype == "int32" else {}
+        to_c(controller, tmp_path, dtype, dtype, dt=DT, drive=rows, **own)
+        assert error_of(tmp_path, dtype) <= bar

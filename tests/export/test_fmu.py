@@ -10,7 +10,7 @@ import pytest
 
 from skhyst.export import to_c, to_fmu
 from skhyst.hysteresis import BacklashOperator, BoucWenOperator, PrandtlIshlinskiiOperator
-from skhyst.linear import SecondOrderModeOperator
+from skhyst.linear import FirstOrderLagOperator, SecondOrderModeOperator
 from skhyst.operators import CompiledLaw, Series, Stepper
 
 fmpy = pytest.importorskip("fmpy", reason="FMUs are run and validated by the extra fmi")
@@ -145,6 +145,34 @@ def test_state_returns_and_what_is_wrong_is_refused(tmp_path, version):
     unit.fmu.freeInstance()
     with pytest.raises(Exception, match="instantiate"):
         Unit(path, tmp_path / "other", token="another")
+
+
+@NEEDS_COMPILER
+@pytest.mark.parametrize("version", VERSIONS)
+def test_start_values_and_parameters_act(tmp_path, version):
+    """The device has rested at the start value of its input, with the parameters that are set."""
+    lag, time = FirstOrderLagOperator(0.05, gain=2.0), DT * np.arange(101)
+    path = to_fmu(lag, tmp_path / "lag.fmu", version, dt=DT, tunable=["gain", "time_constant"])
+    assert validation.validate_fmu(str(path)) == []
+    described = fmpy.read_model_description(str(path)).modelVariables
+    own = [(v.name, v.causality, v.start, v.min, v.max) for v in described[3:]]
+    assert own == [
+        ("gain", "parameter", "2.0", "1.0", "3.0"),
+        ("time_constant", "parameter", "0.05", "0.025", "0.07500000000000001"),
+    ]
+    u = 0.7 + np.sin(40.0 * time)
+    signal = np.rec.fromarrays([time, u], names="time,input")
+    for values in ({"input": 0.7}, {"input": 0.7, "gain": 1.5, "time_constant": 0.03}):
+        found = fmpy.simulate_fmu(
+            str(path), stop_time=0.1, output_interval=DT, input=signal, start_values=values
+        )
+        other = FirstOrderLagOperator(values.get("time_constant", 0.05), values.get("gain", 2.0))
+        expected, _ = other.run(u[:-1], DT, other.init(0.7))
+        np.testing.assert_allclose(found["output"][1:], expected, rtol=0.0, atol=1e-12)
+    unit = Unit(path, tmp_path / "out")
+    unit.set([3], [3.0])
+    unit.is_refused(lambda: unit.set([3], [3.5]), b"out of its range")
+    assert unit.get([3]) == [3.0]
 
 
 def row(u, c, s):

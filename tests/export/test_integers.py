@@ -179,6 +179,24 @@ def test_integers_of_a_law_are_held(tmp_path):
     assert answers(tmp_path, "x", np.array([1000, -1000])).tolist() == [most - 3, -most]
 
 
+def of_powers(u, c, s):
+    """Take powers of numbers of both signs, large and small."""
+    return c[0] * u**3 - (c[1] * u) ** 5 + (c[2] * u) ** 7 + u**1 + u**0
+
+
+@NEEDS_COMPILER
+@pytest.mark.parametrize("scale", [1.0, 1e3, 1e-3])
+def test_whole_powers_are_products(tmp_path, scale):
+    of_powers.py_func = of_powers
+    law = CompiledLaw(of_powers, (0.3 / scale**2, 0.5 / scale, 0.3 / scale), ())
+    unit, u = scale * 1e-4, 2.0 * scale * np.sin(np.linspace(0.0, 6.0, 100))
+    options = {"input_unit": unit, "output_unit": max(unit, 1e-4)}
+    to_c(law, tmp_path, "x", "int32", drive=u, **options)
+    counts = np.random.default_rng(0).integers(-20000, 20001, 200)
+    expected = of_powers(unit * counts, law.constants, None) / options["output_unit"]
+    assert abs(answers(tmp_path, "x", counts) - expected).max() < 1.0
+
+
 def inputs(test):
     """Return the input of a test program, and what it says of branches."""
     text = test.read_text()

@@ -7,10 +7,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from skhyst.compose import Cascade, Feedback, Modulated, Sum
 from skhyst.exceptions import DivergenceWarning
-from skhyst.linear import TransferFunction, TransferFunctionOperator
+from skhyst.linear import SecondOrderMode, TransferFunction, TransferFunctionOperator
 from skhyst.linear._prediction_error import _errors
 from skhyst.persistence import from_json, to_json
+from skhyst.static import SmoothCurve
 
 DT, NONE = 0.01, np.empty(0)
 LEVITATION = TransferFunctionOperator(np.array([-0.2, 0.1]), NONE, NONE, NONE, 1.0, 0.3, hold="zoh")
@@ -107,6 +109,20 @@ def test_the_predictor_is_kept(fitted):
 def test_what_it_does_not_know_is_refused(params, name):
     with pytest.raises(ValueError, match=f"The '{name}' parameter of TransferFunction must"):
         TransferFunction(stable=False, dt=DT).set_params(**params).fit(*closed_loop(0, 100))
+
+
+@pytest.mark.parametrize(
+    "around",
+    [
+        lambda part: Cascade([("plant", part), ("curve", SmoothCurve(3))], dt=DT),
+        lambda part: Sum([("plant", part), ("mode", SecondOrderMode())], dt=DT),
+        lambda part: Feedback(part, SmoothCurve(3), dt=DT),
+        lambda part: Modulated(part, 0, dt=DT),
+    ],
+)
+def test_no_part_of_another_model_is_unstable(around):
+    with pytest.raises(ValueError, match="The 'stable' parameter of TransferFunction must be True"):
+        around(TransferFunction(2, stable=False)).fit(*closed_loop(0, 100))
 
 
 def test_an_integrator_in_the_loop():

@@ -172,6 +172,8 @@ def test_two_inputs_to_scipy_and_back():
         (signal.dlti([1.0], [1.0, 0.5], dt=0.1), "continuous time"),
         (signal.TransferFunction([1.0], [1.0, 0.0]), "no pole at zero"),
         (signal.TransferFunction([2.0], [1.0]), "at least one pole"),
+        (signal.TransferFunction([1.0, 2.0, 3.0], [0.1, 1.0]), "no more zeros than poles"),
+        (signal.ZerosPolesGain([-1.0, -2.0], [-3.0], 1.0), "no more zeros than poles"),
         (signal.StateSpace([[-1.0]], [[1.0]], [[1.0], [2.0]], [[0.0], [0.0]]), "one response"),
     ],
 )

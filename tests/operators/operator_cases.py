@@ -13,6 +13,11 @@ DT = 0.01
 N = 60
 
 
+def _unknown():
+    basis = np.cos(np.outer(np.arange(9), [0.7, 1.9]))
+    return np.array([0.1, -0.07]), basis, -1.031, 1.217
+
+
 def make_operators():
     lag = op.FirstOrderLagOperator(0.03, gain=1.4, intercept=-0.2)
     mode = op.SecondOrderModeOperator(90.0, 0.15, gain=0.8, intercept=0.1)
@@ -89,6 +94,11 @@ def make_operators():
         "slew limit": op.SlewLimitOperator(13.7),
         "slew limit, always": op.SlewLimitOperator(0.37),
         "dead zones": zones,
+        "unknown term": op.UnknownTermOperator(*_unknown(), passed=1.0),
+        "unknown term of the rate": op.UnknownTermOperator(*_unknown(), argument="rate"),
+        "unknown term of a play": op.UnknownTermOperator(
+            *_unknown(), argument="play", half_gap=0.21, passed=1.0
+        ),
         "curve": op.PolynomialCurveOperator(np.array([0.2, -0.1, 0.05]), center=0.1, scale=0.7),
         "Coulomb friction": op.CoulombFrictionOperator(
             1.3, 0.8, 2.9, 0.3, 0.1, 0.3, 0.02, 0.1, slowest=0.01, fastest=50.0, smoothing=3

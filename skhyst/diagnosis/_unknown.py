@@ -1,0 +1,432 @@
+r"""What is left when no effect explains the residual: a term without a name.
+
+The step that follows a verdict other than ``noise``. A smooth function of one signal, whose law is
+not known (:class:`~skhyst.static.UnknownTerm`), is put at every place of the model: at each joint
+of the series, of what goes through it, of the rate and of plays of that; and beside the response,
+of the drive or of a further column of X, of its rate and plays. At each place only functions are
+left that the model's parameters cannot do themselves, as smooth as restricted maximum likelihood
+asks for; the whole is refitted jointly, held out, and the one of least held-out error is tested
+against the model without it by the search's own criterion, for all that the search and this step
+have tried. What that criterion does not tell from it is ``ambiguous_with``.
+
+**The band.** With the covariance C of the weights in the joint fit, noise of any colour, the curve
+:math:`F w` at the points of a grid lies within :math:`\pm q \, (F C F')_{ii}^{1/2}` at all of them
+with 95 %: q is the quantile of :math:`\max_i |(F z)_i| / (F C F')_{ii}^{1/2}`, z normal with the
+covariance C. It knows nothing of the choice of place and smoothness.
+
+**Laws.** A law :math:`c \, g(v / s)` is the same term with one function in place of many. Its scale
+s is that of the least predicted sum of squares; it is refitted and held out as any candidate.
+Offered are those that the free curve is not better than, by the same criterion at the same level,
+with fewest numbers and least error first.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from joblib import delayed
+from scipy.optimize import minimize_scalar
+
+from ..optimize import predicted_cost
+from ..static import ARGUMENTS, UnknownTerm, smooth
+from ._candidates import Candidate, completed, held_out
+from ._constants import FACTOR
+from ._edits import Drive, InsertAt
+from ._jobs import side_by_side
+from ._pictures import Picture
+from ._shortened import are_long
+from ._starts import Scene
+
+NAME = "unknown_term"
+_HALF_GAPS = (0.03, 0.1, 0.3)  # of plays, relative to the range of what goes in
+_FINE = 200  # intervals of a law's splines: its corners are as sharp as that
+_GRID = 101  # points of a curve
+_DRAWS = 2000  # of the simultaneous band: its quantile to about 1 %
+_LEVEL = 0.95
+_SEEN = (0.005, 0.995)  # quantiles of the argument between which the curve is shown
+LAW_COLUMNS = ["law", "formula", "c", "c_std", "s", "error", "p_value"]
+_SCALES = np.geomspace(0.03, 1.0, 12)  # of laws, relative to the largest argument
+
+# name -> formula, function of the argument over its scale, and whether it has a scale
+LAWS = {
+    "proportional": ("c v", lambda v: v, False),
+    "square": ("c v^2", np.square, False),
+    "cube": ("c v^3", lambda v: v**3, False),
+    "quadratic with sign": ("c |v| v", lambda v: np.abs(v) * v, False),
+    "absolute value": ("c |v|", np.abs, False),
+    "sign": ("c sign(v)", np.sign, False),
+    "saturation": ("c max(-s, min(v, s)) / s", lambda v: np.clip(v, -1.0, 1.0), True),
+    "smooth saturation": ("c tanh(v / s)", np.tanh, True),
+    "dead band": (
+        "c (v - max(-s, min(v, s))) / s",
+        lambda v: v - np.clip(v, -1.0, 1.0),
+        True,
+    ),
+    "Stribeck": ("c sign(v) exp(-|v| / s)", lambda v: np.sign(v) * np.exp(-np.abs(v)), True),
+    "exponential": ("c (exp(v / s) - 1)", lambda v: np.expm1(np.clip(v, None, 30.0)), True),
+    "notch": ("c exp(-(v / s)^2)", lambda v: np.exp(-np.square(v)), True),
+}
+
+
+@dataclass(frozen=True)
+class Site:
+    """A place and an argument of a term.
+
+    Attributes
+    ----------
+    place, argument : str
+        In words.
+    model : UnknownTerm
+    make : callable
+        Returns the edit that puts the model with an operator there.
+    records : list of RecordData
+        Driven by what the term sees.
+    """
+
+    place: str
+    argument: str
+    model: Any
+    make: Any
+    records: list = field(repr=False)
+
+    def __str__(self):
+        return f"{self.place}: a function of the {self.argument}"
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """A term that is missing in a model, and has no name.
+
+    Attributes
+    ----------
+    place : str
+        Where its output is added: ``"drive"``, ``"behind <stage>"`` or ``"response"``.
+    argument : str
+        What it is a function of, such as ``"rate of the drive"``.
+    curve : DataFrame
+        The function over what is seen of its argument: ``argument`` (its own units, rates per s),
+        ``value``, ``low`` and ``high``, the simultaneous 95 % band, all in the units of the place,
+        and ``density``, the part of the samples that is near. What the parameters of the model can
+        do as well, as a gain what is straight in the drive, is left to them.
+    error_before, error_after : float
+        Held-out errors, units of the response.
+    share : float
+        Part of the power of the held-out residual that it explains.
+    p_value : float
+        Against the model without it, corrected for all that was tried.
+    ambiguous_with : tuple of str
+        Places and arguments that the recording does not tell from it.
+    laws : DataFrame
+        Laws that the curve is not better than: ``law``, ``formula``, ``c`` and ``c_std``, the scale
+        ``s`` (NaN where the law has none), ``error``, and ``p_value`` against it, simplest first.
+    structure_left : bool
+        Whether something is left beside it, as the search judges.
+    estimator : estimator
+        The augmented model with the term, fitted to all data.
+
+    Examples
+    --------
+    Of a fitted search that ended without a name::
+
+        if search.unknown_ is not None:
+            print(search.unknown_)
+            y = search.unknown_.estimator.predict(X)
+    """
+
+    place: str
+    argument: str
+    curve: pd.DataFrame
+    error_before: float
+    error_after: float
+    share: float
+    p_value: float
+    ambiguous_with: tuple
+    laws: pd.DataFrame
+    structure_left: bool
+    estimator: Any
+
+    def __str__(self):
+        """Return it in one sentence."""
+        added = self.place if self.place.startswith("behind") else f"to the {self.place}"
+        text = f"a term added {added} that depends on the {self.argument}, {self.shape}"
+        if len(self.laws):
+            first = self.laws.iloc[0]
+            text += f", which can be {first['formula']}"
+        text += f"; it explains {100.0 * self.share:.0f} % of the power that was left"
+        if self.ambiguous_with:
+            text += f"; the recording does not tell it from {', or '.join(self.ambiguous_with)}"
+        return text
+
+    @property
+    def shape(self):
+        """Whether the curve is odd or even, as far as its band tells, and where it rises."""
+        v, f = self.curve["argument"].to_numpy(), self.curve["value"].to_numpy()
+        half = 0.5 * (self.curve["high"] - self.curve["low"]).to_numpy()
+        reach = min(-v[0], v[-1])
+        words = []
+        if reach > 0.5 * max(-v[0], v[-1]):
+            at = np.linspace(0.0, reach, _GRID)
+            ahead, behind = (np.interp(side * at, v, f) for side in (1.0, -1.0))
+            wide = np.interp(at, v, half) + np.interp(-at, v, half)
+            parts = {"odd": ahead + behind - 2.0 * np.interp(0.0, v, f), "even": ahead - behind}
+            words = [name for name, own in parts.items() if np.all(np.abs(own) <= wide)]
+        slopes = np.diff(f)
+        if np.all(slopes >= 0.0) or np.all(slopes <= 0.0):
+            words.append("rising" if slopes.sum() > 0.0 else "falling")
+        return ", ".join(words) if len(words) else "neither odd nor even"
+
+    def picture(self):
+        """Return the curve with its band, over the density of the data.
+
+        Returns
+        -------
+        Picture
+        """
+        v, f, low, high, density = self.curve.to_numpy().T
+        band = ("", v, high, "dashed")
+        curves = ("curve", v, f, "line"), ("95 % band", v, low, "dashed"), band
+        share = ("", v, 100.0 * density, "line")
+        below = Picture("", self.argument, "samples (%)", (share,))
+        added = self.place if self.place.startswith("behind") else f"to the {self.place}"
+        return Picture("Unexplained", self.argument, f"added {added}", curves, below=below)
+
+    def to_dict(self):
+        """Return it as plain data.
+
+        Returns
+        -------
+        dict
+            Without the estimator.
+        """
+        names = ["place", "argument", "error_before", "error_after", "share", "p_value"]
+        own = {name: getattr(self, name) for name in [*names, "structure_left", "shape"]}
+        own |= {"ambiguous_with": list(self.ambiguous_with), "text": str(self)}
+        own["curve"] = {name: values.tolist() for name, values in self.curve.items()}
+        return own | {"laws": self.laws.to_dict("records")}
+
+
+def find_unknown(base, records, slices, folds, criterion, n_tried, n_jobs):
+    """Return what a term without a name does for a candidate; None where none is needed.
+
+    Returns
+    -------
+    tuple or None
+            Site, candidate, p-value, sites that it is not told from, and rows of ``Unknown.laws``.
+    """
+    if base.box is not None or base.structure.input_history:
+        return None
+    scene = Scene(base.structure, records)
+    sites = list(_sites(scene))
+    starts, _ = side_by_side([delayed(_started)(site, scene.tree, records) for site in sites], 1)
+    starts = [own or [] for own in starts]
+    family = n_tried + sum(map(len, starts))
+    most = (1.0 - criterion.min_improvement) ** 2 * base.cost
+    both = [(site, own) for site, own in zip(sites, starts, strict=True) if own]
+    best = [(site, min(own, key=lambda c: c.predicted_cost)) for site, own in both]
+    jobs = [(site, c) for site, c in best if c.predicted_cost < most]
+    done, _ = side_by_side([delayed(_tried)(c, records, folds) for _, c in jobs], n_jobs)
+    found = [(site, c) for (site, _), c in zip(jobs, done, strict=True) if c is not None]
+    found = [(s, c) for s, c in found if criterion.is_better(base, c, family)]
+    if not found:
+        return None
+    site, chosen = min(found, key=lambda own: own[1].error)
+    same = [(s, c) for s, c in found if c is not chosen]
+    same = [s for s, c in same if criterion.p_value(c, chosen) >= criterion.alpha]
+    p_value = criterion.p_value(base, chosen, family)
+    data = records, slices, folds
+    return site, chosen, p_value, same, _laws(site, chosen, base, data, criterion)
+
+
+def _sites(scene):
+    """Yield the places and arguments that there are."""
+    tree, records = scene.tree, scene.records
+    last = len(tree.stages)
+    for at in range(int(tree.multi_input), last + 1):
+        before = tree.names[at - 1] if at else None
+        place = "response" if at == last else f"behind {before}" if at else "drive"
+        signal = f"output of {before}" if at else "drive"
+        seen = scene.records_at(at)
+        for argument in ARGUMENTS:
+            yield Site(
+                place,
+                _in_words(argument, signal),
+                UnknownTerm(argument, passes=True),
+                _Joint(before),
+                seen,
+            )
+    further = records[0].auxiliary
+    for column in range(1 + (0 if further is None else further.shape[1])):
+        seen = records
+        if column:
+            seen = [replace(r, u=r.auxiliary[:, column - 1], before=None) for r in records]
+        signal = f"column {column} of X" if column else "drive"
+        for argument in ARGUMENTS:
+            yield Site(
+                "response",
+                _in_words(argument, signal),
+                UnknownTerm(argument),
+                _Column(column),
+                seen,
+            )
+
+
+def _in_words(argument, signal):
+    return signal if argument == "input" else f"{argument} of the {signal}"
+
+
+@dataclass(frozen=True)
+class _Joint:
+    """Makes the edit at a joint of the series."""
+
+    behind: str | None
+
+    def __call__(self, model, operator):
+        return InsertAt(self.behind, model, operator)
+
+
+@dataclass(frozen=True)
+class _Column:
+    """Makes the edit beside the response, of a column of X."""
+
+    column: int
+
+    def __call__(self, model, operator):
+        return Drive(model, operator, self.column)
+
+
+def _started(site, tree, records):
+    """Return the candidates of a site at their starting values, at zero."""
+    swing = max(float(np.ptp(r.u)) for r in site.records)
+    models = [site.model]
+    if site.model.argument == "play":
+        own = {"passes": site.model.passes}
+        models = [UnknownTerm("play", half_gap=part * swing, **own) for part in _HALF_GAPS]
+    found = []
+    for model in models:
+        flexible = model.flexible(site.records)
+        operator = _smoothed(site, model, flexible, tree, records)
+        if operator.weights.size:
+            found.append(_candidate(tree.edited(NAME, site.make(model, operator)), records))
+    return found
+
+
+def _smoothed(site, model, flexible, tree, records):
+    """Return an operator with the functions that are needed beside a tree's parameters."""
+    full = tree.edited(NAME, site.make(model, flexible))
+    problem = full.problem(records)
+    gram = problem.total(problem.evaluate(problem.x0))
+    own = np.flatnonzero([_is_weight(name, tree) for name in problem.names])
+    return smooth(flexible, gram, own, problem.segment_weight.sum())
+
+
+def _is_weight(name, tree):
+    """Whether an unknown is a weight of the term."""
+    return tree.label(NAME) in name.split("__") and name.split("__")[-1].startswith("weights")
+
+
+def _candidate(tree, records):
+    problem = tree.problem(records)
+    cost = predicted_cost(problem, problem.x0)
+    size = len(problem.x0) + tree.n_coefficients()
+    return Candidate((NAME,), tree, np.inf, cost, size, problem.x0)
+
+
+def _tried(candidate, records, folds):
+    """Return a candidate refitted and held out."""
+    budget = FACTOR if are_long(records) else FACTOR**3
+    return held_out(completed(candidate, records, budget), records, folds)
+
+
+def term_of(tree):
+    """Return the operator of the term in a tree."""
+    label = tree.label(NAME)
+    parts = [*tree.stages, *(tree.root.members() if hasattr(tree.root, "members") else [])]
+    operator = next(part for name, part in parts if name == label)
+    return getattr(operator, "operator", operator)
+
+
+def _laws(site, chosen, base, data, criterion):
+    """Return laws that the curve is not better than, as rows of ``Unknown.laws``."""
+    records, slices, folds = data
+    term, tree, rows = term_of(chosen.structure), base.structure, []
+    seen = np.concatenate([term.arguments(r.u, r.dt)[0] for r in site.records])
+    largest = float(np.abs(seen).max())
+    if not largest > 0.0:
+        return []
+    knots = term.low + (np.arange(_FINE + 3) - 1.0) * (term.high - term.low) / _FINE
+    model = site.model
+
+    def started(law, scale):
+        # the knot's own value is the coefficient of a spline that is next to the function
+        basis = law(knots / scale)[:, None]
+        own = {"weights": np.zeros(1), "basis": basis / np.abs(basis).max(), "penalty": 0.0}
+        operator = replace(term, **own)
+        return _candidate(tree.edited(NAME, site.make(model, operator)), records)
+
+    most = (1.0 - criterion.min_improvement) ** 2 * base.cost
+    for name, (formula, law, scaled) in LAWS.items():
+        scale = largest
+        if scaled:
+            costs = [started(law, s * largest).predicted_cost for s in _SCALES]
+            i = int(np.argmin(costs))
+            ends = np.log(_SCALES[[max(i - 1, 0), min(i + 1, len(_SCALES) - 1)]] * largest)
+            scale = minimize_scalar(
+                lambda s, law=law: started(law, np.exp(s)).predicted_cost,
+                bounds=ends,
+                method="bounded",
+                options={"xatol": 0.01, "maxiter": 12},
+            ).x
+            scale = float(np.exp(scale))
+        start = started(law, scale)
+        if start.predicted_cost >= most:
+            continue
+        c = _tried(start, records, folds)
+        p_value = criterion.p_value(c, chosen)
+        if p_value < criterion.alpha and criterion.matters(c, chosen):
+            continue
+        unit = 1.0 if scaled else law(np.array([1.0 / largest]))[0]
+        unit /= np.abs(law(knots / scale)).max()
+        _, result = c.structure.fitted(records, slices)
+        (weight,) = (own for own in result.params if _is_weight(own, tree))
+        rows.append(
+            {
+                "law": name,
+                "formula": formula,
+                "c": float(unit * result.params[weight]),
+                "c_std": float(unit * result.params_std[weight]),
+                "s": scale if scaled else np.nan,
+                "error": c.error,
+                "p_value": float(p_value),
+            }
+        )
+    return sorted(rows, key=lambda row: (np.isfinite(row["s"]), row["error"]))
+
+
+def curve_of(site, tree, result, rng):
+    """Return the curve of the term with its simultaneous band, see :class:`Unknown`."""
+    term = term_of(tree)
+    seen = np.concatenate([term.arguments(r.u, r.dt)[0] for r in site.records])
+    v = np.linspace(*np.quantile(seen, _SEEN), _GRID)
+    functions = term.functions(v)
+    at = [i for i, name in enumerate(result.params) if _is_weight(name, tree)]
+    covariance = None if result.covariance is None else result.covariance[np.ix_(at, at)]
+    if covariance is None or not np.isfinite(covariance).all():
+        half = np.full(_GRID, np.nan)
+    else:
+        size = np.sqrt(np.einsum("ij,jk,ik->i", functions, covariance, functions))
+        draws = rng.multivariate_normal(np.zeros(len(at)), covariance, _DRAWS, method="eigh")
+        spread = np.where(size > 0.0, size, 1.0)
+        half = size * np.quantile(np.abs(draws @ functions.T / spread).max(axis=1), _LEVEL)
+    value = functions @ term.weights
+    edges = np.append(v, 2.0 * v[-1] - v[-2]) - 0.5 * (v[1] - v[0])
+    density = np.histogram(seen, edges)[0] / len(seen)
+    return pd.DataFrame(
+        {
+            "argument": v,
+            "value": value,
+            "low": value - half,
+            "high": value + half,
+            "density": density,
+        }
+    )

@@ -1,0 +1,516 @@
+r"""Parameters that a program can change at run time, and the constants that follow from them.
+
+The constants of a step follow from the parameters of its model by Python, as the matrices of a mode
+from its frequency. A program needs them in plain arithmetic, so they are identified as functions of
+the parameters over their ranges: where a constant is a polynomial of at most second degree, from
+its differences, and else, where it depends on one or two parameters, from a Chebyshev series,
+
+.. math:: c(x, y) = \sum_{a, b} c_{ab} \, T_a(x) \, T_b(y), \qquad T_n(\cos t) = \cos n t,
+
+which for an analytic function converges geometrically with its degree (L. N. Trefethen,
+"Approximation Theory and Approximation Practice", SIAM, 2013, theorem 8.2). Each is verified at
+random parameters within the ranges.
+"""
+
+import copy
+import re
+from dataclasses import dataclass, field
+from itertools import combinations
+from numbers import Real
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from ..operators import ParameterSpec
+
+_SAME = 1e-13  # error of a constant, relative to its largest value within the ranges
+_N_CHECKED = 16  # random sets of parameters at which constants are verified
+_DEGREES = (4, 8, 12, 16, 24, 32, 48)  # of a series
+_PART = 0.5  # of its value by which a parameter may change by default
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A number that can be changed.
+
+    Parameters
+    ----------
+    field, index : str, int or None
+        Where it is in the struct of parameters; None: the field is a number.
+    name : str
+        In Python.
+    unit : str
+    value, low, high : float
+        Of the fit, and the range.
+    """
+
+    field: str
+    index: int | None
+    name: str
+    unit: str
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Derived:
+    """Constants as functions of parameters.
+
+    Parameters
+    ----------
+    entries : tuple of Entry
+    places : dict of (int, int) to int
+        Where the constant ``(part, number)`` begins among those that change.
+    first : ndarray of shape (n_constants,)
+        Their values for the parameters of the fit.
+    quadratic : list of (int, list of (int, int, float))
+        Constant, and its terms: numbers of two scaled parameters (-1: one) and a factor.
+    series : list of (list of int, tuple of int, ndarray)
+        Constants, the one or two parameters, coefficients (n_constants, n, m).
+    """
+
+    entries: tuple
+    places: dict
+    first: np.ndarray
+    quadratic: list = field(repr=False)
+    series: list = field(repr=False)
+
+    def at(self, values):
+        """Return the constants for other parameters (n_entries,)."""
+        x = self.scaled(values)
+        found = self.first.copy()
+        for at, terms in self.quadratic:
+            found[at] = sum(f * _factor(x, a) * _factor(x, b) for a, b, f in terms)
+        for at, which, table in self.series:
+            found[at] = _evaluated(table, x[list(which)])
+        return found
+
+    def scaled(self, values):
+        """Return parameters as fractions of their ranges, from -1 to 1."""
+        low, high = np.transpose([(e.low, e.high) for e in self.entries])
+        return (np.asarray(values) - 0.5 * (low + high)) / (0.5 * (high - low))
+
+
+def _factor(x, a):
+    return 1.0 if a < 0 else x[a]
+
+
+def _evaluated(table, x):
+    rows = [
+        np.cos(np.arange(n) * np.arccos(np.clip(own, -1.0, 1.0)))
+        for n, own in zip(table.shape[1:], x, strict=False)
+    ]
+    rows += [np.ones(1)] * (2 - len(rows))
+    return np.einsum("kab,a,b->k", table, *rows)
+
+
+def entries_of(model, tunable):
+    """Return the entries that are named, and a function from their values to a model.
+
+    Parameters
+    ----------
+    model : object
+        With an ``operator_`` or a ``model_`` that has one, an operator, or a controller with
+        numbers as attributes.
+    tunable : sequence of str, or dict of str to (float, float)
+        Names of parameters, such as ``"gain"`` or ``"plays__weights"``, with their ranges.
+
+    Returns
+    -------
+    entries : tuple of Entry
+    tuned : callable
+        ``values (n_entries,) -> model``.
+    """
+    operator = _operator(model)
+    names = [] if operator is None else [name for name, _ in operator.entries()]
+    ranges = tunable if isinstance(tunable, dict) else dict.fromkeys(tunable)
+    entries, places = [], []
+    for wanted, own in ranges.items():
+        found = [k for k, name in enumerate(names) if _matches(name, wanted)]
+        whole = {_whole(names[k]) for k in found}
+        is_number = isinstance(getattr(model, str(wanted), None), Real)
+        if not found and is_number and not isinstance(getattr(model, wanted), bool):
+            entries.append(_entry(wanted, ParameterSpec(), float(getattr(model, wanted)), own))
+            places.append(None)
+        elif len(whole) == 1 and not set(found) & set(places):
+            values, specs = operator.pack(), [spec for _, spec in operator.entries()]
+            largest = np.abs(values[found]).max()
+            for k in found:
+                spec = specs[k]
+                entries.append(_entry(names[k], spec, float(values[k]), own, largest, wanted))
+                places.append(k)
+        else:
+            known = sorted({_whole(name) for name in names})
+            known += (
+                sorted(k for k, v in vars(model).items() if isinstance(v, Real))
+                if operator is None
+                else []
+            )
+            raise ValueError(
+                f"The 'tunable' parameter of to_c must be names of parameters, each of one of "
+                f"{known}. Got {wanted!r} instead."
+            )
+
+    def tuned(values):
+        if operator is None:
+            other = copy.copy(model)
+            for entry, value in zip(entries, values, strict=True):
+                setattr(other, entry.name, float(value))
+            return other
+        vector = operator.pack()
+        vector[[k for k in places if k is not None]] = values
+        return _with_operator(model, operator.unpack(vector))
+
+    return tuple(entries), tuned
+
+
+def _whole(name):
+    return name.partition("[")[0]
+
+
+def _matches(name, wanted):
+    """Whether an entry is the parameter that is named, or one of its array, in any stage."""
+    return name == wanted or _whole(name) == wanted or _whole(name).endswith(f"__{wanted}")
+
+
+def _entry(name, spec, value, own, largest=None, wanted=None):
+    """Return an entry with its range: half of its value on either side, within its bounds."""
+    bounds = spec.lower, spec.upper
+    if own is None:
+        size = _PART * (abs(value) or largest or 0.0)
+        own = value - size, value + size
+    low, high = max(float(own[0]), bounds[0]), min(float(own[1]), bounds[1])
+    is_inside = low > bounds[0] if spec.log else low >= bounds[0]
+    if not (is_inside and low < high and low <= value <= high < np.inf):
+        raise ValueError(
+            f"The 'tunable' parameter of to_c must give {name!r} a range around its value "
+            f"{value:g} and within its bounds {bounds}, as {{{name!r}: (0.5, 2.0)}}. Got {own!r} "
+            "instead."
+        )
+    index = None if name == wanted else re.search(r"\[(\d+)\]$", name)
+    legal = re.sub(r"\W+", "_", _whole(name) if index else name).strip("_")
+    return Entry(legal, index and int(index[1]), name, spec.unit, value, low, high)
+
+
+def _operator(model):
+    """Return the operator whose parameters those of a model are, None if it has none."""
+    if hasattr(model, "entries"):
+        return model
+    for name in ("operator_", "model_"):
+        if hasattr(model, name):
+            return _operator(getattr(model, name))
+    return None
+
+
+def _with_operator(model, operator):
+    """Return a copy of a model with another operator."""
+    if hasattr(model, "entries"):
+        return operator
+    name = "operator_" if hasattr(model, "operator_") else "model_"
+    other = copy.copy(model)
+    setattr(other, name, _with_operator(getattr(model, name), operator))
+    return other
+
+
+def derived(entries, step_for):
+    """Return the constants that change with parameters, as functions of them.
+
+    Parameters
+    ----------
+    entries : tuple of Entry
+    step_for : callable
+        ``values (n_entries,) -> CompiledStep``.
+
+    Returns
+    -------
+    Derived
+
+    Raises
+    ------
+    ValueError
+        If the structure of the program changes with a parameter, or a constant is not a function
+        as above.
+    """
+    low, high = np.transpose([(entry.low, entry.high) for entry in entries])
+    first = step_for([entry.value for entry in entries])
+    layout = [[np.shape(c) for c in part] for part in _constants(first)]
+
+    def constants(x):
+        parts = _constants(step_for(0.5 * (low + high) + 0.5 * (high - low) * np.asarray(x)))
+        if [[np.shape(c) for c in part] for part in parts] != layout:
+            names = ", ".join(entry.name for entry in entries)
+            raise ValueError(
+                f"The 'tunable' parameter of to_c must be parameters that change only numbers of "
+                f"the program. Got {names} instead."
+            )
+        return _flat(parts)
+
+    n = len(entries)
+    checked = np.random.default_rng(0).uniform(-1.0, 1.0, (_N_CHECKED, n))
+    expected = np.array([constants(x) for x in checked])
+    ends = expected.min(axis=0), expected.max(axis=0)
+    moved = np.subtract(ends[1], ends[0], where=ends[0] != ends[1], out=np.zeros(len(ends[0])))
+    varying = np.flatnonzero(moved > 0.1 * _SAME * np.maximum(*np.abs(ends)))
+    places, kept = _places(layout, set(varying.tolist()))
+    size = np.abs(expected[:, kept]).max(axis=0, initial=0.0)
+    constants_of = lambda x: constants(x)[kept]  # noqa: E731
+    expected = expected[:, kept]
+    own = Derived(entries, places, _flat(_constants(first))[kept], [], [])
+    left = set(range(len(kept)))
+
+    def verify(terms_of):
+        """Keep the polynomials that are right at the parameters for verification."""
+        for at in sorted(left):
+            terms = terms_of(at)
+            found = [sum(f * _factor(x, a) * _factor(x, b) for a, b, f in terms) for x in checked]
+            if np.abs(found - expected[:, at]).max() <= _SAME * (size[at] or 1.0):
+                own.quadratic.append((at, terms))
+                left.discard(at)
+
+    middle = constants_of(np.zeros(n))
+    ends = np.array([[constants_of(s * np.eye(n)[i]) for s in (-1.0, 1.0)] for i in range(n)])
+    slope = 0.5 * (ends[:, 1] - ends[:, 0])
+    bend = 0.5 * (ends[:, 1] + ends[:, 0]) - middle
+    verify(
+        lambda at: _terms(
+            size[at], [(-1, -1, middle[at])], [(i, -1, slope[i, at]) for i in range(n)]
+        )
+    )
+    if left:
+        others = {
+            (i, j): constants_of(np.eye(n)[i] + np.eye(n)[j])
+            - middle
+            - slope[i]
+            - bend[i]
+            - slope[j]
+            - bend[j]
+            for i, j in combinations(range(n), 2)
+        }
+        verify(
+            lambda at: _terms(
+                size[at],
+                [(-1, -1, middle[at])],
+                [(i, -1, slope[i, at]) for i in range(n)],
+                [(i, i, bend[i, at]) for i in range(n)],
+                [(i, j, value[at]) for (i, j), value in others.items()],
+            )
+        )
+    if left:
+        _fit_series(own, sorted(left), constants_of, checked, expected, size)
+    return own
+
+
+def _fit_series(own, left, constants_of, checked, expected, size):
+    """Add series for the constants that are not polynomials, by the parameters they depend on."""
+    n = len(own.entries)
+    depends = np.zeros((n, len(size)), dtype=bool)
+    for x in checked[:4]:
+        base = constants_of(x)
+        for i in range(n):
+            other = x.copy()
+            other[i] = -x[i]
+            depends[i] |= constants_of(other) != base
+    groups = {}
+    for at in left:
+        groups.setdefault(tuple(np.flatnonzero(depends[:, at]).tolist()), []).append(at)
+    for which, ats in groups.items():
+        if len(which) > 2:
+            names = ", ".join(own.entries[i].name for i in which)
+            raise ValueError(
+                "The 'tunable' parameter of to_c must be parameters of which at most two determine "
+                f"a constant of the program that is no polynomial of them. Got {names} instead."
+            )
+        scale = size[ats] + (size[ats] == 0.0)
+        for degree in _DEGREES:
+            table = _series(constants_of, n, which, degree)[ats]
+            found = np.array([_evaluated(table, x[list(which)]) for x in checked])
+            if (np.abs(found - expected[:, ats]).max(axis=0) <= _SAME * scale).all():
+                break
+        else:
+            names = ", ".join(own.entries[i].name for i in which)
+            raise ValueError(
+                "The 'tunable' parameter of to_c must be parameters on which constants depend "
+                f"smoothly within their ranges. Got {names} instead: choose narrower ranges."
+            )
+        # what rounding alone has made of the last coefficients is left out
+        small = (np.abs(table) / scale[:, None, None]).max(axis=0) < 1e-16
+        rows, columns = (np.flatnonzero(~small.all(axis=axis)) for axis in (1, 0))
+        table = table[:, : rows.max(initial=0) + 1, : columns.max(initial=0) + 1]
+        own.series.append((ats, which, table))
+
+
+def _series(constants_of, n, which, degree):
+    """Return the coefficients (n_constants, n, m) of series by one or two parameters."""
+    nodes = chebyshev.chebpts1(degree + 1)
+    to_series = chebyshev.chebvander(nodes, degree).T * 2.0 / (degree + 1)
+    to_series[0] *= 0.5
+    values = []
+    for index in np.ndindex(*(degree + 1,) * len(which)):
+        x = np.zeros(n)
+        x[list(which)] = nodes[list(index)]
+        values.append(constants_of(x))
+    values = np.moveaxis(np.reshape(values, (*(degree + 1,) * len(which), -1)), -1, 0)
+    values = values if len(which) == 2 else values[:, :, None]
+    table = np.einsum("pa,kab->kpb", to_series, values)
+    return np.einsum("qb,kpb->kpq", to_series, table) if len(which) == 2 else table
+
+
+def _terms(size, *lists):
+    """Return the terms that are not rounding, at least one."""
+    small = 1e-16 * size
+    found = [(a, b, float(f)) for own in lists for a, b, f in own if abs(f) > small]
+    return found or [(-1, -1, 0.0)]
+
+
+def _constants(compiled_step):
+    """Return the constants of each part of a compiled step, in order of binding."""
+    found = []
+
+    def binding(step, constants, s):
+        found.append(constants)
+        return lambda u: 0.0
+
+    compiled_step.bound(compiled_step.state.copy(), binding)
+    return found
+
+
+def _flat(parts):
+    return np.concatenate([np.empty(0), *(np.ravel(c) for part in parts for c in part)])
+
+
+def _places(layout, varying):
+    """Return the places of constants that change, and the positions of their numbers."""
+    places, kept, at = {}, [], 0
+    for part, shapes in enumerate(layout):
+        for k, shape in enumerate(shapes):
+            size = int(np.prod(shape))
+            own = range(at, at + size)
+            if varying.intersection(own):
+                places[part, k] = len(kept)
+                kept += own
+            at += size
+    return places, kept
+
+
+def configuration(name, entries, own, dialect, others):
+    """Return what the templates of the program take for its parameters.
+
+    Parameters
+    ----------
+    name : str
+        Prefix of all names.
+    entries : tuple of Entry
+    own : Derived
+    dialect : Dialect
+    others : ndarray of shape (n_entries,)
+        Parameters of the test.
+
+    Returns
+    -------
+    dict of str to str
+    """
+    literal, n = dialect.literal, len(entries)
+    fields = {}
+    for entry in entries:
+        fields.setdefault(entry.field, []).append(entry)
+    lines, at = [], 0
+    declared = []
+    for own_field, group in fields.items():
+        ends = "; ".join(f"{e.low:.6g} to {e.high:.6g}" for e in group[:3])
+        more = ", ..." if len(group) > 3 else ""
+        unit = f"{group[0].unit}: " if group[0].unit else ""
+        size = f"[{len(group)}]" if group[0].index is not None else ""
+        declared.append(f"    {dialect.type} {own_field}{size}; /* {unit}{ends}{more} */\n")
+        for k in range(len(group)):
+            place = f"{own_field}[{k}]" if size else own_field
+            lines.append(f"    p[{at}] = params->{place};\n")
+            at += 1
+
+    def listed(values):
+        """Return an initializer of the struct."""
+        texts, left = [], list(values)
+        for group in fields.values():
+            part = ", ".join(literal(left.pop(0)) for _ in group)
+            texts.append(part if group[0].index is None else f"{{{part}}}")
+        return ", ".join(texts)
+
+    derive = [_polynomials(own, dialect, n)] if own.quadratic else []
+    derive += [_series_text(name, dialect, *one) for one in own.series]
+    helper = _CHEBYSHEV.format(t=dialect.type, name=name, one=literal(1.0), two=literal(2.0))
+    first = entries[0]
+    return {
+        "fields": "".join(declared),
+        "n_constants": max(len(own.first), 1),
+        "constants": ", ".join(map(literal, own.first)) or literal(0.0),
+        "values": listed([e.value for e in entries]),
+        "others": listed(others),
+        "helpers": helper if own.series else "",
+        "n": n,
+        "n_and_one": n + 1,
+        "low": ", ".join(literal(e.low) for e in entries),
+        "high": ", ".join(literal(e.high) for e in entries),
+        "read": "".join(lines),
+        "half": literal(0.5),
+        "unity": literal(1.0),
+        "derive": "".join(derive),
+        "one_field": first.field + ("[0]" if first.index is not None else ""),
+        "type_max": literal(np.inf),
+    }
+
+
+_CHEBYSHEV = """\
+/* Chebyshev polynomials of degrees below n */
+static void {name}_chebyshev({t} x, int32_t n, {t} *y)
+{{
+    int32_t i;
+    for (i = 0; i < n; i++) {{
+        y[i] = i == 0 ? {one} : i == 1 ? x : {two} * x * y[i - 1] - y[i - 2];
+    }}
+}}
+
+"""
+
+
+def _table(kind, name, values):
+    return (
+        f"        static const {kind} {name}[{len(values)}] = {{{', '.join(map(str, values))}}};\n"
+    )
+
+
+def _polynomials(own, dialect, n):
+    """Return the statements that compute constants which are polynomials."""
+    rows = [
+        (at, a if a >= 0 else n, b if b >= 0 else n, f) for at, t in own.quadratic for a, b, f in t
+    ]
+    at, a, b, f = zip(*rows, strict=True)
+    return (
+        "    {\n"
+        + _table("uint16_t", "at", at)
+        + _table("uint16_t", "a", a)
+        + _table("uint16_t", "b", b)
+        + _table(dialect.type, "factor", [dialect.literal(x) for x in f])
+        + f"        for (i = 0; i < {len(rows)}; i++) {{\n"
+        "            if (i == 0 || at[i] != at[i - 1]) {\n"
+        f"                state->k[at[i]] = {dialect.literal(0.0)};\n            }}\n"
+        "            state->k[at[i]] += factor[i] * p[a[i]] * p[b[i]];\n        }\n    }\n"
+    )
+
+
+def _series_text(name, dialect, ats, which, table):
+    """Return the statements that compute constants which are series."""
+    _, n, m = table.shape
+    first, second = which[0], which[-1]
+    return (
+        "    {\n"
+        + _table("uint16_t", "at", ats)
+        + _table(dialect.type, "series", [dialect.literal(x) for x in table.ravel()])
+        + f"        {dialect.type} x[{n}], y[{m}];\n        int32_t j, l;\n"
+        f"        {name}_chebyshev(p[{first}], {n}, x);\n"
+        f"        {name}_chebyshev(p[{second}], {m}, y);\n"
+        f"        for (i = 0; i < {len(ats)}; i++) {{\n"
+        f"            {dialect.type} sum = {dialect.literal(0.0)};\n"
+        f"            for (j = 0; j < {n}; j++) {{\n                for (l = 0; l < {m}; l++) {{\n"
+        f"                    sum += series[(i * {n} + j) * {m} + l] * x[j] * y[l];\n"
+        "                }\n            }\n            state->k[at[i]] = sum;\n        }\n    }\n"
+    )

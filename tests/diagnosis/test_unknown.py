@@ -1,0 +1,121 @@
+"""A term without a name: it is found where it is, shows what it is, and is not claimed of noise."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from skhyst.diagnosis import EffectSearchCV
+from skhyst.linear import SecondOrderMode, SecondOrderModeOperator
+
+N, DT, NOISE = 1500, 1e-3, 0.02
+MODE = SecondOrderModeOperator(100.0, 0.3)
+
+
+def smooth_noise(seed):
+    u = np.random.default_rng(seed).normal(size=N)
+    for pole in (0.9, 0.8):
+        u = lfilter([1.0], [1.0, -pole], u)
+    return u / u.std()
+
+
+U = smooth_noise(1)
+NOTCH = 0.3 * np.exp(-(((U - 0.5) / 0.3) ** 2))
+RATE = np.diff(U, prepend=U[0]) / DT
+DAMPING = 3e-6 * np.abs(RATE) * RATE
+
+
+def search(y, X=U[:, None], **params):
+    params = {"max_effects": 0, "cv": 3, "unknown": True, "random_state": 0} | params
+    return EffectSearchCV(SecondOrderMode(dt=DT), **params).fit(X, y)
+
+
+def noise(seed):
+    return NOISE * np.random.default_rng(seed).normal(size=N)
+
+
+@pytest.fixture(scope="module")
+def notched():
+    return search(MODE.run(U + NOTCH, DT)[0] + noise(2))
+
+
+@pytest.fixture(scope="module")
+def damped():
+    return search(MODE.run(U, DT)[0] + DAMPING + noise(3))
+
+
+def test_place_and_curve(notched):
+    found = notched.unknown_
+    assert notched.verdict_ == "unexplained"
+    assert notched.effects_ == []
+    assert (found.place, found.argument) == ("drive", "drive")
+    assert not found.structure_left
+    # a prediction at the floor, where the declared model's was more than twice that
+    assert found.error_before == notched.error_after_ > 2.5 * NOISE
+    assert found.error_after < 1.15 * NOISE
+    # up to a straight line, which the mode's gain and intercept have
+    v = found.curve["argument"].to_numpy()
+    truth = 0.3 * np.exp(-(((v - 0.5) / 0.3) ** 2))
+    line = np.stack([v, np.ones_like(v)], axis=1)
+    left = truth - found.curve["value"]
+    left -= line @ np.linalg.lstsq(line, left, rcond=None)[0]
+    assert np.sqrt(np.mean(left**2)) < 0.015
+    assert np.all(found.curve["low"] < found.curve["high"])
+    assert found.curve["density"].sum() == pytest.approx(0.99, abs=0.006)
+
+
+def test_the_parameters_stay(notched):
+    params = notched.unknown_.estimator.params_
+    std = notched.unknown_.estimator.params_std_
+    name = "second_order_mode__natural_frequency"
+    assert abs(params[name] - 100.0) < 4.0 * std[name]
+
+
+def test_the_model_with_the_term_is_a_model(notched):
+    model = notched.unknown_.estimator
+    fresh = smooth_noise(5) * 0.5
+    truth, _ = MODE.run(fresh + 0.3 * np.exp(-(((fresh - 0.5) / 0.3) ** 2)), DT)
+    assert np.sqrt(np.mean((model.predict(fresh[:, None]) - truth) ** 2)) < 0.5 * NOISE
+
+
+def test_law(damped):
+    found = damped.unknown_
+    assert (found.place, found.argument) == ("response", "rate of the drive")
+    first = found.laws.iloc[0]
+    assert first["law"] == "quadratic with sign"
+    assert abs(first["c"] - 3e-6) < 4.0 * first["c_std"] < 3e-7
+    assert "odd" in str(found)
+    assert found.to_dict()["laws"][0]["formula"] == "c |v| v"
+
+
+def test_report(notched):
+    report = notched.report()
+    assert report.unknown["place"] == "drive"
+    assert len(report.unknown["curve"]["low"]) == len(notched.unknown_.curve)
+    assert "unexplained: a term added to the drive that depends on" in report.to_text()
+    assert "Unexplained: a term added to the drive that depends on" in report.to_markdown()
+    assert "simultaneous 95 % band" in report.to_html()
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_of_noise_there_is_none(seed):
+    coloured = lfilter([1.0], [1.0, -0.8], noise(10 + seed))
+    assert search(MODE.run(U, DT)[0] + coloured).unknown_ is None
+
+
+def test_a_named_effect_comes_first():
+    y = np.minimum(MODE.run(U, DT)[0], 0.8) + noise(4)
+    found = search(y, effects=["output_saturation"], max_effects=1)
+    assert found.effects_ == ["output_saturation"]
+    assert found.unknown_ is None
+
+
+def test_of_a_further_column():
+    temperature = np.cumsum(np.random.default_rng(7).normal(size=N)) / 20.0
+    y = MODE.run(U, DT)[0] + 0.1 * np.abs(temperature) + noise(5)
+    found = search(y, np.stack([U, temperature], axis=1)).unknown_
+    assert (found.place, found.argument) == ("response", "column 1 of X")
+    assert "absolute value" in set(found.laws["law"])
+
+
+def test_it_is_not_sought_unasked():
+    assert search(MODE.run(U, DT)[0] + DAMPING + noise(3), unknown=False).unknown_ is None
