@@ -229,7 +229,7 @@ def test_rates():
 def test_friction_follows_the_sign_of_the_velocity():
     numbers, truth = numbers_and_truth("friction")
     peak = np.abs(found("friction")[0].X_train["drive"]).max()
-    assert_near(numbers["static level"], truth["static"] * peak, 0.05)
+    assert_near(numbers["breakaway force"], truth["static"] * peak, 0.05)
     v, force = picture("friction")[0]["identified"]
     moves = np.abs(v) > 0.05 * np.ptp(v)
     assert np.all(np.sign(force[moves]) == np.sign(v[moves]))
