@@ -56,6 +56,38 @@ def read_data(estimator, X, *y, reset, dt=None, bridge=False):
     return slices, array, response
 
 
+def refuse_no_experiment(columns, response, slices):
+    """Refuse signals that cannot be the drive and the response of a device."""
+    if not np.ptp(response):
+        raise RecordError(
+            f"The response must move. Got {response[0]:g} in every sample instead: is it the "
+            "column that was meant, and was the sensor on?"
+        )
+    for number, column in enumerate(columns.T):
+        if np.array_equal(column, response):
+            raise RecordError(
+                f"The response must be another signal than the inputs. Got column {number} of X "
+                "twice instead: name the column that the sensor measured."
+            )
+    if _is_time(columns[:, 0], slices):
+        raise RecordError(
+            "The drive must be a signal that was applied to the device. Got one that counts the "
+            "time or the samples instead: it is the first column of X, and the time belongs into "
+            "the index (the 'time' parameter of read_records, --time on the command line)."
+        )
+
+
+def _is_time(drive, slices):
+    """Whether a signal rises as the time of each record does, in any unit, or as row numbers."""
+    starts = [drive[s.rows.start] for s in slices]
+    own = np.concatenate([drive[s.rows] - start for s, start in zip(slices, starts, strict=True)])
+    time = np.concatenate([s.dt * np.arange(s.n_samples) for s in slices])
+    dt = min(s.dt for s in slices)
+    scales = 1.0 / dt, 1.0, 1e3, 1e6, 1e9  # samples, s, ms, us, ns
+    # half a sample: stamps are rounded, or stray from even ones
+    return any(np.abs(own - scale * time).max() < 0.5 * scale * dt for scale in scales)
+
+
 def _is_memoryless(estimator):
     return getattr(getattr(estimator, "operator_class", None), "memoryless", False)
 
@@ -363,17 +395,23 @@ def input_signals(estimator, n_inputs):
     )
 
 
-def warn_beyond(estimator, drive):
-    """Warn of a drive that goes further than those of the fit."""
-    low, high = getattr(estimator, "drive_range_", (-np.inf, np.inf))
-    further = max(low - drive.min(), drive.max() - high)
-    if low < high and further > _FURTHER * (high - low):
-        warnings.warn(
-            f"{type(estimator).__name__} was fitted to drives from {low:g} to {high:g}. Got one "
-            f"from {drive.min():g} to {drive.max():g}: the response there was not measured.",
-            ExtrapolationWarning,
-            stacklevel=3,
-        )
+def warn_beyond(estimator, X, columns):
+    """Warn of a drive, or of further columns that are read, beyond those of the fit."""
+    drive = drive_column(estimator)
+    seen = {drive: getattr(estimator, "drive_range_", (-np.inf, np.inf))}
+    if hasattr(estimator, "input_range_"):  # models of earlier versions know that of the drive
+        seen |= {i: estimator.input_range_[:, i] for i in sorted(columns - {drive})}
+    names = list(getattr(estimator, "feature_names_in_", range(X.shape[1])))
+    for i, (low, high) in seen.items():
+        what = "drives" if i == drive else f"values of column {names[i]!r}"
+        lowest, highest = X[:, i].min(), X[:, i].max()
+        if low < high and max(low - lowest, highest - high) > _FURTHER * (high - low):
+            warnings.warn(
+                f"{type(estimator).__name__} was fitted to {what} from {low:g} to {high:g}. Got "
+                f"{lowest:g} to {highest:g} instead: the response there was not measured.",
+                ExtrapolationWarning,
+                stacklevel=3,
+            )
 
 
 def as_floats(estimator, X, *y, **options):

@@ -56,6 +56,7 @@ from .optimize import (
     calibrated,
     identify,
     input_history_of,
+    is_coloured,
     with_further_starts,
     with_input_history,
 )
@@ -75,6 +76,7 @@ _NO_REST = (
 _CLEARLY = 0.5  # of the error: as much as chance and the colour of a residual do not make
 _NOTHING = 0.98  # of the variance of the response, which a constant leaves
 _MOST = 0.5  # of a squared error, which is more than another fit of the same noise removes
+_OTHERWISE = 10.0  # times the error of a fit, which no new record of a device makes
 _FEW = "Records this short tell like few independent samples, and params_std_ is too small for"
 
 
@@ -278,6 +280,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         "sample" where the fit was told no interval.
     drive_range_ : tuple of (float, float)
         Smallest and largest drive that the fit has seen, units of the drive.
+    input_range_ : ndarray of shape (2, n_inputs)
+        Smallest and largest value of each column of X that the fit has seen, in its units.
     drive_rate_ : float
         Fastest change of the drive between two samples that it has seen, units of the drive per s.
     initial_drive_ : ndarray of shape (n_records, n_values), or (n_records, n_values, n_inputs)
@@ -317,6 +321,11 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     def __init_subclass__(cls, **options):
         super().__init_subclass__(**options)
         inherit_documentation(cls)
+
+    @classmethod
+    @cache  # a search asks thousands of times
+    def _get_param_names(cls):
+        return super()._get_param_names()
 
     def __init__(self, *, initial_state="rest", dt=None, drive=None, method="variable_projection"):
         self.initial_state = initial_state
@@ -448,6 +457,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """Validate X and y, store the records, and return them as identification uses them."""
         slices, X, y = read_data(self, X, y, reset=True, bridge=True)
         self.records_, self.has_rest_ = slices, True
+        self.input_range_ = np.array([X.min(axis=0), X.max(axis=0)])
         weights = np.ones(len(y))
         if sample_weight is not None:
             options = {"dtype": float, "ensure_non_negative": True}
@@ -661,7 +671,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         model, result = identified(self, records)
         moving = None if self.free_run_state == "zero" else self._without_rest(result, records)
         if moving is None:
-            return self.finish(self._settled(model, result, records), records)
+            result = self._settled(model, result, records)
+            self._doubt_rest(model, result, records)
+            return self.finish(result, records)
         warnings.warn(
             f"{_NO_REST.format(type(self).__name__)}: with initial_state='zero' the error is "
             f"{moving.error:.3g} in place of {result.error:.3g}.",
@@ -690,6 +702,37 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         again = refine(model, [(ordered, result.disturbances)], records, "variable_projection")
         evaluations = result.n_evaluations + again.n_evaluations
         return replace(again, n_evaluations=evaluations, is_local=result.is_local)
+
+    def _doubt_rest(self, model, result, records):
+        """Warn where records begin otherwise than at rest: a fit then bends to how they do.
+
+        ``model`` has its hold decided.
+        """
+        operator, told = result.operator, agreed(self, "initial_state") != "rest"
+        if told or operator.memoryless or result.input_history is not None:
+            return
+        if not np.ptp(np.concatenate([record.drive for record in records])):  # which is told
+            return
+        # what has no rest does not forget how it began
+        if not (is_coloured if operator.n_start else _is_left_early)(result, records):
+            return
+        state, least = "rest", result.error
+        start, method = [(operator, result.disturbances)], "variable_projection"
+        zero = with_params(model, initial_state="zero")
+        for other, found in (
+            ("zero", refine(zero, start, records, method, with_errors=False)),
+            ("estimate", with_input_history(result, records, method)),
+        ):
+            if found.error < _CLEARLY * least:
+                state, least = other, found.error
+        if state != "rest":
+            warnings.warn(
+                f"The records begin otherwise than at the rest that {type(self).__name__} starts "
+                f"from: with initial_state={state!r} the error is {least:.3g} in place of "
+                f"{result.error:.3g}.",
+                ConvergenceWarning,
+                stacklevel=5,
+            )
 
     def _without_rest(self, result, records):
         """Return what a start from zero leaves room for, if the response has no state of rest.
@@ -904,10 +947,12 @@ class ParametricModel(RegressorMixin, BaseEstimator):
                 stacklevel=2,
             )
         if not self.operator_.signal_linear:
-            warn_beyond(self, X[:, drive_column(self)])
+            warn_beyond(self, X, _read_columns(self.operator_))
         y = run_records(self.operator_, signal, slices, self.free_run_state, schedules)
         for number, own in going.items():
-            y[slices[number].rows] = np.nan_to_num(own.run()[0])
+            rows = slices[number].rows
+            y[rows] = np.nan_to_num(own.run()[0])
+            self._doubt_known(y[rows], known[0][rows])
         if not return_std:
             return y if read is None else y[read]
         variance = np.empty(len(y))
@@ -963,6 +1008,23 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             state = "rest" if record.start is None else record.start
             found[i] = _Run(*own, u, record.dt, state, skip).at(record.schedule)
         return found
+
+    def _doubt_known(self, run, known):
+        """Warn where no start leads to a response that is known, as one of another unit."""
+        told = np.isfinite(known)
+        # about as many values are estimated from it: fewer samples do not tell
+        if np.count_nonzero(told) <= np.log2(len(known)) or not hasattr(self, "fit_error_"):
+            return
+        known = known[told]
+        error = np.sqrt(np.mean(np.square(run[told] - known)))
+        if error > max(_OTHERWISE * self.fit_error_, np.std(known)):
+            warnings.warn(
+                f"{type(self).__name__} does not follow the known response from any start: the "
+                f"error is {error:.3g}, that of the fit was {self.fit_error_:.3g}. Is it the same "
+                "device, in the same units?",
+                ConvergenceWarning,
+                stacklevel=3,
+            )
 
     def depends_on_interval(self, dt) -> bool:
         """Whether the fitted model answers otherwise at an interval than at that of its fit.
@@ -1040,7 +1102,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         signal, schedules = self.operator_input(X, slices)
         rest = _Run(self.operator_, None, signal, slices[0].dt, self.free_run_state)
         going = self._begun(slices, signal, schedules, y).get(0, rest.at(schedules[0]))
-        _, state = going.run()
+        run, state = going.run()
+        self._doubt_known(run, y)
         if schedule is not None:
             going = going.at(
                 finite_number(schedule, f"{type(self).__name__}.stepper_from", "schedule")
@@ -1123,6 +1186,23 @@ def _better_slope(drives, result, records):
         return 0.0
     left = max(power - product**2 / own, NOISELESS * power)
     return product if left < _MOST * min(power, error) else 0.0
+
+
+def _read_columns(operator):
+    """Return the numbers of the columns that act by themselves in a tree of operators."""
+    own = getattr(operator, "column", -1)  # -1 is the amplitude, which is that of the drive
+    return {own} - {-1} | {i for child in operator.children for i in _read_columns(child)}
+
+
+def _is_left_early(result, records):
+    """Whether most of what a fit from rest leaves is left in the first tenth of each record."""
+    early, left = 0.0, 0.0
+    for record, output in zip(records, result.outputs(records), strict=True):
+        squares = record.counts() * np.square(record.y - output)
+        early += squares[: len(squares) // 10].sum()
+        left += squares.sum()
+    negligible = NOISELESS * sum(record.power() for record in records)
+    return left > negligible and early > 0.5 * left
 
 
 def _device(operator, dt, state, inputs, step=None):

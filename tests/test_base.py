@@ -166,6 +166,39 @@ def test_constant_drive(model, level, response):
         assert known <= {"intercept", "plays__intercept"}
 
 
+@pytest.mark.parametrize(("first", "state"), [(0.0, "zero"), (4.5, "estimate"), (None, None)])
+def test_records_that_begin_otherwise_than_at_rest_are_told(first, state):
+    """x' = (2 u - x) / 0.1 s, a drive that is held between samples."""
+    rng, y = np.random.default_rng(0), np.zeros(400)
+    u = np.repeat(rng.uniform(0.5, 1.5, 20), 20)
+    y[0] = 2.0 * u[0] if first is None else first
+    for k in range(1, 400):
+        y[k] = 2.0 * u[k - 1] + (y[k - 1] - 2.0 * u[k - 1]) * np.exp(-0.1)
+    y += 1e-3 * rng.normal(size=400)
+    model = FirstOrderLag(hold="zoh", dt=0.01)
+    if first is None:
+        model.fit(u[:, None], y)
+    else:
+        with pytest.warns(ConvergenceWarning, match=f"with initial_state='{state}' the error is"):
+            model.fit(u[:, None], y)
+        model.set_params(initial_state=state).fit(u[:, None], y)
+    assert model.fit_error_ < 1.1e-3
+    assert model.operator_.time_constant == pytest.approx(0.1, rel=1e-2)
+
+
+@pytest.mark.parametrize("factor", [1e3, 1e-3, -1.0])
+def test_a_known_response_that_no_start_leads_to_is_told(factor):
+    model = FirstOrderLag(dt=DT).fit(X, Y + 1e-3 * np.random.default_rng(0).normal(size=N))
+    known = np.where(np.arange(N) < 40, Y, np.nan)
+    model.predict(X, y_start=known)  # warnings are errors
+    model.predict(X, y_start=np.where(np.arange(N) < 1, Y, np.nan))
+    model.stepper_from(X[:40], Y[:40])
+    with pytest.warns(ConvergenceWarning, match="does not follow the known response"):
+        model.predict(X, y_start=factor * known)
+    with pytest.warns(ConvergenceWarning, match="does not follow the known response"):
+        model.stepper_from(X[:40], factor * Y[:40])
+
+
 @pytest.mark.parametrize("name", ["lag", "cascade"])
 def test_constant_response(name):
     """No gain, so there is nothing to see of the time constant."""
@@ -282,7 +315,8 @@ def test_rest_and_zero():
         assert model.operators_["lag"].time_constant == pytest.approx(0.04, rel=1e-4)
         np.testing.assert_allclose(model.predict(u.reshape(-1, 1)), y, atol=1e-5)
     y, _ = PLANT.run(u, DT, PLANT.init(u[0], "zero"))
-    wrong = clone(MODELS["cascade"]).fit(u.reshape(-1, 1), y)
+    with pytest.warns(ConvergenceWarning, match="with initial_state='zero' the error is"):
+        wrong = clone(MODELS["cascade"]).fit(u.reshape(-1, 1), y)
     assert wrong.fit_error_ > 0.01
 
 
@@ -295,7 +329,8 @@ def test_estimated_history():
     ]
     data = pd.concat([frame(part, record=i) for i, part in enumerate(u)]), np.concatenate(parts)
     options = {"thresholds": [0.0, 0.5, 1.0]}
-    rest = PrandtlIshlinskii(**options).fit(*data)
+    with pytest.warns(ConvergenceWarning, match="with initial_state='estimate' the error is"):
+        rest = PrandtlIshlinskii(**options).fit(*data)
     model = PrandtlIshlinskii(**options, initial_state="estimate").fit(*data)
     assert model.fit_error_ < 0.2 * rest.fit_error_
     assert model.initial_drive_.shape == (2, int(np.log2(N // 2)) + 1)
@@ -611,6 +646,7 @@ def test_a_column_that_is_doubted_is_weighed():
         FirstOrderLag(dt=DT).fit(two, spoilt)
 
 
+@pytest.mark.filterwarnings("ignore:The records begin otherwise")  # those of folds
 def test_weights_through_a_pipeline_and_a_search():
     """As scikit-learn routes them: to the fit of the model in each fold, by name or by request."""
     weights = np.ones(N)
@@ -634,7 +670,7 @@ def test_a_prediction_beyond_the_range_of_the_fit_is_told():
     u = np.sin(2.0 * np.pi * t) * t[::-1]
     plays = PrandtlIshlinskii(5, dt=0.01).fit(u[:, None], u)
     low, high = plays.drive_range_
-    with pytest.warns(ExtrapolationWarning, match=f"from {low:g} to {high:g}. Got one from"):
+    with pytest.warns(ExtrapolationWarning, match=f"from {low:g} to {high:g}. Got"):
         plays.predict(1.5 * u[:, None])
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -36,15 +36,16 @@ WRITERS = {  # each writer of the package, by the file that it writes
     "gear.c": lambda search, path: to_c(BacklashOperator(0.2), path.parent, "gear", dt=1e-3),
     "gear.fmu": lambda search, path: to_fmu(BacklashOperator(0.2), path, dt=1e-3),
 }
+EACH = pytest.mark.parametrize(  # the pictures of the page take seconds
+    "name", [pytest.param(n, marks=pytest.mark.slow) if n == "report.html" else n for n in WRITERS]
+)
 
 
 # where writing fails, the pickler of Python 3.13 leaves a buffer that is still seen
 @pytest.mark.filterwarnings(
     "ignore:Exception ignored.*BytesIO:pytest.PytestUnraisableExceptionWarning"
 )
-@pytest.mark.parametrize(  # the pictures of the page take seconds
-    "name", [pytest.param(n, marks=pytest.mark.slow) if n == "report.html" else n for n in WRITERS]
-)
+@EACH
 def test_a_full_disk_leaves_the_old_file_whole(search, tmp_path, name):
     path, write = tmp_path / name, WRITERS[name]
     write(search, path)
@@ -67,7 +68,7 @@ def test_a_full_disk_leaves_the_old_file_whole(search, tmp_path, name):
     assert stat.S_IMODE(path.stat().st_mode) == 0o640
 
 
-@pytest.mark.parametrize("name", WRITERS)
+@EACH
 def test_no_writer_follows_a_link(search, tmp_path, name):
     (tmp_path / "other").write_text("mine")
     (tmp_path / name).symlink_to("other")

@@ -133,15 +133,18 @@ class Module:
         names = [alias for node in found for alias in node.names]
         return [alias.name for alias in names if alias.asname == alias.name]
 
+    @cache  # noqa: B019  (the process is short)
     def imports(self, everywhere=False):
-        """Yield module and name (None for a whole module) of each import of skhyst."""
+        """Return module and name (None for a whole module) of each import of skhyst."""
+        found = []
         for node in ast.walk(self.tree) if everywhere else outside_functions(self.tree):
             if isinstance(node, ast.Import):
-                yield from ((alias.name, None) for alias in node.names if is_own(alias.name))
+                found += [(alias.name, None) for alias in node.names if is_own(alias.name)]
             elif isinstance(node, ast.ImportFrom):
                 source = self._absolute(node)
                 if is_own(source):
-                    yield from ((source, alias.name) for alias in node.names)
+                    found += [(source, alias.name) for alias in node.names]
+        return found
 
     def _absolute(self, node):
         if not node.level:

@@ -15,7 +15,7 @@ from ..fleet import diagnose_files
 from ..inspection import FAR, compare_models
 from ..persistence import save_model
 from ..records import read_records, record_slices, resample_records
-from ._reading_options import find_columns, reading_options
+from ._reading_options import find_columns, reading_options, sources
 
 _DRAWN = ("jinja2", "matplotlib")
 _REPORTS = {".html": _DRAWN, ".htm": _DRAWN, ".md": ("jinja2",)}
@@ -28,6 +28,7 @@ _OF_ONE = (
     "save",
     "json",
     "checkpoint",
+    "join",
 )  # options of a single recording
 
 
@@ -35,8 +36,11 @@ def diagnose(options):
     """Search one recording, or many for a table."""
     if options.summary:
         return _summarize(options)
-    if len(options.files) > 1:
-        raise ValueError("Several recordings give one table: add --summary FILE.")
+    if len(options.files) > 1 and not options.join:
+        raise ValueError(
+            "Several recordings give one table: add --summary FILE. Several files with columns of "
+            "one recording are joined: add --join."
+        )
     return _diagnose_one(options)
 
 
@@ -49,7 +53,8 @@ def _diagnose_one(options):
     checkpoint = [options.checkpoint] if options.checkpoint else []
     prepare([path for path in outputs if path], [*options.files, *checkpoint], options)
     check_outputs(checkpoint, options.files, force=True)  # the search refuses one of another search
-    X, y = read_records(options.files[0], **_reading(options))
+    recordings = sources(options)
+    X, y = read_records(recordings[0], **_reading(options, recordings))
     if options.rows:
         rows = _rows(options.rows)
         X, y = X.iloc[rows], y.iloc[rows]
@@ -101,7 +106,7 @@ def _summarize(options):
     refused = [name for name in _OF_ONE if getattr(options, name)]
     if refused:
         raise ValueError(f"--{refused[0].replace('_', '-')} is for one recording: not --summary.")
-    reading, more = _reading(options), _searching(options)
+    reading, more = _reading(options, options.files), _searching(options)
     model = parse_model(options.model) if options.model else _of_first(options, reading)
     search = make_search(model, options, **more).set_params(n_jobs=1, verbose=0)
     try:
@@ -147,7 +152,7 @@ def _tell_rows(rows):
         print(f"{row.file}: {row.failure or row.effects or 'nothing missing'}", file=sys.stderr)
 
 
-def _reading(options):
+def _reading(options, recordings):
     """Return the parameters of read_records, with the columns that no option names.
 
     These are the columns recognised in the first file where that is possible. In a table, files
@@ -156,14 +161,14 @@ def _reading(options):
     reading = reading_options(options)
     if options.reference is not None:
         reading["auxiliary"] = [*options.auxiliary, options.reference]
-    for path in options.files:
+    for path in recordings:
         try:
             find_columns(path, reading)
             break
         except (RecordError, OSError) as error:
             failure = error
     else:
-        if None in (options.drive, options.response) or len(options.files) == 1:
+        if None in (options.drive, options.response) or len(recordings) == 1:
             raise failure
     return reading
 

@@ -4,7 +4,7 @@ from .._files import check_outputs, replacing
 from ..inspection import LoopFiguresDisplay, RecordingDisplay
 from ..records import inspect_recording
 from ._messages import as_options
-from ._reading_options import reading_options
+from ._reading_options import reading_options, sources
 
 _MOST = 20  # loops that are printed
 
@@ -12,10 +12,11 @@ _MOST = 20  # loops that are printed
 def inspect(options):
     """Print an overview of each recording, and draw one."""
     picture = options.picture
-    if picture and len(options.files) > 1:
+    recordings = sources(options)
+    if picture and len(recordings) > 1:
         raise ValueError("A picture is of one recording: --picture with one file.")
     check_outputs([picture] if picture else [], options.files, force=options.force)
-    for number, path in enumerate(options.files):
+    for number, path in enumerate(recordings):
         overview = inspect_recording(path, **reading_options(options))
         print(as_options(f"\n{overview}" if number else str(overview)))
         if overview.records:

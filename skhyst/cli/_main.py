@@ -149,8 +149,10 @@ def _add_next(commands):
 def _add_reading(parser, nargs=1):
     """Add the recordings, and the options of reading them."""
     add = parser.add_argument
-    known = "csv, txt, xlsx, mat, npy, npz, json, hdf5, parquet, feather, tdms, wav"
+    known = "csv, txt, lvm, asc, xlsx, mat, npy, npz, json, hdf5, parquet, feather, tdms, wav"
     add("files", type=Path, nargs=nargs, metavar="file", help=f"recording: {known}")
+    one = "the files hold columns of one recording, side by side"
+    add("--join", action="store_true", help=one)
     found = "(default: recognised by its name and values, if possible)"
     add("--drive", metavar="COL", help=f"column or variable of the drive {found}")
     add("--response", metavar="COL", help="column or variable of the response (likewise)")

@@ -1,6 +1,6 @@
 """Options of the command line for reading a recording, as parameters of `read_records`."""
 
-from ..io import recognise_columns
+from ..io import join_files, recognise_columns
 
 _READING = (  # options that are parameters of read_records
     *("drive", "response", "time", "time_unit", "record", "auxiliary", "sampling_rate"),
@@ -12,8 +12,17 @@ _KNOWN = tuple(name for name in _READING if name not in ("time_unit", "on_missin
 def reading_options(options):
     """Return the parameters of read_records."""
     reading = {name: getattr(options, name) for name in _READING}
+    if options.join:  # which has read the text
+        reading |= {"delimiter": None, "decimal": None}
     reading["units"] = dict(_unit(text) for text in options.unit)
     return reading
+
+
+def sources(options):
+    """Return the recordings: files, or the one that joined files hold."""
+    if not options.join:
+        return options.files
+    return [join_files(options.files, delimiter=options.delimiter, decimal=options.decimal)]
 
 
 def find_columns(path, reading):

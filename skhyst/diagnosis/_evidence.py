@@ -18,6 +18,9 @@ _SPOKEN = {
     "lower": ("lower level", 1.0),
     "upper": ("upper level", 1.0),
     "rate": ("largest rate", 1.0),
+    "static_level": ("breakaway force", 1.0),
+    "friction": ("Coulomb force", 1.0),
+    "coulomb_force": ("Coulomb force", 1.0),
 }
 # numbered weights and coefficients say little one by one
 _UNTOLD = re.compile("(weight|coefficient|compliance|numerator)s? ")
@@ -46,7 +49,7 @@ class Evidence:
 
 
 def gather_evidence(claim, before, after):
-    """Return the evidence of a claim; of held-out errors before and after."""
+    """Return the evidence of a claim; of the held-out errors without it and with it."""
     found, words = _tried("numbers", _numbers, claim, {}), replace(claim.words, time="s")
     numbers = {
         name: (float(value), float(std), words.of(unit))
@@ -59,8 +62,8 @@ def gather_evidence(claim, before, after):
     told = f"Identified: {listed(told)}. " if told else ""
     share = 100.0 * (1.0 - (after / before) ** 2) if before > 0.0 else 0.0
     statement = (
-        f"{claim.effect.law} {told}The augmented model removes {share:.1f} % of the "
-        "power of the declared model's held-out residual."
+        f"{claim.effect.law} {told}It removes {share:.1f} % of the power of the held-out residual "
+        "that is left without it."
     )
     picture = _tried("picture", draw, claim, Picture(claim.effect.name, "", "", ()))
     return Evidence(claim.effect.name, statement.strip(), numbers, picture)

@@ -6,7 +6,6 @@ from itertools import compress
 import numpy as np
 
 from ..base import read_data
-from ..exceptions import RecordError
 from ..io import unit_of
 from ..model_selection import stretches
 from ..optimize import RecordData
@@ -20,38 +19,6 @@ def units_of(search, response, slices):
     """Return the units of the columns' names, and of time."""
     drive, *_ = getattr(search, "feature_names_in_", [""])
     return Units(unit_of(drive), unit_of(response), slices[0].time_unit)
-
-
-def refuse_no_experiment(columns, response, slices):
-    """Refuse signals that cannot be the drive and the response of a device."""
-    if not np.ptp(response):
-        raise RecordError(
-            f"The response must move. Got {response[0]:g} in every sample instead: is it the "
-            "column that was meant, and was the sensor on?"
-        )
-    for number, column in enumerate(columns.T):
-        if np.array_equal(column, response):
-            raise RecordError(
-                f"The response must be another signal than the inputs. Got column {number} of X "
-                "twice instead: name the column that the sensor measured."
-            )
-    if _is_time(columns[:, 0], slices):
-        raise RecordError(
-            "The drive must be a signal that was applied to the device. Got one that counts the "
-            "time or the samples instead: it is the first column of X, and the time belongs into "
-            "the index (the 'time' parameter of read_records, --time on the command line)."
-        )
-
-
-def _is_time(drive, slices):
-    """Whether a signal rises as the time of each record does, in any unit, or as row numbers."""
-    starts = [drive[s.rows.start] for s in slices]
-    own = np.concatenate([drive[s.rows] - start for s, start in zip(slices, starts, strict=True)])
-    time = np.concatenate([s.dt * np.arange(s.n_samples) for s in slices])
-    dt = min(s.dt for s in slices)
-    scales = 1.0 / dt, 1.0, 1e3, 1e6, 1e9  # samples, s, ms, us, ns
-    # half a sample: stamps are rounded, or stray from even ones
-    return any(np.abs(own - scale * time).max() < 0.5 * scale * dt for scale in scales)
 
 
 def with_others(drive, columns):

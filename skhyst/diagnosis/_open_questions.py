@@ -232,10 +232,24 @@ class Intervals:
             return f"{lead}, and no parameter has an interval."
         before, after = (100.0 * self._widths(own)[self._widest] for own in answer)
         narrower = listed(
-            f"{self._names[self._inner[i]]} (from ±{number(a, 2)} to ±{number(b, 2)} %)"
+            f"{_spoken(self._names[self._inner[i]])} (from ±{number(a, 2)} to ±{number(b, 2)} %)"
             for i, a, b in zip(self._widest, before, after, strict=True)
         )
         return f"{lead}, and it makes the widest intervals narrower, of {narrower}."
+
+
+def _spoken(name):
+    """Return the name of a parameter as it is said.
+
+    Examples
+    --------
+    >>> _spoken("prandtl_ishlinskii__weights[9]"), _spoken("gain")
+    ('weights 10 of prandtl_ishlinskii', 'gain')
+    """
+    *stages, own = name.split("__")
+    own, _, number = own.rstrip("]").partition("[")
+    own = own.replace("_", " ") + (f" {int(number) + 1}" if number else "")
+    return " of ".join([own, *reversed(stages)])
 
 
 def _noise(search):

@@ -41,7 +41,7 @@ from ._reference import column_of
 from ._report_text import chance, change, listed, number, percent, plus_minus, share
 
 _NO_SETTINGS = ("estimator", "effects", "n_jobs", "verbose")
-_WIDTH = 7.4  # inches, of a picture
+_WIDTH = 6.2  # inches, of a picture
 _LOOPS = 24  # of the recording, those with the most cycles
 _PICTURES = {  # height in inches, what it is, and axes
     "course": (4.6, "Response over time, measured and modelled", (2, 1)),
@@ -52,6 +52,16 @@ _LEFT = {
     "noise": "it is noise",
     "undetermined": "the recording cannot tell",
     "unexplained": "something is left that no effect explains",
+}
+_REST = {
+    "noise": "What is left is noise.",
+    "undetermined": "Whether more is missing this recording cannot tell.",
+    "unexplained": "Something more is missing that no effect on the list explains.",
+}
+_ALONE = {
+    "noise": "The model lacks nothing that was looked for: what it leaves is noise.",
+    "undetermined": "Whether the model lacks something this recording cannot tell.",
+    "unexplained": "The model lacks something that no effect on the list explains.",
 }
 _PROVISIONAL = (
     "Provisional: the residual has structure that no effect explains, and this name may stand for "
@@ -190,6 +200,11 @@ class Report:
         return " ".join([*_warnings(self), _found(self)[1]])
 
     @property
+    def summary(self) -> str:
+        """What was found as one would say it: what is missing, how sure, and what to do next."""
+        return " ".join(_summary(self))
+
+    @property
     def remarks(self) -> list[str]:
         """What else to know of the search and of the recording, one sentence or two each."""
         return list(_remarks(self))
@@ -208,7 +223,9 @@ class Report:
 
     def to_dict(self) -> dict:
         """Return everything but the pictures, as ``report.schema.json`` describes it."""
-        words = {name: getattr(self, name) for name in ("headline", "sentence", "remarks")}
+        words = {
+            name: getattr(self, name) for name in ("headline", "summary", "sentence", "remarks")
+        }
         return copy.deepcopy({"schema": "skhyst.report/1"} | words | self.content)
 
     def to_json(self, path=None) -> str:
@@ -229,7 +246,7 @@ class Report:
 
     def to_text(self) -> str:
         """Return what is missing, the errors, the residual and remarks, in a few lines."""
-        lines = list(_outdone(self))
+        lines = [*_outdone(self), self.summary]
         lines += [f"resolution: {', '.join(self.resolution)}"] if self.resolution else []
         lines.append(f"missing: {', '.join(self.effects) or 'nothing'}")
         for claim in self.claims:
@@ -634,6 +651,34 @@ def _warnings(report):
         )
 
 
+def _summary(report):
+    """Yield what was found in short sentences."""
+    if report.effects:
+        left = (report.error_after / report.error_before) ** 2
+        part = f"{number(100.0 * max(1.0 - left, 0.0))} %"
+        lacks, it = (
+            listed(report.effects),
+            "it explains" if len(report.effects) == 1 else "together they explain",
+        )
+        yield f"The model lacks {lacks}: {it} {part} of what the model got wrong."
+        unsure = [claim["effect"] for claim in report.claims if claim["provisional"]]
+        others = [claim for claim in report.claims if claim["ambiguous_with"]]
+        if unsure:
+            yield "Sure: that something is missing, not of the name."
+        elif others:
+            names = listed(
+                f"{claim['effect']} may be {' or '.join(claim['ambiguous_with'])}"
+                for claim in others
+            )
+            yield f"Sure: that something is missing; {names} as well."
+        else:
+            yield "Sure: yes."
+    yield _REST[report.verdict] if report.effects else _ALONE[report.verdict]
+    count = len(report.next_steps)
+    steps = {0: "nothing more to record", 1: "one step, below"}.get(count, f"{count} steps, below")
+    yield f"Next: {steps}."
+
+
 def _found(report):
     """Return the headline and the sentence of what was found."""
     before, after, floor = (
@@ -647,7 +692,7 @@ def _found(report):
     noise = f"The residual is noise; its floor is {floor}."
     headline, mark = "Nothing is missing", "" if explained else "; and something unexplained"
     if report.verdict == "undetermined":
-        headline, mark = "Undetermined", "; and undetermined"
+        headline, mark = "Undetermined", "; whether more is missing cannot be told"
         noise = (
             f"What the fit leaves may be noise, of {floor} or more, but the recording cannot tell: "
             f"{report.verdict_reason}."

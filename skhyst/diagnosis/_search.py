@@ -15,6 +15,7 @@ from sklearn.utils.validation import check_is_fitted
 from threadpoolctl import threadpool_limits
 
 from .._sklearn import HasMethods, Interval, StrOptions, fit_context
+from .._validation import refuse_no_experiment
 from ..base import read_data
 from ..model_selection import by_content, segment_folds
 from ..optimize import record_folds
@@ -42,7 +43,6 @@ from ._inputs import (
     first_row,
     held_out_error,
     record_data,
-    refuse_no_experiment,
     scoring_folds,
     units_of,
     with_others,
@@ -530,7 +530,9 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         for row in history:
             effect = EFFECTS[row["effect"]]
             own = base.structure, result, tuple(records), tuple(columns), self.units_
-            row["evidence"] = gather_evidence(Claim(effect, *own), first.error, base.error)
+            row["evidence"] = gather_evidence(
+                Claim(effect, *own), row["error_before"], row["error_after"]
+            )
             row["provisional"] = self.verdict_ == "unexplained"
             self.evidence_[effect.name] = row["evidence"]
         self.history_ = pd.DataFrame(history, columns=HISTORY)

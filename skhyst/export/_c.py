@@ -457,6 +457,17 @@ def program(
             f"{tolerance!r} instead."
         )
 
+    entries = None
+    if tunable:
+        if dtype == "int32" or hasattr(model, "bound") or isinstance(model, Stepper):
+            raise ValueError(
+                "The 'tunable' parameter of to_c must be empty for 'int32', whose numbers are "
+                "sized by their constants, and for steppers, whose model is not known. Got "
+                f"{tunable!r} instead."
+            )
+        entries, with_values = entries_of(model, tunable)
+        model = with_values([entry.value for entry in entries])
+
     def at_rest(level, model=model):
         stepper, own = _stepper(model, dt, initial_state, level)
         return _compacted(stepper) if form == "step" else stepper, own
@@ -469,15 +480,8 @@ def program(
             f"Got {dtype!r} instead."
         )
     n_inputs = compiled_step.n_inputs or 1
-    tuned = entries = None
+    tuned = None
     if tunable:
-        if dtype == "int32" or hasattr(model, "bound") or isinstance(model, Stepper):
-            raise ValueError(
-                "The 'tunable' parameter of to_c must be empty for 'int32', whose numbers are "
-                "sized by their constants, and for steppers, whose model is not known. Got "
-                f"{tunable!r} instead."
-            )
-        entries, with_values = entries_of(model, tunable)
         tuned = derived(entries, lambda x: at_rest(u0, with_values(x))[0].compiled_step)
     step, double = model_step(compiled_step, tuned=tuned), DIALECTS["float64"]
     type_ = DIALECTS[dtype].type if dtype in DIALECTS else "int32_t"

@@ -153,6 +153,8 @@ def entries_of(model, tunable):
             )
 
     def tuned(values):
+        # what is zero may be left out of a step, which others then do not have the structure of
+        values = np.where(np.equal(values, 0.0), np.finfo(float).tiny, values)
         if operator is None:
             other = copy.copy(model)
             for entry, value in zip(entries, values, strict=True):

@@ -244,6 +244,7 @@ class FrictionStageOperator(OscillatorOperator, loops=(*loops(friction), frictio
     def characteristics(self, seen):
         velocity = abs(self.gain) * self.stribeck_velocity
         return {
+            "Coulomb force": (self.static_level * self.coulomb_ratio, "drive"),
             "stribeck velocity": (velocity, "response/s"),
             "presliding displacement": (self.presliding_displacement, "response"),
         }

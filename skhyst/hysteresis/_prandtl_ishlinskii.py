@@ -166,8 +166,9 @@ class PrandtlIshlinskiiOperator(PlaySum):
 
     def compiled_step(self, dt, state):
         thresholds, weights, _ = self._play_form
-        constants = thresholds, weights, self.intercept, self.drive_offset
-        return CompiledLaw(play_sum_step, constants, self._played(thresholds, state))
+        acts = weights != 0.0  # a fit without negative weights leaves many plays at zero
+        constants = thresholds[acts], weights[acts], self.intercept, self.drive_offset
+        return CompiledLaw(play_sum_step, constants, self._played(thresholds, state)[acts])
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
         u, du = as_signal(u), as_signal(du)

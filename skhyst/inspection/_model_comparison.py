@@ -20,10 +20,9 @@ import pandas as pd
 from sklearn.base import clone
 
 from .._documentation import documented_like
-from .._validation import read_data
+from .._validation import read_data, refuse_no_experiment
 from ..base import ParametricModel, identified
 from ..compose import Cascade
-from ..exceptions import RecordError
 from ..fluid import TankChain
 from ..hysteresis import (
     CoulombFriction,
@@ -97,8 +96,8 @@ def compare_models(X, y, models=None, *, cv=5, max_samples=5000) -> "ModelCompar
     Raises
     ------
     RecordError
-        If the samples are not evenly spaced in time, the response is constant, or no model can be
-        fitted.
+        If the samples are not evenly spaced in time, the response is constant or a column of X, the
+        drive is the time, or no model can be fitted.
 
     Examples
     --------
@@ -118,15 +117,14 @@ def compare_models(X, y, models=None, *, cv=5, max_samples=5000) -> "ModelCompar
             "The 'models' parameter of compare_models must be a dict of name to parametric model "
             f"of skhyst. Got {models!r} instead."
         )
-    slices, _, response = read_data(Gain(), X, y, reset=True)
+    slices, columns, response = read_data(Gain(), X, y, reset=True)
+    refuse_no_experiment(columns, response, slices)
     n = len(response) if max_samples is None else max_samples
     rows = np.concatenate(
         [np.arange(s.rows.start, s.rows.start + _part(s, n / len(response))) for s in slices]
     )
     X, y = (v.iloc[rows] if hasattr(v, "iloc") else np.asarray(v)[rows] for v in (X, y))
     slices, _, response = read_data(Gain(), X, y, reset=True)
-    if not np.ptp(response):
-        raise RecordError("The response is constant: there is nothing to compare models on.")
     segments, folds = segment_folds(slices, cv, X, response)
     spans = [
         slice(s.rows.start + start, s.rows.start + stop)

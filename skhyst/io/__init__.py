@@ -7,8 +7,9 @@ from ._clock import JITTER as JITTER
 from ._column_names import unit_of as unit_of
 from ._column_overview import ColumnOverview
 from ._column_overview import inspect_columns as inspect_columns
+from ._join import join_files
 from ._missing import describe_rows as describe_rows
 from ._read_columns import read_columns as read_columns
 from ._recognise import RecognisedColumn, recognise_columns
 
-__all__ = ["ColumnOverview", "RecognisedColumn", "recognise_columns"]
+__all__ = ["ColumnOverview", "RecognisedColumn", "join_files", "recognise_columns"]

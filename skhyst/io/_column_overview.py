@@ -8,7 +8,7 @@ import numpy as np
 from ..exceptions import RecordError
 from ._file_columns import as_columns, load_column, long_columns, numbers, record_groups
 from ._formats import opened
-from ._recognise import ROLES, find_roles
+from ._recognise import ROLES, roles_and_questions
 
 _MOST = 100  # largest number of columns that are inspected
 _STANDS = 0.01  # fraction of rows at the largest or smallest value, above which it may be clipped
@@ -73,15 +73,14 @@ def inspect_columns(path, **reading):
 
 
 def _roles(source, variables, reading, faults):
-    """Return (column, reason) by role; an error of the recognition is added to the faults."""
+    """Return (column, reason) by role; what is not recognised is added to the faults."""
     given = {name: reading.get(name) for name in ROLES}
     timed, others = reading.get("sampling_rate") is not None, reading.get("auxiliary", ())
     known = {role: (column, "as given") for role, column in given.items() if column is not None}
-    try:
-        found = find_roles(source, variables, given, as_columns(others), timed=timed)
-    except RecordError as error:
-        faults.append(str(error))
-        return known
+    found, questions = roles_and_questions(
+        source, variables, given, as_columns(others), timed=timed
+    )
+    faults += questions
     return known | {role: (one.column, one.reason) for role, one in found.items()}
 
 

@@ -48,7 +48,7 @@ def load_column(path, variables, wanted):
     match = _INDEXED.fullmatch(wanted)
     variable = match and _named(path, variables, match["name"])
     if variable is None:
-        raise RecordError(f"{path.name} has no column {wanted!r}. {_listed(variables)}")
+        raise RecordError(f"{path.name} has no column {wanted!r}. {listed_variables(variables)}")
     name = replace(variable, name=wanted).label
     return Column(name, _indexed(path, variable, wanted, match["index"]), variable.interval)
 
@@ -95,12 +95,13 @@ def _named(path, variables, name):
         raise RecordError(
             f"{path.name} has {len(found)} columns that {name!r} may mean, at the positions "
             f"{', '.join(map(str, found))}: give the full name or the position. "
-            f"{_listed(variables)}"
+            f"{listed_variables(variables)}"
         )
     return variables[found[0]] if found else None
 
 
-def _listed(variables):
+def listed_variables(variables):
+    """Return a sentence that lists variables with their shapes."""
     shown = [
         f"{v.name or 'an array without a name'} {v.refused or _size(v.shape)}"
         for v in variables[:_SHOWN]
@@ -130,7 +131,7 @@ def _at_position(path, variables, position):
     if not 0 <= position < sum(widths):
         raise RecordError(
             f"{path.name} has no column at position {position}: it has {sum(widths)} columns, "
-            f"counted from 0. {_listed(variables)}"
+            f"counted from 0. {listed_variables(variables)}"
         )
     ends = list(accumulate(widths))
     which = bisect_right(ends, position)

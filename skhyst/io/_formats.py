@@ -7,6 +7,8 @@ and refused, and so are HDF5 data that are stored in another file.
 import importlib
 import io
 import json
+import math
+import re
 import warnings
 import zipfile
 from collections.abc import Callable
@@ -29,7 +31,8 @@ from ._workbook import read_workbook
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _OPAQUE = ("s0", "s1", "s2", "arr")  # name, type system, class, content of a MATLAB object
-_INTERVALS = ("dt", "sampling_interval", "sample_interval", "wf_increment")  # attributes, s
+_INTERVALS = ("dt", "ts", "sampling_interval", "sample_interval", "wf_increment")  # attributes, s
+_UNIT_FIELDS = ("unit", "units")
 _RATES = ("fs", "sampling_rate", "sample_rate", "samplerate", "sampling_frequency")  # Hz
 
 
@@ -80,10 +83,65 @@ def _file_variables(path, layout):
     if path.stat().st_size == 0:
         raise RecordError(f"{path.name} is empty: {_expected(path)} was expected.")
     with reading(path):
-        variables = _READERS[path.suffix.lower()][0](path, **layout)
+        variables = _with_scalars(_READERS[path.suffix.lower()][0](path, **layout))
         if not variables:
             raise RecordError("it holds no variable")
     return variables
+
+
+def _with_scalars(variables):
+    """Return variables with what single values beside them tell: a rate, a unit, a name.
+
+    They are those of the variable's own group or struct, else of one that contains it. A unit and a
+    name belong to the only array of a struct, and ``units.u`` to the array ``u``.
+    """
+    said, long, kept = {}, {}, []
+    for v in variables:
+        kind = v.bare.lower()
+        if v.refused or not _is_single(v):
+            long.setdefault(v.group, []).append(v.name)
+            kept.append(v)
+        elif v.group.lower().endswith(_UNIT_FIELDS):
+            said[re.split(r"[./]?\w+$", v.group)[0], "unit of", v.bare] = v.load()
+        elif kind in (*_UNIT_FIELDS, "name"):
+            said[v.group, kind] = v.load()
+        else:
+            said |= {(v.group, kind): v.load()} if kind in (*_RATES, *_INTERVALS) else {}
+            kept.append(v)
+    return [
+        v if _is_single(v) else _told(v, said, len(long.get(v.group, ())) == 1) for v in kept
+    ] or variables
+
+
+def _is_single(variable):
+    return math.prod(variable.shape) == 1
+
+
+def _told(variable, said, alone):
+    """Return a variable with the interval, unit and name that are said of it."""
+    group, changes = variable.group, {}
+    while variable.interval is None and "interval" not in changes:
+        for kind in (*_RATES, *_INTERVALS):
+            value = np.ravel(said.get((group, kind), np.nan))
+            if value.dtype.kind in "iuf" and value[0] > 0.0:
+                interval = float(value[0] if kind in _INTERVALS else 1.0 / value[0])
+                changes.setdefault("interval", interval)
+        if not group:
+            break
+        group = re.split(r"[./]?[^./]+$", group)[0]
+    own = [(variable.group, "unit of", variable.bare)]
+    own += [(variable.group, kind) for kind in _UNIT_FIELDS] if alone else []
+    unit = next((text for key in own if (text := _word(said.get(key)))), "")
+    if unit and not variable.unit:
+        changes["unit"] = unit
+    if alone and variable.group and (name := _word(said.get((variable.group, "name")))):
+        changes |= {"name": name, "group": ""}
+    return replace(variable, **changes) if changes else variable
+
+
+def _word(value):
+    value = np.ravel(np.empty(0) if value is None else value)
+    return str(value[0]).strip() if value.size == 1 and value.dtype.kind in "OUST" else ""
 
 
 @dataclass(frozen=True)
@@ -113,11 +171,13 @@ def opened(source, **layout):
 def _frame_variables(frame):
     """List the columns of a frame or table, and the levels of its index unless it counts rows.
 
-    Units are those of pint, or of a dict ``frame.attrs["units"]``.
+    Units are those of pint, or of a dict ``frame.attrs["units"]``; the sampling interval in s is
+    ``frame.attrs["interval"]``.
     """
     if hasattr(frame, "column_names"):  # an Arrow table
         frame = frame.to_pandas()
-    said = getattr(frame, "attrs", {}).get("units", {})
+    attributes = getattr(frame, "attrs", {})
+    said, interval = attributes.get("units", {}), attributes.get("interval")
     if hasattr(frame, "iloc") and not isinstance(frame.index, pd.RangeIndex):
         frame = frame.reset_index()
     columns = [
@@ -125,9 +185,13 @@ def _frame_variables(frame):
     ]
     units = [getattr(c.dtype, "units", None) for c in columns]
     return [
-        Variable(str(c.name), (len(c),), c.to_numpy, unit=str(said.get(c.name, "")))
-        if unit is None
-        else Variable(str(c.name), (len(c),), partial(c.to_numpy, dtype=float), unit=f"{unit:~}")
+        Variable(
+            str(c.name),
+            (len(c),),
+            c.to_numpy if unit is None else partial(c.to_numpy, dtype=float),
+            unit=str(said.get(c.name, "")) if unit is None else f"{unit:~}",
+            interval=interval,
+        )
         for c, unit in zip(columns, units, strict=True)
     ]
 
@@ -205,26 +269,32 @@ def _join(group, name, separator):
 
 
 def _read_text(path, **layout):
-    return [
-        Variable(name, values.shape, partial(np.asarray, values), unit=unit)
-        for name, unit, values in zip(*read_table(path, **layout), strict=True)
-    ]
+    return _table_variables({"": read_table(path, **layout)})
 
 
 def _read_workbook(path):
-    sheets = read_workbook(path, _optional("openpyxl", path.suffix))
-    several = len(sheets) > 1
-    return [
-        Variable(
-            _join(sheet if several else "", name, "/"),
-            values.shape,
-            partial(np.asarray, values),
-            unit=unit,
-            group=sheet if several else "",
-        )
-        for sheet, *table in sheets
-        for name, unit, values in zip(*table, strict=True)
-    ]
+    return _table_variables(read_workbook(path, _optional("openpyxl", path.suffix)))
+
+
+def _table_variables(sheets):
+    """Return the variables of tables by the sheet; each of several tables is a group."""
+    found = []
+    for sheet, tables in sheets.items():
+        for number, (names, units, columns, interval) in enumerate(tables, 1):
+            parts = [sheet] * (len(sheets) > 1) + [str(number)] * (len(tables) > 1)
+            group = "/".join(parts)
+            found += [
+                Variable(
+                    _join(group, name, "/"),
+                    values.shape,
+                    partial(np.asarray, values),
+                    unit=unit,
+                    interval=interval,
+                    group=group,
+                )
+                for name, unit, values in zip(names, units, columns, strict=True)
+            ]
+    return found
 
 
 def _read_npy(path):
@@ -500,6 +570,8 @@ _READERS = {
     ".txt": _TEXT,
     ".tsv": _TEXT,
     ".dat": _TEXT,
+    ".lvm": _TEXT,
+    ".asc": _TEXT,
     ".xlsx": (_read_workbook, "an Excel workbook"),
     ".mat": (_read_mat, "a MATLAB file"),
     ".npy": (_read_npy, "a NumPy array"),

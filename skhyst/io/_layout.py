@@ -10,7 +10,7 @@ import csv
 import re
 from collections import Counter
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import groupby, pairwise
 
 from ..exceptions import RecordError
 
@@ -29,6 +29,20 @@ _SYMBOL = (
     r"|sec|min|hr?|psi|dB|rpm|a\.u\.|counts)(\^?-?[1-9]|[²³])?"
 )
 _UNIT = re.compile(rf"[(\[<{{].*[)\]>}}]|[-–]+|(1/)?{_SYMBOL}([/*·]{_SYMBOL})*")
+_SPELLED = {  # as instruments write them
+    **dict.fromkeys(("second", "seconds", "sec"), "s"),
+    **dict.fromkeys(("volt", "volts"), "V"),
+    **dict.fromkeys(("amp", "amps", "ampere", "amperes"), "A"),
+    **dict.fromkeys(("watt", "watts"), "W"),
+    "newton": "N",
+    "sequence": "",  # the number of the row
+}
+_UNITS_OF = re.compile(r"(vertical|y_?)[ _]?units?([ _]label)?", re.IGNORECASE)
+_UNIT_OF_TIME = re.compile(r"(horizontal|x_?)[ _]?units?([ _]label)?", re.IGNORECASE)
+_NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
+_INTERVAL = re.compile(r"sample[ _]interval|sampling[ _]interval|delta_x|t_?inc|increment", re.I)
+_RATE = re.compile(r"(sample|sampling)[ _](rate|frequency)( ?[(\[]Hz[)\]])?", re.I)
+_ASSIGNED = re.compile(rf"([^=:]+?)\s*[=:]\s*({_NUMBER})\s*(s|Hz)?")
 _NO_UNIT = re.compile(r"[-–]*|1")
 _SETTLE = (
     "pass delimiter=',' where they separate columns, or decimal=',' where they are decimal signs"
@@ -76,15 +90,52 @@ class Layout:
         fitting, width = [], len(self.form)
         for row in reversed(self.rows[max(self.first - 2, 0) : self.first]):
             row = _uncommented(row, width)
+            while len(row) > width and row[-1].lower() in ("", "comment"):
+                row = row[:-1]  # of a column that no row has
             if not width - 1 <= len(row) <= width or not any(map(_is_text, row)):
                 break
             fitting.append([*row, ""][:width])
         if not fitting:
             return [""] * width, [""] * width
         last, above = fitting[0], fitting[-1]
-        if len(fitting) > 1 and _are_units(last) and all(map(_is_text, filter(None, above))):
+        if len(fitting) > 1 and _are_units(last) and (_are_names(above) or _are_spelled(last)):
             return above, [_bare_unit(field) for field in last]
-        return last, [""] * width
+        return last, self._units_said(width)
+
+    @property
+    def names_at(self):
+        """Number of the row of names, None where there is none."""
+        if not any(self.head[0]):
+            return None
+        above = self.rows[self.first - 1]
+        return self.first - 1 - (_uncommented(above, len(self.form))[0] != self.head[0][0])
+
+    def _units_said(self, width):
+        """Return the units in lines above the names, such as "Vertical Units,V,V"."""
+        units = [""] * width
+        for row in self.rows[: self.first]:
+            said = [field for field in row[1:] if field]
+            if _UNIT_OF_TIME.fullmatch(row[0]) and said and _are_units(said[:1]):
+                units[0] = _bare_unit(said[0])
+            elif _UNITS_OF.fullmatch(row[0]) and len(said) == width - 1 and _are_units(said):
+                units[1:] = map(_bare_unit, said)
+        return units
+
+    @property
+    def interval(self):
+        """Sampling interval in s that the lines above the table tell, None where they do not."""
+        for row, below in pairwise([*self.rows[: self.first], []]):
+            for i, field in enumerate(row):
+                own = _ASSIGNED.fullmatch(field)
+                name, value = own.groups()[:2] if own else (field, "")
+                for beside in (value, *row[i + 1 : i + 2], *below[i : i + 1]):
+                    if not re.fullmatch(_NUMBER, beside) or not float(beside) > 0.0:
+                        continue
+                    if _INTERVAL.fullmatch(name):
+                        return float(beside)
+                    if _RATE.fullmatch(name):
+                        return 1.0 / float(beside)
+        return None
 
     def ends(self, rows):
         """Return the number of rows up to the end of the table; the rest must be a footer."""
@@ -219,12 +270,25 @@ def _is_text(field):
     return field.lower() not in _BLANK and not _is_number(field)
 
 
+def _are_names(row):
+    return all(map(_is_text, filter(None, row)))
+
+
 def _are_units(row):
-    return all(_UNIT.fullmatch(field) for field in row if field.lower() not in _BLANK)
+    said = [field for field in row if field.lower() not in _BLANK]
+    return all(_UNIT.fullmatch(field) or field.lower() in _SPELLED for field in said) or (
+        # numbers of the head beside them, as the start and the increment of the time
+        _are_spelled(row)
+    )
+
+
+def _are_spelled(row):
+    said = [field.lower() for field in row if _is_text(field)]
+    return len(said) > 1 and all(field in _SPELLED for field in said)
 
 
 def _bare_unit(field):
-    unit = field.strip("()[]<>{}")
+    unit = _SPELLED.get(field.lower(), "" if _is_number(field) else field.strip("()[]<>{}"))
     return "" if _NO_UNIT.fullmatch(unit) or unit.lower() in _BLANK else unit
 
 

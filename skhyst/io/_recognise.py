@@ -17,7 +17,14 @@ import numpy as np
 from ..exceptions import RecordError
 from ._clock import JITTER
 from ._column_names import time_unit_of, unit_of, without_unit
-from ._file_columns import as_columns, load_column, long_columns, numbers, record_groups
+from ._file_columns import (
+    as_columns,
+    listed_variables,
+    load_column,
+    long_columns,
+    numbers,
+    record_groups,
+)
 from ._formats import opened
 
 ROLES = ("drive", "response", "time", "record")
@@ -25,7 +32,8 @@ _ALONE = {"drive": {"drive", "input", "u"}, "response": {"response", "output", "
 _WORDS = (  # what a column does, and what quantity it is; the former comes first
     {
         "drive": "drive|driving|input|in|u|command|commanded|cmd|excitation|stimulus|ao|dac",
-        "response": "response|output|out|y|measured|sensor|sensed|feedback|readout|ai|adc",
+        "response": "response|output|out|y|measured|actual|sensor|sensed|feedback|fbk|readout|"
+        "ai|adc",
     },
     {
         "drive": "voltage|volts?|current|spannung|strom",
@@ -36,9 +44,8 @@ _WORDS = (  # what a column does, and what quantity it is; the former comes firs
 _UNITS = {"drive": "[mk]?V|m?A", "response": "[munpµμ]?m|[muµμ]?rad|deg|°"}
 _NEITHER = (  # signals of a controller, of the environment, of book-keeping
     "reference|ref|target|setpoint|desired|error|velocity|speed|acceleration|temperature|temp|"
-    "humidity|status|flag|mode|index|samples?|number|count|counter|id"
+    "humidity|status|flag|mode|index|samples?|number|count|counter|ticks?|id"
 )
-_FORCE = "force|torque|load|kraft|[mk]?N|Nm"  # either drives a motion or responds to one
 _TIME = "t|times?|timestamp|elapsed|zeit|temps"
 _RECORD = "record|run|recording|trial|segment"
 _MOST_RESTARTS = 0.1  # largest fraction of rows at which time restarts, or a record label changes
@@ -120,7 +127,18 @@ def recognise_columns(
 
 
 def find_roles(path, variables, roles, others=(), *, timed):
-    """Return a dict of a RecognisedColumn for each role without a given column."""
+    """Return a dict of a RecognisedColumn for each role without a given column.
+
+    All that is open is asked for at once.
+    """
+    found, questions = roles_and_questions(path, variables, roles, others, timed=timed)
+    if questions:
+        raise RecordError(" ".join(questions))
+    return found
+
+
+def roles_and_questions(path, variables, roles, others=(), *, timed):
+    """Return what `find_roles` does of what is found, and a sentence for each role that is not."""
     given = [column for column in (*roles.values(), *others) if column is not None]
     own = next(iter(record_groups(variables, given).values()))
     taken = {load_column(path, own, column).name for column in given}
@@ -129,25 +147,38 @@ def find_roles(path, variables, roles, others=(), *, timed):
         for place in long_columns(own)
         if not {place.name, place.full_name} & taken
     ]
-    found, missing = {}, [role for role in ROLES if roles[role] is None]
+    found, open_, missing = {}, {}, [role for role in ROLES if roles[role] is None]
     if "time" in missing and not timed:
-        found["time"] = _time(path, free)
+        found["time"], open_["time"] = _time(free)
     if "record" in missing:
         labels = [c for c in free if re.fullmatch(_RECORD, c.name.lower()) and c.changes_seldom]
         found["record"] = (labels[0], _NAMED) if len(labels) == 1 else None
     found = {role: choice for role, choice in found.items() if choice}
     used = [column for column, _ in found.values()]
     signals = [c for c in free if not any(c is one for one in used)]
-    for role in ("drive", "response"):
-        if role in missing:
-            found[role] = _named(path, role, signals)
-    for role in ("drive", "response"):
-        if role in missing and found[role] is None:
-            found[role] = _left_over(path, role, signals, found)
-    return {
-        role: RecognisedColumn(column.place.address, column.name, reason)
-        for role, (column, reason) in found.items()
+    asked = [role for role in ("drive", "response") if role in missing]
+    for role in asked:
+        found[role], open_[role] = _named(role, signals)
+    for role in asked:
+        if found[role] is None and not open_[role]:
+            found[role], open_[role] = _left_over(role, signals, found)
+            if found[role] is None:
+                open_.setdefault(role, [])
+    questions = [
+        _question(path, own, role, open_[role])
+        for role in open_
+        if role not in found or found[role] is None
+        if role != "time" or open_["time"]
+    ]
+    columns = {
+        role: RecognisedColumn(choice[0].place.address, choice[0].name, choice[1])
+        for role, choice in found.items()
+        if choice
     }
+    if questions and columns:
+        known = ", ".join(f"{role} {one.name!r}" for role, one in columns.items())
+        questions.append(f"Recognised: {known}.")
+    return columns, questions
 
 
 class _Candidate:
@@ -187,17 +218,12 @@ class _Candidate:
     @cached_property
     def role(self):
         """Role by name and unit: drive, response, either or neither; "" if these do not show it."""
-        if self.has(_NEITHER):
+        if self.has(_NEITHER) or self.counts:
             return "neither"
         kinds = [{role for role, words in level.items() if self.has(words)} for level in _WORDS]
         kinds.append({role for role, units in _UNITS.items() if re.fullmatch(units, self.unit)})
         first = next((kind for kind in kinds if kind), {""})
         return first.pop() if len(first) == 1 else "either"
-
-    @cached_property
-    def is_force(self):
-        """Whether it is a force, which either drives a motion or responds to one."""
-        return self.has(_FORCE) or bool(re.fullmatch(_FORCE, self.unit))
 
     @cached_property
     def rises(self):
@@ -214,6 +240,12 @@ class _Candidate:
         if not steps.size or not np.all(steps > 0.0) or np.all(steps == 1.0):
             return False
         return bool(np.all(np.abs(steps / np.median(steps) - 1.0) < JITTER))
+
+    @cached_property
+    def counts(self):
+        """Whether it counts the rows."""
+        values = np.empty(0) if self.values is None else self.values
+        return values.size > 1 and bool(np.all(np.diff(values) == 1.0))
 
     @cached_property
     def changes_seldom(self):
@@ -236,43 +268,43 @@ class _Candidate:
             return False
 
 
-def _time(path, free):
-    """Return the time column and the reason, None if there is none."""
+def _time(free):
+    """Return the time column and the reason, None if there is none, and the candidates."""
     named = [c for c in free if c.called_time and c.rises]
-    if len(named) > 1:
-        raise _undecided(path, "time", named)
     if named:
-        return named[0], _NAMED
+        return ((named[0], _NAMED), []) if len(named) == 1 else (None, named)
     even = [c for c in free if not c.role and c.rises_evenly]
-    return (even[0], "it alone rises evenly") if len(even) == 1 else None
+    return (even[0], "it alone rises evenly") if len(even) == 1 else None, []
 
 
-def _named(path, role, signals):
-    """Return the signal whose name has the role, and the reason, None if there is none."""
+def _named(role, signals):
+    """Return the signal whose name has the role, and the reason, None if there is none.
+
+    Several that may have it are returned beside None.
+    """
     alone = [c for c in signals if without_unit(c.name).lower() in _ALONE[role]]
     named = alone if len(alone) == 1 else [c for c in signals if c.role == role]
     if len(named) > 1:
-        raise _undecided(path, role, named)
-    return (named[0], _NAMED) if named else None
+        named = [c for c in named if c.values is not None] or named
+    return ((named[0], _NAMED), []) if len(named) == 1 else (None, named)
 
 
-def _left_over(path, role, signals, found):
+def _left_over(role, signals, found):
     """Return the only remaining signal that is not constant, if its name does not exclude it."""
     used = [choice[0] for choice in found.values() if choice]
     free = [c for c in signals if not any(c is one for one in used)]
-    possible = [c for c in free if c.role in ("", "either") and c.moves]
     other = {"drive": "response", "response": "drive"}[role]
-    if len(possible) == 1 and found.get(other, possible):
-        (only,) = possible
-        if not only.role and not (role == "drive" and only.is_force):
-            return only, _LEFT
-    raise _undecided(path, role, [c for c in free if c.role != "neither"] or free)
+    given = other not in found  # then a unit such as V does not tell it is the other
+    possible = [c for c in free if c.moves and c.role in ("", "either", other if given else "")]
+    if len(possible) == 1 and found.get(other, possible) and (given or not possible[0].role):
+        return (possible[0], _LEFT), []
+    free = [c for c in free if not c.counts]
+    return None, [c for c in free if c.role != "neither"] or free
 
 
-def _undecided(path, role, candidates):
+def _question(path, variables, role, candidates):
     shown = ", ".join(repr(c.name) for c in candidates[:_SHOWN])
     may_be = "more than one column may be" if len(candidates) > 1 else "no column is known to be"
-    return RecordError(
-        f"In {path.name} {may_be} the {role}: pass {role}=NAME. Candidates: "
-        f"{shown or 'none is left'}."
+    return f"In {path.name} {may_be} the {role}: pass {role}=NAME. Candidates: " + (
+        f"{shown}." if shown else f"none is left. {listed_variables(variables)}"
     )

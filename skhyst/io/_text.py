@@ -2,7 +2,9 @@
 
 import io
 import re
+from itertools import islice
 
+import numpy as np
 import pandas as pd
 
 from ..exceptions import RecordError
@@ -10,21 +12,72 @@ from ._layout import fields, find_layout
 
 _SAMPLE = 65_536  # characters at the beginning and the end from which the layout is determined
 _BINARY = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
+_NAMES = re.compile(r"[\"'#%(\[\s]*[^\W\d]")  # of a line that may hold names
+_HEADS = 8  # lines that come again and are tried as names
 _LINE = re.compile(r"[^\r\n]+")
 _NOWHERE = "\x1f"  # a delimiter that no text has
 
 
 def read_table(path, delimiter=None, decimal=None):
-    """Return the names, units and columns of a delimited text file, as floats or objects (text).
-
-    The numbers may follow a preamble, a line of names and a line of units, and be followed by a
-    footer of text. Without a line of names, these are the positions; without units, they are "".
-    """
+    """Return the tables of a delimited text file, as `parse_table` does."""
     return parse_table(_decode(path.read_bytes()), delimiter, decimal)
 
 
 def parse_table(text, delimiter=None, decimal=None):
-    """Return the names, units and columns of a table in a text, as `read_table` does."""
+    """Return the tables in a text: for each its names, units and columns, and the interval.
+
+    The numbers may follow a preamble, a line of names and a line of units, and be followed by a
+    footer of text. Without a line of names, these are the positions; without units, they are "";
+    the interval in s is None where the preamble does not tell it. There is more than one table
+    where the line of names comes again, below its rows or beside itself. Columns are floats or
+    objects (text).
+    """
+    head = _head_of(text, delimiter, decimal)
+    begins = [found.start() for found in re.finditer(head, text, re.MULTILINE)] if head else []
+    ends = [*begins[1:], len(text)]
+    blocks = [text[start:end] for start, end in zip([0, *begins[1:]], ends, strict=True)]
+    found = []
+    for block in blocks:
+        if block is blocks[0] or len(_lines(block, 0, _SAMPLE)) > 1:  # names without rows
+            found += _side_by_side(*_parsed(block, delimiter, decimal))
+    return found
+
+
+def _head_of(text, delimiter, decimal):
+    """Return a pattern of the line of names above the table, "" where there is none."""
+    lines = [line[0] for line in _lines(text, 0, _SAMPLE)]
+    first = {line: i for i, line in reversed(list(enumerate(lines)))}
+    again = (i for i, line in enumerate(lines) if first[line] < i and _NAMES.match(line))
+    for stop in (*islice(again, _HEADS), len(lines)):
+        try:
+            layout = find_layout(lines[:stop], delimiter, decimal)
+        except RecordError:
+            continue
+        at = layout.names_at
+        if at is not None and (stop == len(lines) or lines[stop] == lines[at]):
+            return rf"^{re.escape(lines[at])}\s*$"
+    return ""
+
+
+def _side_by_side(names, units, columns, interval):
+    """Return tables whose names repeat beside each other, without the blank rows below them."""
+    used = [i for i, v in enumerate(columns) if names[i] != str(i) or not pd.isna(v).all()]
+    shown = [names[i] for i in used]
+    widths = (n for n in range(2, len(shown) // 2 + 1) if len(shown) % n == 0)
+    width = next((n for n in widths if shown == shown[:n] * (len(shown) // n)), None)
+    if width is None or len(set(shown[:width])) < width:
+        return [(names, units, columns, interval)]
+    tables = []
+    for k in range(0, len(used), width):
+        own = used[k : k + width]
+        empty = np.logical_and.reduce([pd.isna(columns[i]) for i in own])
+        stop = len(empty) - int(np.argmin(empty[::-1])) if not empty.all() else 0
+        parts = ([part[i] for i in own] for part in (names, units))
+        tables.append((*parts, [columns[i][:stop] for i in own], interval))
+    return tables
+
+
+def _parsed(text, delimiter, decimal):
     layout, begin, end = _table(text, delimiter, decimal)
     separator = {None: _NOWHERE, " ": r"\s+"}.get(layout.delimiter, layout.delimiter)
     frame = pd.read_csv(
@@ -40,7 +93,8 @@ def parse_table(text, delimiter=None, decimal=None):
     while len(columns) > 1 and not names[-1].strip() and pd.isna(columns[-1]).all():
         for own in (names, units, columns):  # a delimiter at the end of every line
             own.pop()
-    return [name or str(i) for i, name in enumerate(names)], units, columns
+    names = [name or str(i) for i, name in enumerate(names)]
+    return names, units, columns, layout.interval
 
 
 def _table(text, delimiter, decimal):

@@ -21,23 +21,23 @@ _NUMBER = re.compile(r"[-+.\d]")
 
 
 def read_workbook(path, openpyxl):
-    """Return (sheet, names, units, columns) of every sheet that holds a table.
+    """Return the tables by the title of the sheet, for every sheet that holds one.
 
     Of formulas the saved values are read.
     """
     budget = _declared(path)
-    found, reasons = [], ["it has no sheet"]
+    found, reasons = {}, ["it has no sheet"]
     with path.open("rb") as file, warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # about styles, charts and the like
         book = openpyxl.load_workbook(file, read_only=True, data_only=True, keep_links=False)
         for sheet in book.worksheets:
             rows, budget = _cells(sheet, budget)
             try:
-                table = parse_table("\n".join(map(_as_line, rows)), "\t", ".")
+                tables = parse_table("\n".join(map(_as_line, rows)), "\t", ".")
             except RecordError as error:  # a sheet of notes
                 reasons.append(f"in the sheet {sheet.title!r} {error}")
             else:
-                found.append((sheet.title, *table))
+                found[sheet.title] = tables
         book.close()
     if not found:
         raise RecordError(reasons[-1])

@@ -45,10 +45,11 @@ def read_records(
     Parameters
     ----------
     path : str, Path, pandas or polars DataFrame, table of Arrow, or list of these
-        A table, or a file whose suffix gives the format: ``.csv``, ``.txt``, ``.tsv``, ``.dat``
-        (delimited text; the delimiter, a decimal comma and the header are found), ``.xlsx``,
-        ``.mat`` (all versions), ``.npy``, ``.npz``, ``.json`` (list of rows, list of records, dict
-        of columns), ``.h5``, ``.hdf5``, ``.parquet``, ``.feather``, ``.tdms`` and ``.wav``.
+        A table, or a file whose suffix gives the format: ``.csv``, ``.txt``, ``.tsv``, ``.dat``,
+        ``.asc``, ``.lvm`` (delimited text; the delimiter, a decimal comma and the header are
+        found), ``.xlsx``, ``.mat`` (all versions), ``.npy``, ``.npz``, ``.json`` (list of rows,
+        list of records, dict of columns), ``.h5``, ``.hdf5``, ``.parquet``, ``.feather``,
+        ``.tdms`` and ``.wav``.
         Version 7.3 of ``.mat``, and ``.xlsx``, ``.h5``, ``.parquet``, ``.feather`` and ``.tdms``
         need ``skhyst[io]``. Each entry of a list is a record, labelled by the name of its file.
     drive : str or int, optional
@@ -56,7 +57,8 @@ def read_records(
         ``name[2]`` for a column of a matrix (``name[0, 2]`` or ``name[:, 0, 2]`` with more axes,
         samples along the first); as ``struct.field``, ``group/channel`` or ``sheet/column``, of
         which the last part is enough. Where several groups or sheets have all columns that are
-        asked for, each is a record. None: drive, response, time and record are those that
+        asked for, and where the line of names of a text or sheet comes again, each is a record.
+        None: drive, response, time and record are those that
         :func:`~skhyst.io.recognise_columns` finds, if they are not given.
     response : str or int, optional
         Column of the response; None: none is read, unless ``drive`` is None.
@@ -69,7 +71,8 @@ def read_records(
         Columns of auxiliary inputs.
     sampling_rate : float, optional
         In Hz, instead of ``time``. Without either, the interval is taken from the file: the
-        ``wf_increment`` of TDMS, the rate of WAV, an attribute of HDF5 such as ``dt`` or ``fs``.
+        ``wf_increment`` of TDMS, the rate of WAV, an attribute of HDF5 or a single value beside the
+        arrays such as ``dt``, ``Ts`` or ``fs``, the head of a text.
         If the file has none, the time level numbers the samples, and the interval is that of the
         model (``dt``).
     on_missing : {"raise", "drop", "interpolate"}, default="raise"

@@ -17,15 +17,17 @@ from skhyst.diagnosis import EffectSearchCV
 from skhyst.discovery import all_estimators
 from skhyst.disturbance import Offset
 from skhyst.fleet import PerDevice
+from skhyst.fluid import TankChain
 from skhyst.hysteresis import (
     BoucWenStage,
     EndStops,
     FreeMass,
     FrictionStage,
+    ModifiedPrandtlIshlinskii,
     PrandtlIshlinskii,
     RestoringForce,
 )
-from skhyst.linear import FirstOrderLag, KelvinVoigt
+from skhyst.linear import FirstOrderLag, KelvinVoigt, TransferFunction
 from skhyst.neural import GrayBoxHysteresis
 from skhyst.optimize import LevenbergMarquardt, VariableProjection
 from skhyst.static import SmoothCurve
@@ -49,6 +51,9 @@ _EXAMPLES = {
     "Modulated": lambda: Modulated(PrandtlIshlinskii(5), "amplitude"),
     "PerDevice": lambda: PerDevice(PrandtlIshlinskii(5)),
     "KelvinVoigt": lambda: KelvinVoigt(1),
+    "TankChain": lambda: TankChain(method=_BRIEFLY),
+    "TransferFunction": lambda: TransferFunction(method=_BRIEFLY),
+    "ModifiedPrandtlIshlinskii": lambda: ModifiedPrandtlIshlinskii(method=_BRIEFLY),
     "BoucWenStage": lambda: BoucWenStage(n_substeps=1, initial_state="zero", method=_BRIEFLY),
     "EndStops": lambda: EndStops(n_substeps=1, initial_state="zero", method=_BRIEFLY),
     "FreeMass": lambda: FreeMass(initial_state="zero", method=_BRIEFLY),
@@ -63,7 +68,7 @@ _EXAMPLES = {
     "GrayBoxHysteresis": lambda: GrayBoxHysteresis(method=LevenbergMarquardt(max_epochs=20)),
     # plays that such data do not show would be left out, and with them all memory
     "EffectSearchCV": lambda: EffectSearchCV(
-        FirstOrderLag(), effects=["static_nonlinearity", "offset"], cv=2, max_effects=1
+        FirstOrderLag(), effects=["lag", "offset"], cv=2, max_effects=1
     ),
 }
 

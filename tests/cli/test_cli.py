@@ -109,6 +109,19 @@ def test_columns_are_found_and_told(recording, capsys):
     assert printed.endswith(capsys.readouterr().out)
 
 
+def test_channels_in_files_of_their_own_are_joined(recording, tmp_path, capsys):
+    table = pd.read_csv(recording)
+    files = [tmp_path / f"{name}.csv" for name in ("volt", "um")]
+    for path in files:
+        table[["t", path.stem]].to_csv(path, index=False)
+    assert main(["inspect", *map(str, files), "--join"]) == 0
+    printed = capsys.readouterr().out
+    assert "3000 samples every 0.001 s" in printed
+    assert all(f"'{name}'" in printed for name in ("t", "volt", "um"))
+    assert main(["diagnose", *map(str, files)]) == 1
+    assert "add --join" in capsys.readouterr().err
+
+
 FEW = {"gain": Gain(), "second_order_mode": SecondOrderMode()}
 
 

@@ -14,6 +14,7 @@ from skhyst.compose import (
     Sum,
 )
 from skhyst.disturbance import Offset
+from skhyst.exceptions import ExtrapolationWarning
 from skhyst.hysteresis import (
     CoulombFrictionOperator,
     PrandtlIshlinskii,
@@ -80,6 +81,20 @@ def test_tangents_are_those_of_the_drive():
     ends = [both.run(u + way * along, DT)[0] for way in (0.5, -0.5)]  # it is linear
     _, dy = both.sensitivities(u, along[:, :1], DT)
     np.testing.assert_allclose(dy[:, 0], ends[0] - ends[1], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "around", [lambda: Modulated(Gain(), 1), lambda: Modulated(thresholds(), 1)]
+)
+def test_a_column_beyond_those_of_the_fit_is_told(around, recwarn):
+    rng = np.random.default_rng(0)
+    X = np.column_stack([rng.normal(size=200), rng.uniform(1.0, 5.0, 200), rng.normal(size=200)])
+    model = around().fit(X, X[:, 0] * (1.0 + 0.1 * X[:, 1]))
+    model.predict(X * [1.0, 1.0, 100.0])  # the last column is not read
+    assert not recwarn
+    low, high = X[:, 1].min(), X[:, 1].max()
+    with pytest.warns(ExtrapolationWarning, match=f"column 1 from {low:g} to {high:g}. Got"):
+        model.predict(X * [1.0, 10.0, 1.0])
 
 
 def test_a_column_acts_through_a_lag_of_its_own(X):

@@ -66,6 +66,7 @@ def cascade():
 
 
 def held_step(X):
+    X = X.iloc[:N]  # the run is that of one record
     y = FirstOrderLagOperator(0.04).run(X["drive"], DT)[0]
     lag = FrozenEstimator(FirstOrderLag().fit(X, y))
     return Cascade([("plays", PrandtlIshlinskii(4)), ("lag", lag)])
@@ -252,6 +253,7 @@ def test_a_step_that_is_left_out_has_no_part_in_further_starts(place):
     np.testing.assert_allclose(found, expected, atol=1e-6 * np.ptp(y))
 
 
+@pytest.mark.filterwarnings("ignore:The records begin otherwise")  # those of folds
 @pytest.mark.parametrize("word", ["passthrough", "drop"])
 def test_a_step_of_a_cascade_is_left_out(word):
     """In a search too: with the lag the fit is exact, without it it is not."""

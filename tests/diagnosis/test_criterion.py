@@ -160,6 +160,18 @@ def contestant(cost, *residuals):
     return Candidate((), None, cost, cost, 0, np.empty(0), **own)
 
 
+def test_what_both_explain_alike_is_no_evidence():
+    """The difference of the two is the instrument, whatever the models have in common."""
+    rng = np.random.default_rng(9011)
+    noise, delta = rng.standard_normal(2000), difference("smooth", rng, 2000)
+    criterion, found = Criterion(alpha=0.01, min_improvement=0.05), []
+    for common in (np.zeros(2000), 50.0 * rng.standard_normal(2000)):
+        base = replace(contestant(2400.0, noise + delta), explained=(common,))
+        better = replace(contestant(2000.0, noise), explained=(common + delta,))
+        found.append(criterion.p_value(base, better))
+    assert found[0] == pytest.approx(found[1], rel=1e-6)
+
+
 def test_a_better_model_is_better_held_out_and_in_the_fit():
     rng = np.random.default_rng(9010)
     noise = rng.standard_normal(2000)

@@ -19,7 +19,10 @@ KINDS = {  # the effect that is not declared: declared model, effects tried
     "cubic_stiffness": ("second_order", SecondOrderMode(), FEW),
 }
 
-SOME = ["lag", "output_saturation", pytest.param("cubic_stiffness", marks=pytest.mark.slow)]
+SOME = [
+    pytest.param(kind, marks=() if kind == "output_saturation" else pytest.mark.slow)
+    for kind in KINDS
+]
 
 
 @cache

@@ -29,6 +29,7 @@ def recording(moves):
     return stack_records(found, dt=DT)
 
 
+@pytest.mark.slow
 def test_moved_mode_is_found_with_its_frequencies():
     search = EffectSearchCV(
         Gain(), effects=["amplitude_dependence", "resonance", "lag"], random_state=0

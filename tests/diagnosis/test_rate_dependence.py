@@ -7,10 +7,10 @@ from plants.laboratory import record_in
 from skhyst.diagnosis import EffectSearchCV
 
 NOISE = 0.002
-SLOW = pytest.param(1, "filtered_thresholds", marks=pytest.mark.slow)
 
 
-@pytest.mark.parametrize(("seed", "law"), [(0, "proportional"), SLOW])
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "law"), [(0, "proportional"), (1, "filtered_thresholds")])
 def test_it_is_named_and_little_is_left(seed, law):
     recording = record_in("other_laws", "rate_dependence", "prandtl_ishlinskii", seed, noise=NOISE)
     assert recording.truth["parameters"][0]["law"] == law

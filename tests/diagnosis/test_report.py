@@ -196,7 +196,10 @@ def test_column_that_wants_to_be_a_script(nothing):
 
 @pytest.mark.parametrize(
     ("drive", "response"),
-    [(r"a$b$ $\nope{ ], |*`_", "line\nbreak"), ("x" * 300, "\x00\x1b\ud800]]>")],
+    [
+        (r"a$b$ $\nope{ ], |*`_", "line\nbreak"),
+        pytest.param("x" * 300, "\x00\x1b\ud800]]>", marks=pytest.mark.slow),
+    ],
 )
 def test_any_column_name_is_drawn(nothing, tmp_path, drive, response):
     names = {"drive_name": drive, "response_name": response}
@@ -267,7 +270,7 @@ SAID = [  # report, changes of it, what it says, and what it does not say
     (
         "report",
         {"verdict": "undetermined"},
-        ["Missing: resonance; and undetermined", "the recording cannot tell"],
+        ["Missing: resonance; whether more is missing cannot be told", "the recording cannot tell"],
         "nexplained",
     ),
     (
@@ -486,7 +489,8 @@ def test_what_is_missing_names_the_extra(nothing, monkeypatch, module, name, wit
         with pytest.raises(ImportError, match=rf"{name}.*skhyst\[plot\]"):
             getattr(nothing, form)()
     assert getattr(nothing, without)()
-    resolution, missing = nothing.to_text().splitlines()[:2]
+    summary, resolution, missing = nothing.to_text().splitlines()[:3]
+    assert summary == nothing.summary
     assert resolution == f"resolution: {', '.join(nothing.resolution)}"
     assert missing == "missing: nothing"
 
@@ -515,7 +519,8 @@ def test_every_view_tells_the_same(report):
     assert any("not sure: lag" in remark for remark in other.remarks)
     for view in views:
         assert [own for own in said if own not in view.replace("\N{NO-BREAK SPACE}", " ")] == []
-    resolution, missing, law = other.to_text().splitlines()[:3]
+    summary, resolution, missing, law = other.to_text().splitlines()[:4]
+    assert summary == other.summary
     assert resolution == f"resolution: {', '.join(report.resolution)}"
     assert missing == "missing: resonance"
     assert law.startswith("  resonance: ")
@@ -596,6 +601,25 @@ def test_a_model_that_explains_far_more_is_told_first(search, report):
         models = [own | {"error": error} for own in far.comparison["models"]]
         near = changed(far, comparison=far.comparison | {"models": models})
         assert near.sentence == report.sentence
+
+
+def test_the_summary_says_what_is_missing_how_sure_and_what_next(report, nothing):
+    part = 100.0 * (1.0 - (report.error_after / report.error_before) ** 2)
+    settled = changed(report, next_steps=[])
+    assert settled.summary == (
+        f"The model lacks resonance: it explains {part:#.3g} % of what the model got wrong. "
+        "Sure: yes. What is left is noise. Next: nothing more to record."
+    )
+    unsure = changed(report, **ambiguous(report), next_steps=["a", "b"])
+    assert "resonance may be lag as well. " in unsure.summary
+    assert unsure.summary.endswith("Next: 2 steps, below.")
+    assert (
+        "not of the name. Something more is missing"
+        in changed(report, **provisional(report)).summary
+    )
+    assert nothing.summary.startswith("The model lacks nothing that was looked for")
+    lost = changed(nothing, verdict="undetermined", error_before=0.0, error_after=0.0)
+    assert lost.summary.startswith("Whether the model lacks something this recording cannot tell.")
 
 
 def test_the_noise_is_told(report):

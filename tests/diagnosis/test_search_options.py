@@ -207,6 +207,7 @@ def test_an_unfitted_search_says_so():
             call()
 
 
+@pytest.mark.slow
 def test_progress_goes_to_the_standard_error_stream(capsys):
     recording = small("lag")
     few(verbose=1, effects=["lag"]).fit(recording.X_train, recording.y_train)

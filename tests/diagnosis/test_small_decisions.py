@@ -19,7 +19,7 @@ from skhyst.diagnosis._criterion import Criterion
 from skhyst.diagnosis._edits import Drive
 from skhyst.diagnosis._location import locate
 from skhyst.diagnosis._open_questions import Intervals
-from skhyst.diagnosis._periods import drive_period, near_period, turns
+from skhyst.diagnosis._periods import drive_period, near_period, repeats, turns
 from skhyst.diagnosis._plausibility import has_own_lines, levels_off, stops
 from skhyst.diagnosis._starts import starting_trees
 from skhyst.diagnosis._structure import (
@@ -475,6 +475,12 @@ def test_what_the_drive_explains_of_a_residual_is_a_part_of_its_power():
     flat = shifted_trial([noise], [u])
     assert flat.share == pytest.approx(1.0, abs=0.05)
     assert flat.p_value > 0.01
+
+
+def test_one_sample_elsewhere_is_no_repetition():
+    u = np.sin(np.arange(50) / 7.0)
+    assert repeats(u, u + 1e-9)
+    assert not repeats(u, u + 1e-3 * (np.arange(50) == 30))
 
 
 def test_a_drive_that_repeats_itself_is_shifted_by_less_than_a_third_of_its_period():

@@ -43,12 +43,9 @@ def search(X, y, declared=None, names=NAMES):
     return EffectSearchCV(declared, effects=names, random_state=0).fit(X, y)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("power", "ceiling", "name"),
-    [
-        pytest.param(0.5, np.inf, NAMES[0], marks=pytest.mark.slow),
-        (0.5, 0.9, NAMES[1]),
-    ],
+    ("power", "ceiling", "name"), [(0.5, np.inf, NAMES[0]), (0.5, 0.9, NAMES[1])]
 )
 def test_tanks_are_found(power, ceiling, name):
     found = search(*recording(power, ceiling))

@@ -55,6 +55,7 @@ def even():
     return search(resample="auto").fit(*recording(False))
 
 
+@pytest.mark.slow
 def test_an_uneven_recording_gives_the_name_of_the_even_one(uneven, even):
     assert even.effects_ == uneven.effects_ == ["lag"]
     assert even.resampling_error_ == 0.0

@@ -52,6 +52,23 @@ def test_other_parameters_answer_as_a_model_that_has_them(tmp_path, dtype):
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=bar)
 
 
+def test_plays_of_weight_zero_are_left_out_unless_they_may_change(tmp_path):
+    plays = PrandtlIshlinskiiOperator([0.0, 0.1, 0.2, 0.3], [1.0, 0.0, 0.5, 0.0])
+    few = PrandtlIshlinskiiOperator([0.0, 0.2], [1.0, 0.5])
+    u = make_drive()
+    header, source, _ = to_c(plays, tmp_path, "plays", dt=DT, drive=u)
+    assert "double s[2];" in header.read_text()
+    assert error_of(tmp_path, "plays") <= 1e-12
+    assert source.read_text() == to_c(few, tmp_path, "plays", dt=DT, drive=u)[1].read_text()
+    header, *_ = to_c(plays, tmp_path, "plays", dt=DT, drive=u, tunable={"weights": (0.0, 1.0)})
+    assert "double s[4];" in header.read_text()
+    assert error_of(tmp_path, "plays") <= 1e-12
+    stops = PrandtlIshlinskiiOperator([0.0, 0.1, 0.2], [0.0, 0.0, 0.0], intercept=0.5)
+    assert Stepper(stops.compiled_step(DT, stops.init(0.3))).run(u).tolist() == [0.5] * len(u)
+    to_c(stops, tmp_path, "plays", dt=DT, drive=u)
+    assert error_of(tmp_path, "plays") == 0.0
+
+
 def test_rest_at_another_input_is_that_of_the_model(tmp_path):
     u = make_drive()
     to_c(STAGE, tmp_path, "stage", dt=DT, u0=0.2, drive=u)

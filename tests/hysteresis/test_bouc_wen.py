@@ -10,6 +10,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.integrate import solve_ivp
 from scipy.special import hyp2f1
 
+from skhyst.exceptions import ConvergenceWarning
 from skhyst.hysteresis import BoucWen, BoucWenOperator
 from skhyst.operators import check_operator
 
@@ -360,5 +361,7 @@ def test_unknown_history():
     y = truth.run(u, 1.0, truth.init(0.6))[0]
     y += 1e-3 * np.random.default_rng(0).normal(size=len(y))
     known = BoucWen(initial_state="estimate").fit(u[:, None], y)
-    assert known.fit_error_ < 0.3 * BoucWen().fit(u[:, None], y).fit_error_
+    with pytest.warns(ConvergenceWarning, match="with initial_state='estimate' the error is"):
+        at_rest = BoucWen().fit(u[:, None], y)
+    assert known.fit_error_ < 0.3 * at_rest.fit_error_
     assert known.initial_drive_.max() > 0.4

@@ -355,7 +355,10 @@ def test_data_without_rate_dependence():
 
 @VARIANTS
 @SMOOTHINGS
-@pytest.mark.parametrize(("drive", "response", "time"), [(1e6, 1e-9, 1e3), (1e-9, 1e9, 1e-6)])
+@pytest.mark.parametrize(
+    ("drive", "response", "time"),
+    [(1e6, 1e-9, 1e3), pytest.param(1e-9, 1e9, 1e-6, marks=pytest.mark.slow)],
+)
 def test_units_of_the_model(variant, smoothing, drive, response, time, assert_unit_free):
     plant = Plant(4, variant, smoothing)
     model = RateDependentPrandtlIshlinskii(

@@ -58,6 +58,7 @@ def test_no_layout_is_read_wrongly(tmp_path):
         ("t,u\n0,1.5\n1,2.5\nmean,2.0\n", [[0.0, 1.0], [1.5, 2.5]]),
         ("Gain;2\nRate;1000\n\nt;u\n0;1,5\n1;2,5\n", [[0.0, 1.0], [1.5, 2.5]]),
         ("t;u\n0;1,5\n1;2,5\n;\n;\n", [[0.0, 1.0], [1.5, 2.5]]),
+        ("t;u\n0;1,5\n1;2,5\nt;u\n", [[0.0, 1.0], [1.5, 2.5]]),  # a second record never begun
         ("0,5;1,5;\n1,25;2,5;\n", [[0.5, 1.25], [1.5, 2.5]]),  # every line ends in a delimiter
     ],
 )
@@ -85,7 +86,7 @@ def test_what_is_in_doubt_is_refused_with_what_settles_it(tmp_path, text, settle
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("t;u\n0;1\n1;2\n\nt;u\n0;1\n1;2\n", "Got 't' in row 2"),  # two tables
+        ("t;u\n0;1\n1;2\n\nt;v\n0;1\n1;2\n", "Got 't' in row 2"),  # two tables
         ("t;u\n0;1\n1;2\n3;oops;4\n5;6\n", "oops"),
         ("t;u\n0;1\n1;2\n2,5\n", "below the table"),
         ("t;u\n0;1;1\n1;2\n2;3\n3;4\n", "0 1 1"),

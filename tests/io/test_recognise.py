@@ -36,6 +36,7 @@ def recognised(table, **given):
         ({"t": T, "sensor [V]": Y, "command [V]": U}, ("t", "command [V]", "sensor [V]")),
         ({"a": T, "voltage": U, "ch2": Y}, ("a", "voltage", "ch2")),
         ({"t": T, "voltage": U, "force [N]": Y}, ("t", "voltage", "force [N]")),
+        ({"t": T, "force [N]": U, "displacement [mm]": Y}, ("t", "force [N]", "displacement [mm]")),
         ({"V": U, "nm": Y, "temperature": Z}, (None, "V", "nm")),
         ({"t [s]": T, "u": U, "y": Y, "T [K]": Z, "n": np.arange(N)}, ("t [s]", "u", "y")),
     ],
@@ -49,7 +50,6 @@ def test_what_names_and_values_tell(table, names):
     [
         ({"a": T, "b": U, "c": Y}, "the drive: .* Candidates: 'b', 'c'"),
         ({"t": T, "voltage": U, "current": Z, "x": Y}, "the drive: .* 'voltage', 'current'"),
-        ({"t": T, "force [N]": U, "displacement [mm]": Y}, "the drive: .* 'force \\[N\\]'"),
         ({"t": T, "voltage": U, "b": Y, "c": Z}, "the response: .* 'b', 'c'"),
         ({"t": T, "time": T, "voltage": U, "position": Y}, "the time: .* 't', 'time'"),
         ({"t": T, "x": U, "y": Y}, "the drive: .* 'x'"),
@@ -70,6 +70,27 @@ def test_what_nothing_tells_is_asked_for(table, message):
         recognised(table)
     with pytest.raises(RecordError, match=message):
         read_records(pd.DataFrame(table))
+
+
+def test_all_that_is_open_is_asked_at_once(tmp_path):
+    """With what is known; a feedback is no drive, and a count of the rows is neither."""
+    with pytest.raises(RecordError) as told:
+        recognised({"t": T, "a": U, "b": Y})
+    message = str(told.value)
+    assert "pass drive=NAME. Candidates: 'a', 'b'" in message
+    assert "pass response=NAME. Candidates: 'a', 'b'" in message
+    assert message.endswith("Recognised: time 't'.")
+    with pytest.raises(RecordError, match=r"the drive: .* Candidates: 'Ref'\. Recog.* 'Fbk'"):
+        recognised({"Tick": np.arange(N), "Ref": U, "Fbk": Y})
+    np.savez(tmp_path / "rig.npz", u=np.zeros((10, 2, 3, 2)))
+    with pytest.raises(RecordError, match=r"none is left\. It has: u \(10, 2, 3, 2\)"):
+        recognise_columns(tmp_path / "rig.npz")
+
+
+def test_one_option_settles_two_channels_of_one_unit():
+    table = pd.DataFrame({"t": T, "CH1 [V]": U, "CH2 [V]": Y})
+    found = recognise_columns(table, drive="CH1 [V]")
+    assert found["response"].name == "CH2 [V]"
 
 
 def test_what_is_given_is_no_candidate():

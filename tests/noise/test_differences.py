@@ -62,5 +62,6 @@ def test_units_do_not_matter():
 def test_a_smooth_signal_has_no_noise():
     smooth = np.sin(np.arange(2000) / 30.0)
     assert white_noise_floor(smooth) == 0.0
+    assert white_noise_floor(white(4)[:79]) == 0.0  # too few samples to tell
     assert white_noise_floor(smooth + white(4, 2000)) == pytest.approx(0.1, rel=0.1)
     assert largest_noise(smooth + white(4, 2000)) >= 0.08

@@ -301,6 +301,7 @@ def test_methods_are_values():
     assert clone(model).get_params()["method"] == method
 
 
+@pytest.mark.filterwarnings("ignore:The records begin otherwise")  # those of folds
 def test_grid_search_over_methods():
     data = record(0.01)
     methods = ["variable_projection", ParticleSwarm(population=8, max_iterations=5)]

@@ -383,4 +383,5 @@ def test_a_counter_overflows_by_one_size_while_the_drive_goes_on():
     uneven = y - 2.0 * (turns > 2.0)  # its jumps are of several sizes
     assert list(_wrapped(turns, uneven)) == []
     assert list(_wrapped(turns, np.tile([0.0, 1.0], 350))) == []  # it does nothing but jump
+    assert list(_wrapped(turns, np.tile([0.0, 1.0, 1.0], 234)[:700])) == []  # nor much else
     assert list(_wrapped(turns, np.sin(turns))) == []
