@@ -57,11 +57,11 @@ def play(u, half_gap):
 
 
 def mode(u, frequency, damping, spring=0.0, drag=0.0):
-    """Integrate ``x'' + 2 d w x' + drag w |x'| x' / w + w^2 (x + spring x^2) = w^2 u``."""
+    """Integrate ``x'' + 2 d w x' + drag |x'| x' + w^2 (x + spring max(x, 0)^2) = w^2 u``."""
 
     def slope(x, v, force):
         own = -2.0 * damping * frequency * v - drag * abs(v) * v
-        return v, own + frequency**2 * (force - x - spring * x * x)
+        return v, own + frequency**2 * (force - x - spring * max(x, 0.0) ** 2)
 
     x, v, out, h = float(u[0]), 0.0, np.empty(len(u)), DT / SUBSTEPS
     out[0] = x

@@ -106,7 +106,8 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         then refers to the samples of these grids, row numbers in ``cv``, ``washout`` and faults of
         the measurement among them; only :meth:`predict` returns to the instants that it is given.
     unknown : bool, default=False
-        Whether a term without a name is sought where the residual is not noise, see ``unknown_``.
+        Whether a term without a name is sought where the residual is not noise, see ``unknown_``;
+        of parametric models, without a reference and with records that begin at rest.
         Where one is found, the verdict is ``"unexplained"``; all else is as it is without.
     n_jobs : int or None, default=None
         Processes. None is 1, or what joblib's context says; -1 is all processors. A round's steps
@@ -547,8 +548,8 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
 
     def _unknown(self, slices, contest, base):
         """Return the term without a name that a candidate lacks; None where it lacks none."""
-        if self.verdict_ == "noise" or self._reference is not None:
-            return None
+        if self.verdict_ == "noise" or self._reference is not None or contest.renew is not None:
+            return None  # a black box has no places
         begin, records = time.perf_counter(), contest.records_of(base)
         how = contest.criterion, contest.n_tried, self.n_jobs
         found = find_unknown(base, records, slices, contest.folds, *how)

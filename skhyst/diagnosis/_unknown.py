@@ -171,6 +171,7 @@ class Unknown:
             wide = np.interp(at, v, half) + np.interp(-at, v, half)
             parts = {"odd": ahead + behind - 2.0 * np.interp(0.0, v, f), "even": ahead - behind}
             words = [name for name, own in parts.items() if np.all(np.abs(own) <= wide)]
+            words = words if len(words) == 1 else []  # a band around zero tells nothing
         slopes = np.diff(f)
         if np.all(slopes >= 0.0) or np.all(slopes <= 0.0):
             words.append("rising" if slopes.sum() > 0.0 else "falling")
@@ -214,7 +215,7 @@ def find_unknown(base, records, slices, folds, criterion, n_tried, n_jobs):
     tuple or None
             Site, candidate, p-value, sites that it is not told from, and rows of ``Unknown.laws``.
     """
-    if base.box is not None or base.structure.input_history:
+    if base.structure.input_history:
         return None
     scene = Scene(base.structure, records)
     sites = list(_sites(scene))

@@ -407,10 +407,9 @@ def smooth(operator, gram, own, n_samples):
     if axes.shape[1]:
         inner = axes.T @ left[:-1, :-1] @ axes
         roughness, turned = eigh(axes.T @ bends.T @ bends @ axes, inner)
-        axes, roughness = axes @ turned, np.maximum(roughness, 0.0)
-        penalty = roughness * _smoothing(
-            roughness, axes.T @ left[:-1, -1], left[-1, -1], n_samples - rest.size
-        )
+        axes = axes @ turned
+        found, n_left = axes.T @ left[:-1, -1], n_samples - rest.size
+        penalty = _smoothing(roughness, found, left[-1, -1], n_left)
         kept = 1.0 / (1.0 + penalty) >= min(_LEAST, 1.0 / (1.0 + penalty.min()))
         basis, penalty = np.sqrt(n_samples) * axes[:, kept], penalty[kept]
     weights = np.zeros(basis.shape[1])
@@ -418,7 +417,7 @@ def smooth(operator, gram, own, n_samples):
 
 
 def _smoothing(roughness, found, power, n_samples):
-    """Return the penalty of the restricted maximum likelihood.
+    """Return the penalty of each function by the restricted maximum likelihood.
 
     ``found`` are the least-squares coefficients of orthonormal functions, ``power`` the sum of
     squares that they are part of. With the penalty as a prior, each has the variance
@@ -426,11 +425,11 @@ def _smoothing(roughness, found, power, n_samples):
     """
     bent = roughness > 1e-9 * roughness.max(initial=0.0)
     if not bent.any():
-        return 0.0
+        return np.zeros(len(roughness))
     d, z = roughness[bent], np.square(found[bent])
     white = max(power - np.square(found).sum(), np.finfo(float).tiny)
     n = max(n_samples - np.count_nonzero(~bent), 1.0)
     penalties = _GRID / np.median(d)
     ratio = 1.0 + 1.0 / np.multiply.outer(penalties, d)
     deviance = np.log(ratio).sum(axis=1) + n * np.log(white + (z / ratio).sum(axis=1))
-    return penalties[np.argmin(deviance)]
+    return np.where(bent, penalties[np.argmin(deviance)] * roughness, 0.0)

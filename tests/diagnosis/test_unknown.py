@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from sklearn.linear_model import Ridge
 
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.linear import SecondOrderMode, SecondOrderModeOperator
@@ -115,6 +116,12 @@ def test_of_a_further_column():
     found = search(y, np.stack([U, temperature], axis=1)).unknown_
     assert (found.place, found.argument) == ("response", "column 1 of X")
     assert "absolute value" in set(found.laws["law"])
+
+
+def test_a_black_box_has_no_places():
+    y = np.tanh(2.0 * U) + noise(6)
+    found = EffectSearchCV(Ridge(), max_effects=0, cv=3, unknown=True).fit(U[:, None], y)
+    assert found.unknown_ is None
 
 
 def test_it_is_not_sought_unasked():
