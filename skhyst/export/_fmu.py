@@ -11,7 +11,7 @@ from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
 import numpy as np
 
-from .._files import replacing
+from .._files import replacing, telling
 from ._c import DIALECTS, program
 
 _VERSIONS = ("2.0", "3.0")
@@ -148,8 +148,9 @@ def to_fmu(
     with tempfile.TemporaryDirectory() as folder:
         texts = own.files | {f"{name}_fmu.c": wrapper}
         del texts[f"{name}_test.c"]
-        for file, text in texts.items():
-            Path(folder, file).write_text(text, encoding="utf-8")
+        with telling(path):
+            for file, text in texts.items():
+                Path(folder, file).write_text(text, encoding="utf-8")
         files = {f"sources/{file}": text.encode() for file, text in texts.items()}
         files["modelDescription.xml"] = _description(
             name, version, type(model).__name__, own, first, units
@@ -159,10 +160,7 @@ def to_fmu(
         files |= _binary(name, version, folder)
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as (part,), ZipFile(part, "w") as archive:
-        for (
-            file,
-            content,
-        ) in files.items():  # without the date, so that equal models give equal files
+        for file, content in files.items():  # without the date: equal models give equal files
             archive.writestr(ZipInfo(file), content, ZIP_DEFLATED)
     return path
 

@@ -251,7 +251,8 @@ class UnknownTermOperator(Operator):
         coefficients = np.asarray(self.basis @ self.weights, dtype=float)
         numbers = self.low, self.width, ARGUMENTS.index(self.argument), self.half_gap, self.passed
         law = (coefficients, *numbers, dt)
-        return CompiledLaw(unknown_term, law, state)
+        # the law has a place for what only some arguments remember
+        return CompiledLaw(unknown_term, law, state or (0.0,))
 
 
 class UnknownTerm(ParametricModel):
