@@ -558,7 +558,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
             if self.verdict_ == "undetermined":  # what is found is structure
                 self.verdict_, self.verdict_advice_ = "unexplained", ""
                 self.verdict_reason_ = "a smooth function of a signal explains it"
-            left = contest.judgement(chosen).structured
+            left = contest.judgement(chosen).verdict != "noise"
             (scored,) = self._by_records(slices, records, chosen)
             estimator, result = chosen.structure.fitted(records, slices)
             rng = np.random.default_rng(check_random_state(self.random_state).randint(2**31 - 1))

@@ -121,7 +121,8 @@ class Unknown:
         Laws that the curve is not better than: ``law``, ``formula``, ``c`` and ``c_std``, the scale
         ``s`` (NaN where the law has none), ``error``, and ``p_value`` against it, simplest first.
     structure_left : bool
-        Whether something is left beside it, as the search judges.
+        Whether the search does not judge what is left beside it to be noise: then the place may be
+        another, such as a force in the equation of motion, which is not tried.
     estimator : estimator
         The augmented model with the term, fitted to all data.
 
@@ -156,6 +157,8 @@ class Unknown:
         text += f"; it explains {100.0 * self.share:.0f} % of the power that was left"
         if self.ambiguous_with:
             text += f"; the recording does not tell it from {', or '.join(self.ambiguous_with)}"
+        if self.structure_left:
+            text += "; more than noise may be left beside it, so that the place is not sure"
         return text
 
     @property
