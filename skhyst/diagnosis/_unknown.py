@@ -98,7 +98,7 @@ class Site:
 class Unknown:
     """A term that is missing in a model, and has no name.
 
-    Attributes
+    Parameters
     ----------
     place : str
         Where its output is added: ``"drive"``, ``"behind <stage>"`` or ``"response"``.

@@ -470,9 +470,19 @@ class Signal:
         return (self.low, self.high, self.rate) != (-math.inf, math.inf, math.inf)
 
     def ends(self, dt):
-        """Return lowest and highest value, and largest change in an interval (None: any).
+        """Return lowest and highest value, and largest change in an interval.
 
         Rounding of what lies on an end is no extrapolation.
+
+        Parameters
+        ----------
+        dt : float or None
+            Interval in s; None where the change is not limited.
+
+        Returns
+        -------
+        tuple of float
+            In the unit of the signal.
         """
         span = self.high - self.low
         rounding = ROUNDING * (span if math.isfinite(span) else 0.0)
