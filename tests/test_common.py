@@ -68,6 +68,7 @@ MEMORYLESS = {
     "SCNRegressor",
     "SmoothCurve",
     "SoftSaturation",
+    "UnknownTerm",
     "Offset",
     "InverseCompensator",  # of a regressor
     "Observer",  # nothing is predicted from X alone
@@ -83,7 +84,10 @@ MEMORY = {
 # rows that are repeated are further samples in time; a weight repeats the sample alone
 WEIGHTS = {"check_sample_weight_equivalence_on_dense_data": "the output depends on the past"}
 # a search that ends at a tolerance, from quantiles that repeated rows move: equal to 1e-5 of it
-NONLINEAR = {"DeadBand", "DeadZones", "Saturation", "SmoothCurve", "SoftSaturation"}
+NONLINEAR = {
+    *("DeadBand", "DeadZones", "Saturation", "SmoothCurve", "SoftSaturation"),
+    "UnknownTerm",  # whose smoothness follows from the number of samples
+}
 
 # its response is the drive itself, which a search refuses
 NO_EXPERIMENT = {"check_regressors_no_decision_function": "the response is a column of X"}

@@ -4,7 +4,7 @@ At a sample the controller takes the reading, the reference of the same instant 
 feed-forward, the compensator's drive for the next sample. Anti-windup is by conditional
 integration: while the limits cut the drive, the integral part does not move further beyond them.
 Where the drive that acts is measured, or another controller gives it, the integral part follows it
-by back-calculation (K. J. Åström, T. Hägglund, "Advanced PID Control", ISA, 2006, chapter 3).
+by back-calculation (Åström and Hägglund, *Advanced PID Control*, 2006, chapter 3).
 
 The derivative part of a signal x, with a filter of time constant T, is by backward differences
 

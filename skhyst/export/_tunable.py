@@ -7,8 +7,8 @@ its differences, and else, where it depends on one or two parameters, from a Che
 
 .. math:: c(x, y) = \sum_{a, b} c_{ab} \, T_a(x) \, T_b(y), \qquad T_n(\cos t) = \cos n t,
 
-which for an analytic function converges geometrically with its degree (L. N. Trefethen,
-"Approximation Theory and Approximation Practice", SIAM, 2013, theorem 8.2). Each is verified at
+which for an analytic function converges geometrically with its degree (Trefethen,
+*Approximation Theory and Approximation Practice*, 2013, theorem 8.2). Each is verified at
 random parameters within the ranges.
 """
 

@@ -5,8 +5,8 @@ fold trains on; the whole record is simulated, so that the past of what is held 
 
 Of two models that predict equally well the simpler one is taken: one whose error is larger by less
 than 5 %, or its mean square by less than one standard error of the difference over the folds (the
-one standard error rule of Breiman, Friedman, Olshen and Stone, *Classification and Regression
-Trees*, 1984, section 3.4.3, for paired differences). Models that join two mechanisms show how far
+one standard error rule of Breiman et al., *Classification and Regression Trees*, 1984,
+section 3.4.3, for paired differences). Models that join two mechanisms show how far
 such a model can come. They are not taken: what a second mechanism adds is what a search tests.
 """
 

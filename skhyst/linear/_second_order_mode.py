@@ -64,6 +64,11 @@ class SecondOrderModeOperator(LinearOperator):
     def lag_rates(self):
         return rates_of_sections([], [self.natural_frequency], [self.damping_ratio])
 
+    def characteristics(self, seen):
+        # of a lag the delay of slow motion: the sum of its time constants where both are real
+        delay = 2.0 * self.damping_ratio / self.natural_frequency
+        return {} if self.n_ringing() else {"time constant": (delay, "s")}
+
     def linear_mode(self):
         return self
 

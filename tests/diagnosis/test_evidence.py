@@ -301,7 +301,7 @@ def elastic_then_sliding(x, v):
 @pytest.mark.parametrize(
     ("effect", "extra", "name", "level"),
     [
-        ("friction", lambda x, v: 4.0 * np.tanh(v / 0.5), "coulomb force", 4.0),
+        ("friction", lambda x, v: 4.0 * np.tanh(v / 0.5), "Coulomb force", 4.0),
         ("hysteresis", elastic_then_sliding, "largest hysteretic force", 3.0),
     ],
 )

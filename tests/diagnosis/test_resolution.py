@@ -138,7 +138,7 @@ def test_effects_are_taken_out_of_a_tree_that_is_as_fine_as_before():
     u = drive()
     y = noisy(FirstOrderLagOperator(5.0).run(plays(u), 1.0)[0])
     candidate, records, folds = declared(PrandtlIshlinskii(8), (u, y))
-    (lag,) = screened(EFFECTS["lag"], candidate.structure, records)
+    lag, *_ = screened(EFFECTS["lag"], candidate.structure, records)
     lag = held_out(refitted(lag, lag.structure, records), records, folds)
     found, (done,) = raised(lag, records, folds)
     assert done.stage == "prandtl_ishlinskii"
@@ -157,7 +157,7 @@ def test_what_an_effect_has_brought_in_is_raised_too():
     found, (done,) = raised(effect, records, folds)
     assert (done.stage, done.before) == ("hysteresis", 10)
     assert 4 <= done.after <= 6
-    (lag,) = screened(EFFECTS["lag"], found.structure, records)
+    lag, *_ = screened(EFFECTS["lag"], found.structure, records)
     tree = lag.structure.without("lag")
     np.testing.assert_array_equal(
         tree.operators[0].thresholds, found.structure.operators[0].thresholds
