@@ -171,7 +171,7 @@ class Report:
             Data that the search has not seen, to report the error on.
         comparison : ModelComparisonDisplay or None, default=None
             Other models, as :func:`skhyst.inspection.compare_models` compares them. One with an
-            error three times smaller than that of the declared model is told first, unless what
+            error three times smaller than that of the declared model is reported first, unless what
             was found makes up for it.
 
         Returns

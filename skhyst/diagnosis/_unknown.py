@@ -1,4 +1,4 @@
-r"""What is left when no effect explains the residual: a term without a name.
+r"""A term without a name, for a residual that no effect explains.
 
 The step that follows a verdict other than ``noise``. A smooth function of one signal, whose law is
 not known (:class:`~skhyst.static.UnknownTerm`), is put at every place of the model: at each joint
@@ -121,7 +121,7 @@ class Unknown:
         Laws that the curve is not better than: ``law``, ``formula``, ``c`` and ``c_std``, the scale
         ``s`` (NaN where the law has none), ``error``, and ``p_value`` against it, simplest first.
     structure_left : bool
-        Whether the search does not judge what is left beside it to be noise: then the place may be
+        Whether the search does not judge the residual beside it to be noise: then the place may be
         another, such as a force in the equation of motion, which is not tried.
     estimator : estimator
         The augmented model with the term, fitted to all data.

@@ -111,6 +111,34 @@ def stop_time(h, q, v, a, j, sign):
 
 
 @jit
+def direction(v, free, force, slope, stuck_ahead, stuck_back):
+    """Return the direction of the motion that goes on or begins; zero where the mass sticks.
+
+    ``free`` is the direction in which it has just broken away, or zero.
+    """
+    if v > 0.0:
+        return 1.0
+    if v < 0.0:
+        return -1.0
+    if free != 0.0:
+        return free
+    if force > stuck_ahead:
+        return 1.0
+    if force < -stuck_back:
+        return -1.0
+    if stuck_ahead + stuck_back == 0.0:  # nothing holds it
+        return 1.0 if slope >= 0.0 else -1.0
+    return 0.0
+
+
+@jit
+def breakaway_time(h, start, slope, stuck_ahead, stuck_back):
+    """Return when in a substep the force reaches what holds the mass; the end if it is constant."""
+    level = stuck_ahead if slope > 0.0 else -stuck_back
+    return (level - start) / slope if slope != 0.0 else h
+
+
+@jit
 def move(h, start, end, friction, x, v):
     """Return x and v after a substep under a force from ``start`` to ``end``.
 
@@ -122,26 +150,14 @@ def move(h, start, end, friction, x, v):
     now, free = 0.0, 0.0  # free: direction in which the mass breaks away
     for _ in range(_EVENTS):
         force = start + slope * now
-        sign = free
-        if v > 0.0:
-            sign = 1.0
-        elif v < 0.0:
-            sign = -1.0
-        elif free == 0.0:
-            if force > stuck_ahead:
-                sign = 1.0
-            elif force < -stuck_back:
-                sign = -1.0
-            elif stuck_ahead + stuck_back == 0.0:  # nothing holds it
-                sign = 1.0 if slope >= 0.0 else -1.0
-            else:
-                level = stuck_ahead if slope > 0.0 else -stuck_back
-                later = (level - start) / slope if slope != 0.0 else h
-                if not later < h:
-                    break
-                now = max(later, now)
-                free = 1.0 if slope > 0.0 else -1.0
-                continue
+        sign = direction(v, free, force, slope, stuck_ahead, stuck_back)
+        if sign == 0.0:
+            later = breakaway_time(h, start, slope, stuck_ahead, stuck_back)
+            if not later < h:
+                break
+            now = max(later, now)
+            free = 1.0 if slope > 0.0 else -1.0
+            continue
         free = 0.0
         level, damping = (ahead, damp_ahead) if sign > 0.0 else (back, damp_back)
         q, a, j = damping / mass, (force - sign * level) / mass, slope / mass
@@ -203,32 +219,20 @@ def move_tangents(h, start, end, friction, x, v, by, d, dnow):
     dnow[:] = 0.0
     for _ in range(_EVENTS):
         force = start + slope * now
-        sign = free
-        if v > 0.0:
-            sign = 1.0
-        elif v < 0.0:
-            sign = -1.0
-        elif free == 0.0:
-            if force > stuck_ahead:
-                sign = 1.0
-            elif force < -stuck_back:
-                sign = -1.0
-            elif stuck_ahead + stuck_back == 0.0:  # nothing holds it
-                sign = 1.0 if slope >= 0.0 else -1.0
-            else:
-                for k in range(n):
-                    d[1, k] = 0.0
-                level = stuck_ahead if slope > 0.0 else -stuck_back
-                later = (level - start) / slope if slope != 0.0 else h
-                if not later < h:
-                    break
-                now = max(later, now)
-                free = 1.0 if slope > 0.0 else -1.0
-                for k in range(n):
-                    by_level = by[_STUCK_AHEAD, k] if slope > 0.0 else -by[_STUCK_BACK, k]
-                    by_force = by[_START, k] + (by[_END, k] - by[_START, k]) * (now / h)
-                    dnow[k] = (by_level - by_force) / slope
-                continue
+        sign = direction(v, free, force, slope, stuck_ahead, stuck_back)
+        if sign == 0.0:
+            for k in range(n):
+                d[1, k] = 0.0
+            later = breakaway_time(h, start, slope, stuck_ahead, stuck_back)
+            if not later < h:
+                break
+            now = max(later, now)
+            free = 1.0 if slope > 0.0 else -1.0
+            for k in range(n):
+                by_level = by[_STUCK_AHEAD, k] if slope > 0.0 else -by[_STUCK_BACK, k]
+                by_force = by[_START, k] + (by[_END, k] - by[_START, k]) * (now / h)
+                dnow[k] = (by_level - by_force) / slope
+            continue
         free = 0.0
         forward = sign > 0.0
         level, damping = (ahead, damp_ahead) if forward else (back, damp_back)

@@ -65,7 +65,7 @@ class ModesMixin:
         self.damping_ratios_std_ = np.where(p.imag > 0.0, _std(by_damping, spread), np.nan)
 
     def _add_integrators(self, count):
-        """Put poles at zero, which are known, before the others; of them no mode is told."""
+        """Put poles at zero, which are known, before the others; they are no modes."""
         self.poles_ = np.concatenate([np.zeros(count), self.poles_])
         known = np.zeros((count, 2, 2))
         self.poles_covariance_ = np.concatenate([known, self.poles_covariance_])
