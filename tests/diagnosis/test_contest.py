@@ -9,6 +9,7 @@ from sklearn.exceptions import FitFailedWarning
 from skhyst.diagnosis import _contest
 from skhyst.diagnosis._candidates import Candidate
 from skhyst.diagnosis._contest import Contest
+from skhyst.optimize import RecordData
 
 
 class Names:
@@ -210,6 +211,7 @@ def test_the_name_is_that_of_the_least_error(known):
     assert tried(none=1.0, a=0.5, b=0.45) == ("b", ("a",))  # which is not told from it
     assert tried(none=1.0, a=0.5, b=0.3) == ("b", ())
     assert tried(none=1.0, a=0.5, b=0.55, c=0.52) == (None, ("c", "b"))
+    assert tried(none=1.0, a=0.5, b=0.45, c=0.48) == ("b", ("c", "a"))
     assert tried(none=1.0, a=0.5, b=0.7) == (None, ())  # told from it
     assert tried(none=1.0, a=0.5, b=0.95) == (None, ())  # no better than nothing
     assert tried(none=1.0, a=0.5, o=0.45) == ("o", ("a",))
@@ -384,3 +386,79 @@ def test_paths_go_on_until_nothing_is_better(known):
     ends = contest.grow(candidate("", 1.0))
     assert ["".join(c.structure.effects) for c in ends] == ["a", "bc"]
     assert told[-1].endswith("b + c: held-out error 0.3")
+
+
+def test_what_is_taken_out_is_fitted_again_once(known, monkeypatch):
+    """Where a black box was declared it is fitted too."""
+    done = []
+
+    def refitted(c, structure, records):
+        done.append(structure.effects)
+        return candidate(structure.effects, 0.7)
+
+    monkeypatch.setattr(_contest, "refitted", refitted)
+    contest, base = contest_of(), candidate("ab", 0.5)
+    for _ in range(2):
+        reduced = contest.without(base, "a")
+        assert (reduced.structure.effects, reduced.error) == (("b",), 0.7)
+    assert done == [("b",)]
+    renewed = []
+    contest = contest_of(
+        renew=lambda c, own, records: renewed.append(c.error) or candidate("b", 0.6)
+    )
+    assert contest.without(base, "a").error == 0.6
+    assert renewed == [0.7]
+
+
+def test_weights_are_of_what_is_left_where_the_loss_is_robust(known, monkeypatch):
+    """All steps are then done anew."""
+    monkeypatch.setattr(_contest, "huber_weights", lambda residuals, lost: [np.full(4, 0.5)])
+    monkeypatch.setattr(_contest, "refitted", lambda c, structure, records: candidate("a", 0.4))
+    base = candidate("a", 0.5)
+    assert contest_of().weighed(base) is base
+    u = np.arange(4.0)
+    contest = contest_of(lost=[u > 9.0], records=[RecordData(u, u, 0.1)])
+    contest._keep(contest._set(base), [base])
+    assert contest._is_done(contest._set(base))
+    assert contest.weighed(base).error == 0.4
+    np.testing.assert_array_equal(contest.records[0].weights, np.full(4, 0.5))
+    first = contest._set(base)
+    assert not contest._is_done(first)
+    contest.weighed(base)
+    assert contest._set(base) != first
+
+
+def test_a_name_is_plausible_by_its_margin_and_by_what_it_predicts(known, monkeypatch):
+    contest = contest_of()
+    for named in (True, False):
+        for predicts in (True, False):
+            monkeypatch.setattr(_contest, "is_plausible", lambda *_, named=named: named)
+            contest._predicts_levels = lambda *_, predicts=predicts: predicts
+            found = contest._is_plausible(candidate("a", 0.5), candidate("", 1.0), [])
+            assert found == (named and predicts)
+
+
+def pruned(errors, right=True):
+    """Prune the effects a, b and c whose models have those errors; return what is left."""
+    contest = contest_of(tell=lambda *_: None)
+    found = {names: candidate(names, error) for names, error in errors.items()}
+    contest.without = lambda base, name: found[
+        "".join(n for n in base.structure.effects if n != name)
+    ]
+    contest._has_course = lambda c: True
+    contest._has_its_name = lambda c, name: right or c is found[max(found, key=len)]
+    return "".join(contest.prune(found[max(found, key=len)]).structure.effects)
+
+
+def test_what_is_missed_least_goes_first(known):
+    assert pruned({"ab": 1.0, "a": 1.05, "b": 1.02, "": 2.0}) == "b"
+    assert pruned({"ab": 1.0, "a": 1.02, "b": 1.05, "": 2.0}) == "a"
+    assert pruned({"ab": 1.0, "a": 2.0, "b": 2.0, "": 1.05}) == ""  # they compensate
+    assert pruned({"ab": 1.0, "a": 2.0, "b": 2.0, "": 2.0}) == "ab"
+    assert pruned({"a": 1.0, "": 1.2}) == ""  # it matters, and is not significant
+    assert pruned({"a": 1.0, "": 1.3}) == "a"
+
+
+def test_an_effect_stays_without_which_another_would_not_be_what_it_is(known):
+    assert pruned({"ab": 1.0, "a": 1.02, "b": 1.05, "": 2.0}, right=False) == "ab"
+    assert pruned({"ab": 1.0, "a": 1.15, "b": 1.05, "": 2.0}, right=False) == "a"  # not the same

@@ -16,12 +16,14 @@ from skhyst.diagnosis._plausibility import (
     goes_on,
     has_its_name,
     has_no_peak,
+    is_between_samples,
     is_plausible,
     is_wider_than_noise,
     levels_off,
     remembers,
     rings,
     slides,
+    stops,
     varies_in_rate,
 )
 from skhyst.diagnosis._tree import Tree
@@ -298,3 +300,61 @@ def test_a_line_is_its_own_where_most_of_it_does_not_return_with_the_turns(turns
         margin = EFFECTS["periodic_disturbance"].plausible
         own = margin(operator, np.array([]), [RecordData(drive, drive, 1.0)]) > 0.0
         assert own == (returning < 0.5)
+
+
+@pytest.mark.parametrize(("times", "later"), [(0.98, False), (1.02, True)])
+def test_a_delay_is_longer_than_the_shortest_interval(times, later):
+    """A shift of the clocks is shorter, or it is a delay."""
+    records = [RecordData(np.zeros(9), np.zeros(9), dt) for dt in (0.02, 0.01, 0.05)]
+    margin = EFFECTS["delay"].plausible
+    assert (margin(SimpleNamespace(delay=0.01 * times), None, records) > 0.0) == later
+    shift = SimpleNamespace(shift=0.01 * times)
+    assert (is_between_samples(shift, None, records) > 0.0) == (not later)
+    assert is_between_samples(SimpleNamespace(), None, records) == np.inf
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1e6])
+@pytest.mark.parametrize(("end", "both"), [(0.04, False), (0.06, True)])
+def test_a_dead_zone_is_left_at_both_ends_by_a_twentieth_of_the_motion(unit, end, both):
+    motion = unit * np.array([-end, 1.0 - end, 0.3])
+    assert (goes_on(None, motion, []) > 0.0) == both
+    assert (goes_on(None, -motion, []) > 0.0) == both
+
+
+@pytest.mark.parametrize("frequency", [0.3, 300.0])
+@pytest.mark.parametrize(
+    ("peak", "shows"), [(1.04, False), (1.06, True), (0.96, False), (0.94, True)]
+)
+def test_a_mode_with_zeros_shows_a_peak_or_a_notch(frequency, peak, shows):
+    """By a twentieth beyond the gains at rest and far above; zeros near the poles cancel them."""
+
+    def response(hertz):
+        s = 2j * np.pi * hertz / frequency
+        return (1.0 + 0.6 * peak * s + s**2) / (1.0 + 0.6 * s + s**2)
+
+    known = {"damping_ratio": 0.3, "natural_frequency": frequency, "frequency_response": response}
+    records = [RecordData(np.zeros(9), np.zeros(9), 1e-3)]
+    assert (rings(SimpleNamespace(**known, numerator=np.ones(2)), None, records) > 0.0) == shows
+    assert rings(SimpleNamespace(**known), None, records) > 0.0  # without zeros it is a peak
+    low = {**known, "frequency_response": lambda f: (1.0 + 9.0 * (f == 0.0)) * response(f)}
+    assert rings(SimpleNamespace(**low, numerator=np.ones(2)), None, records) < 0.0 or peak < 1.0
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "plausible"),
+    [(-0.5, 3.0, True), (-3.0, 0.5, True), (-3.0, 3.0, False), (-0.99, -0.95, False)],
+)
+@pytest.mark.parametrize("sprung", [True, False])
+def test_one_stop_is_enough(lower, upper, plausible, sprung):
+    """Between the stops it is free for a twentieth of its way; without a spring all are stiff."""
+    operator = SimpleNamespace(
+        stop_stiffness=5.0 if sprung else 0.1,
+        lower=lower,
+        upper=upper,
+        gain=3.0,
+        intercept=-7.0,
+        linear_mode=lambda: True if sprung else None,
+    )
+    motion = np.linspace(-1.0, 1.0, 50)
+    motion = 3.0 * motion - 7.0 if sprung else motion
+    assert (stops(operator, motion, []) > 0.0) == plausible
