@@ -228,7 +228,7 @@ def test_a_search_tells_a_drive_that_reacts_to_the_noise(signals, feedback):
 
 
 def test_search_reports_faults(signals):
-    drive, y = signals
+    drive, y = (signal[:1000] for signal in signals)
     y[77] += 0.5
     search = EffectSearchCV(PrandtlIshlinskii(3), effects=["offset"]).fit(drive[:, None], y)
     assert search.data_quality_["fault"].tolist() == ["outlier"]
