@@ -131,6 +131,8 @@ def test_scikit_learn(estimator, check):
     expected_failed_checks=expected_failed_checks,
 )
 def test_scikit_learn_of_all_others(estimator, check):
+    if check.func.__name__ in expected_failed_checks(estimator):
+        pytest.xfail("the output depends on the past")  # those of its kind show that it does
     check(estimator)
 
 
