@@ -108,6 +108,8 @@ class Part:
     signed : tuple of str
         Parameters that are found on a logarithmic scale, and negative where they are found in
         another way, as the time constants of an unstable plant.
+    schedule_range : (float, float) or None
+        Least and largest schedule of the fit, where parameters depend on a schedule.
     children : tuple of Operator
         The parts that a node joins or wraps.
 
@@ -135,6 +137,7 @@ class Part:
     is_disturbance = False
     reads_columns = False
     signed = ()
+    schedule_range = None
     children = ()
     driving_column = 0  # of the input
     structure_of = None  # of a node: name of the estimator in skhyst.compose
