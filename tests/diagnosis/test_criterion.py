@@ -266,3 +266,15 @@ def test_the_smaller_of_two_p_values_counts_twice():
         assert 0.0 < min(single) < 0.3
         p_value = Criterion(0.01, 0.0).p_value(*pair)
         assert p_value == pytest.approx(factor * min(single), rel=0.2)  # sizes of records apart
+
+
+def test_an_instrument_that_does_not_follow_the_difference_shows_nothing():
+    """However much would be gained by what it knows: their product is what counts."""
+    better = [np.full(20, 2.0)]
+    worse = [np.resize([1.0, 1.2], 20)]
+    against, along = ([sign * 0.01 * np.resize([1.0, 2.0], 20)] for sign in (1.0, -1.0))
+    assert paired_p_value(worse, better, against) == 1.0
+    assert paired_p_value(better, worse, against) < 1.0
+    assert paired_p_value(better, worse, along) == 1.0
+    own = [worse[0] - better[0]]
+    assert paired_p_value(better, worse, [-own[0]]) == pytest.approx(paired_p_value(better, worse))
