@@ -20,6 +20,11 @@ response to a small change of the values is eliminated as an additive disturbanc
 
 Each loop goes on while the sum of squares falls by more than by chance: k values are expected to
 remove the fraction k / n of n samples of noise.
+
+Where the memory fades, most of a record does not depend on what came before it, nor any of it on
+what lies far back. Both are found first, from pasts at the limits, and are not simulated again:
+what all that is left out could change is a small part of the mean squared residual of a sample.
+Of a linear operator no search is needed: its derivatives give all residuals, and the least of them.
 """
 
 from dataclasses import replace
@@ -27,6 +32,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import least_squares
 
+from ._bounded_step import bounded_step
 from ._identify import identify
 from ._problem import OperatorProblem, ages, scheduled
 from ._start_values import estimate_start_values, start_values_of
@@ -36,6 +42,7 @@ _STEPS = np.outer(_THIRDS, (1.0, -1.0)).ravel()
 _DEPTH = 3  # evaluations per value of a descent: with one, one record of 30 misses its minimum
 # of 25 records of plays, one start misses the minimum in 3, and three starts in none
 _STARTS = 3  # where no values are known
+_FADED = 1e-3  # of the mean squared residual of a sample: no choice between pasts depends on it
 _FAR = 1e10  # residual of a run that diverges, relative to the response
 
 
@@ -148,14 +155,18 @@ def _history(problem, record, limits, count):
         return _rest(record, count), 0
     misfit = _Misfit(problem, record, low, size)
     starts = _starts(misfit, record, count)
-    left = np.array([misfit.cost(start) for start in starts])
-    misfit.hold(left.min())
+    if problem.operator.signal_linear:
+        return misfit.before(misfit.solved(np.array(starts))), misfit.runs
+    left = misfit.look_over(starts)
+    starts = [start[: misfit.n_values] for start in starts]
     # many pasts have the same residual: the penalty of their changes distinguishes them
     left += [np.square(misfit.changes(start)).sum() for start in starts]
     order = np.argsort(left)[: 1 if _is_known(record, count) else _STARTS]
     chance = len(starts[0]) / max(record.counts().sum(), 1.0)
     best, _ = min((_searched(misfit, starts[i], chance) for i in order), key=lambda own: own[1])
-    return misfit.before(best), misfit.runs
+    found = _rest(record, count)
+    found[: len(misfit.before(best))] = misfit.before(best)
+    return found, misfit.runs
 
 
 def _starts(misfit, record, count):
@@ -180,6 +191,11 @@ def _searched(misfit, values, chance):
             return values, least
 
 
+def _at_the_limits(count):
+    """Return pasts at the limits of the inputs, relative to these: at one, the other, and both."""
+    return np.zeros(count), np.ones(count), np.arange(count) % 2.0, (np.arange(count) + 1) % 2.0
+
+
 class _Misfit:
     """Residual of a record as a function of the inputs before it, relative to the limits.
 
@@ -198,7 +214,8 @@ class _Misfit:
         self._scale = np.linalg.norm(self._root * record.y) or 1.0
         self._last = self.relative(record.u[:1]).reshape(1, -1)
         self._stiffness = 0.0
-        self.runs = 0
+        self._settled, self._reach, self._faded = None, len(record.u), 0.0
+        self.n_values, self.runs = 0, 0
 
     def relative(self, values):
         """Return inputs relative to the limits, within these."""
@@ -210,9 +227,67 @@ class _Misfit:
         own = self._low + self._size * values.reshape(-1, len(self._size))
         return own if self._record.u.ndim > 1 else own[:, 0]
 
-    def hold(self, least):
-        """Set the penalty of changes from value to value: the mean square of the residual."""
-        self._stiffness = np.sqrt(least / len(self._root))
+    def solved(self, starts):
+        """Return the values of least residual and penalty, of a linear operator.
+
+        The penalty is set as by :meth:`look_over`: from the least residual of the starts.
+        """
+        rest, moves = starts[0], self._derivatives(starts[0])
+        left = self(rest)
+        along = moves[: len(self._root)]
+        least = np.linalg.norm(left[: len(along), None] + along @ (starts - rest).T, axis=0).min()
+        self._stiffness = least / np.sqrt(len(along))
+        left[len(along) :] = self.changes(rest)
+        moves[len(along) :] = self._change_slopes(len(rest))
+        step = bounded_step(moves.T @ moves, moves.T @ left, -rest, 1.0 - rest)
+        return np.clip(rest + step, 0.0, 1.0)
+
+    def look_over(self, starts):
+        """Return the sums of squares of starts, without the penalty of changes, which is set.
+
+        That penalty is the mean square of the least residual. From then on as many values and as
+        much of the record are simulated as it depends on.
+        """
+        n_inputs, rest = len(self._size), starts[0]
+        ends = [np.repeat(own, n_inputs) for own in _at_the_limits(len(rest) // n_inputs)]
+        outputs = np.array([self._simulate(values) for values in (rest, *ends)])
+        with np.errstate(invalid="ignore"):  # runs that diverge
+            spread = np.ptp(outputs, axis=0)
+        after = np.cumsum(self._change(spread)[::-1])[::-1]
+        self._settled, left = outputs[0], [self._squares(outputs[0])]
+        self._reach = self._lasting(after, left)
+        left += [self._squares(self._simulate(start)) for start in starts[1:]]
+        self._reach = self._lasting(after, left)
+        kept = len(rest)
+        while kept > n_inputs and self._is_forgotten(rest, ends, kept - n_inputs):
+            kept -= n_inputs
+        self.n_values, self._stiffness = kept, np.sqrt(min(left) / len(self._root))
+        return np.array(left)
+
+    def _lasting(self, after, left):
+        """Return how many samples pasts act on: behind them ``after`` is what all could change."""
+        self._faded = _FADED * min(left) / len(self._root)
+        return max(int(np.sum(after > self._faded)), 1)
+
+    def _is_forgotten(self, rest, ends, kept):
+        """Whether nothing noticeable depends on the values behind so many."""
+        rested = self._simulate(rest)
+        trials = [self._simulate(np.append(rest[:kept], own[kept:])) for own in ends]
+        return all(self._change(trial - rested).sum() <= self._faded for trial in trials)
+
+    def _change(self, part):
+        """Return the squares of a change of the output, relative to the response, weighted."""
+        return np.nan_to_num(np.square(part * self._root / self._scale), nan=_FAR, posinf=_FAR)
+
+    def _squares(self, output):
+        left = np.nan_to_num(self._left(output - self._record.y), nan=_FAR, posinf=_FAR)
+        return left @ left
+
+    def _simulate(self, values):
+        """Return the output of the record."""
+        self.runs += 1
+        output = self._problem.simulate(self._operator, self._begun(values))
+        return output if self._settled is None else np.append(output, self._settled[self._reach :])
 
     def changes(self, values):
         """Return the penalties of the changes from value to value, as residuals."""
@@ -220,13 +295,13 @@ class _Misfit:
         return self._stiffness * np.diff(own, axis=0, prepend=self._last).ravel()
 
     def __call__(self, values):
-        record = self._begun(values)
-        left = self._left(self._problem.simulate(self._operator, record) - record.y)
+        left = self._left(self._simulate(values) - self._record.y)
         return np.nan_to_num(np.concatenate([left, self.changes(values)]), nan=_FAR, posinf=_FAR)
 
     def _begun(self, values):
-        self.runs += 1
-        return replace(self._record, before=self.before(values))
+        """Return what depends on the inputs before the record, behind these."""
+        record = self._record if self._settled is None else self._record.first_part(self._reach)
+        return replace(record, before=self.before(values))
 
     def _left(self, part):
         """Return columns relative to the response, weighted, with the disturbances eliminated."""
@@ -234,12 +309,15 @@ class _Misfit:
         return part if self._basis is None else part - self._basis @ (self._basis.T @ part)
 
     def _derivatives(self, values):
-        part = self._problem.carried(self._operator, self._begun(values))
-        count, n_inputs = len(values), len(self._size)
-        changes = self._stiffness * (np.eye(count) - np.eye(count, k=-n_inputs))
-        sizes = np.tile(self._size, count // n_inputs)
-        found = np.concatenate([self._left(sizes * part), changes])
+        self.runs += 1
+        part = np.zeros((len(self._root), len(values)))
+        part[: self._reach] = self._problem.carried(self._operator, self._begun(values))
+        sizes = np.tile(self._size, len(values) // len(self._size))
+        found = np.concatenate([self._left(sizes * part), self._change_slopes(len(values))])
         return np.nan_to_num(found, posinf=0.0, neginf=0.0)
+
+    def _change_slopes(self, count):
+        return self._stiffness * (np.eye(count) - np.eye(count, k=-len(self._size)))
 
     def cost(self, values):
         """Return the sum of squares."""
