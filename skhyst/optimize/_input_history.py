@@ -8,11 +8,11 @@ least-squares problem of its own.
 
 The output is at best a piecewise smooth function of these values: plays that did not move do not
 depend on them. So the search starts from the best few among a rest and sections of the record's own
-drive, or from the best one if the values are known from a fit before. It alternates between steps
-in one value after the other, the oldest first, and a descent along the derivatives that the
-operator propagates from its input. Values that the record does not determine are kept at rest by a
-penalty: a change by the full range from one value to the next costs as much as the mean squared
-residual of a sample. Of several inputs each has such values.
+drive, or from the values that a fit before has found. It alternates between steps in one value
+after the other, the oldest first, and a descent by damped Gauss-Newton steps with the derivatives
+that the operator propagates from its input. Values that the record does not determine are kept at
+rest by a penalty: a change by the full range from one value to the next costs as much as the mean
+squared residual of a sample. Of several inputs each has such values.
 
 The parameters are identified first from the later half of each record, which depends least on its
 start. Then the values and the parameters are identified in turn; while the parameters are, the
@@ -30,16 +30,16 @@ Of a linear operator no search is needed: its derivatives give all residuals, an
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from ._bounded_step import bounded_step
 from ._identify import identify
 from ._problem import OperatorProblem, ages, scheduled
 from ._start_values import estimate_start_values, start_values_of
+from ._variable_projection import variable_projection
 
 _THIRDS = 3.0 ** -np.arange(1, 5)  # of the limits: the range of the drive, to a few per cent of it
 _STEPS = np.outer(_THIRDS, (1.0, -1.0)).ravel()
-_DEPTH = 3  # evaluations per value of a descent: with one, one record of 30 misses its minimum
+_DEPTH, _ENOUGH = 3, 1e-5  # evaluations per value of a descent; gain of the step that ends it
 # of 25 records of plays, one start misses the minimum in 3, and three starts in none
 _STARTS = 3  # where no values are known
 _FADED = 1e-3  # of the mean squared residual of a sample: no choice between pasts depends on it
@@ -47,7 +47,7 @@ _FAR = 1e10  # residual of a run that diverges, relative to the response
 
 
 def estimate_input_history(
-    operator, disturbances, records, *, fixed=(), method="variable_projection"
+    operator, disturbances, records, *, fixed=(), method="variable_projection", with_errors=True
 ):
     """Identify parameters and the drive before each record.
 
@@ -60,6 +60,8 @@ def estimate_input_history(
     fixed : collection of str, default=()
         Names of entries that are held.
     method : str or Method, default="variable_projection"
+    with_errors : bool, default=True
+        As of :func:`identify`.
 
     Returns
     -------
@@ -73,18 +75,19 @@ def estimate_input_history(
     count = _count(records)
     records = [r if _is_known(r, count) else replace(r, before=None) for r in records]
     start = [(operator, disturbances)]
-    best = identify(start, records, fixed=fixed, method=method)
+    how = {"fixed": fixed, "method": method, "with_errors": with_errors}
+    best = identify(start, records, **how)
     late = [
         replace(r, weights=r.counts() * (np.arange(len(r.u)) >= len(r.u) // 2)) for r in records
     ]
     chance = sum(_rest(r, count).size for r in records) / sum(r.counts().sum() for r in records)
-    rough = {"fixed": fixed, "method": method, "with_errors": False}
+    rough = how | {"with_errors": False}
     result, evaluations, gain = identify(start, late, **rough), 0, 1.0
     while gain > chance:
         operator, disturbances = result.operator, result.disturbances
         found, runs = input_history_of(operator, disturbances, records)
         trial = [replace(r, before=own) for r, own in zip(records, found, strict=True)]
-        result = identify([(operator, disturbances)], trial, fixed=fixed, method=method)
+        result = identify([(operator, disturbances)], trial, **how)
         evaluations += runs + result.n_evaluations
         gain = 1.0 - (result.error / best.error) ** 2 if best.error > 0.0 else 0.0
         if gain > 0.0:
@@ -174,7 +177,7 @@ def _starts(misfit, record, count):
     back = ages(np.empty(count))
     starts = [_rest(record, count)]
     if _is_known(record, count):
-        starts.append(record.before)
+        return [misfit.relative(start) for start in (*starts, record.before)]
     # sections of its own drive, as many as there are steps in all values
     for now in np.linspace(back[-1], len(record.u), count * len(_STEPS)).astype(int):
         starts.append(record.u[np.clip(now - back, 0, len(record.u) - 1)])
@@ -214,8 +217,9 @@ class _Misfit:
         self._scale = np.linalg.norm(self._root * record.y) or 1.0
         self._last = self.relative(record.u[:1]).reshape(1, -1)
         self._stiffness = 0.0
-        self._settled, self._reach, self._faded = None, len(record.u), 0.0
+        self._settled, self._faded, self._part = None, 0.0, self._record
         self.n_values, self.runs = 0, 0
+        self.scale = 1.0  # of the response, as a problem of least squares has it
 
     def relative(self, values):
         """Return inputs relative to the limits, within these."""
@@ -232,14 +236,12 @@ class _Misfit:
 
         The penalty is set as by :meth:`look_over`: from the least residual of the starts.
         """
-        rest, moves = starts[0], self._derivatives(starts[0])
-        left = self(rest)
-        along = moves[: len(self._root)]
-        least = np.linalg.norm(left[: len(along), None] + along @ (starts - rest).T, axis=0).min()
-        self._stiffness = least / np.sqrt(len(along))
-        left[len(along) :] = self.changes(rest)
-        moves[len(along) :] = self._change_slopes(len(rest))
-        step = bounded_step(moves.T @ moves, moves.T @ left, -rest, 1.0 - rest)
+        rest, n = starts[0], len(self._root)
+        columns = self._columns(rest)[:n]
+        left = columns[:, -1:] + columns[:, :-1] @ (starts - rest).T
+        self._stiffness = np.linalg.norm(left, axis=0).min() / np.sqrt(n)
+        gram = self._gram(columns, rest)
+        step = bounded_step(gram[:-1, :-1], gram[:-1, -1], -rest, 1.0 - rest)
         return np.clip(rest + step, 0.0, 1.0)
 
     def look_over(self, starts):
@@ -255,19 +257,19 @@ class _Misfit:
             spread = np.ptp(outputs, axis=0)
         after = np.cumsum(self._change(spread)[::-1])[::-1]
         self._settled, left = outputs[0], [self._squares(outputs[0])]
-        self._reach = self._lasting(after, left)
+        self._cut(after, left)
         left += [self._squares(self._simulate(start)) for start in starts[1:]]
-        self._reach = self._lasting(after, left)
+        self._cut(after, left)
         kept = len(rest)
         while kept > n_inputs and self._is_forgotten(rest, ends, kept - n_inputs):
             kept -= n_inputs
         self.n_values, self._stiffness = kept, np.sqrt(min(left) / len(self._root))
         return np.array(left)
 
-    def _lasting(self, after, left):
-        """Return how many samples pasts act on: behind them ``after`` is what all could change."""
+    def _cut(self, after, left):
+        """Leave out the samples that pasts do not act on: ``after`` is what all could change."""
         self._faded = _FADED * min(left) / len(self._root)
-        return max(int(np.sum(after > self._faded)), 1)
+        self._part = self._record.first_part(max(int(np.sum(after > self._faded)), 1))
 
     def _is_forgotten(self, rest, ends, kept):
         """Whether nothing noticeable depends on the values behind so many."""
@@ -286,43 +288,54 @@ class _Misfit:
     def _simulate(self, values):
         """Return the output of the record."""
         self.runs += 1
-        output = self._problem.simulate(self._operator, self._begun(values))
-        return output if self._settled is None else np.append(output, self._settled[self._reach :])
+        return self._whole(self._problem.simulate(self._operator, self._begun(values)))
+
+    def _whole(self, output):
+        """Return the output with that of the samples that pasts do not act on."""
+        return output if self._settled is None else np.append(output, self._settled[len(output) :])
 
     def changes(self, values):
         """Return the penalties of the changes from value to value, as residuals."""
         own = values.reshape(-1, len(self._size))
         return self._stiffness * np.diff(own, axis=0, prepend=self._last).ravel()
 
-    def __call__(self, values):
-        left = self._left(self._simulate(values) - self._record.y)
-        return np.nan_to_num(np.concatenate([left, self.changes(values)]), nan=_FAR, posinf=_FAR)
-
     def _begun(self, values):
         """Return what depends on the inputs before the record, behind these."""
-        record = self._record if self._settled is None else self._record.first_part(self._reach)
-        return replace(record, before=self.before(values))
+        return replace(self._part, before=self.before(values))
 
     def _left(self, part):
         """Return columns relative to the response, weighted, with the disturbances eliminated."""
         part = (part.T * (self._root / self._scale)).T
         return part if self._basis is None else part - self._basis @ (self._basis.T @ part)
 
-    def _derivatives(self, values):
+    def _columns(self, values):
+        """Return the derivatives by the values and the residual, (n_samples, n_values + 1)."""
         self.runs += 1
-        part = np.zeros((len(self._root), len(values)))
-        part[: self._reach] = self._problem.carried(self._operator, self._begun(values))
-        sizes = np.tile(self._size, len(values) // len(self._size))
-        found = np.concatenate([self._left(sizes * part), self._change_slopes(len(values))])
-        return np.nan_to_num(found, posinf=0.0, neginf=0.0)
+        output, part = self._problem.carry(self._operator, self._begun(values))
+        columns = np.zeros((len(self._root), len(values) + 1))
+        columns[: len(part), :-1] = np.tile(self._size, len(values) // len(self._size)) * part
+        columns[:, -1] = self._whole(output) - self._record.y
+        return np.nan_to_num(self._left(columns), nan=_FAR, posinf=_FAR, neginf=-_FAR)
 
-    def _change_slopes(self, count):
-        return self._stiffness * (np.eye(count) - np.eye(count, k=-len(self._size)))
+    def _gram(self, columns, values):
+        """Return the Gram matrix of such columns, and below them of the changes."""
+        slopes = np.eye(len(values)) - np.eye(len(values), k=-len(self._size))
+        changes = np.column_stack([self._stiffness * slopes, self.changes(values)])
+        return columns.T @ columns + changes.T @ changes
+
+    def evaluate(self, values, select=None):
+        """Return the Gram matrix of the derivatives and the residual, as a problem does."""
+        return self._gram(self._columns(values), values)
+
+    @staticmethod
+    def total(gram, select=None):
+        """Return it as it is: there are no segments."""
+        return gram
 
     def cost(self, values):
         """Return the sum of squares."""
-        left = self(values)
-        return left @ left
+        changes = self.changes(values)
+        return self._squares(self._simulate(values)) + changes @ changes
 
     def stepped(self, values, least):
         """Return the best values after steps in one after the other, and the sum of squares."""
@@ -337,9 +350,9 @@ class _Misfit:
         return values, least
 
     def descended(self, values, least):
-        """Return the minimum that a trust-region search finds, and its sum of squares."""
-        inside = np.clip(values, 1e-6, 1.0 - 1e-6)
-        found = least_squares(
-            self, inside, jac=self._derivatives, bounds=(0.0, 1.0), max_nfev=_DEPTH * len(values)
-        )
-        return (found.x, 2.0 * found.cost) if 2.0 * found.cost < least else (values, least)
+        """Return the minimum that damped steps lead to, and its sum of squares."""
+        self.lower, self.upper = np.zeros((2, len(values))) + [[0.0], [1.0]]
+        self.linear = self.log = np.zeros(len(values), dtype=bool)
+        most = _DEPTH * len(values)
+        found = variable_projection(self, values, tolerance=_ENOUGH, max_evaluations=most)
+        return (found.x, found.cost) if found.cost < least else (values, least)
