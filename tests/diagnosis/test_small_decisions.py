@@ -13,7 +13,7 @@ from skhyst.diagnosis import EFFECTS, _contest, _open_questions, _structure
 from skhyst.diagnosis._candidates import Candidate
 from skhyst.diagnosis._changes import Folded, Scaled, UnderWay, _before, _differ, _levels
 from skhyst.diagnosis._claim import Claim
-from skhyst.diagnosis._constants import FLAT, LAGS, PLAYS, REPEATS, SLOW
+from skhyst.diagnosis._constants import FLAT, FULL, LAGS, PLAYS, REPEATS, SLOW
 from skhyst.diagnosis._contest import Contest
 from skhyst.diagnosis._criterion import Criterion
 from skhyst.diagnosis._edits import Drive
@@ -986,6 +986,9 @@ def test_before_a_knee_an_error_counts_by_the_slope_of_the_knee():
     np.testing.assert_allclose(undone.y, before, atol=1e-9)
     slope = (knee.run(before + 1e-6, 0.01)[0] - knee.run(before - 1e-6, 0.01)[0]) / 2e-6
     np.testing.assert_allclose(undone.weights, slope**2, atol=1e-6)
+    far = np.linspace(-9.0, 9.0, 50)  # undone as far as it is well conditioned
+    beyond = knee.run(_before(replace(record, y=far), knee).y, 0.01)[0]
+    np.testing.assert_allclose(beyond, np.clip(far, 0.1 - FULL, 0.1 + FULL))
     weighted = _before(replace(record, weights=2.0 * np.ones(50)), knee)
     np.testing.assert_allclose(weighted.weights, 2.0 * undone.weights)
 
