@@ -70,7 +70,8 @@ _DECISIONS = {  # module, of the diagnosis where no folder is named: tests, the 
     "_plausibility": "test_plausibility test_effects test_moved_modes",
     "_reference": "test_reference",
     "_robust": "test_robust",
-    "_contest": "test_contest test_decision test_search_options test_timing test_stages test_invariance",
+    "_contest": "test_contest test_decision test_search_options test_timing test_stages "
+    "test_invariance",
     "_shortened": "test_shortened test_candidates",
     "_starts": "test_starts test_declared_models test_rate_dependence",
     "_tree": "test_tree test_candidates test_starts",
