@@ -8,11 +8,11 @@ least-squares problem of its own.
 
 The output is at best a piecewise smooth function of these values: plays that did not move do not
 depend on them. So the search starts from the best few among a rest and sections of the record's own
-drive, or from the values that a fit before has found. It alternates between steps in one value
-after the other, the oldest first, and a descent by damped Gauss-Newton steps with the derivatives
-that the operator propagates from its input. Values that the record does not determine are kept at
-rest by a penalty: a change by the full range from one value to the next costs as much as the mean
-squared residual of a sample. Of several inputs each has such values.
+drive, or from the values that a fit before has found. Steps in one value after the other, the
+oldest first, alternate with a descent by damped Gauss-Newton steps with the derivatives that the
+operator propagates from its input; the start that leads furthest goes on. Values that the record
+does not determine are kept at rest by a penalty: a change by the full range from one value to the
+next costs as much as the mean squared residual of a sample. Of several inputs each has such values.
 
 The parameters are identified first from the later half of each record, which depends least on its
 start. Then the values and the parameters are identified in turn; while the parameters are, the
@@ -39,7 +39,7 @@ from ._variable_projection import variable_projection
 
 _THIRDS = 3.0 ** -np.arange(1, 5)  # of the limits: the range of the drive, to a few per cent of it
 _STEPS = np.outer(_THIRDS, (1.0, -1.0)).ravel()
-_DEPTH, _ENOUGH = 3, 1e-5  # evaluations per value of a descent; gain of the step that ends it
+_DEPTH = 3  # evaluations per value of a descent: with one, one record of 30 misses its minimum
 # of 25 records of plays, one start misses the minimum in 3, and three starts in none
 _STARTS = 3  # where no values are known
 _FADED = 1e-3  # of the mean squared residual of a sample: no choice between pasts depends on it
@@ -166,9 +166,10 @@ def _history(problem, record, limits, count):
     left += [np.square(misfit.changes(start)).sum() for start in starts]
     order = np.argsort(left)[: 1 if _is_known(record, count) else _STARTS]
     chance = len(starts[0]) / max(record.counts().sum(), 1.0)
-    best, _ = min((_searched(misfit, starts[i], chance) for i in order), key=lambda own: own[1])
+    ends = [misfit.descended(*misfit.stepped(starts[i], left[i])) for i in order]
+    best = misfit.before(_searched(misfit, *min(ends, key=lambda own: own[1]), chance))
     found = _rest(record, count)
-    found[: len(misfit.before(best))] = misfit.before(best)
+    found[: len(best)] = best
     return found, misfit.runs
 
 
@@ -184,14 +185,13 @@ def _starts(misfit, record, count):
     return [misfit.relative(start) for start in starts]
 
 
-def _searched(misfit, values, chance):
-    """Return the minimum near a start, and its sum of squares."""
-    least = misfit.cost(values)
+def _searched(misfit, values, least, chance):
+    """Return the minimum near the best end of the starts, whose sum of squares is ``least``."""
     while True:
         before = least
         values, least = misfit.descended(*misfit.stepped(values, least))
         if not least < (1.0 - chance) * before:
-            return values, least
+            return values
 
 
 def _at_the_limits(count):
@@ -353,6 +353,5 @@ class _Misfit:
         """Return the minimum that damped steps lead to, and its sum of squares."""
         self.lower, self.upper = np.zeros((2, len(values))) + [[0.0], [1.0]]
         self.linear = self.log = np.zeros(len(values), dtype=bool)
-        most = _DEPTH * len(values)
-        found = variable_projection(self, values, tolerance=_ENOUGH, max_evaluations=most)
+        found = variable_projection(self, values, max_evaluations=_DEPTH * len(values))
         return (found.x, found.cost) if found.cost < least else (values, least)

@@ -255,6 +255,22 @@ def test_names_are_contested_until_they_stay(known):
     assert base.structure.effects == ("a",)
 
 
+def test_a_rival_takes_the_place_of_what_the_noise_makes_where_something_is_needed(known):
+    contest, errors = contest_of(), {"": 1.0, "p": 0.5, "o": 0.45}
+    contest.without = lambda base, name: candidate("", errors[""])
+    contest._keeps_names = contest._has_its_name = lambda *_: True
+    contest._has_course = lambda c: c.effects != ("p",)
+    contest.extended = lambda start, fully=True, additive=False: (
+        [candidate("o", errors["o"])] * additive
+    )
+    contest._refreshed = lambda c: c
+    pruned = contest.prune(candidate("p", errors["p"]))
+    assert (pruned.structure.effects, contest.dropped) == (("o",), ["p"])
+    contest.extended = lambda start, fully=True, additive=False: []
+    contest._contests.clear()
+    assert contest.prune(candidate("p", errors["p"])).structure.effects == ()
+
+
 def test_the_best_that_was_seen_of_a_set_of_effects_is_kept(known):
     contest = contest_of()
     assert contest._least(candidate("ab", 0.5, own=("b",))).error == 0.5

@@ -6,7 +6,11 @@ import numpy as np
 import pytest
 
 from skhyst.disturbance import OffsetOperator
-from skhyst.hysteresis import BoucWenOperator, PrandtlIshlinskiiOperator
+from skhyst.hysteresis import (
+    BoucWenOperator,
+    PrandtlIshlinskiiOperator,
+    RestoringForceOperator,
+)
 from skhyst.linear import (
     FirstOrderLagOperator,
     GainOperator,
@@ -33,6 +37,7 @@ DEVICES = {
     "lag": FirstOrderLagOperator(0.7),
     "creep": KelvinVoigtOperator(np.array([0.2, 0.3]), np.array([0.5, 4.0])),
     "mode": Mode(9.0, 0.05),
+    "spring": RestoringForceOperator(9.0, 0.6, [0.3], [], 0.0, 0.5),
     "plays_and_mode": Series(("plays", "mode"), (PLAYS, Mode(9.0, 0.05))).normalized(),
 }
 _LAG = FirstOrderLagOperator(0.7)
@@ -91,6 +96,23 @@ def test_what_begins_at_rest_stays_there():
     record = RecordData(u, PLAYS.run(u, DT)[0] + noise, DT)
     input_history, _ = input_history_of(PLAYS, (), [record])
     np.testing.assert_allclose(input_history, u[0], atol=0.05)
+
+
+def test_of_what_has_faded_nothing_is_sought():
+    """The last value changes a spring's drive from 2.6 s before on, which is 14 decay times."""
+    device = DEVICES["spring"]
+    record = cut(device, 0, noise=1e-3)
+    input_history, _ = input_history_of(device, (), [record])
+    moved = input_history[0] != record.u[0]
+    assert moved.any()
+    assert not moved[-1]
+
+
+def test_a_linear_device_is_run_once():
+    record = cut(DEVICES["mode"], 0)
+    input_history, runs = input_history_of(DEVICES["mode"], (), [record])
+    assert runs == 1
+    assert errors(DEVICES["mode"], record, input_history[0])[1] < 1e-3
 
 
 def test_a_device_without_memory_tells_nothing():
