@@ -238,7 +238,7 @@ def test_a_response_that_moves_at_once_is_missed_the_least(damping_ratio, hold):
         lambda u: np.cbrt(u),
         lambda u: np.arctan(1e6 * (u - 0.3)),
         lambda u: np.floor(40.0 * u),
-        lambda u: -max(u, 0.0) ** 3 - 1e-9 * u,
+        lambda u: -(max(u, 0.0) ** 3) - 1e-9 * u,
     ],
 )
 def test_a_root_takes_a_bounded_number_of_steps_whatever_the_law(law, limits, most):
