@@ -33,7 +33,7 @@ from pathlib import Path
 import numpy as np
 from bench_stepping import C_LIMIT, PLAYS, in_c, told
 
-from skhyst.export import to_c, to_fmu
+from skhyst.export import EmulatedController, to_c, to_fmu
 from skhyst.operators import Stepper, inverse_of
 
 BARS = {"float64": 1e-12, "float32": 1e-6, "int32": 1.0}
@@ -219,8 +219,9 @@ def devices():
 
     rng, dt = np.random.default_rng(4), 1e-3
     n = 600
-    u = np.convolve(rng.normal(size=n + 40), np.hanning(41) / 8.0, "valid")
-    plays = PLAYS.run(u / np.abs(u).max(), dt)[0]
+    u = np.convolve(rng.normal(size=n + 40), np.hanning(41), "valid")
+    u *= 4.0 / np.abs(u).max()
+    plays = PLAYS.run(u, dt)[0]
     y = np.convolve(np.append(np.full(20, plays[0]), plays), 0.8 ** np.arange(21), "valid") / 5.0
     y += 1e-4 * rng.normal(size=n)
     X, reference = u[:, None], y[:300]
@@ -344,6 +345,37 @@ def check_any_input():
         line(f"any input, {dtype}, {kind}", errors, dtype)
 
 
+def check_controllers():
+    """Run the programs of models, compensators and controllers on an emulated Cortex-M4F."""
+    found = {}
+    with tempfile.TemporaryDirectory() as place:
+        for k, (name, device, u) in enumerate(devices()):
+            for dtype in ("float64", "float32"):
+                stepper, program = device.stepper(1e-3), f"e{k}_{dtype}"
+                u = np.asarray(u, dtype=dtype).astype(float)
+                try:
+                    *_, test = to_c(stepper, place, program, dtype, drive=u)
+                    controller = EmulatedController(place, program)
+                except FileNotFoundError as reason:
+                    print(f"Cortex-M4F: {reason}")
+                    return
+                except (ValueError, RuntimeError) as reason:
+                    print(f"Cortex-M4F, {name}, {dtype}: refused: {str(reason)[:90]}")
+                    continue
+                allowed, span = map(float, re.search(TOLD, test.read_text()).groups())
+                expected, counts, answers = python_answers(stepper, u), [], []
+                with controller:
+                    for value in u:
+                        answers.append(controller.step(value))
+                        counts.append(controller.instructions)
+                error = np.abs(np.subtract(answers, expected)).max() / span
+                found.setdefault(dtype, {})[name] = error, allowed
+                most = f"{np.mean(counts):.0f} instructions a sample, {max(counts):.0f} at most"
+                print(f"Cortex-M4F, {name}, {dtype}: {most}, {error:.2g} of the range", flush=True)
+    for dtype, errors in found.items():
+        line(f"Cortex-M4F, {dtype}", errors, dtype)
+
+
 def as_units(system, folder, name):
     """Yield each version of FMI with whether the unit is the program, and what FMPy finds."""
     import fmpy
@@ -372,16 +404,18 @@ def main():
     parser.add_argument("--no-fmu", action="store_true", help="leave units out")
     parser.add_argument("--integers", action="store_true", help="programs in integers alone")
     parser.add_argument("--any-input", action="store_true", help="floating point, any input alone")
+    parser.add_argument("--emulated", action="store_true", help="emulated controllers alone")
     options = parser.parse_args()
     if shutil.which("cc") is None:
         sys.exit("There is no C compiler.")
-    if options.any_input:
-        check_any_input()
+    if options.any_input or options.emulated:
+        (check_any_input if options.any_input else check_controllers)()
         return
     check_integers()
     if options.integers:
         return
     check_any_input()
+    check_controllers()
     errors, unlike, findings, n_units = {}, [], [], 0
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
