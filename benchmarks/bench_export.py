@@ -13,6 +13,10 @@ that are refused are listed with the reason. cppcheck is run where it is found.
 Programs in integers are also run under the sanitizers of the compiler with drives that they have
 not been sized by: random ones, steps and full swings from sample to sample within the range, where
 operators have the same limits, and with inputs up to the ends of 32 bits, which are to be held.
+Programs in double and single precision are run so with random, stepped, tiny and huge drives and
+with input that is not finite: those of the operators, their inverses, and fitted models of several
+kinds, compensators, controllers and observers. Headers are compiled as C and C++ with warnings as
+errors, parameters are changed at run time, and programs run on an emulated Cortex-M4F.
 """
 
 import argparse
@@ -29,16 +33,21 @@ from pathlib import Path
 import numpy as np
 from bench_stepping import C_LIMIT, PLAYS, in_c, told
 
-from skhyst.export import to_c, to_fmu
+from skhyst.export import EmulatedController, to_c, to_fmu
 from skhyst.operators import Stepper, inverse_of
 
 BARS = {"float64": 1e-12, "float32": 1e-6, "int32": 1.0}
 UNITS = {"float64": "of the range", "float32": "of the range", "int32": "units"}
+C_TYPES = {"float64": "double", "float32": "float", "int32": "int32_t"}
+STRICT = ("-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-pedantic", "-Werror")
 NUMBERS = {"float64": ctypes.c_double, "float32": ctypes.c_float, "int32": ctypes.c_int32}
 COUNTS = 2.0**20  # units of the range of input and output, in integers
 CHECKS = ("--std=c99", "--enable=warning,performance,portability", "--error-exitcode=1", "-q")
 TOLD = r"return largest <= (\S+) \* (\S+) \?"  # in the test: what it allows, and the range
-SANITIZED = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+SANITIZED = (
+    "-fsanitize=address,undefined,float-cast-overflow",
+    "-fno-sanitize-recover=all",
+)
 HELD = r"Input below (\S+) or above (\S+), and"  # in the header: where input is held
 CASES = Path(__file__).parents[1] / "tests" / "operators"  # of operator_cases
 
@@ -136,19 +145,40 @@ def fast_drives(low, high):
     return np.concatenate([rng.integers(low, high + 1, 60), swings, steps, walk, swings])
 
 
-def run_sanitized(folder, name, counts):
-    """Return what a program answers, and what the sanitizers say."""
-    main = (
-        f'#include "{name}.h"\n#include <inttypes.h>\n#include <stdio.h>\nint main(void)\n'
-        f"{{ {name}_state s; int32_t u; {name}_init(&s);\n"
-        f'while (scanf("%" SCNd32, &u) == 1) printf("%" PRId32 "\\n", {name}_step(&s, u)); }}\n'
-    )
-    (folder / "main.c").write_text(main)
-    command = ["cc", "-std=c99", *SANITIZED, "main.c", f"{name}.c", "-o", "wild", "-lm"]
-    subprocess.run(command, cwd=folder, check=True)
-    text = "\n".join(map(str, counts))
-    done = subprocess.run("./wild", cwd=folder, input=text, capture_output=True, text=True)
-    return np.array(done.stdout.split(), dtype=float), done.stderr
+DRIVER = """
+#include "NAME.h"
+#include <stdio.h>
+int main(void)
+{
+    NAME_state s;
+    TYPE u[NAME_N_INPUTS], y;
+    NAME_init(&s);
+    while (fread(u, sizeof u, 1, stdin) == 1) {
+        y = NAME_step(&s, ROW);
+        fwrite(&y, sizeof y, 1, stdout);
+    }
+}
+"""
+
+
+def sanitized(folder, name, dtype, by_row=False):
+    """Compile a program with the sanitizers and return what runs it from its first state.
+
+    That returns what the program answers to a drive, and what the sanitizers say.
+    """
+    text = DRIVER.replace("NAME", name).replace("TYPE", C_TYPES[dtype])
+    (folder / "main.c").write_text(text.replace("ROW", "u" if by_row else "u[0]"))
+    command = ["cc", "-std=c99", *STRICT, *SANITIZED, "main.c", f"{name}.c"]
+    subprocess.run([*command, "-o", name, "-lm"], cwd=folder, check=True)
+    (folder / "main.cc").write_text(f'#include "{name}.h"\n')
+    subprocess.run(["c++", *STRICT, "-fsyntax-only", "main.cc"], cwd=folder, check=True)
+
+    def run(u):
+        given = np.asarray(u, dtype=dtype).tobytes()
+        done = subprocess.run(folder / name, input=given, capture_output=True)
+        return np.frombuffer(done.stdout, dtype=dtype).astype(float), done.stderr.decode()
+
+    return run
 
 
 def in_integers(system, folder, name):
@@ -163,8 +193,9 @@ def in_integers(system, folder, name):
     fast = fast_drives(counts.min(), counts.max())
     rng = np.random.default_rng(1)
     wild = np.concatenate([rng.integers(-(2**31), 2**31, 100), 30 * [2**31 - 1, -(2**31)], fast])
-    found, told = run_sanitized(folder, name, np.append(fast, wild))
-    held, _ = run_sanitized(folder, name, np.append(fast, np.clip(wild, *ends)))
+    run = sanitized(folder, name, "int32")
+    found, told = run(np.append(fast, wild))
+    held, _ = run(np.append(fast, np.clip(wild, *ends)))
     expected = system.stepper.copy().run(unit * fast)
     rounding = 2.0**-40 * (1.0 - 2.0 * (np.arange(len(fast)) % 2))
     moved = [system.stepper.copy().run(unit * fast * (1.0 + s * rounding)) for s in (1, -1)]
@@ -172,6 +203,177 @@ def in_integers(system, folder, name):
     expected = np.clip(expected / of_y, 1 - 2**31, 2**31 - 1)
     error = np.abs(found[: len(fast)] - expected).max() if len(found) >= len(fast) else np.inf
     return error, allowed, np.array_equal(found, held), told
+
+
+def devices():
+    """Yield fitted models, compensators, controllers and observers: name, object, input."""
+    from sklearn.linear_model import LinearRegression
+    from sklearn.tree import DecisionTreeRegressor
+
+    from skhyst.autoregressive import NARMAXRegressor, NARXRegressor
+    from skhyst.compose import Cascade
+    from skhyst.control import FeedforwardPI, InverseCompensator, Observer
+    from skhyst.hysteresis import BoucWen, Dahl, PrandtlIshlinskii
+    from skhyst.linear import FirstOrderLag, LogCreep, SecondOrderMode
+    from skhyst.neural import GrayBoxHysteresis, SCNRegressor
+
+    rng, dt = np.random.default_rng(4), 1e-3
+    n = 600
+    u = np.convolve(rng.normal(size=n + 40), np.hanning(41), "valid")
+    u *= 4.0 / np.abs(u).max()
+    plays = PLAYS.run(u, dt)[0]
+    y = np.convolve(np.append(np.full(20, plays[0]), plays), 0.8 ** np.arange(21), "valid") / 5.0
+    y += 1e-4 * rng.normal(size=n)
+    X, reference = u[:, None], y[:300]
+    models = {
+        "cascade of plays and creep": Cascade([("p", PrandtlIshlinskii(5)), ("c", LogCreep())]),
+        "cascade of plays and mode": Cascade(
+            [("p", PrandtlIshlinskii(5)), ("m", SecondOrderMode())]
+        ),
+        "Bouc-Wen": BoucWen(),
+        "friction": Dahl(),
+        "lag": FirstOrderLag(),
+    }
+    for name, model in models.items():
+        model = model.set_params(**({"dt": dt} if "dt" in model.get_params() else {}))
+        fitted = model.fit(X, y)
+        yield name, fitted, u[:300]
+        compensator = InverseCompensator(fitted).fit(X, y)
+        yield f"{name}, compensator", compensator, reference
+        loop = FeedforwardPI(0.1, 20.0, compensator=compensator)
+        rows = np.stack([reference, y[1:301], u[:300]], axis=1)
+        yield f"{name}, feedback with a compensator", loop, rows
+    loop = FeedforwardPI(0.1, 20.0, kd=1e-4, filter_time=2e-3, drive_limits=(-2.0, 2.0))
+    yield "feedback", loop, np.stack([reference, y[1:301]], axis=1)
+    observer = Observer(FirstOrderLag(dt=dt), drift_std=0.1).fit(X, y)
+    yield "observer", observer, np.stack([u[:300], reference], axis=1)
+    regressors = {
+        "NARX, linear": NARXRegressor(LinearRegression(), input_lags=[0, 1], output_lags=[1]),
+        "NARX, tree": NARXRegressor(DecisionTreeRegressor(max_depth=4), input_lags=[0, 1]),
+        "NARX, SCN": NARXRegressor(SCNRegressor(max_nodes=8, random_state=0), input_lags=[0, 1]),
+        "NARMAX": NARMAXRegressor(),
+        "gray box": GrayBoxHysteresis(),
+    }
+    for name, model in regressors.items():
+        yield name, model.set_params(dt=dt).fit(X, y), u[:300]
+
+
+def any_drives(u):
+    """Return drives by name: random, steps, tiny, huge, and some that are not finite."""
+    rng = np.random.default_rng(1)
+    low, high = u.min(axis=0), u.max(axis=0)
+    random = rng.uniform(low, high, (100, *u.shape[1:]))
+    steps = np.repeat(rng.uniform(low, high, (12, *u.shape[1:])), 8, axis=0)
+    wrong = random.copy()
+    for k, value in enumerate((np.nan, np.inf, -np.inf)):
+        wrong[5 + k :: 9] = value
+    return {"random": random, "steps": steps, "tiny": 1e-12 * random, "huge": 1e9 * random} | {
+        "not finite": wrong
+    }
+
+
+def python_answers(stepper, drive):
+    """Return what Python answers, which keeps its output where input is refused."""
+    device, found = stepper.copy(), []
+    for u in drive:
+        if np.isfinite(u).all():
+            found.append(device.step(u))
+        else:  # at first the answer of rest, which C knows
+            found.append(device.output if found else np.nan)
+    return np.array(found)
+
+
+def on_any_drive(stepper, u, folder, name, dtype):
+    """Return the largest error of each drive with its limit, and what the sanitizers say.
+
+    Limits are twice what rounding the input makes; an error is infinite where C is finite and
+    Python is not, or the other way round.
+    """
+    header, *_ = to_c(stepper, folder, name, dtype, drive=u)
+    by_row = re.search(rf"{name}_step\(.*\*u\)", header.read_text()) is not None
+    run, errors, said, span = sanitized(folder, name, dtype, by_row), {}, "", 0.0
+    eps = np.finfo(dtype).eps
+    for kind, drive in any_drives(np.asarray(u, dtype=float)).items():
+        drive = drive.astype(dtype).astype(float)
+        found, told = run(drive)
+        said += told
+        if len(found) < len(drive):
+            errors[kind] = np.inf, 0.0
+            continue
+        with np.errstate(all="ignore"):
+            expected = python_answers(stepper, drive)
+            sign = 1.0 - 2.0 * (np.arange(len(drive)) % 2)
+            sign = sign.reshape(-1, *[1] * (drive.ndim - 1))
+            moved = [python_answers(stepper, drive * (1.0 + 0.5 * eps * s)) for s in (sign, -sign)]
+            good = np.isfinite(expected) & (np.abs(expected) < 0.1 * np.finfo(dtype).max)
+            span = max(span, np.ptp(np.append(expected[good], 0.0))) or 1.0  # that of random ones
+            error = np.abs(found - expected)[good].max(initial=0.0) / span
+            allowed = 2.0 * np.abs(np.subtract(moved, expected))[:, good].max(initial=0.0) / span
+        errors[kind] = error if np.isfinite(error) else np.inf, allowed
+    return errors, said
+
+
+def check_any_input():
+    """Run all programs in floating point with any input, under the sanitizers."""
+    found = {}
+    said, refused, n = [], [], 0
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+
+        def one(name, stepper, u):
+            nonlocal n
+            for dtype in ("float64", "float32"):
+                n += 1
+                try:
+                    errors, told = on_any_drive(stepper, u, folder, f"a{n}", dtype)
+                except (ValueError, NotImplementedError, TypeError) as reason:
+                    refused.append(f"{name}, {dtype}: {str(reason)[:90]}")
+                    continue
+                said.extend([f"{name}, {dtype}: {told[:200]}"] * bool(told))
+                for kind, pair in errors.items():
+                    found.setdefault((dtype, kind), {})[name] = pair
+
+        for system in systems():
+            inverse = ", inverse" * system.is_inverse
+            one(f"{system.name}{inverse}", system.stepper, system.u)
+        for name, device, u in devices():
+            one(name, device.stepper(1e-3), u)
+    for reason in refused:
+        print(f"any input, refused: {reason}")
+    print(f"any input, {n} programs, C with warnings: nothing found by sanitizers: {verdict(said)}")
+    for (dtype, kind), errors in found.items():
+        line(f"any input, {dtype}, {kind}", errors, dtype)
+
+
+def check_controllers():
+    """Run the programs of models, compensators and controllers on an emulated Cortex-M4F."""
+    found = {}
+    with tempfile.TemporaryDirectory() as place:
+        for k, (name, device, u) in enumerate(devices()):
+            for dtype in ("float64", "float32"):
+                stepper, program = device.stepper(1e-3), f"e{k}_{dtype}"
+                u = np.asarray(u, dtype=dtype).astype(float)
+                try:
+                    *_, test = to_c(stepper, place, program, dtype, drive=u)
+                    controller = EmulatedController(place, program)
+                except FileNotFoundError as reason:
+                    print(f"Cortex-M4F: {reason}")
+                    return
+                except (ValueError, RuntimeError) as reason:
+                    print(f"Cortex-M4F, {name}, {dtype}: refused: {str(reason)[:90]}")
+                    continue
+                allowed, span = map(float, re.search(TOLD, test.read_text()).groups())
+                expected, counts, answers = python_answers(stepper, u), [], []
+                with controller:
+                    for value in u:
+                        answers.append(controller.step(value))
+                        counts.append(controller.instructions)
+                error = np.abs(np.subtract(answers, expected)).max() / span
+                found.setdefault(dtype, {})[name] = error, allowed
+                most = f"{np.mean(counts):.0f} instructions a sample, {max(counts):.0f} at most"
+                print(f"Cortex-M4F, {name}, {dtype}: {most}, {error:.2g} of the range", flush=True)
+    for dtype, errors in found.items():
+        line(f"Cortex-M4F, {dtype}", errors, dtype)
 
 
 def as_units(system, folder, name):
@@ -201,12 +403,19 @@ def main():
     parser.add_argument("--samples", type=int, default=200_000, help="of the timing")
     parser.add_argument("--no-fmu", action="store_true", help="leave units out")
     parser.add_argument("--integers", action="store_true", help="programs in integers alone")
+    parser.add_argument("--any-input", action="store_true", help="floating point, any input alone")
+    parser.add_argument("--emulated", action="store_true", help="emulated controllers alone")
     options = parser.parse_args()
     if shutil.which("cc") is None:
         sys.exit("There is no C compiler.")
+    if options.any_input or options.emulated:
+        (check_any_input if options.any_input else check_controllers)()
+        return
     check_integers()
     if options.integers:
         return
+    check_any_input()
+    check_controllers()
     errors, unlike, findings, n_units = {}, [], [], 0
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)

@@ -22,13 +22,17 @@ def export(options):
     for path in (_export_c if options.c else _export_fmu)(model, options, more):
         print(f"written: {path}")
     if options.sizes:
-        print("bytes on controllers, as far as their compilers are installed:")
-        print(program_sizes(options.c, options.name or options.model.stem).to_string())
+        sizes = program_sizes(options.c, options.name or options.model.stem)
+        sizes.to_csv(table := _sizes_file(options))
+        print(f"written: {table}")
+        print("bytes and instructions on controllers, as far as compilers and emulators are found:")
+        print(sizes.to_string())
 
 
 def _export_c(model, options, more):
     name = options.name or options.model.stem
-    _check([options.c / f"{name}{end}" for end in (".h", ".c", "_test.c")], options)
+    files = [options.c / f"{name}{end}" for end in (".h", ".c", "_test.c")]
+    _check([*files, *([_sizes_file(options)] if options.sizes else [])], options)
     for unit in ("input_unit", "output_unit"):
         if options.dtype == "int32" and more[unit] is not None:
             more[unit] = float(more[unit])
@@ -37,6 +41,10 @@ def _export_c(model, options, more):
         more["drive"] = read_records(options.drive, drive=first, auxiliary=others)[0].to_numpy()
     more["form"] = options.form or "table"
     return to_c(model, options.c, name, options.dtype or "float64", **more)
+
+
+def _sizes_file(options):
+    return options.c / f"{options.name or options.model.stem}_sizes.csv"
 
 
 def _export_fmu(model, options, more):

@@ -257,7 +257,7 @@ def _add_export(commands):
     add("--name", help="name of files and functions (default: that of the model's file)")
     add("--dtype", choices=("float64", "float32", "int32"), help="(default: float64)")
     add("--form", choices=("table", "step"), help="laws by tables or integrated (default: table)")
-    sizes = "print flash, RAM and stack on Cortex-M0, Cortex-M4F, AVR and x86-64"
+    sizes = "flash, RAM, stack and instructions on Cortex-M0, Cortex-M4F, AVR and x86-64"
     add("--sizes", action="store_const", const=True, help=sizes)
     add("--drive", type=Path, metavar="FILE", help="input of the test program; int32 needs it")
     column = "column of the drive (default: the second); repeat it for a model of several inputs"

@@ -2,7 +2,7 @@
 
 from ._c import to_c
 from ._control import to_control
+from ._controllers import EmulatedController, program_sizes
 from ._fmu import to_fmu
-from ._sizes import program_sizes
 
-__all__ = ["program_sizes", "to_c", "to_control", "to_fmu"]
+__all__ = ["EmulatedController", "program_sizes", "to_c", "to_control", "to_fmu"]

@@ -276,7 +276,8 @@ class FixedText(FunctionText):
             case "name" | "load":
                 return self._moved(super()._bound(x)[0], ATOM, self._own(x), f, self._endless(x))
             case "cast":
-                return self._moved(f"(int64_t){self._tight(args[0], ATOM)}", UNARY, 0, f)
+                text, binding = super()._bound(x)
+                return self._moved(text, binding, 0, f)
             case "call":
                 text = self._called(called(x), args[1:])
                 return self._moved(text, ATOM, self._own(x), f, self._endless(x))

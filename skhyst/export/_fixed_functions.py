@@ -59,8 +59,8 @@ static int64_t {n}(int64_t a, int32_t n)
 static int64_t {n}(int64_t a, int64_t b, int32_t n)
 {{
     const uint64_t most = (uint64_t)1 << 62;
-    const uint64_t x = a < 0 ? 0 - (uint64_t)a : (uint64_t)a;
-    const uint64_t y = b < 0 ? 0 - (uint64_t)b : (uint64_t)b;
+    const uint64_t x = a < 0 ? ~(uint64_t)a + 1u : (uint64_t)a;
+    const uint64_t y = b < 0 ? ~(uint64_t)b + 1u : (uint64_t)b;
     const uint64_t least = (x & 0xffffffffu) * (y & 0xffffffffu);
     const uint64_t cross = (x >> 32) * (y & 0xffffffffu) + (least >> 32);
     const uint64_t other = (x & 0xffffffffu) * (y >> 32) + (cross & 0xffffffffu);
@@ -69,17 +69,17 @@ static int64_t {n}(int64_t a, int64_t b, int32_t n)
     if (n > 0) {{
         const uint64_t half = (uint64_t)1 << ((n - 1) % 64);
         const uint64_t before = low;
-        low += n <= 64 ? half : 0;
-        high += (low < before ? 1 : 0) + (n > 64 ? half : 0);
+        low += n <= 64 ? half : 0u;
+        high += (low < before ? 1u : 0u) + (n > 64 ? half : 0u);
         if (n >= 64) {{
             low = high;
-            high = 0;
+            high = 0u;
             n -= 64;
         }}
         low = n > 0 ? low >> n | high << (64 - n) : low;
         high >>= n;
     }}
-    low = high > 0 || low > most ? most : low;
+    low = high > 0u || low > most ? most : low;
     return (a < 0) != (b < 0) ? -(int64_t)low : (int64_t)low;
 }}
 """,
@@ -88,14 +88,14 @@ static int64_t {n}(int64_t a, int64_t b, int32_t n)
 static int64_t {n}(int64_t a, int64_t b, int32_t n)
 {{
     const uint64_t most = (uint64_t)1 << 62;
-    const uint64_t x = a < 0 ? 0 - (uint64_t)a : (uint64_t)a;
-    const uint64_t y = b < 0 ? 0 - (uint64_t)b : (uint64_t)b;
-    uint64_t whole = y > 0 ? x / y : most;
-    uint64_t rest = y > 0 ? x % y : 0;
+    const uint64_t x = a < 0 ? ~(uint64_t)a + 1u : (uint64_t)a;
+    const uint64_t y = b < 0 ? ~(uint64_t)b + 1u : (uint64_t)b;
+    uint64_t whole = y > 0u ? x / y : most;
+    uint64_t rest = y > 0u ? x % y : 0u;
     while (n > 0) {{
-        rest *= 2;
-        whole = whole >= most / 2 ? most : 2 * whole + (rest >= y && y > 0 ? 1 : 0);
-        rest -= rest >= y ? y : 0;
+        rest *= 2u;
+        whole = whole >= most / 2u ? most : 2u * whole + (rest >= y && y > 0u ? 1u : 0u);
+        rest -= rest >= y ? y : 0u;
         n--;
     }}
     return (a < 0) != (b < 0) ? -(int64_t)whole : (int64_t)whole;

@@ -35,6 +35,7 @@ $variables  </ModelVariables>
   </ModelStructure>
 </fmiModelDescription>
 """)
+_ENDINGS = {"Linux": ".so", "Darwin": ".dylib", "Windows": ".dll"}  # of libraries, by system
 _BUILD = Template("""\
 <?xml version="1.0" encoding="UTF-8"?>
 <fmiBuildDescription fmiVersion="3.0">
@@ -64,7 +65,8 @@ def to_fmu(
     """Write a model, compensator or operator as a functional mock-up unit (FMU) for co-simulation.
 
     The FMU contains the C99 program of :func:`to_c` in double precision and, if a C compiler is
-    found, a library for the present platform. Its state can be read, set and serialized.
+    found, a library for the present platform, and one for Windows if MinGW's cross-compiler
+    ``x86_64-w64-mingw32-gcc`` is. Its state can be read, set and serialized.
 
     Parameters
     ----------
@@ -157,7 +159,7 @@ def to_fmu(
         ).encode()
         if version == "3.0":
             files["sources/buildDescription.xml"] = _BUILD.substitute(name=name).encode()
-        files |= _binary(name, version, folder)
+        files |= _binaries(name, version, folder)
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as (part,), ZipFile(part, "w") as archive:
         for file, content in files.items():  # without the date: equal models give equal files
@@ -240,29 +242,32 @@ def _description(name, version, what, own, first, units):
     )
 
 
-def _binary(name, version, folder):
-    """Return a dict with the library for this platform; empty without a compiler or if unknown."""
-    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
-    system, ending = {
-        "Linux": ("linux", ".so"),
-        "Darwin": ("darwin", ".dylib"),
-        "Windows": ("windows", ".dll"),
-    }.get(platform.system(), (None, None))
+def _binaries(name, version, folder):
+    """Return a dict with the libraries for this platform, and for Windows by a cross-compiler."""
     machine = platform.machine().lower()
     machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(machine, machine)
-    if not (compiler and system) or (version == "2.0" and machine != "x86_64"):
-        return {}
-    place = f"{machine}-{system}" if version == "3.0" else f"{system.removesuffix('dows')}64"
-    library = Path(folder, name + ending)
-    flags = ["-std=c99", "-O2", "-shared", "-fvisibility=hidden"]
-    flags += [] if system == "windows" else ["-fPIC"]
-    sources = [f"{name}.c", f"{name}_fmu.c"]
-    done = subprocess.run(
-        [compiler, *flags, "-o", library.name, *sources, "-lm"],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-    )
-    if done.returncode:
-        raise OSError(f"{library.name} was not compiled: {done.stderr.strip() or done.returncode}")
-    return {f"binaries/{place}/{library.name}": library.read_bytes()}
+    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+    targets = {("Windows", "x86_64"): shutil.which("x86_64-w64-mingw32-gcc")}
+    targets |= {(platform.system(), machine): compiler}
+    libraries = {}
+    for (system, machine), compiler in targets.items():
+        if not compiler or system not in _ENDINGS or (version == "2.0" and machine != "x86_64"):
+            continue
+        ending, system = _ENDINGS[system], system.lower()
+        place = f"{machine}-{system}" if version == "3.0" else f"{system.removesuffix('dows')}64"
+        library = Path(folder, name + ending)
+        flags = ["-std=c99", "-O2", "-shared", "-fvisibility=hidden"]
+        own = ["-static", "-s", "-Wl,--no-insert-timestamp"]  # equal models give equal files
+        flags += own if system == "windows" else ["-fPIC"]
+        sources = [f"{name}.c", f"{name}_fmu.c"]
+        done = subprocess.run(
+            [compiler, *flags, "-o", library.name, *sources, "-lm"],
+            cwd=folder,
+            capture_output=True,
+            text=True,
+        )
+        if done.returncode:
+            said = done.stderr.strip() or done.returncode
+            raise OSError(f"{library.name} was not compiled: {said}")
+        libraries[f"binaries/{place}/{library.name}"] = library.read_bytes()
+    return libraries

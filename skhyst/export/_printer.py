@@ -48,11 +48,12 @@ _HELPERS = {
     "    return rest != 0 && (rest < 0) != (b < 0) ? rest + b : rest;\n}}",
     "//": "{t} {n}({t} a, {t} b)\n{{\n    const {t} whole = a / b;\n"
     "    return a % b != 0 && (a < 0) != (b < 0) ? whole - 1 : whole;\n}}",
+    "cast": "{t} {n}(int32_t a)\n{{\n    return ({t})a;\n}}",
     "powi": "{t} {n}({t} a, int32_t n)\n{{\n    {t} power = 1;\n"
     "    while (n > 0) {{\n        power *= n % 2 == 1 ? a : 1;\n        a *= a;\n        n /= 2;\n"
     "    }}\n    return power;\n}}",
 }
-_WORDS = {"%": "modulo", "//": "quotient", "powi": "power"}
+_WORDS = {"%": "modulo", "//": "quotient", "powi": "power", "cast": "real_of"}
 
 
 @dataclass(frozen=True)
@@ -345,7 +346,7 @@ class FunctionText:
                 return "{} ? {} : {}".format(*texts), CHOICE
             case "neg" | "not":
                 return ("-" if op == "neg" else "!") + self._tight(args[0], UNARY + 1), UNARY
-            case "cast":
+            case "cast" if x.kind != "real" or self._bound(args[0])[1] >= UNARY:
                 return f"({self._type(x.kind)}){self._tight(args[0], UNARY + 1)}", UNARY
             case "abs" if x.kind == "real":
                 op = "math.fabs"

@@ -10,7 +10,7 @@ import pytest
 from c_programs import FLAGS
 from operator_cases import DT, OPERATORS, make_drive
 
-from skhyst.export import program_sizes, to_c
+from skhyst.export import to_c
 from skhyst.hysteresis import (
     BacklashOperator,
     BoucWenOperator,
@@ -316,20 +316,6 @@ def test_a_law_without_tables_is_small_and_close(tmp_path, dtype):
     assert len(source.read_text()) < 6000
     table = to_c(wires, tmp_path, "table", dtype, **options)[1]
     assert len(table.read_text()) > 5 * len(source.read_text())
-
-
-def test_sizes_are_those_of_the_compiler(tmp_path, monkeypatch):
-    plays = PrandtlIshlinskiiOperator([0.0, 0.3, 0.5], [1.0, 0.5, 0.2])
-    to_c(plays, tmp_path, "plays", "float32", dt=DT)
-    sizes = program_sizes(tmp_path, "plays")
-    assert sizes.index.tolist() == ["Cortex-M0", "Cortex-M4F", "AVR", "x86-64"]
-    found = sizes.dropna()
-    assert (found["state"] == 4 * (3 + 2)).all()  # three plays, the output and a flag
-    assert found["flash"].between(100, 2000).all()
-    monkeypatch.setattr(shutil, "which", lambda name: None)
-    assert program_sizes(tmp_path, "plays").isna().all(axis=None)
-    with pytest.raises(FileNotFoundError, match="There is no program"):
-        program_sizes(tmp_path, "stops")
 
 
 def test_a_tolerance_is_as_asked(tmp_path):

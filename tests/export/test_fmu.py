@@ -207,6 +207,19 @@ def test_sources_stand_alone(tmp_path, version, monkeypatch):
             subprocess.run(["cc", *flags, *more, tmp_path / "sources/rows_fmu.c"], check=True)
 
 
+@pytest.mark.skipif(
+    shutil.which("x86_64-w64-mingw32-gcc") is None, reason="there is no cross-compiler for Windows"
+)
+def test_windows_has_a_library(tmp_path):
+    path = to_fmu(BacklashOperator(0.2), tmp_path / "gear.fmu", "3.0", dt=DT)
+    first = path.read_bytes()
+    with ZipFile(path) as archive:
+        library = archive.read("binaries/x86_64-windows/gear.dll")
+    assert library.startswith(b"MZ")
+    assert b"fmi3DoStep" in library
+    assert to_fmu(BacklashOperator(0.2), path, "3.0", dt=DT).read_bytes() == first
+
+
 def test_wrong_arguments(tmp_path):
     with pytest.raises(ValueError, match=r"'version' parameter of to_fmu .* Got '1.0'"):
         to_fmu(BacklashOperator(0.2), tmp_path / "gear.fmu", "1.0", dt=DT)

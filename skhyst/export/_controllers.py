@@ -1,0 +1,449 @@
+"""Run exported programs on emulated controllers; their memory and time.
+
+Each target has a compiler and an emulator. The firmware takes one sample from the host, makes one
+step and returns the output, the status and the instructions that the step has taken. QEMU counts
+instructions (``-icount``): each takes 2^6 ns of the time that the controller's timer shows. On
+x86-64 the processor's trap flag counts them, and nothing is emulated.
+"""
+
+import re
+import shutil
+import subprocess
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from string import Template
+
+import numpy as np
+import pandas as pd
+
+_SYNC = b"\x55"  # before the first sample: what has come before it is not read
+_SAMPLES = 100  # of the test's drive, that are run for the time
+_FLAGS = ("-std=gnu99", "-Os", "-ffunction-sections", "-fdata-sections", "-fno-common")
+# QEMU writes the segments of a program where they are to be: there is nothing to copy at the start
+_BARE = (
+    *("-nostartfiles", "--specs=nosys.specs", "-Wl,-e_start,--gc-sections,-uvectors"),
+    "-Wl,--section-start=.vectors=0,-Ttext=0x100,-Tdata=0x20000000",
+)
+_QEMU = (
+    *("-nographic", "-monitor", "none", "-chardev", "stdio,id=host,signal=off"),
+    *("-serial", "chardev:host"),
+)
+_COUNTED = (*_QEMU, "-icount", "shift=6,sleep=off", "-kernel")
+_NUMBERS = {"double": np.float64, "float": np.float32, "int32_t": np.int32}
+
+
+@dataclass(frozen=True)
+class _Target:
+    """A controller: its compiler, how to link for it, what runs it, ticks of an instruction."""
+
+    compiler: str
+    options: tuple
+    linked: tuple
+    runs: tuple
+    ticks: float
+
+    def compile(self, folder, source, *more):
+        """Compile a source in a folder; return whether it was accepted, and what was said."""
+        command = [self.compiler, *_FLAGS, *self.options, *more, str(source)]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+        return done.returncode == 0, done.stderr
+
+
+TARGETS = {
+    "Cortex-M0": _Target(
+        "arm-none-eabi-gcc",
+        ("-mcpu=cortex-m0", "-mthumb"),
+        _BARE,
+        ("qemu-system-arm", "-M", "microbit", *_COUNTED),
+        0.064 * 16,  # us of an instruction, MHz of its timer
+    ),
+    "Cortex-M4F": _Target(
+        "arm-none-eabi-gcc",
+        ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"),
+        _BARE,
+        ("qemu-system-arm", "-M", "mps2-an386", *_COUNTED),
+        0.064 * 25,
+    ),
+    "AVR": _Target(
+        "avr-gcc",
+        ("-mmcu=atmega2560",),
+        ("-Wl,--gc-sections",),
+        ("qemu-system-avr", "-M", "mega2560", *_QEMU, "-bios"),
+        np.nan,  # its timers cannot be read while QEMU counts
+    ),
+    "x86-64": _Target("x86_64-linux-gnu-gcc", ("-m64", "-mno-red-zone"), (), (), 1.0),
+}
+_FIRMWARE = Template("""\
+#include <stdint.h>
+#include <string.h>
+#if defined(__x86_64__)
+#include <signal.h>
+#include <stdlib.h>
+#include <unistd.h>
+static volatile uint32_t count;
+static void trapped(int signal) { (void)signal; count++; }
+static void start(void) { signal(SIGTRAP, trapped); }
+static uint8_t get(void)
+{
+    uint8_t byte;
+    if (read(0, &byte, 1) != 1) {
+        exit(0);
+    }
+    return byte;
+}
+static void put(uint8_t byte)
+{
+    if (write(1, &byte, 1) != 1) {
+        exit(1);
+    }
+}
+#define FLAGS(what) __asm__ volatile("pushfq; " what ", (%%rsp); popfq" ::: "cc", "memory")
+#define BEGIN count = 0; FLAGS("orq $$0x100")
+#define END(n) FLAGS("andq $$~0x100"); n = count
+#elif defined(__AVR__)
+#include <avr/io.h>
+static void start(void) { UCSR0B = (1 << RXEN0) | (1 << TXEN0); }
+static uint8_t get(void)
+{
+    while (!(UCSR0A & (1 << RXC0))) {
+    }
+    return UDR0;
+}
+static void put(uint8_t byte)
+{
+    while (!(UCSR0A & (1 << UDRE0))) {
+    }
+    UDR0 = byte;
+}
+#define BEGIN
+#define END(n) n = 0
+#else /* Cortex-M */
+#define REGISTER(at) (*(volatile uint32_t *)(at))
+int main(void);
+void _start(void);
+__attribute__((section(".vectors"))) const uintptr_t vectors[16] = {
+    0x20004000, (uintptr_t)_start}; /* stack at the end of 16 kB */
+void _start(void)
+{
+#ifdef __ARM_FP
+    REGISTER(0xe000ed88) |= 0xf00000; /* floating point on */
+#endif
+    main();
+}
+#if __ARM_ARCH == 6 /* nRF51 */
+static void start_serial(void)
+{
+    REGISTER(0x40002500) = 4; /* enabled */
+    REGISTER(0x40002000) = 1; /* receive */
+    REGISTER(0x40002008) = 1; /* transmit */
+}
+static uint8_t get(void)
+{
+    while (REGISTER(0x40002108) == 0) {
+    }
+    REGISTER(0x40002108) = 0;
+    return (uint8_t)REGISTER(0x40002518);
+}
+static void put(uint8_t byte)
+{
+    REGISTER(0x4000211c) = 0;
+    REGISTER(0x4000251c) = byte;
+    while (REGISTER(0x4000211c) == 0) {
+    }
+}
+#else /* CMSDK */
+static void start_serial(void)
+{
+    REGISTER(0x40004010) = 16; /* cycles of a bit */
+    REGISTER(0x40004008) = 3; /* receive and transmit */
+}
+static uint8_t get(void)
+{
+    while ((REGISTER(0x40004004) & 2) == 0) {
+    }
+    return (uint8_t)REGISTER(0x40004000);
+}
+static void put(uint8_t byte)
+{
+    while (REGISTER(0x40004004) & 1) {
+    }
+    REGISTER(0x40004000) = byte;
+}
+#endif
+static void start(void)
+{
+    start_serial();
+    REGISTER(0xe000e014) = 0xffffff; /* SysTick counts down from here */
+    REGISTER(0xe000e018) = 0;
+    REGISTER(0xe000e010) = 5; /* by the clock of the processor */
+}
+#define BEGIN uint32_t first = REGISTER(0xe000e018)
+#define END(n) n = (first - REGISTER(0xe000e018)) & 0xffffff
+#endif
+#include "$name.h"
+
+static void exchange(void *data, int n, int puts)
+{
+    uint8_t *bytes = data;
+    int k;
+    for (k = 0; k < n; k++) {
+        if (puts) {
+            put(bytes[k]);
+        } else {
+            bytes[k] = get();
+        }
+    }
+}
+
+int main(void)
+{
+    static ${name}_state state;
+    static $number u[${name}_N_INPUTS];
+    $number y;
+    uint32_t words[2], empty;
+    start();
+    ${name}_init(&state);
+    while (get() != $sync) {
+    }
+    {
+        BEGIN;
+        END(empty);
+    }
+    for (;;) {
+        exchange(u, sizeof u, 0);
+        {
+            BEGIN;
+            y = ${name}_step(&state, $input);
+            END(words[0]);
+        }
+        words[0] -= empty;
+        words[1] = ${name}_status(&state);
+        exchange(&y, sizeof y, 1);
+        exchange(words, sizeof words, 1);
+    }
+}
+""")
+
+
+class EmulatedController:
+    """A program of :func:`to_c` that runs on an emulated controller, sample by sample.
+
+    It takes the place of the stepper of the model, as in
+    :func:`~skhyst.control.simulate_loop`: the processor in the loop is another one. Use it in a
+    ``with`` statement, or close it. It needs a compiler and QEMU: ``apt-get install
+    gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm`` for Cortex-M, ``gcc-avr avr-libc
+    qemu-system-misc`` for AVR; programs for x86-64 run on the processor itself.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Where the program is.
+    name : str
+        Of the program.
+    target : {"Cortex-M4F", "Cortex-M0", "AVR", "x86-64"}, default="Cortex-M4F"
+        The controllers that are emulated: ARM MPS2 with AN386, micro:bit, Arduino Mega 2560.
+
+    Attributes
+    ----------
+    status : int
+        That of the last sample, see :func:`to_c`.
+    instructions : float
+        That the last step has taken, to about one; NaN on AVR.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such program, or the compiler or the emulator is not installed.
+    RuntimeError
+        If the program cannot be compiled for the target, as one in ``float64`` for AVR, or does not
+        fit into its memory; from :meth:`step` if it has stopped.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from skhyst.export import EmulatedController, to_c
+    >>> from skhyst.hysteresis import BacklashOperator
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     files = to_c(BacklashOperator(0.2), folder, "gear", dt=1e-3)
+    ...     with EmulatedController(folder, "gear") as gear:  # doctest: +SKIP
+    ...         print(gear.step(1.0), gear.instructions)
+    0.8 283.0
+    """
+
+    def __init__(self, folder, name, target="Cortex-M4F"):
+        if target not in TARGETS:
+            raise ValueError(
+                f"The 'target' parameter of EmulatedController must be one of {sorted(TARGETS)}. "
+                f"Got {target!r} instead."
+            )
+        self.status, self.instructions, self._target = 0, np.nan, TARGETS[target]
+        self._process, own = None, self._target
+        source = program_source(folder, name)
+        for tool in (own.compiler, *own.runs[:1]):
+            if shutil.which(tool) is None:
+                raise FileNotFoundError(f"There is no {tool}, which {target} needs.")
+        header = source.with_suffix(".h").read_text()
+        kind, given = re.search(rf"^(\w+) {name}_step\((.*)\);", header, re.M).groups()
+        n_inputs = int(re.search(rf"{name}_N_INPUTS (\d+)", header)[1])
+        self._number, self._shape = np.dtype(_NUMBERS[kind]), (n_inputs,)
+        text = _FIRMWARE.substitute(
+            name=name, number=kind, input="u" if "*u" in given else "u[0]", sync=_SYNC[0]
+        )
+        self._place = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
+        place = Path(self._place.name)
+        (place / "firmware.c").write_text(text)
+        command = ("-o", "firmware", str(source), f"-I{source.parent}", *own.linked)
+        done, said = own.compile(place, "firmware.c", *command, "-lm")
+        if not done:
+            self.close()
+            raise RuntimeError(f"The program cannot be compiled for {target}: {said.strip()}")
+        self._process = subprocess.Popen(
+            [*own.runs, str(place / "firmware")],
+            **dict.fromkeys(("stdin", "stdout"), subprocess.PIPE),
+            stderr=subprocess.DEVNULL,
+            bufsize=0,
+        )
+        self._process.stdin.write(_SYNC)
+
+    def step(self, u):
+        """Return the output for one sample.
+
+        Parameters
+        ----------
+        u : float or array-like of shape (n_inputs,)
+
+        Returns
+        -------
+        float
+        """
+        u = np.asarray(u, dtype=self._number).ravel()
+        if u.shape != self._shape:
+            raise ValueError(
+                f"The 'u' parameter of step must have {self._shape[0]} numbers. Got {u.size} "
+                "instead."
+            )
+        answer = b""
+        try:
+            self._process.stdin.write(u.tobytes())
+            while len(answer) < self._number.itemsize + 8:
+                if not (more := self._process.stdout.read(self._number.itemsize + 8 - len(answer))):
+                    raise BrokenPipeError
+                answer += more
+        except BrokenPipeError:
+            raise RuntimeError("The program on the emulated controller has stopped.") from None
+        words = np.frombuffer(answer[-8:], dtype="<u4")
+        self.instructions, self.status = words[0] / self._target.ticks, int(words[1])
+        return float(np.frombuffer(answer[:-8], dtype=self._number)[0])
+
+    def close(self):
+        """Stop the controller."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.communicate()
+            self._process = None
+        self._place.cleanup()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exception):
+        self.close()
+
+
+def program_source(folder, name):
+    """Return the path of a program's source."""
+    source = Path(folder, f"{name}.c").resolve()
+    if not source.exists():
+        raise FileNotFoundError(f"There is no program {source}.")
+    return source
+
+
+def program_sizes(folder, name) -> pd.DataFrame:
+    """Return the memory and the time that a program of :func:`to_c` takes on typical controllers.
+
+    It is compiled for size by each cross-compiler that is found: ``arm-none-eabi-gcc``,
+    ``avr-gcc``, ``x86_64-linux-gnu-gcc``, and run as an :class:`EmulatedController` over the first
+    100 samples of its test.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Where the program is.
+    name : str
+        Of the program.
+
+    Returns
+    -------
+    DataFrame of shape (n_targets, 5)
+        By target: ``flash``, code and tables, without the functions of the math library and of
+        floating point in software; ``state``, RAM of one device; ``stack``, of the deepest function
+        alone, all in bytes; ``instructions`` and ``most_instructions`` of a step, the mean and the
+        largest over the samples, with those of the library. Most instructions take one cycle
+        on a Cortex-M. NaN where the compiler or the emulator is not found or
+        refuses the program, as one whose ``double`` has 32 bits does.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such program.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from skhyst.export import program_sizes, to_c
+    >>> from skhyst.hysteresis import BacklashOperator
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     files = to_c(BacklashOperator(0.2), folder, "gear", "float32", dt=1e-3)
+    ...     sizes = program_sizes(folder, "gear")
+    >>> list(sizes.columns)
+    ['flash', 'state', 'stack', 'instructions', 'most_instructions']
+    """
+    source = program_source(folder, name)
+    rows = [
+        {"target": key, **_size(source, own), **_time(source, key)} for key, own in TARGETS.items()
+    ]
+    return pd.DataFrame(rows).set_index("target").rename_axis(None)
+
+
+def _time(source, target):
+    """Return the instructions of a step, None where they are not known."""
+    counts = []
+    try:
+        with EmulatedController(source.parent, source.stem, target) as controller:
+            for u in _test_inputs(source):
+                controller.step(u)
+                counts.append(controller.instructions)
+    except (FileNotFoundError, RuntimeError):
+        return {"instructions": None, "most_instructions": None}
+    return {"instructions": np.round(np.mean(counts)), "most_instructions": np.round(max(counts))}
+
+
+def _test_inputs(source):
+    """Return the first inputs (n_samples, n_inputs) of the test of a program."""
+    text = source.with_name(f"{source.stem}_test.c").read_text()
+    rows = text[text.index("_inputs[N_SAMPLES]") :].split("= {\n", 1)[1].split("\n};", 1)[0]
+    rows = [re.findall(r"[-+.\de]+", row) for row in rows.splitlines()[:_SAMPLES]]
+    return np.array(rows, dtype=float)
+
+
+def _size(source, target):
+    """Return flash, state and stack in bytes, None where they are not known."""
+    unknown = dict.fromkeys(("flash", "state", "stack"))
+    if shutil.which(target.compiler) is None:
+        return unknown
+    with tempfile.TemporaryDirectory() as folder:
+        # the state is the only object with data of its own: its size is that of .bss
+        probe = Path(folder, "state.c")
+        probe.write_text(f'#include "{source.stem}.h"\n{source.stem}_state one;\n')
+        for file in (source, probe):
+            if not target.compile(folder, file, "-c", "-fstack-usage", f"-I{source.parent}")[0]:
+                return unknown
+        tool = f"{target.compiler.removesuffix('gcc')}size"
+        sizes = []
+        for file in (f"{source.stem}.o", "state.o"):
+            told = subprocess.run([tool, file], cwd=folder, capture_output=True, text=True)
+            sizes.append([int(x) for x in told.stdout.splitlines()[1].split()[:3]])
+        lines = Path(folder, f"{source.stem}.su").read_text().splitlines()
+        stack = max(int(line.split("\t")[1]) for line in lines)
+    return {"flash": sizes[0][0] + sizes[0][1], "state": sizes[1][2], "stack": stack}
