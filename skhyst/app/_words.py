@@ -20,6 +20,7 @@ FIELDS = {
 _NAMES = "|".join(FIELDS)
 _REPLACED = (
     (r" If the rows are a random subset: .*", ""),
+    (r"( If the rows have been shuffled:)? Use a splitter that .*? its resource[.;]", ""),
     (r"it is the first column of X, and the time belongs .*", "give it the role of the time."),
     (r"column \d+ of X twice", "the same signal twice"),
     (

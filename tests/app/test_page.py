@@ -58,6 +58,7 @@ def uneven(name="t [s]"):
         lambda: read_records(pd.DataFrame({"u": [1, 3, 2], "y": [0, 2, -9999]})),
         lambda: record_slices(*read_records(uneven())),
         lambda: read_records(uneven("t")),
+        lambda: record_slices(*read_records(uneven()[:1])),
         lambda: read_records(uneven(), sampling_rate=-1.0),
     ],
 )
@@ -65,7 +66,7 @@ def test_messages_have_the_words_of_the_page(asked):
     """No argument of Python, no function, no option of the command line."""
     with pytest.raises((ValueError, TimeUnitWarning)) as error:
         asked()
-    spoken = ("=", "skhyst.", "parameter", "resample_", "read_records", "time_unit")
+    spoken = ("=", "skhyst.", "parameter", "resample_", "read_records", "time_unit", "splitter")
     assert any(word in str(error.value) for word in spoken)
     assert not [word for word in spoken if word in as_words(str(error.value))]
 
