@@ -765,9 +765,9 @@ def _known(report):
     known = f"Known: at most {share(most)} of the power of what is left can follow the drive"
     known += f", and at least {share(least)} does." if least >= 0.001 else "; the rest is noise."
     if report.verdict == "undetermined":
-        return [known, "Not known: whether any of it does, or whether it is slow noise."]
+        return [known, "Not known: how much of it does, and how much is slow noise."]
     unknown = "Not known: its law, which none of the effects that were tried has."
-    if report.unknown is None:
+    if report.unknown is None and not report.settings["unknown"]:
         unknown += " A search with unknown=True (--unknown) draws it as a curve."
     return [known, unknown]
 
