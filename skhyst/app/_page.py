@@ -1,10 +1,12 @@
 """The page of `skhyst app`, which Streamlit runs from top to bottom at every click.
 
-Results of a search are kept in the session. A click while a search runs, such as on Stop, makes
+Searches are kept in the session, on a board. A click while a search runs, such as on Stop, makes
 Streamlit raise an exception in the progress callback of the search, which ends it.
 """
 
+import re
 import shlex
+import time
 import warnings
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,17 +17,33 @@ import numpy as np
 import pandas as pd
 import streamlit as st
 
+from skhyst._validation import refuse_no_experiment
 from skhyst.app._processes import own_processes
+from skhyst.app._samples import SAMPLES, sample_recording
 from skhyst.app._suggestion import DEVICES, suggest_model
-from skhyst.diagnosis import EffectSearchCV, effect_names, next_experiment
+from skhyst.app._words import FIELDS, as_words
+from skhyst.diagnosis import EffectSearchCV, Report, effect_names, next_experiment
 from skhyst.discovery import parse_model
+from skhyst.inspection import compare_models
+from skhyst.io import inspect_columns, join_files, unit_of
 from skhyst.persistence import save_model
-from skhyst.records import inspect_recording, read_records
+from skhyst.records import read_records, record_slices, resample_records
 
 _POINTS = 1500  # parts of a curve, each drawn by its smallest and largest value
 _LONG = 5000  # number of samples above which starting processes saves time
-_FROM_FILE = "as in the file"
-_NO_COLUMN = "none"
+_MANY = 24  # columns above which they are looked for by name
+_SINGLE = ("drive", "response", "time", "record")  # roles that one column has
+_ROLES = {
+    "": "not used",
+    "drive": "drive: what is set",
+    "response": "response: what is measured",
+    "time": "time",
+    "record": "label of the record",
+    "auxiliary": "further input",
+}
+_SEPARATORS = {"as found": None, ",": ",", ";": ";", "tab": "\t", "blanks": " "}
+_SIGNS = {"as found": None, ".": ".", ",": ","}
+_COMPARED = "I do not know: compare models"
 
 
 def main():
@@ -33,106 +51,238 @@ def main():
     st.set_page_config("skhyst", layout="wide")
     st.title("What does my model lack?")
     st.caption("From a recording to the effect that is missing. Nothing leaves this machine.")
-    path = _upload()
-    reading = _roles(path)
-    _draw(path, reading)
+    if "running" in st.session_state:
+        st.info(f"Stopped: {_plain(st.session_state.pop('running'))}. Nothing of it is kept.")
+    above, below = st.container(), st.container()
+    with below:  # drawn first: what is above may end the page
+        _board()
+    with above:
+        _new_search()
+
+
+def _new_search():
+    """Ask for a recording and a model, and search."""
+    files = _recording()
+    reading, even = _columns(files)
+    X, y = _draw(files, reading, even)
     model, options = _model(), _options()
-    reading["on_missing"] = options.pop("on_missing")
+    options["resample"] = "auto" if even else None
     if st.button("Search", type="primary"):
         with _sentences():
-            st.session_state.found = _search(path, reading, model, options)
-            st.rerun()
-    if "found" in st.session_state:
-        _result(st.session_state.found)
+            found = _search(files, reading, model, options, X, y)
+        st.session_state.setdefault("board", []).append(found)
+        st.session_state.new = len(st.session_state.board) - 1
+        st.rerun()
 
 
 @contextmanager
-def _sentences():
-    """Show warnings, and an error of the data or the options as a sentence, which ends the page."""
+def _sentences(ends=True):
+    """Show warnings, and an error of the data or the options as a sentence; it ends the page."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
         try:
             yield
         except (ValueError, TypeError, OSError, ImportError, NotImplementedError) as error:
-            st.error(str(error))
-            st.stop()
+            st.session_state.pop("running", None)
+            st.error(_told(error))
+            if ends:
+                st.stop()
         finally:
-            for text in dict.fromkeys(str(one.message) for one in caught):
+            for text in dict.fromkeys(_told(one.message) for one in caught):
                 st.warning(text)
 
 
-def _upload():
-    """Return the path of the uploaded file, in a temporary folder."""
-    about = "csv, txt, xlsx, mat, npy, json, hdf5, parquet, feather, tdms, wav"
-    uploaded = st.file_uploader(f"Recording: {about}")
-    if uploaded is None:
-        st.session_state.pop("found", None)
-        st.stop()
+def _told(message):
+    return _plain(as_words(str(message)))
+
+
+def _plain(text):
+    """Return a text that Markdown shows as it is."""
+    return re.sub(r"([\\`*_{}\[\]()#+!$|<>~:-])", r"\\\1", text)
+
+
+# -------------------------------------------------------------------------------- the recording
+
+
+def _recording():
+    """Return the paths of the files, and whether they hold the columns of one recording."""
+    st.header("Recording")
+    upload, sample = st.columns([2, 1])
+    about = "csv, txt, lvm, xlsx, mat, npy, json, hdf5, parquet, feather, tdms, wav"
+    uploaded = upload.file_uploader("Files", accept_multiple_files=True, help=about)
+    device = sample.selectbox("Or a recording to try", SAMPLES, None, placeholder="none")
     if "folder" not in st.session_state:
         st.session_state.folder = mkdtemp()
-    path = Path(st.session_state.folder, uploaded.file_id, "recording")
-    path = path.with_suffix(Path(uploaded.name).suffix.lower())
-    if not path.exists():
-        st.session_state.pop("found", None)
-        path.parent.mkdir()
-        path.write_bytes(uploaded.getbuffer())
-    return path
+    if uploaded:
+        paths = [Path(one.file_id, Path(one.name).name) for one in uploaded]
+        contents = [one.getbuffer() for one in uploaded]
+    elif device:
+        name, table = sample_recording(device)
+        paths, contents = [Path("sample", name)], [table.to_csv(index=False).encode()]
+    else:
+        st.stop()
+    paths = [Path(st.session_state.folder, path) for path in paths]
+    for path, content in zip(paths, contents, strict=True):
+        if not path.exists():
+            path.parent.mkdir(exist_ok=True)
+            path.write_bytes(content)
+    kinds = ["a record of one device each", "columns of one recording"]
+    joined = len(paths) > 1 and st.radio("The files are", kinds, horizontal=True) == kinds[1]
+    return tuple(paths), joined
 
 
 @st.cache_data(max_entries=4, show_spinner="Reading")
-def _overview(path, reading):
+def _overview(files, layout, given):
+    """Return the columns, their roles, and what is open or suspicious."""
+    paths, joined = files
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # told when all is read
+        source = join_files(paths, **layout) if joined else paths[0]
+        more = {} if joined else layout
+        _, columns, _, faults = inspect_columns(source, **more, **given)
+    return columns, faults
+
+
+@st.cache_data(max_entries=4, show_spinner="Reading")
+def _signals(files, reading, even):
+    """Return X, y, their records, and warnings."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
-        overview = inspect_recording(path, **reading)
-    return overview, [str(one.message) for one in caught]
+        X, y = _read(files, reading)
+        if even:
+            X, y = resample_records(X, y, dt="auto")
+        slices = record_slices(X, y, one_interval=False, bridge=True)
+        refuse_no_experiment(X.to_numpy(), y.to_numpy(), slices)
+    return X, y, slices, [str(one.message) for one in caught]
 
 
-def _roles(path):
-    """Return the options of `read_records`: the recognised columns, unless others are chosen."""
-    st.header("Columns")
+def _read(files, reading):
+    paths, joined = files
+    if joined:
+        layout = {name: reading[name] for name in ("delimiter", "decimal")}
+        return read_records(join_files(paths, **layout), **reading | dict.fromkeys(layout))
+    return read_records(list(paths) if len(paths) > 1 else paths[0], **reading)
+
+
+def _layout():
+    """Return options of reading that no column has, and whether to interpolate uneven times."""
+    with st.expander("How the file is read"):
+        places = st.columns(5)
+        separator = places[0].selectbox(FIELDS["delimiter"], _SEPARATORS)
+        sign = places[1].selectbox(FIELDS["decimal"], _SIGNS)
+        kinds = {"tell me": "raise", "interpolate": "interpolate", "drop": "drop"}
+        lost = places[2].selectbox(FIELDS["on_missing"], kinds)
+        code = places[3].number_input(FIELDS["missing_code"], value=None, format="%g")
+        uneven = places[4].selectbox(FIELDS["resample"], ["tell me", "interpolate"])
+    layout = {"delimiter": _SEPARATORS[separator], "decimal": _SIGNS[sign]}
+    return layout, {"on_missing": kinds[lost], "missing_code": code}, uneven == "interpolate"
+
+
+def _columns(files):
+    """Return the parameters of `read_records`: recognised columns, unless others are chosen."""
+    layout, more, even = _layout()
+    chosen = st.session_state.setdefault("roles", {}).setdefault(files, {})
+    given = {role: name for name, role in chosen.items() if role in _SINGLE}
+    given["auxiliary"] = [name for name, role in chosen.items() if role == "auxiliary"]
     with _sentences():
-        overview, _ = _overview(path, {})
-    names = [column.name for column in overview.columns]
-    known = {column.role: column for column in overview.columns if column.role}
-    roles = {}
-    for place, role in zip(st.columns(4), ("drive", "response", "time", "record"), strict=True):
-        optional = role in ("time", "record")
-        listed = [_NO_COLUMN, *names] if optional else names
-        start = listed.index(known[role].name) if role in known else 0 if optional else None
-        about = known[role].reason if role in known else None
-        roles[role] = place.selectbox(role.capitalize(), listed, start, help=about)
-    if None in roles.values():
-        st.info(" ".join(overview.faults) or "Choose the drive and the response.")
-        st.stop()
-    reading = {role: name for role, name in roles.items() if name != _NO_COLUMN}
-    left = [name for name in names if name not in roles.values()]
-    inputs, unit, rate = st.columns([2, 1, 1])
-    reading["auxiliary"] = inputs.multiselect("Further inputs", left)
-    units = [_FROM_FILE, "s", "ms", "us", "ns", "min", "h"]
+        columns, faults = _overview(files, layout, given)
+    roles = {column.name: chosen.get(column.name, column.role) for column in columns}
+    units = _table(files, columns, roles)
+    reading = {role: name for name, role in roles.items() if role in _SINGLE}
+    reading["auxiliary"] = [name for name, role in roles.items() if role == "auxiliary"]
+    reading |= layout | more | {"units": units}
+    clock, _ = st.columns([1, 3])
     if "time" in reading:
-        time_unit = unit.selectbox("Unit of the time", units)
-        reading["time_unit"] = None if time_unit == _FROM_FILE else time_unit
+        known = ["as in the file", "s", "ms", "us", "ns", "min", "h"]
+        unit = clock.selectbox(FIELDS["time_unit"], known)
+        reading["time_unit"] = None if unit == known[0] else unit
     else:
-        reading["sampling_rate"] = rate.number_input("Sampling rate (Hz)", 0.0) or None
-    return reading
-
-
-def _draw(path, reading):
-    """Draw drive and response over time, and the loop; show warnings and faults."""
-    with _sentences():
-        overview, warned = _overview(path, reading)
-    for text in [*warned, *overview.faults]:
-        st.warning(text)
-    if overview.X is None:
+        label, about = f"{FIELDS['sampling_rate']} (Hz)", "as in the file, where it tells"
+        rate = clock.number_input(label, 0.0, value=None, format="%g", placeholder=about)
+        reading["sampling_rate"] = rate or None
+    open_ = [role for role in ("drive", "response") if role not in reading]
+    for fault in faults:
+        if "pass time=" in fault and "time" not in chosen.values():
+            st.info("More than one column may be the time: pick it in the table.")
+        elif "=NAME" not in fault and not fault.startswith("Recognised"):
+            st.warning(_told(fault))
+    if open_:
+        st.info(f"Pick the {' and the '.join(open_)} in the table.")
         st.stop()
-    drive, response = overview.X.columns[0], overview.y.name
-    columns = {"drive": overview.X.iloc[:, 0].to_numpy(), "response": overview.y.to_numpy()}
-    slices = overview.records
-    time = np.concatenate([s.dt * np.arange(s.n_samples) for s in slices]) if slices else None
-    table = pd.DataFrame(columns)
-    table["record"] = overview.X.index.get_level_values("record").astype(str)
-    table["time"] = np.arange(len(table)) if time is None else time
-    unit = "s" if slices and slices[0].time_unit == "s" else "sample"
+    return reading, even
+
+
+def _table(files, columns, roles):
+    """Draw a row for each column, with its picture, and return the units that are changed."""
+    shown = columns
+    if len(columns) > _MANY:
+        asked = st.text_input(f"Find one of {len(columns)} columns", placeholder="part of its name")
+        shown = [one for one in columns if asked.lower() in one.name.lower()][:_MANY]
+        shown += [one for one in columns if roles[one.name] and one not in shown]
+    units = {}
+    for number, column in enumerate(shown):
+        name, picture, role, unit = st.columns([3, 3, 2, 1], vertical_alignment="center")
+        spans = f"{column.low:g} to {column.high:g}" if column.low <= column.high else "no numbers"
+        reason = f", {column.reason}" if roles[column.name] and column.reason != "as given" else ""
+        name.markdown(f"**{_plain(column.name)}**  \n{_plain(spans + reason)}")
+        if len(column.outline):
+            picture.image(_little_picture(column.outline), width="stretch")
+        key = f"role {number} of {column.name} in {files}"
+        st.session_state[key] = roles[column.name]
+        role.selectbox(
+            f"Role of {column.name}",
+            _ROLES,
+            format_func=_ROLES.get,
+            key=key,
+            label_visibility="collapsed",
+            on_change=_choose,
+            args=(files, column.name, key, roles),
+        )
+        if roles[column.name] in ("drive", "response", "auxiliary"):
+            told = unit_of(column.name)
+            own = unit.text_input(
+                f"{FIELDS['units']} of {column.name}",
+                told,
+                key=f"unit of {key}",
+                placeholder="unit",
+                max_chars=12,
+            ).strip()
+            units |= {column.name: own} if own and own != told else {}
+    return units
+
+
+def _choose(files, name, key, roles):
+    """Give a column its role, take it from the column that had it, and keep all others."""
+    role, chosen = st.session_state[key], st.session_state.roles[files]
+    chosen |= {other: own for other, own in roles.items() if own}
+    for other in [one for one, own in chosen.items() if own == role and role in _SINGLE]:
+        del chosen[other]  # another role may be recognised
+    chosen[name] = role
+
+
+def _little_picture(outline):
+    """Return a curve as SVG: from the smallest to the largest reading of each part."""
+    low, high = outline.min(), outline.max()
+    x = np.repeat(np.linspace(1.0, 199.0, len(outline)), 2)
+    y = 29.0 - 28.0 * (outline.ravel() - low) / ((high - low) or 1.0)
+    points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
+    return (
+        '<svg xmlns="http://www.w3.org/2000/svg" width="200" height="30" viewBox="0 0 200 30">'
+        f'<polyline points="{points}" fill="none" stroke="#2a85c4" stroke-width="1"/></svg>'
+    )
+
+
+def _draw(files, reading, even):
+    """Draw drive and response over time, and the loop, and return them."""
+    with _sentences():
+        X, y, slices, warned = _signals(files, reading, even)
+    for text in warned:
+        st.warning(_told(text))
+    drive, response = X.columns[0], y.name
+    table = pd.DataFrame({"drive": X.iloc[:, 0].to_numpy(), "response": y.to_numpy()})
+    table["record"] = X.index.get_level_values("record").astype(str)
+    table["time"] = np.concatenate([s.dt * np.arange(s.n_samples) for s in slices])
+    unit = "s" if slices[0].time_unit == "s" else "sample"
     series, loop = st.columns([2, 1])
     across = alt.X("time", title=f"time since the record's start ({unit})")
     color = alt.Color("record", legend=None)
@@ -147,9 +297,11 @@ def _draw(path, reading):
     chart = alt.Chart(part).mark_line(strokeWidth=1).properties(height=376)
     chart = chart.encode(across.scale(zero=False), up.scale(zero=False), color, order="order")
     loop.altair_chart(chart.interactive())
-    every = ", ".join(f"{dt:g} {unit}" for dt in sorted({s.dt for s in slices}))
+    every = ", ".join(f"{dt:g} s" for dt in sorted({s.dt for s in slices}))
+    known = f"one every {every}" if unit == "s" else "sampling rate unknown: time is in samples"
     many = "1 record" if len(slices) == 1 else f"{len(slices)} records"
-    st.caption(f"{len(table)} samples in {many}, one every {every or 'unknown interval'}")
+    st.caption(f"{len(table)} samples in {many}, {known}")
+    return X, y
 
 
 def _outline(values):
@@ -159,101 +311,174 @@ def _outline(values):
     return np.unique([[p[values[p].argmin()], p[values[p].argmax()]] for p in parts])
 
 
+# ----------------------------------------------------------------------------------- the search
+
+
 def _model():
-    """Return the declared model as text: what three questions suggest, or another."""
+    """Return the declared model as text, "" where models are to be compared."""
     st.header("Declared model")
     answers = {"I do not know": None, "no": False, "yes": True}
     devices, rate, ringing = st.columns([2, 1, 1])
-    moves = devices.selectbox("What moves?", list(DEVICES), format_func=DEVICES.get)
-    ask = {"options": list(answers), "horizontal": True}
-    fast = rate.radio("Does it matter how fast you drive?", **ask)
-    rings = ringing.radio("Is there a mass or a spring that rings?", **ask)
-    own = suggest_model(moves, rate_matters=answers[fast], rings=answers[rings])
+    moves = devices.selectbox(
+        "What moves?", [None, *DEVICES], format_func=lambda own: DEVICES.get(own, _COMPARED)
+    )
+    suggested, reason = (
+        "",
+        (
+            "A few models of one mechanism each are compared on held-out samples, and the best is "
+            "declared. To declare one of your own, write it here."
+        ),
+    )
+    if moves is not None:
+        ask = {"options": list(answers), "horizontal": True}
+        fast = rate.radio("Does it matter how fast you drive?", **ask)
+        rings = ringing.radio("Is there a mass or a spring that rings?", **ask)
+        own = suggest_model(moves, rate_matters=answers[fast], rings=answers[rings])
+        suggested, reason = own.model, own.reason
     help_ = "`skhyst models` lists all; + puts models in series, options are in parentheses."
-    model = st.text_input("Model", own.model, key=f"model {own.model}", help=help_)
-    if model == own.model:
-        st.caption(own.reason)
-    return model
+    model = st.text_input(
+        "Model", suggested, key=f"model {suggested}", help=help_, placeholder="compared"
+    )
+    if model == suggested:
+        st.caption(reason)
+    return model.strip()
 
 
 def _options():
-    """Return the parameters of the search, and ``on_missing`` of reading."""
+    """Return the parameters of the search."""
     with st.expander("Options"):
-        effects = st.multiselect("Effects", effect_names(), placeholder="all")
-        folds, seed, missing = st.columns(3)
-        options = {
+        effects = st.multiselect(FIELDS["effects"], effect_names(), placeholder="all")
+        folds, seed, _ = st.columns(3)
+        return {
             "effects": effects or "all",
-            "cv": folds.number_input("Folds", 2, 20, 5),
-            "random_state": seed.number_input("Seed", 0, 2**31 - 1, 0),
-            "on_missing": missing.selectbox("Lost readings", ["raise", "drop", "interpolate"]),
+            "cv": folds.number_input(FIELDS["cv"], 2, 20, 5),
+            "random_state": seed.number_input(FIELDS["random_state"], 0, 2**31 - 1, 0),
         }
-        even = st.checkbox("Interpolate readings that are not evenly spaced")
-        return options | {"resample": "auto" if even else None}
 
 
-def _search(path, reading, model, options):
+def _search(files, reading, model, options, X, y):
     """Run the search; return it with its report, HTML page and saved model."""
+    declared = parse_model(model) if model else None
+    name, begin = ", ".join(path.name for path in files[0]), time.perf_counter()
+    st.session_state.running = f"the search of {name}"
     st.button("Stop")
-    X, y = read_records(path, **reading)
-    n_jobs = -1 if len(X) > _LONG else 1
-    search = EffectSearchCV(parse_model(model), n_jobs=n_jobs, **options)
+    comparison = None
     with st.status("Searching", expanded=True) as status:
-        bar = st.progress(0.0)
+        bar = st.progress(0.0, "comparing models" if declared is None else "declared model")
+        if declared is None:
+            comparison = compare_models(X, y)
+            model, declared = comparison.taken, parse_model(comparison.taken)
+            status.write(_plain(comparison.reason))
 
         def show(progress):
             if progress.text:
-                status.write(progress.text)
+                status.write(_plain(progress.text))
             if progress.total:
-                about = f"round {progress.round}: {progress.trying}, {progress.seconds:.0f} s"
+                about = _plain(f"{progress}; {progress.seconds:.0f} s so far")
                 bar.progress(progress.done / progress.total, about)
 
+        n_jobs = -1 if len(X) > _LONG else 1
+        search = EffectSearchCV(declared, n_jobs=n_jobs, **options)
         with own_processes():
-            search.fit(X, y, on_progress=show)
+            search.fit(*_read(files, reading), on_progress=show)
         status.update(label="Writing the report")
-        report = search.report(_command(path, reading, model, options))
+        command = _command(files, reading, model, options)
+        report = Report.from_search(search, command, comparison=comparison)
         page = report.to_html()
     with TemporaryDirectory() as folder:
         file = Path(folder, "model.skops")
         save_model(search.best_estimator_, file)
         own = file.read_bytes()
-    return {"search": search, "report": report, "page": page, "model": own}
+    del st.session_state.running
+    told = {"recording": name, "declared": model, "seconds": time.perf_counter() - begin}
+    return told | {"search": search, "report": report, "page": page, "model": own}
 
 
-def _command(path, reading, model, options):
-    """Return the command that does the same."""
-    words = ["skhyst", "diagnose", path.name, "--model", model]
-    for name, value in reading.items():
+def _command(files, reading, model, options):
+    """Return the command that does the same, of several records the line of Python."""
+    paths, joined = files
+    own = {name: value for name, value in reading.items() if value not in (None, [], {}, "raise")}
+    if len(paths) > 1 and not joined:
+        given = "".join(f", {name}={value!r}" for name, value in own.items())
+        return f"X, y = read_records({[path.name for path in paths]}{given})"
+    words = ["skhyst", "diagnose", *(path.name for path in paths), *["--join"] * joined]
+    words += ["--model", model]
+    for name, value in own.items():
+        if name == "units":
+            words += [word for pair in value.items() for word in ("--unit", "=".join(pair))]
+            continue
         values = value if isinstance(value, list) else [value]
-        for own in values:
-            words += [] if own is None else [f"--{name.replace('_', '-')}", str(own)]
+        words += [word for one in values for word in (f"--{name.replace('_', '-')}", str(one))]
     words += ["--folds", str(options["cv"]), "--seed", str(options["random_state"])]
     words += ["--resample", "auto"] if options["resample"] else []
     words += [] if options["effects"] == "all" else ["--effects", ",".join(options["effects"])]
     return shlex.join(words)
 
 
-def _result(found):
+# ------------------------------------------------------------------------------------ the board
+
+
+def _board():
+    """Show the searches of the session side by side, and the report of one."""
+    board = st.session_state.get("board", [])
+    if not board:
+        return
+    st.header("Searches")
+    rows = [_row(number, found) for number, found in enumerate(board, start=1)]
+    st.table(pd.DataFrame(rows).map(_plain).set_index("no."))
+    if "new" in st.session_state:
+        st.session_state.shown = st.session_state.pop("new")
+    names = [f"{row['no.']}: {row['recording']}, {row['model']}" for row in rows]
+    shown, clear = st.columns([3, 1], vertical_alignment="bottom")
+    place = shown.selectbox(
+        "Report of", range(len(board)), format_func=names.__getitem__, key="shown"
+    )
+    clear.button("Clear the board", on_click=board.clear)
+    _result(board[place], place)
+
+
+def _row(number, found):
+    report, search = found["report"], found["search"]
+    unit = report.units["response"]
+    errors = [
+        f"{value:.3g} {unit}".strip()
+        for value in (search.error_before_, search.error_after_, search.noise_floor_)
+    ]
+    return {
+        "no.": str(number),
+        "recording": found["recording"],
+        "model": found["declared"],
+        "missing": ", ".join(search.effects_) or "nothing",
+        **dict(zip(("error before", "after", "noise floor"), errors, strict=True)),
+        "what is left": search.verdict_,
+        "time": f"{found['seconds']:.0f} s",
+    }
+
+
+def _result(found, number):
     """Show the verdict, the downloads and the report."""
     report = found["report"]
-    st.header(report.headline)
+    st.header(_plain(report.headline))
     for place, (label, data, name) in zip(
         st.columns(3),
         (
-            ("Report", found["page"], "report.html"),
-            ("Model", found["model"], "model.skops"),
-            ("Numbers", report.to_json(), "result.json"),
+            ("Download the report (HTML)", found["page"], "report.html"),
+            ("Download the model (skops)", found["model"], "model.skops"),
+            ("Download the numbers (JSON)", report.to_json(), "result.json"),
         ),
         strict=True,
     ):
-        place.download_button(label, data, name, on_click="ignore", width="stretch")
-    _next(found)
+        place.download_button(
+            label, data, name, on_click="ignore", width="stretch", key=f"{name} {number}"
+        )
+    _next(found, number)
     st.iframe(found["page"], height=900)
 
 
-def _next(found):
+def _next(found, number):
     """Ask for the limits of the drive, and offer the drive to record next."""
     search = found["search"]
-    with st.expander("What to record next"), st.form("next"):
+    with st.expander("What to record next"), st.form(f"next {number}"):
         low, high, rate = st.columns(3)
         unit = search.units_.drive or "units of the drive"
         ends = np.min(search.drive_), np.max(search.drive_)
@@ -264,14 +489,17 @@ def _next(found):
         per = search.units_.time
         rate = rate.number_input(f"Largest slope ({unit}/{per})", 0.0, None, None, format="%g")
         if st.form_submit_button("Propose"):
-            with _sentences():
+            found.pop("next", None)
+            with _sentences(ends=False):
                 found["next"] = next_experiment(search, (low, high), rate)
     if "next" in found:
         experiment = found["next"]
-        st.write(experiment.reason)
+        st.write(_plain(experiment.reason))
         st.line_chart(experiment.drive, height=200)
         data = experiment.from_rest().to_csv()
-        st.download_button("Next drive", data, "next_drive.csv", on_click="ignore")
+        st.download_button(
+            "Download the next drive (CSV)", data, "next_drive.csv", on_click="ignore"
+        )
 
 
 if __name__ == "__main__":

@@ -55,7 +55,8 @@ def gather_evidence(claim, before, after):
         name: (float(value), float(std), words.of(unit))
         for name, (value, std, unit) in found.items()
     }
-    told = [name for name in numbers if not _UNTOLD.match(name)] or list(numbers)
+    known = [name for name, (value, std, _) in numbers.items() if not std > abs(value)]
+    told = [name for name in known if not _UNTOLD.match(name)] or known or list(numbers)
     told = [
         f"{name} {plus_minus(*numbers[name][:2])} {numbers[name][2]}".strip() for name in told[:4]
     ]

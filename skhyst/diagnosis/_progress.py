@@ -12,6 +12,8 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from importlib.util import find_spec
 
+_SILENT = 10.0  # s after which a line says what is tried
+
 
 @dataclass(frozen=True)
 class Progress:
@@ -29,6 +31,9 @@ class Progress:
         Since the search began.
     text : str
         A line worth keeping, such as a claim; "" where a step goes on.
+    remaining : float or None, default=None
+        Seconds that the step still takes at its mean speed so far; None before a candidate is done.
+        How many steps follow is not known before they are done.
 
     Examples
     --------
@@ -50,28 +55,46 @@ class Progress:
     total: int
     seconds: float
     text: str = ""
+    remaining: float | None = None
+
+    def __str__(self):
+        left = "" if self.remaining is None else f", about {self.remaining:.0f} s left in this step"
+        return (
+            f"round {self.round}: {self.trying or 'step done'} ({self.done} of {self.total}){left}"
+        )
 
 
 @contextmanager
 def watched(verbose, on_progress):
     """Yield what a search tells its progress to: text, round, trying, done and total, in order."""
-    begin = time.perf_counter()
+    begin = step = time.perf_counter()
     with ExitStack() as stack:
         observers = [] if on_progress is None else [on_progress]
         if verbose:
-            observers.append(stack.enter_context(_bar()) if _is_interactive() else _line)
+            observers.append(stack.enter_context(_bar()) if _is_interactive() else _lines())
 
         def tell(text, round=0, trying="", done=0, total=0):
-            seconds = time.perf_counter() - begin
+            nonlocal step
+            now = time.perf_counter()
+            step = step if done else now
+            left = (now - step) * (total - done) / done if done else None
             for observer in observers:
-                observer(Progress(round, trying, done, total, seconds, text))
+                observer(Progress(round, trying, done, total, now - begin, text, left))
 
         yield tell
 
 
-def _line(progress):
-    if progress.text:
-        print(f"[EffectSearchCV] {progress.text}", file=sys.stderr, flush=True)
+def _lines():
+    """Return an observer that writes each text, and what is tried where nothing was for a while."""
+    written = 0.0
+
+    def write(progress):
+        nonlocal written
+        if progress.text or (progress.trying and progress.seconds - written > _SILENT):
+            written = progress.seconds
+            print(f"[EffectSearchCV] {progress.text or progress}", file=sys.stderr, flush=True)
+
+    return write
 
 
 def _is_interactive():
@@ -100,7 +123,6 @@ def _bar():
         bars.SpinnerColumn(),
         bars.TextColumn("{task.description}", markup=False),
         bars.BarColumn(),
-        bars.MofNCompleteColumn(),
         bars.TimeElapsedColumn(),
     )
     console = Console(stderr=True, highlight=False)
@@ -111,7 +133,7 @@ def _bar():
             if progress.text:
                 console.print(progress.text, markup=False)
             elif progress.total:
-                about = f"round {progress.round}: {progress.trying}"
-                bar.update(task, description=about, completed=progress.done, total=progress.total)
+                of_step = {"completed": progress.done, "total": progress.total}
+                bar.update(task, description=str(progress), **of_step)
 
         yield draw

@@ -754,6 +754,24 @@ def _remarks(report):
         )
 
 
+def _known(report):
+    """Return what is known of what is left, and what is not, where it need not be noise."""
+    if report.verdict == "noise" or not report.error_after:
+        return []
+    most, least = (
+        min(max(1.0 - (error / report.error_after) ** 2, 0.0), 1.0)
+        for error in (report.noise_floor, report.noise_ceiling)
+    )
+    known = f"Known: at most {share(most)} of the power of what is left can follow the drive"
+    known += f", and at least {share(least)} does." if least >= 0.001 else "; the rest is noise."
+    if report.verdict == "undetermined":
+        return [known, "Not known: how much of it does, and how much is slow noise."]
+    unknown = "Not known: its law, which none of the effects that were tried has."
+    if report.unknown is None and not report.settings["unknown"]:
+        unknown += " A search with unknown=True (--unknown) draws it as a curve."
+    return [known, unknown]
+
+
 def _error(report, value, whole=None):
     """Write an error in its unit, with its percentage of the range."""
     part = percent(value, report.response_range if whole is None else whole)
@@ -917,6 +935,7 @@ def _rendered(report, form):
             figures={name: _drawn(name, display) for name, display in figures.items()},
             left=_LEFT,
             provisional=_PROVISIONAL,
+            known=_known(report),
             kept=_kept(report) if report.held_out else "",
             is_full=_is_full(report.claims, report.settings),
             change=change,

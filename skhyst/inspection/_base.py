@@ -224,11 +224,19 @@ class SignalDisplay(Display):
         ax.margins(x=0.01)
 
     def _draw_loops(self, ax, values, max_cycles, label=None, **style):
-        """Draw a signal against the drive, a line for each stretch of whole cycles."""
-        for k, (rows, cycles) in enumerate(loop_spans(self.drive, self.spans, max_cycles)):
+        """Draw a signal against the drive, a line for each stretch of whole cycles.
+
+        Return a title that tells which part it is, None where it is all.
+        """
+        stretches = loop_spans(self.drive, self.spans, max_cycles)
+        for k, (rows, cycles) in enumerate(stretches):
             kept = thin_path(self.drive[rows], values[rows], int(_POINTS * max(cycles, 1.0)))
             shown = plain(label) if label and k == 0 else None
             ax.plot(self.drive[rows][kept], values[rows][kept], label=shown, **style)
+        if sum(rows.stop - rows.start for rows, _ in stretches) == len(self.drive):
+            return None
+        number = max(round(sum(cycles for _, cycles in stretches)), 1)
+        return f"{number} cycle{'s' * (number > 1)} around the largest excursion"
 
 
 def signal_names(search):

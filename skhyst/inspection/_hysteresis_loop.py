@@ -56,7 +56,7 @@ class HysteresisLoopDisplay(SignalDisplay):
         line = self._straight_line() if subtract_line else np.zeros(len(self.drive))
         for panel in axes:
             style = {"color": MEASURED, "linewidth": 2.0, "solid_joinstyle": "round"}
-            self._draw_loops(panel, self.response - line, max_cycles, "measured", **style)
+            part = self._draw_loops(panel, self.response - line, max_cycles, "measured", **style)
         panels = axes if n_panels == n_models else np.repeat(axes, n_models)
         for k, (label, prediction) in enumerate(self.predictions.items()):
             style |= {"color": COLORS[k % len(COLORS)], "linewidth": 0.8}
@@ -64,7 +64,8 @@ class HysteresisLoopDisplay(SignalDisplay):
         y_label = self.response_name + (" less its straight line" if subtract_line else "")
         shown = {}
         for k, panel in enumerate(axes):
-            tidy(panel, x_label=self.drive_name, y_label=y_label if k == 0 else None)
+            first = {"title": part, "y_label": y_label} if k == 0 else {}
+            tidy(panel, x_label=self.drive_name, **first)
             for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
                 shown.setdefault(label, handle)
         legend_beside(axes[-1], list(shown.values()), list(shown))

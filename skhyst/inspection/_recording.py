@@ -58,9 +58,9 @@ class RecordingDisplay(SignalDisplay):
         for panel, values, color in signals:
             self._draw_in_time(panel, values, _POINTS, color=color, linewidth=0.9)
             self._mark_records(panel)
-        self._draw_loops(loop, self.response, max_cycles, color=MEASURED, linewidth=1.0)
+        part = self._draw_loops(loop, self.response, max_cycles, color=MEASURED, linewidth=1.0)
         tidy(upper, y_label=self.drive_name)
         tidy(lower, x_label=self.units.label("time (s)"), y_label=self.response_name)
-        tidy(loop, x_label=self.drive_name, y_label=self.response_name)
+        tidy(loop, title=part, x_label=self.drive_name, y_label=self.response_name)
         self.ax_, self.figure_ = np.array([upper, lower, loop]), host.figure
         return self

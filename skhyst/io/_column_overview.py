@@ -1,6 +1,6 @@
 """Overview of the columns of a file, and their faults."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import combinations
 
 import numpy as np
@@ -13,6 +13,7 @@ from ._recognise import ROLES, roles_and_questions
 _MOST = 100  # largest number of columns that are inspected
 _STANDS = 0.01  # fraction of rows at the largest or smallest value, above which it may be clipped
 _OFTEN = 5  # and so many times as many rows as at the next value
+_PARTS = 80  # largest number of parts of an outline
 _FINE = 50  # number of different values, below which a signal is a series of steps
 
 
@@ -31,6 +32,8 @@ class ColumnOverview:
         Type of the values in the file.
     low, high : float
         Range of the readings, NaN where there are none.
+    outline : ndarray of shape (n_parts, 2)
+        Smallest and largest reading of each of up to 80 consecutive parts: a small picture.
     """
 
     name: str
@@ -39,6 +42,7 @@ class ColumnOverview:
     kind: str
     low: float
     high: float
+    outline: np.ndarray = field(repr=False, compare=False)
 
     def __str__(self):
         span = f"{self.low:g} to {self.high:g}" if self.low <= self.high else "no numbers"
@@ -91,7 +95,9 @@ def _overview(source, name, role, reason, values):
     except RecordError:
         readings = np.empty(0)
     span = (readings.min(), readings.max()) if readings.size else (np.nan, np.nan)
-    return ColumnOverview(name, role, reason, str(values.dtype), *map(float, span))
+    parts = [p for p in np.array_split(readings, _PARTS) if p.size]
+    outline = np.array([(p.min(), p.max()) for p in parts]).reshape(-1, 2)
+    return ColumnOverview(name, role, reason, str(values.dtype), *map(float, span), outline)
 
 
 def _faults_of_columns(source, signals):

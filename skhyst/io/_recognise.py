@@ -259,6 +259,11 @@ class _Candidate:
         values = np.empty(0) if self.values is None else self.values[np.isfinite(self.values)]
         return bool(values.size and np.ptp(values) > 0.0) and not self.rises
 
+    @cached_property
+    def is_blank(self):
+        """Whether it has no reading."""
+        return self.values is not None and not np.isfinite(self.values).any()
+
     @property
     def called_time(self):
         """Whether the name is that of a time."""
@@ -273,7 +278,7 @@ def _time(free):
     named = [c for c in free if c.called_time and c.rises]
     if named:
         return ((named[0], _NAMED), []) if len(named) == 1 else (None, named)
-    even = [c for c in free if not c.role and c.rises_evenly]
+    even = [c for c in free if (not c.role or c.has("x")) and c.rises_evenly]  # X_Value of LabVIEW
     return (even[0], "it alone rises evenly") if len(even) == 1 else None, []
 
 
@@ -298,7 +303,7 @@ def _left_over(role, signals, found):
     possible = [c for c in free if c.moves and c.role in ("", "either", other if given else "")]
     if len(possible) == 1 and found.get(other, possible) and (given or not possible[0].role):
         return (possible[0], _LEFT), []
-    free = [c for c in free if not c.counts]
+    free = [c for c in free if not c.counts and not c.is_blank]
     return None, [c for c in free if c.role != "neither"] or free
 
 

@@ -115,10 +115,16 @@ def test_other_names_and_frames_are_refused(address):
 @pytest.mark.slow
 @pytest.mark.needs_recordings("piezo_afm")
 def test_from_a_measured_recording_to_a_model_that_is_kept(page, address, recording, tmp_path):
+    """Every state of the page on the way, on a screen and on a telephone."""
     asked = []
     page.on("request", lambda request: asked.append(request.url))
     page.goto(address)
     page.locator("input[type=file]").set_input_files(recording)
+    page.get_by_text("sampling rate unknown").wait_for()
+    model = page.get_by_role("textbox", name="Model", exact=True)
+    model.fill("prandtl_ishlinskii")
+    model.press("Enter")
+    page.get_by_text("To declare one of your own").wait_for(state="detached")
     page.get_by_text("Options", exact=True).click()
     effects = page.get_by_role("combobox", name="Effects")
     for name in ("asymmetry", "lag"):
@@ -126,15 +132,20 @@ def test_from_a_measured_recording_to_a_model_that_is_kept(page, address, record
     effects.press("Escape")
     page.get_by_role("button", name="Search").click()
     page.get_by_role("button", name="Stop").click()
-    page.get_by_role("button", name="Stop").wait_for(state="detached")
-    assert page.get_by_role("heading", name="Missing").count() == 0
+    page.get_by_text("Stopped: the search of scanner.csv. Nothing of it is kept.").wait_for()
+    assert page.get_by_role("heading", name="Searches").count() == 0
     page.get_by_role("button", name="Search").click()
     page.get_by_role("heading", name="Missing: asymmetry").wait_for()
+    assert page.get_by_text("Stopped:").count() == 0
+    page.get_by_test_id("stTable").filter(has_text="scanner.csv").wait_for()
     report = page.frame_locator("iframe").get_by_role("heading", name="Missing: asymmetry")
     report.wait_for()
     with page.expect_download() as download:
-        page.get_by_role("button", name="Model", exact=True).click()
+        page.get_by_role("button", name="Download the model").click()
     download.value.save_as(tmp_path / "model.skops")
     assert "asymmetry" in load_model(tmp_path / "model.skops").named_steps
+    page.set_viewport_size({"width": 400, "height": 800})
+    width = "() => document.querySelector('[data-testid=stMain]').scrollWidth"
+    page.wait_for_function(f"() => ({width})() <= 400")
     elsewhere = [url for url in asked if url.startswith("http") and not url.startswith(address)]
     assert elsewhere == []

@@ -238,6 +238,12 @@ def full(report):
     return {"settings": settings, "verdict": "unexplained"}
 
 
+def half_noise(report):
+    """Half the error that is left cannot be a response, and a black box predicts nothing of it."""
+    error = report.error_after
+    return {"verdict": "unexplained", "noise_floor": 0.5 * error, "noise_ceiling": error}
+
+
 def of_one_candidate(report):
     row = {"round": 1, "effect": "lag", "screen": 1e-5, "n_parameters": 1, "claimed": False}
     row |= {"error_before": 1.0, "error_after": None, "p_value": None}
@@ -264,7 +270,7 @@ SAID = [  # report, changes of it, what it says, and what it does not say
     (
         "nothing",
         {"verdict": "undetermined"},
-        ["Undetermined", "the recording cannot tell", "do not predict each other"],
+        ["Undetermined", "the recording cannot tell", "do not predict each other", "slow noise."],
         "Nothing is missing",
     ),
     (
@@ -280,6 +286,8 @@ SAID = [  # report, changes of it, what it says, and what it does not say
         "Nothing",
     ),
     ("report", {}, ["Missing: resonance"], "rovisional"),
+    ("report", half_noise, ["at most 75 % of the power", "Not known: its law"], "at least"),
+    ("report", {"next_steps": ["a", "b"]}, ["What to measure next"], "Not known"),
     ("report", ambiguous, ["cannot tell it from lag", "Ring it, then listen."], "dropped"),
     (
         "report",

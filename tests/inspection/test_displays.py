@@ -18,6 +18,7 @@ from skhyst.inspection import (
     HysteresisLoopDisplay,
     LoopFiguresDisplay,
     PredictionDisplay,
+    RecordingDisplay,
     ResidualDisplay,
 )
 
@@ -371,3 +372,13 @@ def test_loops_and_what_characterises_them():
     display = LoopFiguresDisplay.from_recording(X[:100], response[:100])
     assert display.lines() == ["record 0: no closed loop"]
     assert [text.get_text() for text in display.ax_.texts] == ["no closed loop"]
+
+
+PART = "10 cycles around the largest excursion"
+
+
+@pytest.mark.parametrize(("n_cycles", "title"), [(30, PART), (3, "")])
+def test_a_part_of_the_loops_is_called_one(n_cycles, title):
+    drive = np.sin(np.linspace(0.0, 2.0 * np.pi * n_cycles, 900))
+    *_, loop = RecordingDisplay.from_recording(drive[:, None], drive**3).ax_
+    assert loop.get_title(loc="left") == title

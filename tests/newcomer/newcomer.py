@@ -1,4 +1,4 @@
-"""A newcomer with a dozen files of laboratories: each is searched, and the truth is found.
+"""A newcomer with thirty files of laboratories: each is read or searched, and the truth is found.
 
     python tests/newcomer/newcomer.py [--fresh] [--files NAME,...] [--folder DIR] [--jobs N]
 
@@ -8,8 +8,10 @@ is integrated here, by numpy alone, and has hysteresis and one effect more, or n
 calls `skhyst diagnose FILE`, which compares models and declares one. What that model has and what
 the search finds missing must be the hysteresis of the device and its effect, nothing else, and the
 effect's frequency within 2 %; or a refusal that names the one option that mends it, and the truth
-with that option. `--fresh` makes a virtual environment first, installs skhyst into it as the README
-says, and runs the command that the README shows. Prints a table; exits with 1 where one fails.
+with that option. Of the files in `readings.py` it is tried whether `skhyst inspect FILE` shows
+drive, response, units, interval and records as they are. `--fresh` makes a virtual environment
+first, installs skhyst into it as the README says, and runs the command that the README shows.
+Prints a table; exits with 1 where one fails.
 """
 
 import argparse
@@ -26,8 +28,9 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import pandas as pd
+from readings import READINGS
 
-__all__ = ["CASES", "Outcome", "run"]
+__all__ = ["CASES", "Outcome", "inspected", "run"]
 
 ROOT = Path(__file__).resolve().parents[2]
 _DT = 1e-3  # s
@@ -260,16 +263,36 @@ class Outcome:
 
 
 def shell(python, jobs):
-    """Return a function that runs `skhyst diagnose` as from a shell."""
+    """Return functions that run `skhyst diagnose` and `skhyst inspect` as from a shell."""
 
-    def diagnose(path, *options):
+    def ran(*words):
         start = time.perf_counter()
-        command = [str(python), "-m", "skhyst", "diagnose", str(path), "--quiet", "--jobs", jobs]
-        command += options
+        command = [str(python), "-m", "skhyst", *map(str, words)]
         done = subprocess.run(command, capture_output=True, text=True, timeout=900, check=False)
         return Outcome(done.stdout + done.stderr, done.returncode, time.perf_counter() - start)
 
-    return diagnose
+    def diagnose(path, *options):
+        return ran("diagnose", path, "--quiet", "--jobs", jobs, *options)
+
+    return diagnose, lambda *words: ran("inspect", *words)
+
+
+def inspected(name, folder, inspect):
+    """Write the files of a reading, and return (what is wrong or "", the outcome).
+
+    Parameters
+    ----------
+    name : str
+        Of the reading.
+    folder : Path
+        Where the files are written.
+    inspect : callable
+        Of paths and options, that returns an Outcome.
+    """
+    case = READINGS[name]
+    paths = case.write(Path(folder))
+    outcome = inspect(*paths, *["--join"] * (len(paths) > 1), *case.option)
+    return case.fault(outcome.code, outcome.text), outcome
 
 
 def run(name, folder, diagnose):
@@ -333,7 +356,7 @@ def fresh_python(folder):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--fresh", action="store_true", help="in a new virtual environment")
-    parser.add_argument("--files", default=",".join(CASES), help="comma-separated names")
+    parser.add_argument("--files", help="comma-separated names")
     parser.add_argument("--folder", type=Path, help="where the files are kept")
     parser.add_argument("--jobs", default="-1", help="processes of a search")
     options = parser.parse_args()
@@ -342,17 +365,25 @@ def main():
         folder = options.folder or Path(temporary, "files")
         folder.mkdir(parents=True, exist_ok=True)
         python = fresh_python(Path(temporary, "env")) if options.fresh else sys.executable
-        print(f"{'file':18s} {'truth':18s} {'option':26s} {'seconds':>8s}  outcome", flush=True)
-        for name in options.files.split(","):
-            case = CASES[name]
-            fault, outcomes = run(name, folder, shell(python, options.jobs))
+        diagnose, inspect = shell(python, options.jobs)
+        print(f"{'file':26s} {'truth':18s} {'option':36s} {'seconds':>8s}  outcome", flush=True)
+        names = options.files.split(",") if options.files else [*READINGS, *CASES]
+        for name in names:
+            if name in READINGS:
+                case = READINGS[name]
+                truth = f"refused: {case.refused}" if case.refused else f"{case.drive}"
+                fault, outcome = inspected(name, folder, inspect)
+                outcomes = [outcome]
+            else:
+                case = CASES[name]
+                truth = case.effect or "nothing"
+                fault, outcomes = run(name, folder, diagnose)
             faults += bool(fault)
-            seconds = sum(outcome.seconds for outcome in outcomes)
-            truth, option = case.effect or "nothing", " ".join(case.option)
-            print(f"{name:18s} {truth:18s} {option:26s} {seconds:8.1f}  {fault or 'right'}")
+            seconds, option = sum(one.seconds for one in outcomes), " ".join(case.option)
+            print(f"{name:26s} {truth[:18]:18s} {option:36s} {seconds:8.1f}  {fault or 'right'}")
             sys.stdout.write(f"{outcomes[-1].text}\n" if fault else "")
             sys.stdout.flush()
-    print(f"{len(options.files.split(',')) - faults} right, {faults} wrong")
+    print(f"{len(names) - faults} right, {faults} wrong")
     return int(faults > 0)
 
 

@@ -107,8 +107,8 @@ def catman(t, u, y):
 
 def dspace(t, u, y):
     """ControlDesk, CSV: a keyword before each line of the head, nothing before the rows."""
-    head = ['"path","","Model Root/drive/Out1","Model Root/sensor/Out1"', '"unit","s","V","um"']
-    head += ['"trace_values","time","drive/Out1","sensor/Out1"']
+    head = ['"path","","Model Root/Amp/Out1","Model Root/Gauge/Out1"', '"unit","s","V","um"']
+    head += ['"trace_values","time","Amp/Out1","Gauge/Out1"']
     return "\n".join([*head, *[f'"",{row}' for row in _rows((t, u, y))]]) + "\n"
 
 

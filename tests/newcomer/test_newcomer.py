@@ -1,13 +1,23 @@
-"""Some of the newcomer's files; `python tests/newcomer/newcomer.py` searches all."""
+"""What the newcomer is shown of files; `python tests/newcomer/newcomer.py` searches the others."""
 
 import pytest
-from newcomer import CASES, Outcome, run
+from newcomer import CASES, Outcome, inspected, run
+from readings import READINGS
 
 from skhyst.cli import main
 
-pytestmark = pytest.mark.slow
+
+@pytest.mark.parametrize("name", READINGS)
+def test_a_newcomer_is_shown_the_truth(name, tmp_path, capsys):
+    def inspect(*words):
+        code = main(["inspect", *map(str, words)])
+        return Outcome("".join(capsys.readouterr()), code, 0.0)
+
+    fault, outcome = inspected(name, tmp_path, inspect)
+    assert not fault, outcome.text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["milliseconds.csv", "coded.csv", "twice.csv"])
 def test_a_newcomer_finds_the_truth(name, tmp_path, capsys):
     def diagnose(path, *options):
@@ -20,4 +30,8 @@ def test_a_newcomer_finds_the_truth(name, tmp_path, capsys):
 
 
 def test_every_trap_is_another():
-    assert len(CASES) == len({case.write for case in CASES.values()}) >= 12
+    assert len(CASES) == len({case.write for case in CASES.values()})
+    files = [*CASES.values(), *READINGS.values()]
+    refused = sum(getattr(one, "refused", "") != "" for one in files)
+    assert len(files) - refused - 1 >= 27  # of the searched ones, one has no response
+    assert sum(len(one.option) <= 2 for one in files) >= len(files) - 1
