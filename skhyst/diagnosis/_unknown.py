@@ -185,6 +185,18 @@ class Unknown:
         return text
 
     @property
+    def code(self):
+        """Line of code that makes the simplest law an effect of later searches, "" without one."""
+        if not len(self.laws):
+            return ""
+        first, place = self.laws.iloc[0], self.place.split(" of ")[0]
+        name = "_".join([*first["law"].lower().split(), "of", *self.argument.split()])
+        variant = f"LawAt({first['law']!r}, {place!r}, {self.argument!r})"
+        law = f"A {self._added}: v is the {self.argument}, f = {first['formula']}."
+        experiment = f"Move the {self.argument} through its range."
+        return f"register_effect(Effect({name!r}, lambda: [{variant}], {law!r}, {experiment!r}))"
+
+    @property
     def _added(self):
         if self.place.startswith("motion"):
             return f"force in the equation of {self.place}"
@@ -233,7 +245,7 @@ class Unknown:
         """
         names = ["place", "argument", "error_before", "error_after", "share", "p_value"]
         own = {name: getattr(self, name) for name in [*names, "structure_left", "shape"]}
-        own |= {"ambiguous_with": list(self.ambiguous_with), "text": str(self)}
+        own |= {"ambiguous_with": list(self.ambiguous_with), "text": str(self), "code": self.code}
         own["curve"] = {name: values.tolist() for name, values in self.curve.items()}
         return own | {"laws": self.laws.to_dict("records")}
 
@@ -428,15 +440,18 @@ class _Column(_Part):
         return Drive(model, operator, self.column)
 
 
+def _models(site):
+    """Return the models of a site, of plays several."""
+    if site.model.argument != "play":
+        return [site.model]
+    swing = max(float(np.ptp(r.u)) for r in site.records)
+    return [clone(site.model).set_params(half_gap=part * swing) for part in _HALF_GAPS]
+
+
 def _started(site, tree, records):
     """Return the candidates of a site at their starting values, at zero."""
-    swing = max(float(np.ptp(r.u)) for r in site.records)
-    models = [site.model]
-    if site.model.argument == "play":
-        own = {"passes": site.model.passes}
-        models = [UnknownTerm("play", half_gap=part * swing, **own) for part in _HALF_GAPS]
     found = []
-    for model in models:
+    for model in _models(site):
         flexible = model.flexible(site.records)
         operator = _smoothed(site, model, flexible, tree, records)
         if operator.weights.size:
@@ -514,6 +529,69 @@ def _independent(site, candidate, records):
     return min(noise / np.average(ratio, weights=1.0 / (1.0 + problem.penalty[own])), 1.0)
 
 
+def _of_law(term, law, scale):
+    """Return an operator with one function in place of many, at zero."""
+    knots = term.low + (np.arange(_FINE + 3) - 1.0) * (term.high - term.low) / _FINE
+    # the knot's own value is the coefficient of a spline that is next to the function
+    basis = law(knots / scale)[:, None]
+    size = np.abs(basis).max() or 1.0  # a dead band may be wider than all that is seen
+    return replace(term, weights=np.zeros(1), basis=basis / size, penalty=0.0), size
+
+
+@dataclass(frozen=True)
+class LawAt:
+    """A law at a place of a model: a variant of an effect of your own, see :class:`Effect`.
+
+    Parameters
+    ----------
+    law : str
+        ``"proportional"``, ``"square"``, ``"cube"``, ``"quadratic with sign"``, ``"absolute
+        value"``, ``"sign"``, ``"saturation"``, ``"smooth saturation"``, ``"dead band"``,
+        ``"Stribeck"``, ``"exponential"`` or ``"notch"``.
+    place, argument : str
+        As :class:`Unknown` has them; the place of a force is ``"motion"``, of any stage.
+
+    Raises
+    ------
+    ValueError
+        If there is no such law.
+
+    Examples
+    --------
+    >>> from skhyst.diagnosis import Effect, LawAt, register_effect, unregister_effect
+    >>> drag = lambda: [LawAt("quadratic with sign", "motion", "velocity")]
+    >>> register_effect(Effect("drag", drag, "Turbulent flow resists.", "Let it ring down."))
+    >>> unregister_effect("drag")
+    """
+
+    law: str
+    place: str
+    argument: str
+
+    def __post_init__(self):
+        if self.law not in LAWS:
+            wanted = ", ".join(map(repr, LAWS))
+            raise ValueError(
+                f"The 'law' parameter of LawAt must be one of {wanted}. Got {self.law!r} instead."
+            )
+
+    def trees(self, name, scene):
+        """Return the trees with the law, at starting values."""
+        _, law, scaled = LAWS[self.law]
+        found = []
+        for site in _sites(scene):
+            places = {site.place, site.place.split(" of ")[0]}
+            if self.place not in places or site.argument != self.argument:
+                continue
+            for model in _models(site):
+                term = model.flexible(site.records)
+                largest = float(np.abs(site.seen(term)).max())
+                for part in _SCALES if scaled and largest > 0.0 else [1.0]:
+                    operator, _ = _of_law(term, law, part * (largest or 1.0))
+                    found.append(scene.tree.edited(name, site.make(model, operator)))
+        return found
+
+
 def _laws(site, chosen, base, data, criterion):
     """Return laws that the curve is not better than, as rows of ``Unknown.laws``."""
     records, slices, folds = data
@@ -521,16 +599,10 @@ def _laws(site, chosen, base, data, criterion):
     largest = float(np.abs(site.seen(term)).max())
     if not largest > 0.0:
         return []
-    knots = term.low + (np.arange(_FINE + 3) - 1.0) * (term.high - term.low) / _FINE
-    model = site.model
 
     def started(law, scale):
-        # the knot's own value is the coefficient of a spline that is next to the function
-        basis = law(knots / scale)[:, None]
-        size = np.abs(basis).max() or 1.0  # a dead band may be wider than all that is seen
-        own = {"weights": np.zeros(1), "basis": basis / size, "penalty": 0.0}
-        operator = replace(term, **own)
-        return _candidate(tree.edited(NAME, site.make(model, operator)), records)
+        operator, _ = _of_law(term, law, scale)
+        return _candidate(tree.edited(NAME, site.make(site.model, operator)), records)
 
     most = (1.0 - criterion.min_improvement) ** 2 * base.cost
     budget = _budget(records)
@@ -556,7 +628,7 @@ def _laws(site, chosen, base, data, criterion):
             continue
         own = site.make.unit(c.structure)
         unit = 1.0 if scaled else law(np.array([1.0 / (own * largest)]))[0]
-        unit /= np.abs(law(knots / scale)).max()
+        unit /= _of_law(term, law, scale)[1]
         _, result = c.structure.fitted(records, slices)
         names = list(result.params)
         weight = names[site.weights(names, tree)[0]]
