@@ -576,7 +576,20 @@ class LawAt:
             )
 
     def trees(self, name, scene):
-        """Return the trees with the law, at starting values."""
+        """Return the trees with the law, at starting values.
+
+        Parameters
+        ----------
+        name : str
+            Of the effect.
+        scene : Scene
+            The model so far and its records.
+
+        Returns
+        -------
+        list of Tree
+            None where the model has no such place.
+        """
         _, law, scaled = LAWS[self.law]
         found = []
         for site in _sites(scene):
