@@ -196,7 +196,7 @@ def _search(path, reading, model, options):
     st.button("Stop")
     X, y = read_records(path, **reading)
     n_jobs = -1 if len(X) > _LONG else 1
-    search = EffectSearchCV(parse_model(model), n_jobs=n_jobs, **options)
+    search = EffectSearchCV(parse_model(model), n_jobs=n_jobs, unknown=True, **options)
     with st.status("Searching", expanded=True) as status:
         bar = st.progress(0.0)
 
