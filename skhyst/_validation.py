@@ -370,14 +370,33 @@ def warn_beyond(estimator, X, columns):
     names = list(getattr(estimator, "feature_names_in_", range(X.shape[1])))
     for i, (low, high) in seen.items():
         what = "drives" if i == drive else f"values of column {names[i]!r}"
-        lowest, highest = X[:, i].min(), X[:, i].max()
-        if low < high and max(low - lowest, highest - high) > _FURTHER * (high - low):
-            warnings.warn(
-                f"{type(estimator).__name__} was fitted to {what} from {low:g} to {high:g}. Got "
-                f"{lowest:g} to {highest:g} instead: the response there was not measured.",
-                ExtrapolationWarning,
-                stacklevel=3,
-            )
+        _warn_range(estimator, what, low, high, X[:, i])
+
+
+def warn_schedules(estimator, operator, schedules):
+    """Warn of records whose parameters are those of a schedule beyond the ones of the fit."""
+    known = [schedule for schedule in schedules if schedule is not None]
+    what = "records whose parameters depend on an amplitude, or a column,"
+    for limits in _schedule_ranges(operator) if known else ():
+        _warn_range(estimator, what, *limits, known)
+
+
+def _schedule_ranges(operator):
+    if operator.schedule_range is not None:
+        yield operator.schedule_range
+    for child in operator.children:
+        yield from _schedule_ranges(child)
+
+
+def _warn_range(estimator, what, low, high, values):
+    lowest, highest = np.min(values), np.max(values)
+    if low < high and max(low - lowest, highest - high) > _FURTHER * (high - low):
+        warnings.warn(
+            f"{type(estimator).__name__} was fitted to {what} from {low:g} to {high:g}. Got "
+            f"{lowest:g} to {highest:g} instead: the response there was not measured.",
+            ExtrapolationWarning,
+            stacklevel=4,
+        )
 
 
 def as_floats(estimator, X, *y, **options):

@@ -31,6 +31,7 @@ from ._validation import (
     rest_of,
     used_interval,
     warn_beyond,
+    warn_schedules,
 )
 from .exceptions import (
     ConvergenceWarning,
@@ -321,6 +322,11 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     def __init_subclass__(cls, **options):
         super().__init_subclass__(**options)
         inherit_documentation(cls)
+
+    @classmethod
+    @cache
+    def _get_param_names(cls):
+        return super()._get_param_names()  # a search clones thousands of times: read once
 
     def __init__(self, *, initial_state="rest", dt=None, drive=None, method="variable_projection"):
         self.initial_state = initial_state
@@ -943,6 +949,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             )
         if not self.operator_.signal_linear:
             warn_beyond(self, X, _read_columns(self.operator_))
+        warn_schedules(self, self.operator_, schedules)
         y = run_records(self.operator_, signal, slices, self.free_run_state, schedules)
         for number, own in going.items():
             rows = slices[number].rows
@@ -1100,9 +1107,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         run, state = going.run()
         self._doubt_known(run, y)
         if schedule is not None:
-            going = going.at(
-                finite_number(schedule, f"{type(self).__name__}.stepper_from", "schedule")
-            )
+            schedule = finite_number(schedule, f"{type(self).__name__}.stepper_from", "schedule")
+            warn_schedules(self, self.operator_, [schedule])
+            going = going.at(schedule)
         return self._stepper(going.operator, going.dt, state)
 
     def stepper(self, dt=None, u0=0.0, initial_state=None, *, schedule=None) -> Stepper:
@@ -1147,7 +1154,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         caller, operator = f"{type(self).__name__}.stepper", self.operator_
         dt = used_interval(self, dt, caller)
         if schedule is not None:
-            operator = operator.at(finite_number(schedule, caller, "schedule"))
+            schedule = finite_number(schedule, caller, "schedule")
+            warn_schedules(self, operator, [schedule])
+            operator = operator.at(schedule)
         u0 = input_at_rest(self, u0, initial_state, caller)
         return self._stepper(operator, dt, operator.init(u0, initial_state or self.free_run_state))
 

@@ -47,6 +47,10 @@ class DriftOperator(DisturbanceOperator):
 
     has_constant = True
 
+    def __post_init__(self):
+        super().__post_init__()
+        self._require("duration", self.duration > 0.0, "be above 0")
+
     coefficients: np.ndarray = parameter(linear=True, unit="response")
     duration: float
 

@@ -119,6 +119,7 @@ class CoulombFrictionOperator(Operator):
 
     def __post_init__(self):
         super().__post_init__()
+        self._require("smoothing", self.smoothing > 0, "be above 0")
         known = self.motion in ("displacement", "velocity")
         self._require("motion", known, "be 'displacement' or 'velocity'")
         is_right = self.motion == "displacement" or not self.stiffness

@@ -99,6 +99,10 @@ class DahlOperator(OneStateOperator, step=dahl_step):
     stage_order = 10
     structure = ("exponent",)
 
+    def __post_init__(self):
+        super().__post_init__()
+        self._require("exponent", self.exponent >= 0.0, "not be negative")
+
     def characteristics(self, seen):
         force = abs(self.coulomb_force)
         return force_characteristics(force, force / self.presliding_displacement)

@@ -206,6 +206,7 @@ class DuhemOperator(Operator):
 
     def __post_init__(self):
         super().__post_init__()
+        self._require("scale", self.scale > 0.0, "be above 0")
         for name in ("curve", "slope"):
             object.__setattr__(self, name, as_constant(getattr(self, name)))
         shape = self.curve.shape

@@ -86,6 +86,7 @@ class DynamicStiffnessOperator(Operator):
 
     def __post_init__(self):
         super().__post_init__()
+        self._require("smoothing", self.smoothing > 0, "be above 0")
         known = self.drive in ("displacement", "velocity")
         self._require("drive", known, "be 'displacement' or 'velocity'")
         is_right = self.drive == "displacement" or not self.stiffness

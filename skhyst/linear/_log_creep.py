@@ -136,6 +136,12 @@ class LogCreepOperator(HeldInput):
     hold: str = "foh"
     signal_linear = True
 
+    def __post_init__(self):
+        super().__post_init__()
+        self._require("shortest", self.shortest > 0.0, "be above 0")
+        is_right = self.shortest <= self.longest < np.inf
+        self._require("longest", is_right, "be finite, and not below 'shortest'")
+
     @cached_property
     def _rates(self):
         first, last = np.log(_FASTEST / self.shortest), np.log(_SLOWEST / self.longest)

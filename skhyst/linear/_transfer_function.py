@@ -154,6 +154,7 @@ class TransferFunctionOperator(LinearOperator):
     intercept: float = parameter(linear=True, gauge=0.0, unit="response", default=0.0)
     hold: str = "foh"
     integrators: int = 0
+    signed = ("time_constants", "damping_ratios")
 
     def __post_init__(self):
         super().__post_init__()
@@ -469,6 +470,7 @@ class MultiInputTransferFunctionOperator(HeldInput):
     hold: str = "foh"
     signal_linear = True
     reads_columns = True
+    signed = ("time_constants", "damping_ratios")
 
     def __post_init__(self):
         super().__post_init__()

@@ -40,7 +40,7 @@ from ._feedback import FEEDBACK_ARGUMENTS as FEEDBACK_ARGUMENTS
 from ._feedback import FeedbackOperator
 from ._feedback import has_velocity as has_velocity
 from ._held_input import HeldInput as HeldInput
-from ._held_input import finer_factor as finer_factor
+from ._held_input import is_straight as is_straight
 from ._linear_inverse import InverseLinearOperator
 from ._linear_inverse import in_weights as in_weights
 from ._linear_inverse import preview_step as preview_step

@@ -546,6 +546,10 @@ class Scheduled(WrappedOperator):
     def _like(self):
         return self.base
 
+    @property
+    def schedule_range(self):
+        return (self.low, self.high) if any(self.degrees) else None
+
     @classmethod
     def constant(cls, base, degrees, low, high):
         """Return the operator whose parameters do not depend on the schedule yet.

@@ -105,6 +105,11 @@ class Part:
         ``coefficients`` are each record's own; it has the methods of ``DisturbanceOperator``.
     reads_columns : bool
         The input has several columns, shape (n_samples, n_inputs).
+    signed : tuple of str
+        Parameters that are found on a logarithmic scale, and negative where they are found in
+        another way, as the time constants of an unstable plant.
+    schedule_range : (float, float) or None
+        Least and largest schedule of the fit, where parameters depend on a schedule.
     children : tuple of Operator
         The parts that a node joins or wraps.
 
@@ -131,6 +136,8 @@ class Part:
     at_once = True
     is_disturbance = False
     reads_columns = False
+    signed = ()
+    schedule_range = None
     children = ()
     driving_column = 0  # of the input
     structure_of = None  # of a node: name of the estimator in skhyst.compose

@@ -144,6 +144,31 @@ class Operator(Part, ABC):
             if not is_right(getattr(self, name)):
                 self._require(name, False, wanted)
 
+    def check_values(self) -> None:
+        """Refuse values that no fit finds but a file may hold: not finite, or beyond their bounds.
+
+        What a field is by default it may be. Operators within this one are not looked at.
+
+        Raises
+        ------
+        ValueError
+            With the name of the field.
+        """
+        specs = self.parameter_specs()
+        for field in dataclasses.fields(self):
+            name, value = field.name, getattr(self, field.name)
+            number = isinstance(value, Real) and not isinstance(value, bool)
+            if not (number or (name in specs and value is not None) or _is_array(value)):
+                continue
+            usual = field.default
+            if number and (value == usual or (value != value and usual != usual)):  # or both NaN
+                continue
+            self._require(name, np.isfinite(value).all(), "be finite")
+            if name in specs and name not in self.signed:
+                low, high = specs[name].lower, specs[name].upper
+                is_right = np.all((low <= np.asarray(value)) & (np.asarray(value) <= high))
+                self._require(name, is_right, f"be from {low:g} to {high:g}")
+
     def _require_size(self, name, size, why):
         """Refuse an array that has not ``size`` values, one per ...: compiled code looks up all."""
         wanted = f"have {size} value(s), one per {why}"

@@ -16,6 +16,7 @@ from pathlib import Path
 from sklearn.base import BaseEstimator
 
 from .._sizes import check_archive, check_array
+from ..operators import Operator
 from ._json import class_named, field_named
 
 _SCHEMA = "schema.json"  # of a skops file
@@ -90,8 +91,20 @@ def in_package(module, package):
     return f"{module}.".startswith(f"{package}.")
 
 
-def with_defaults(value):
-    """Return an object whose estimators have all parameters, those that it lacks by default."""
+def checked(value):
+    """Return an object whose estimators have all parameters, those that it lacks by default.
+
+    Raises
+    ------
+    ValueError
+        If an operator in it has values that no fit finds.
+    """
+    if isinstance(value, Operator):
+        value.__post_init__()  # skops sets fields without it
+        value.check_values()
+        for child in value.children:
+            checked(child)
+        return value
     if isinstance(value, BaseEstimator) and type(value).__module__.startswith("skhyst."):
         for name, parameter in inspect.signature(type(value)).parameters.items():
             if not hasattr(value, name) and parameter.default is not parameter.empty:
@@ -100,5 +113,5 @@ def with_defaults(value):
     if isinstance(value, (list, tuple, dict)):
         parts = value.values() if isinstance(value, dict) else value
     for part in parts:
-        with_defaults(part)
+        checked(part)
     return value

@@ -20,6 +20,7 @@ from sklearn.base import BaseEstimator
 
 from .._sklearn import HasMethods, Interval, StrOptions, validate_parameter_constraints
 from .._validation import finite_numbers
+from ..operators import Operator
 
 FORMAT = 1
 _VERSION = version("skhyst")
@@ -272,6 +273,8 @@ def _object(plain):
         for part in ("parameters", "fitted")
     )
     made = kind(**parameters)  # a dataclass checks its fields
+    if isinstance(made, Operator):
+        made.check_values()
     if fitted:
         if hasattr(made, "_parameter_constraints"):
             made._validate_params()  # as `fit` has done

@@ -18,7 +18,7 @@ from sklearn.exceptions import NotFittedError
 from sklearn.utils.validation import check_is_fitted
 
 from .._files import check_input, replacing
-from ._earlier import is_known, is_own, with_defaults, with_present_names
+from ._earlier import checked, is_known, is_own, with_present_names
 
 __all__ = ["load_model", "read_trusted", "save_model", "skops_io"]
 
@@ -189,7 +189,7 @@ def read_trusted(path, known=()):
             f"{path} holds {', '.join(foreign)}, which may run code when it is loaded. If you "
             "trust whoever made the file, add --trust (in Python trust=True)."
         )
-    return with_defaults(skops.loads(data, trusted=named))
+    return checked(skops.loads(data, trusted=named))
 
 
 def skops_io(path):

@@ -72,6 +72,7 @@ class DeadZoneOperator(StaticOperator):
         super().__post_init__()
         self._require_size("thresholds", np.size(self.weights), "weight")
         self._require_size("side", np.size(self.weights), "weight")
+        self._require("side", np.isin(self.side, (-1, 1)).all(), "be -1 or 1 each")
 
     def curve_constants(self):
         return self.weights, self.thresholds, self.side

@@ -48,6 +48,10 @@ class FoldOperator(StaticOperator):
 
     curve = staticmethod(fold)
 
+    def __post_init__(self):
+        super().__post_init__()
+        self._require("side", self.side in (-1, 1), "be -1 or 1")
+
     def curve_constants(self):
         return self.level, self.side
 

@@ -73,6 +73,10 @@ class PolynomialCurveOperator(StaticOperator):
 
     curve = staticmethod(legendre_curve)
 
+    def __post_init__(self):
+        super().__post_init__()
+        self._require("scale", self.scale > 0.0, "be above 0")
+
     def finer(self, records):
         """Return as many further degrees as there are terms, two at least; see the base."""
         n = np.size(self.coefficients)

@@ -62,6 +62,10 @@ class SoftSaturationOperator(StaticOperator):
 
     curve = staticmethod(soft_saturation)
 
+    def __post_init__(self):
+        super().__post_init__()
+        self._require("side", self.side in (-1, 0, 1), "be -1, 0 or 1")
+
     def curve_constants(self):
         return self.level, self.knee, self.center, self.side
 

@@ -128,6 +128,11 @@ class UnknownTermOperator(Operator):
 
     stage_order = 40
 
+    def __post_init__(self):
+        super().__post_init__()
+        self._require("high", self.low < self.high < np.inf, "be finite, and above 'low'")
+        self._require("half_gap", self.half_gap >= 0.0, "not be negative")
+
     @property
     def memoryless(self):
         """Whether it is a function of the input."""

@@ -13,7 +13,7 @@ from sklearn.utils._param_validation import InvalidParameterError
 
 from skhyst.compose import Cascade, ScheduledParameters, Sum
 from skhyst.disturbance import Offset
-from skhyst.exceptions import ConvergenceWarning, RecordError
+from skhyst.exceptions import ConvergenceWarning, ExtrapolationWarning, RecordError
 from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
 from skhyst.linear import (
     FirstOrderLag,
@@ -186,6 +186,19 @@ def test_inside_a_cascade_it_says_where_it_belongs():
     inside = Cascade([("mode", ScheduledParameters(SecondOrderMode())), ("lag", FirstOrderLag())])
     with pytest.raises(ValueError, match="outermost"):
         inside.fit(X, y)
+
+
+@pytest.mark.parametrize("of", [lambda own: own, lambda own: Sum([("own", own), ("at", Offset())])])
+def test_an_amplitude_that_was_not_measured_is_told(of):
+    """Also of a linear model, which any drive of one amplitude would tell as much of."""
+    X, y = recording(lambda amplitude: FirstOrderLagOperator(0.1, gain=1.0 + 0.2 * amplitude))
+    model = of(ScheduledParameters(FirstOrderLag(), parameters=["gain"])).fit(X, y)
+    model.predict(0.6 * X)  # 0.6 to 3 of 1 to 5: quiet
+    told = "depend on an amplitude, or a column, from 1 to 5"
+    with pytest.warns(ExtrapolationWarning, match=told):
+        model.predict(1.5 * X)
+    with pytest.warns(ExtrapolationWarning, match=told):
+        model.stepper(schedule=0.1)
 
 
 # --------------------------------------------------------------------------------- the operator

@@ -3,15 +3,24 @@ from importlib.resources import files
 
 import numpy as np
 import pytest
+from scipy.signal import lti
 from sklearn.linear_model import Ridge
 
 from skhyst.autoregressive import NARMAXRegressor
 from skhyst.compose import Cascade, Corrected, ScheduledParameters, Sum
-from skhyst.disturbance import Offset
-from skhyst.hysteresis import PrandtlIshlinskii, Preisach, SystemLevelOperator
-from skhyst.linear import DynamicStiffness, FirstOrderLag, Gain, KelvinVoigt, TransferFunction
+from skhyst.disturbance import DriftOperator, Offset
+from skhyst.hysteresis import DahlOperator, PrandtlIshlinskii, Preisach, SystemLevelOperator
+from skhyst.linear import (
+    DynamicStiffness,
+    FirstOrderLag,
+    Gain,
+    KelvinVoigt,
+    LogCreepOperator,
+    TransferFunction,
+)
 from skhyst.neural import GrayBoxOperator, SCNRegressor
 from skhyst.persistence import from_json, to_json
+from skhyst.static import FoldOperator, Saturation
 
 U = np.sin(0.1 * np.arange(200.0))[:, None]
 Y = 2.0 * U[:, 0] + 1.0
@@ -103,6 +112,51 @@ def test_what_an_operator_cannot_be_is_refused(creep, name, value):
     """Sizes that do not fit each other made compiled code read beyond an array."""
     with pytest.raises(ValueError, match="parameter of KelvinVoigtOperator must"):
         from_json(changed(creep, name, value))
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "wanted"),
+    [
+        ("gain", {"float": "nan"}, "be finite"),
+        ("intercept", {"float": "inf"}, "be finite"),
+        ("compliances", {"array": [0.1, -0.1], "dtype": "float64", "shape": [2]}, "be from 0 to"),
+        ("time_constants", {"array": [-0.1, 1.0], "dtype": "float64", "shape": [2]}, "be from 0"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::skhyst.exceptions.ConvergenceWarning")
+def test_values_that_no_fit_finds_are_refused(creep, name, value, wanted):
+    with pytest.raises(
+        ValueError, match=f"'{name}' parameter of KelvinVoigtOperator must {wanted}"
+    ):
+        from_json(changed(creep, name, value))
+
+
+def test_values_that_an_operator_has_by_default_or_sign_are_read():
+    """A limit that is not there is infinite, and an unstable plant has a negative time constant."""
+    limit = Saturation(sides="upper").fit(U, np.minimum(U[:, 0], 0.5))
+    assert from_json(to_json(limit)).operator_.lower == -np.inf
+    plant = TransferFunction.from_system(lti([1.0], [-0.2, 1.0]))
+    assert from_json(to_json(plant)).operator_.time_constants == [-0.2]
+
+
+@pytest.mark.parametrize(
+    ("kind", "values", "name"),
+    [
+        (
+            DahlOperator,
+            {"presliding_displacement": 1.0, "coulomb_force": 1.0, "exponent": -1.0},
+            "exponent",
+        ),
+        (DriftOperator, {"coefficients": np.ones(2), "duration": 0.0}, "duration"),
+        (LogCreepOperator, {"creep": 0.1, "time_constant": 1.0, "shortest": 0.0}, "shortest"),
+        (LogCreepOperator, {"creep": 0.1, "time_constant": 1.0, "longest": np.nan}, "longest"),
+        (FoldOperator, {"level": 0.0, "side": 2}, "side"),
+    ],
+    ids=str,
+)
+def test_structure_that_no_operator_has_is_refused(kind, values, name):
+    with pytest.raises(ValueError, match=f"'{name}' parameter of {kind.__name__} must"):
+        kind(**values)
 
 
 @pytest.mark.filterwarnings("ignore::skhyst.exceptions.ConvergenceWarning")

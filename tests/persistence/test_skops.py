@@ -12,7 +12,8 @@ from sklearn.linear_model import Ridge
 from sklearn.model_selection import GridSearchCV
 from sklearn.preprocessing import FunctionTransformer
 
-from skhyst.linear import Gain
+from skhyst.compose import Cascade
+from skhyst.linear import FirstOrderLag, FirstOrderLagOperator, Gain
 from skhyst.metrics import nrmse
 from skhyst.model_selection import BlockedTimeSeriesSplit, washout_scorer
 from skhyst.persistence import _skops, load_model, save_model
@@ -150,3 +151,16 @@ def test_an_array_larger_than_the_file_is_refused(tmp_path):
     rewritten(path, b"'shape': (1,), }                ", b"'shape': (30000000000,), }      ")
     with pytest.raises(ValueError, match="30000000000"):
         load_model(path)
+
+
+def test_values_that_no_fit_finds_are_refused(tmp_path):
+    """skops sets the fields of an object without its constructor."""
+    u = np.sin(np.arange(50.0))
+    data = u[:, None], FirstOrderLagOperator(0.3).run(u, 0.1)[0]
+    lag, path = FirstOrderLag(dt=0.1).fit(*data), tmp_path / "model.skops"
+    model = Cascade([("lag", FirstOrderLag())], dt=0.1).fit(*data)
+    for own, part in ((lag, lag.operator_), (model, model.operator_.stages[0])):
+        object.__setattr__(part, "time_constant", -1.0)
+        save_model(own, path)
+        with pytest.raises(ValueError, match="'time_constant' parameter of FirstOrderLagOperator"):
+            load_model(path)
