@@ -108,8 +108,8 @@ def plant(kind, rng):
             return size * 2.0 / w**2 * np.abs(v) * v
 
     if kind == "play of the drive":
-        gap = 0.1 * 6.0
-        respond[kind] = lambda u: mode(u + 1.5 * curve(play(u, gap)), w, d)
+        gap, size = 0.1 * 6.0, 1.5 * size  # which is that of the curve, too
+        respond[kind] = lambda u: mode(u + curve(play(u, gap)), w, d)
     if kind == "rate of the drive":
         c = size / 60.0**2  # about the size of the drive's rate
 
