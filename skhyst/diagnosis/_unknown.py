@@ -237,7 +237,8 @@ class Unknown:
         curves = ("curve", v, f, "line"), ("95 % band", v, low, "dashed"), band
         share = ("", v, 100.0 * density, "line")
         below = Picture("", self.argument, "samples (%)", (share,))
-        return Picture("Unexplained", self.argument, self._added, curves, below=below)
+        added = "force" if self.place.startswith("motion") else self._added.removeprefix("term ")
+        return Picture("Unexplained", self.argument, added, curves, below=below)
 
     def to_dict(self):
         """Return it as plain data.
