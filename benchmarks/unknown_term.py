@@ -12,9 +12,10 @@ Printed are, for each kind of plant, how many of N
 - found     have a term claimed
 - place     have the right place and argument first, or among those that are not told apart
 - band      have the true curve within the band over 90 % of the samples, where the right place is
-            first; up to the straight line and the factor that the mode's gain can do as well
+            first; up to the straight line and the factor that the mode can do as well
 - error     predict a fresh record with an error below 1.2 times the noise
-- mode      have frequency and damping within 2 standard errors of the truth
+- mode      have frequency and damping within 2 standard errors of the truth; of a force in the
+            equation of motion, of the mode that has the straight line of the force, too
 - law       are offered the right law, of those that have one
 """
 
@@ -29,6 +30,7 @@ from skhyst.diagnosis import EffectSearchCV
 from skhyst.linear import SecondOrderMode
 
 N, DT, SUBSTEPS = 2000, 2e-3, 8
+MOTION = "motion of second_order_mode"
 KINDS = {
     # place, argument, law
     "notch in the drive": ("drive", "drive", None),
@@ -36,8 +38,8 @@ KINDS = {
     "play of the drive": ("drive", "play of the drive", None),
     "rate of the drive": ("response", "rate of the drive", "quadratic with sign"),
     "dead band in the drive": ("drive", "drive", "dead band"),
-    "asymmetric spring": ("motion", "displacement", None),
-    "quadratic damping": ("motion", "velocity", "quadratic with sign"),
+    "asymmetric spring": (MOTION, "displacement", None),
+    "quadratic damping": (MOTION, "velocity", "quadratic with sign"),
 }
 
 
@@ -95,9 +97,19 @@ def plant(kind, rng):
         "asymmetric spring": lambda u: mode(u, w, d, spring=0.4 * size),
         "quadratic damping": lambda u: mode(u, w, d, drag=size * 2.0),
     }
+    if kind == "asymmetric spring":
+
+        def curve(v):
+            return 0.4 * size * np.maximum(v, 0.0) ** 2
+
+    if kind == "quadratic damping":
+
+        def curve(v):
+            return size * 2.0 / w**2 * np.abs(v) * v
+
     if kind == "play of the drive":
-        gap = 0.1 * 6.0
-        respond[kind] = lambda u: mode(u + 1.5 * curve(play(u, gap)), w, d)
+        gap, size = 0.1 * 6.0, 1.5 * size  # which is that of the curve, too
+        respond[kind] = lambda u: mode(u + curve(play(u, gap)), w, d)
     if kind == "rate of the drive":
         c = size / 60.0**2  # about the size of the drive's rate
 
@@ -139,19 +151,28 @@ def study(kind, seed):
     first = (found.place, found.argument) == (place, argument)
     told = f"{place}: a function of the {argument}" in found.ambiguous_with
     row["place"] = first or told
+    model = found.estimator
+    values = {"natural_frequency": w, "damping_ratio": d}
+    known = {n.split("__")[-1]: n for n in model.params_}
+    gain, offset = (model.params_[known[name]] for name in ("gain", "intercept"))
     if first:
         own = found.curve
         v, weight = own["argument"].to_numpy(), own["density"].to_numpy()
-        model_gain = found.estimator.params_["second_order_mode__gain"]
-        offset = found.estimator.params_["second_order_mode__intercept"]
         truth, line = curve(v), np.stack([v, np.ones_like(v)], axis=1)
         if place == "drive":  # gain times (u + curve) is what is known
-            truth = truth / model_gain
+            truth = truth / gain
         elif argument.startswith("output"):  # which is scaled by the gain, and so is x + curve
-            x = (v - offset) / model_gain
+            x = (v - offset) / gain
             truth = x + curve(x) - v
+        elif argument == "displacement":
+            truth = curve(v + offset)
         left, root = truth - own["value"].to_numpy(), np.sqrt(weight)
-        left -= line @ np.linalg.lstsq(line * root[:, None], left * root, rcond=None)[0]
+        straight = np.linalg.lstsq(line * root[:, None], left * root, rcond=None)[0]
+        left -= line @ straight
+        if argument == "displacement":  # the mass and the damper are what they are
+            values = {"natural_frequency": w / np.sqrt(gain), "damping_ratio": d * np.sqrt(gain)}
+        elif argument == "velocity":
+            values["damping_ratio"] += 0.5 * w * straight[0]
         half = 0.5 * (own["high"] - own["low"]).to_numpy()
         row["band"] = bool(weight[np.abs(left) <= half].sum() >= 0.9)
         if law is not None:
@@ -160,9 +181,6 @@ def study(kind, seed):
     error = found.estimator.predict(fresh[:, None]) - respond(fresh)
     level = size * np.std(noise)
     row["error"] = bool(np.sqrt(np.mean(error**2) + level**2) <= 1.2 * level)
-    model = found.estimator
-    values = {"natural_frequency": w, "damping_ratio": d}
-    known = {n.split("__")[-1]: n for n in model.params_}
     row["mode"] = all(
         abs(model.params_[known[n]] - truth) <= 2.0 * model.params_std_[known[n]]
         for n, truth in values.items()

@@ -378,7 +378,7 @@ def _search(files, reading, model, options, X, y):
                 bar.progress(progress.done / progress.total, about)
 
         n_jobs = -1 if len(X) > _LONG else 1
-        search = EffectSearchCV(declared, n_jobs=n_jobs, **options)
+        search = EffectSearchCV(declared, n_jobs=n_jobs, unknown=True, **options)
         with own_processes():
             search.fit(*_read(files, reading), on_progress=show)
         status.update(label="Writing the report")

@@ -108,7 +108,8 @@ def _summarize(options):
         raise ValueError(f"--{refused[0].replace('_', '-')} is for one recording: not --summary.")
     reading, more = _reading(options, options.files), _searching(options)
     model = parse_model(options.model) if options.model else _of_first(options, reading)
-    search = make_search(model, options, **more).set_params(n_jobs=1, verbose=0)
+    search = make_search(model, options, **more)
+    search.set_params(n_jobs=1, verbose=0, unknown=False)  # a table has no place for it
     try:
         table = diagnose_files(
             options.files,

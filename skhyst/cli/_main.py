@@ -189,8 +189,8 @@ def _add_search(parser, nargs=1):
     add("--loss", choices=("squared", "huber"), default="squared", help=gross)
     add("--alpha", type=float, default=0.01, help="probability of a false claim (default: 0.01)")
     add("--max-effects", type=int, default=3, help="largest number of claims (default: 3)")
-    nameless = "seek a term without a name where no effect explains the residual"
-    add("--unknown", action="store_true", help=nameless)
+    nameless = "seek a term without a name where no effect explains the residual (default: yes)"
+    add("--unknown", action=argparse.BooleanOptionalAction, default=True, help=nameless)
     add("--seed", type=int, default=0, help="seed (default: 0)")
     add("--jobs", type=int, default=-1, help="processes (default: all processors)")
     add("--report", type=Path, metavar="FILE", help="report, .html or .md")

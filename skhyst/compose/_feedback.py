@@ -198,11 +198,14 @@ class Feedback(ParametricModel):
         Parameters
         ----------
         linear, curve : Operator
+            The two stages.
         records : sequence of RecordData
+            With the responses that it is to have, and the intervals.
 
         Returns
         -------
         FeedbackOperator
+            Of both.
         """
         dt, n = max(record.dt for record in records), self.n_substeps
         own = {"n_substeps": n or 1, "argument": self.argument}

@@ -8,13 +8,14 @@ from ._pictures import Picture
 from ._progress import Progress
 from ._report import Report
 from ._search import EffectSearchCV
-from ._unknown import Unknown
+from ._unknown import LawAt, Unknown
 
 __all__ = [
     "Effect",
     "EffectSearchCV",
     "Evidence",
     "Experiment",
+    "LawAt",
     "Picture",
     "Progress",
     "Report",

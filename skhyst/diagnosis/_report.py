@@ -258,6 +258,7 @@ class Report:
         if self.unknown:
             less = _error(self, self.unknown["error_after"])
             lines.append(f"unexplained: {self.unknown['text']}; with it the error is {less}")
+            lines += [f"  {self.unknown['code']}"] if self.unknown["code"] else []
         errors = [_error(self, value) for value in (self.error_before, self.error_after)]
         lines += [
             f"held-out error: {' -> '.join(errors)}; noise floor {_error(self, self.noise_floor)}",

@@ -560,12 +560,12 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
                 self.verdict_reason_ = "a smooth function of a signal explains it"
             left = contest.judgement(chosen).verdict != "noise"
             (scored,) = self._by_records(slices, records, chosen)
-            estimator, result = chosen.structure.fitted(records, slices)
+            estimator, _ = chosen.structure.fitted(records, slices)
             rng = np.random.default_rng(check_random_state(self.random_state).randint(2**31 - 1))
             found = Unknown(
                 site.place,
                 site.argument,
-                curve_of(site, chosen.structure, result, rng),
+                curve_of(site, chosen.structure, records, rng),
                 self.error_after_,
                 scored.error,
                 max(1.0 - (scored.error / self.error_after_) ** 2, 0.0),

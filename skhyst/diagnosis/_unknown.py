@@ -11,10 +11,13 @@ asks for; the whole is refitted jointly, held out, and the one of least held-out
 against the model without it by the search's own criterion, for all that the search and this step
 have tried. What that criterion does not tell from it is ``ambiguous_with``.
 
-**The band.** With the covariance C of the weights in the joint fit, noise of any colour, the curve
-:math:`F w` at the points of a grid lies within :math:`\pm q \, (F C F')_{ii}^{1/2}` at all of them
-with 95 %: q is the quantile of :math:`\max_i |(F z)_i| / (F C F')_{ii}^{1/2}`, z normal with the
-covariance C. It knows nothing of the choice of place and smoothness.
+**The band.** Let C be the covariance of the weights in the joint fit under noise of any colour, and
+of the bias of the penalty: as the prior that it stands for, the weights have a covariance, and the
+penalty takes a known part of it (Nychka, *Journal of the American Statistical Association*, 1988).
+The curve :math:`F w` at the points of a grid lies within :math:`\pm q \, (F C F')_{ii}^{1/2}` at
+all of them with 95 %: q is the quantile of :math:`\max_i |(F z)_i| / (F C F')_{ii}^{1/2}`, z normal
+with the covariance C. It knows nothing of the choice of place and smoothness; that costs little,
+see ``benchmarks/unknown_term.py``.
 
 **Laws.** A law :math:`c \, g(v / s)` is the same term with one function in place of many. Its scale
 s is that of the least predicted sum of squares; it is refitted and held out as any candidate.
@@ -45,6 +48,7 @@ from ._starts import Scene
 
 NAME = "unknown_term"
 _HALF_GAPS = (0.03, 0.1, 0.3)  # of plays, relative to the range of what goes in
+_TRIALS = 12  # of a scale or a half gap
 _FINE = 200  # intervals of a law's splines: its corners are as sharp as that
 _GRID = 101  # points of a curve
 _DRAWS = 2000  # of the simultaneous band: its quantile to about 1 %
@@ -185,6 +189,18 @@ class Unknown:
         return text
 
     @property
+    def code(self):
+        """Line of code that makes the simplest law an effect of later searches, "" without one."""
+        if not len(self.laws):
+            return ""
+        first, place = self.laws.iloc[0], self.place.split(" of ")[0]
+        name = "_".join([*first["law"].lower().split(), "of", *self.argument.split()])
+        variant = f"LawAt({first['law']!r}, {place!r}, {self.argument!r})"
+        law = f"A {self._added}: v is the {self.argument}, f = {first['formula']}."
+        experiment = f"Move the {self.argument} through its range."
+        return f"register_effect(Effect({name!r}, lambda: [{variant}], {law!r}, {experiment!r}))"
+
+    @property
     def _added(self):
         if self.place.startswith("motion"):
             return f"force in the equation of {self.place}"
@@ -221,7 +237,8 @@ class Unknown:
         curves = ("curve", v, f, "line"), ("95 % band", v, low, "dashed"), band
         share = ("", v, 100.0 * density, "line")
         below = Picture("", self.argument, "samples (%)", (share,))
-        return Picture("Unexplained", self.argument, self._added, curves, below=below)
+        added = "force" if self.place.startswith("motion") else self._added.removeprefix("term ")
+        return Picture("Unexplained", self.argument, added, curves, below=below)
 
     def to_dict(self):
         """Return it as plain data.
@@ -233,7 +250,7 @@ class Unknown:
         """
         names = ["place", "argument", "error_before", "error_after", "share", "p_value"]
         own = {name: getattr(self, name) for name in [*names, "structure_left", "shape"]}
-        own |= {"ambiguous_with": list(self.ambiguous_with), "text": str(self)}
+        own |= {"ambiguous_with": list(self.ambiguous_with), "text": str(self), "code": self.code}
         own["curve"] = {name: values.tolist() for name, values in self.curve.items()}
         return own | {"laws": self.laws.to_dict("records")}
 
@@ -244,7 +261,7 @@ def find_unknown(base, records, slices, folds, criterion, n_tried, n_jobs):
     Returns
     -------
     tuple or None
-            Site, candidate, p-value, sites that it is not told from, and rows of ``Unknown.laws``.
+        Site, candidate, p-value, sites that it is not told from, and rows of ``Unknown.laws``.
     """
     if base.structure.input_history:
         return None
@@ -257,6 +274,9 @@ def find_unknown(base, records, slices, folds, criterion, n_tried, n_jobs):
     both = [(site, own) for site, own in zip(sites, starts, strict=True) if own]
     best = [(site, min(own, key=lambda c: c.predicted_cost)) for site, own in both]
     best = [(site, c) for site, c in best if c.predicted_cost < most]
+    plays = sum(site.model.argument == "play" for site, _ in best)
+    best = [(site, _with_gap(c, site, scene.tree, records)) for site, c in best]
+    family += _TRIALS * plays
     jobs = [delayed(completed)(c, records, _budget(records)) for _, c in best]
     done, _ = side_by_side(jobs, n_jobs)
     most = min([most, *(FACTOR * c.cost for c in done if c is not None)])
@@ -428,20 +448,46 @@ class _Column(_Part):
         return Drive(model, operator, self.column)
 
 
+def _models(site):
+    """Return the models of a site, of plays several."""
+    if site.model.argument != "play" or site.model.half_gap is not None:
+        return [site.model]
+    swing = max(float(np.ptp(r.u)) for r in site.records)
+    return [clone(site.model).set_params(half_gap=part * swing) for part in _HALF_GAPS]
+
+
 def _started(site, tree, records):
     """Return the candidates of a site at their starting values, at zero."""
-    swing = max(float(np.ptp(r.u)) for r in site.records)
-    models = [site.model]
-    if site.model.argument == "play":
-        own = {"passes": site.model.passes}
-        models = [UnknownTerm("play", half_gap=part * swing, **own) for part in _HALF_GAPS]
     found = []
-    for model in models:
+    for model in _models(site):
         flexible = model.flexible(site.records)
         operator = _smoothed(site, model, flexible, tree, records)
         if operator.weights.size:
             found.append(_candidate(tree.edited(NAME, site.make(model, operator)), records))
     return found
+
+
+def _with_gap(candidate, site, tree, records):
+    """Return the candidate of a play with the half gap that promises most, others as they are."""
+    if site.model.argument != "play":
+        return candidate
+    found, gap = [candidate], site.make.part(candidate.structure).half_gap
+
+    def cost(log_gap):
+        model = clone(site.model).set_params(half_gap=float(np.exp(log_gap)))
+        own = _started(replace(site, model=model), tree, records)
+        found.extend(own)
+        return own[0].predicted_cost if own else np.inf
+
+    apart = 0.5 * np.log(_HALF_GAPS[-1] / _HALF_GAPS[0])
+    bounds = np.log(gap) + np.array([-apart, apart])
+    _minimized(cost, bounds)
+    return min(found, key=lambda c: c.predicted_cost)
+
+
+def _minimized(cost, bounds):
+    options = {"xatol": 0.01, "maxiter": _TRIALS}
+    return minimize_scalar(cost, bounds=bounds, method="bounded", options=options).x
 
 
 def _smoothed(site, model, flexible, tree, records, independent=1.0):
@@ -472,7 +518,8 @@ def _settled(candidate, site, base, records, folds):
     again at the solution, until it stays the same to one function.
     """
     for _ in range(FACTOR):
-        tree, independent = candidate.structure, _independent(site, candidate, records)
+        tree = candidate.structure
+        _, independent = _errors(site, tree, records)
         before = site.make.part(tree)
         if isinstance(site.make, _Motion):
             site, tree = site.make.renewed(site, tree, records, independent)
@@ -492,26 +539,108 @@ def _settled(candidate, site, base, records, folds):
     return site, held_out(candidate, records, folds)
 
 
-def _independent(site, candidate, records):
-    """Return how many independent samples one is worth for the term, 1 where the noise is white."""
-    tree = candidate.structure
+def _errors(site, tree, records):
+    """Return the covariance of the weights of a term, and how many independent samples one is.
+
+    The prior that the penalty stands for has the covariance ``sigma^2 (n P)^-1``; with it the bias
+    of the penalty counts as an error, too. With colour the weights know sigma^2 only from as many
+    independent samples as those are worth.
+    """
     problem = tree.problem(records)
     n, x = problem.segment_weight.sum(), problem.x0
-    gram = problem.total(problem.evaluate(x))
-    inner = gram[:-1, :-1] - n * np.diag(problem.penalty)
-    power = gram[-1, -1] - n * (problem.penalty @ np.square(x))
-    scale = np.sqrt(np.diag(inner))
+    gram, penalty = problem.total(problem.evaluate(x)), n * problem.penalty
+    scale = np.sqrt(np.diag(gram)[:-1])
     scale[scale == 0.0] = 1.0
-    size, axes = np.linalg.eigh(inner / np.outer(scale, scale))
+    size, axes = np.linalg.eigh(gram[:-1, :-1] / np.outer(scale, scale))
     seen = size > 1e-10 * size.max()
     root = axes[:, seen] / np.sqrt(size[seen]) / scale[:, None]
-    covariance = coloured_covariance(lambda: problem.rows(x), root, n)
-    if covariance is None:
-        return 1.0
-    own = site.weights(problem.names, tree)
-    ratio = np.diag(covariance)[own] / np.square(root[own]).sum(axis=1)
-    noise = power / max(n - len(size), 1.0)
-    return min(noise / np.average(ratio, weights=1.0 / (1.0 + problem.penalty[own])), 1.0)
+    noise = (gram[-1, -1] - penalty @ np.square(x)) / max(n - len(x), 1.0)
+    own = np.array(site.weights(problem.names, tree))
+    inverse = root @ root.T
+    bias = noise * (inverse * penalty) @ inverse
+    covariance, independent = noise * inverse - bias, 1.0
+    coloured = coloured_covariance(lambda: problem.rows(x), root, n)
+    if coloured is not None:
+        white, shrunk = np.diag(covariance)[own], 1.0 / (1.0 + problem.penalty[own])
+        ratio = np.average(np.diag(coloured)[own] / white, weights=shrunk)
+        covariance, independent = coloured, min(1.0 / ratio, 1.0)
+    return (covariance + bias / independent)[np.ix_(own, own)], independent
+
+
+def _of_law(term, law, scale):
+    """Return an operator with one function in place of many, at zero."""
+    knots = term.low + (np.arange(_FINE + 3) - 1.0) * (term.high - term.low) / _FINE
+    # the knot's own value is the coefficient of a spline that is next to the function
+    basis = law(knots / scale)[:, None]
+    size = np.abs(basis).max() or 1.0  # a dead band may be wider than all that is seen
+    return replace(term, weights=np.zeros(1), basis=basis / size, penalty=0.0), size
+
+
+@dataclass(frozen=True)
+class LawAt:
+    """A law at a place of a model: a variant of an effect of your own, see :class:`Effect`.
+
+    Parameters
+    ----------
+    law : str
+        ``"proportional"``, ``"square"``, ``"cube"``, ``"quadratic with sign"``, ``"absolute
+        value"``, ``"sign"``, ``"saturation"``, ``"smooth saturation"``, ``"dead band"``,
+        ``"Stribeck"``, ``"exponential"`` or ``"notch"``.
+    place, argument : str
+        As :class:`Unknown` has them; the place of a force is ``"motion"``, of any stage.
+
+    Raises
+    ------
+    ValueError
+        If there is no such law.
+
+    Examples
+    --------
+    >>> from skhyst.diagnosis import Effect, LawAt, register_effect, unregister_effect
+    >>> drag = lambda: [LawAt("quadratic with sign", "motion", "velocity")]
+    >>> register_effect(Effect("drag", drag, "Turbulent flow resists.", "Let it ring down."))
+    >>> unregister_effect("drag")
+    """
+
+    law: str
+    place: str
+    argument: str
+
+    def __post_init__(self):
+        if self.law not in LAWS:
+            wanted = ", ".join(map(repr, LAWS))
+            raise ValueError(
+                f"The 'law' parameter of LawAt must be one of {wanted}. Got {self.law!r} instead."
+            )
+
+    def trees(self, name, scene):
+        """Return the trees with the law, at starting values.
+
+        Parameters
+        ----------
+        name : str
+            Of the effect.
+        scene : Scene
+            The model so far and its records.
+
+        Returns
+        -------
+        list of Tree
+            None where the model has no such place.
+        """
+        _, law, scaled = LAWS[self.law]
+        found = []
+        for site in _sites(scene):
+            places = {site.place, site.place.split(" of ")[0]}
+            if self.place not in places or site.argument != self.argument:
+                continue
+            for model in _models(site):
+                term = model.flexible(site.records)
+                largest = float(np.abs(site.seen(term)).max())
+                for part in _SCALES if scaled and largest > 0.0 else [1.0]:
+                    operator, _ = _of_law(term, law, part * (largest or 1.0))
+                    found.append(scene.tree.edited(name, site.make(model, operator)))
+        return found
 
 
 def _laws(site, chosen, base, data, criterion):
@@ -521,16 +650,10 @@ def _laws(site, chosen, base, data, criterion):
     largest = float(np.abs(site.seen(term)).max())
     if not largest > 0.0:
         return []
-    knots = term.low + (np.arange(_FINE + 3) - 1.0) * (term.high - term.low) / _FINE
-    model = site.model
 
     def started(law, scale):
-        # the knot's own value is the coefficient of a spline that is next to the function
-        basis = law(knots / scale)[:, None]
-        size = np.abs(basis).max() or 1.0  # a dead band may be wider than all that is seen
-        own = {"weights": np.zeros(1), "basis": basis / size, "penalty": 0.0}
-        operator = replace(term, **own)
-        return _candidate(tree.edited(NAME, site.make(model, operator)), records)
+        operator, _ = _of_law(term, law, scale)
+        return _candidate(tree.edited(NAME, site.make(site.model, operator)), records)
 
     most = (1.0 - criterion.min_improvement) ** 2 * base.cost
     budget = _budget(records)
@@ -540,23 +663,23 @@ def _laws(site, chosen, base, data, criterion):
             costs = [started(law, s * largest).predicted_cost for s in _SCALES]
             i = int(np.argmin(costs))
             ends = np.log(_SCALES[[max(i - 1, 0), min(i + 1, len(_SCALES) - 1)]] * largest)
-            scale = minimize_scalar(
-                lambda s, law=law: started(law, np.exp(s)).predicted_cost,
-                bounds=ends,
-                method="bounded",
-                options={"xatol": 0.01, "maxiter": 12},
-            ).x
+            scale = _minimized(
+                lambda s, law=law: started(law, np.exp(s)).predicted_cost, bounds=ends
+            )
             scale = float(np.exp(scale))
         start = started(law, scale)
         if start.predicted_cost >= most:
             continue
-        c = held_out(completed(start, records, budget), records, folds)
+        c = completed(start, records, budget)
+        if not c.cost < FACTOR * chosen.cost:
+            continue
+        c = held_out(c, records, folds)
         p_value = criterion.p_value(c, chosen)
         if p_value < criterion.alpha and criterion.matters(c, chosen):
             continue
         own = site.make.unit(c.structure)
         unit = 1.0 if scaled else law(np.array([1.0 / (own * largest)]))[0]
-        unit /= np.abs(law(knots / scale)).max()
+        unit /= _of_law(term, law, scale)[1]
         _, result = c.structure.fitted(records, slices)
         names = list(result.params)
         weight = names[site.weights(names, tree)[0]]
@@ -574,21 +697,17 @@ def _laws(site, chosen, base, data, criterion):
     return sorted(rows, key=lambda row: (np.isfinite(row["s"]), row["error"]))
 
 
-def curve_of(site, tree, result, rng):
+def curve_of(site, tree, records, rng):
     """Return the curve of the term with its simultaneous band, see :class:`Unknown`."""
     term = site.make.part(tree)
     seen = site.seen(term)
     v = np.linspace(*np.quantile(seen, _SEEN), _GRID)
     functions = term.functions(v)
-    at = site.weights(result.params, tree)
-    covariance = None if result.covariance is None else result.covariance[np.ix_(at, at)]
-    if covariance is None or not np.isfinite(covariance).all():
-        half = np.full(_GRID, np.nan)
-    else:
-        size = np.sqrt(np.einsum("ij,jk,ik->i", functions, covariance, functions))
-        draws = rng.multivariate_normal(np.zeros(len(at)), covariance, _DRAWS, method="eigh")
-        spread = np.where(size > 0.0, size, 1.0)
-        half = size * np.quantile(np.abs(draws @ functions.T / spread).max(axis=1), _LEVEL)
+    covariance, _ = _errors(site, tree, records)
+    size = np.sqrt(np.einsum("ij,jk,ik->i", functions, covariance, functions))
+    mean, spread = np.zeros(len(covariance)), np.where(size > 0.0, size, 1.0)
+    draws = rng.multivariate_normal(mean, covariance, _DRAWS, method="eigh")
+    half = size * np.quantile(np.abs(draws @ functions.T / spread).max(axis=1), _LEVEL)
     value = functions @ term.weights
     edges = np.append(v, 2.0 * v[-1] - v[-2]) - 0.5 * (v[1] - v[0])
     density = np.histogram(seen, edges)[0] / len(seen)

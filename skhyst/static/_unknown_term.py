@@ -413,12 +413,14 @@ def smooth(operator, gram, own, n_samples, independent=1.0):
         left = left - outer.T @ np.linalg.pinv(inner, rcond=1e-10, hermitian=True) @ outer
     # directions in which the B-splines have power that the parameters cannot make
     every = gram[np.ix_(k, k)]
+    bends = np.diff(np.eye(len(operator.basis)), 2, axis=0) @ operator.basis
     power, axes = np.linalg.eigh(every)
-    axes = axes[:, power > 1e-10 * power.max(initial=0.0)]
-    axes = axes / np.sqrt(power[power > 1e-10 * power.max(initial=0.0)])
+    seen = power > 1e-10 * power.max(initial=0.0)
+    axes, unseen = axes[:, seen] / np.sqrt(power[seen]), axes[:, ~seen]
+    # across a gap of the samples a function goes on as smoothly as it can
+    axes = axes - unseen @ np.linalg.lstsq(bends @ unseen, bends @ axes, rcond=None)[0]
     part, turned = np.linalg.eigh(axes.T @ left[:-1, :-1] @ axes)
     axes = axes @ turned[:, part > _DOABLE]
-    bends = np.diff(np.eye(len(operator.basis)), 2, axis=0) @ operator.basis
     basis, penalty = np.empty((len(k), 0)), np.empty(0)
     if axes.shape[1]:
         inner = axes.T @ left[:-1, :-1] @ axes
@@ -439,7 +441,9 @@ def _smoothing(roughness, found, power, n_samples):
     squares that they are part of. With the penalty as a prior, each has the variance
     ``s^2 (1 + 1 / (lambda d))``, the rest of ``n_samples`` independent samples ``s^2``.
     """
-    bent = roughness > 1e-9 * roughness.max(initial=0.0)
+    # what is straight has a roughness of rounding; the roughest is what hardly any sample sees
+    rounding = len(roughness) * np.finfo(float).eps
+    bent = roughness > 10.0 * rounding * roughness.max(initial=0.0)
     if not bent.any():
         return np.zeros(len(roughness))
     d, z = roughness[bent], np.square(found[bent])

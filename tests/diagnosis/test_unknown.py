@@ -5,7 +5,9 @@ import pytest
 from scipy.signal import lfilter
 from sklearn.linear_model import Ridge
 
-from skhyst.diagnosis import EffectSearchCV
+from skhyst import diagnosis
+from skhyst.diagnosis import EFFECTS, EffectSearchCV, LawAt, unregister_effect
+from skhyst.diagnosis._candidates import refitted, screened
 from skhyst.hysteresis import RestoringForceOperator
 from skhyst.linear import SecondOrderMode, SecondOrderModeOperator
 
@@ -77,7 +79,8 @@ def test_the_model_with_the_term_is_a_model(notched):
 def test_a_force_of_the_velocity_is_found_in_the_equation_of_motion():
     # of p = q' / w the force is 0.1 p^3 / 0.5^2, and the response 2 q
     plant = RestoringForceOperator(100.0, 0.2, [], [0.1], 0.0, 1.0, gain=2.0, scale=0.5)
-    found = search(plant.run(U, DT)[0] + noise(9)).unknown_
+    searched = search(plant.run(U, DT)[0] + noise(9))
+    found = searched.unknown_
     assert (found.place, found.argument) == ("motion of second_order_mode", "velocity")
     assert found.share > 0.99
     assert str(found).startswith("a force in the equation of motion of second_order_mode that")
@@ -86,6 +89,12 @@ def test_a_force_of_the_velocity_is_found_in_the_equation_of_motion():
     assert "odd" in found.shape
     expected = 0.1 / 0.5**2 / (2.0 * 100.0) ** 3
     assert abs(cube["c"] - expected) < 4.0 * cube["c_std"] < 0.2 * expected
+    # registered, it is an effect as any other
+    exec(found.code, vars(diagnosis).copy())
+    effect, records = EFFECTS["cube_of_velocity"], searched._records
+    unregister_effect("cube_of_velocity")
+    (named,) = screened(effect, searched._structure, records)
+    assert refitted(named, named.structure, records).cost < 1.1 * N * NOISE**2
 
 
 def test_report(notched):
@@ -101,6 +110,11 @@ def test_report(notched):
 def test_of_noise_there_is_none(seed):
     coloured = lfilter([1.0], [1.0, -0.8], noise(10 + seed))
     assert search(MODE.run(U, DT)[0] + coloured).unknown_ is None
+
+
+def test_a_law_that_there_is_not_is_refused():
+    with pytest.raises(ValueError, match="'law' parameter of LawAt must be one of 'proportional'"):
+        LawAt("cubic", "motion", "velocity")
 
 
 def test_a_named_effect_comes_first():

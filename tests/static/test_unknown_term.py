@@ -52,6 +52,17 @@ def test_noise_has_no_function_but_a_straight_line():
     assert 2.0 <= np.median(counts) < 2.5
 
 
+def test_samples_far_away_do_not_undo_the_smoothness():
+    # next to a gap are splines that hardly any sample sees, far rougher than all others; what is
+    # straight goes on across the gap
+    y, counts = np.random.default_rng(0).normal(size=N), []
+    for far in np.linspace(1.5, 4.0, 12):
+        model = UnknownTerm(dt=0.01).fit(np.append(U[:-1], far)[:, None], y)
+        counts.append(model.operator_.effective_number)
+    assert min(counts) > 2.0 - 1e-6
+    assert max(counts) < 6.0
+
+
 def test_leaves_to_the_parameters_what_they_can_do():
     operator = UnknownTerm().flexible([_record(U, U)])
     own = operator.functions(U)
