@@ -186,6 +186,17 @@ def test_records_that_begin_otherwise_than_at_rest_are_told(first, state):
     assert model.operator_.time_constant == pytest.approx(0.1, rel=1e-2)
 
 
+def test_a_record_that_is_cut_is_not_told_to_begin_elsewhere():
+    """As in a fold: what follows the rows that are left out begins in motion, which is known."""
+    u = drive().cumsum() / 10
+    y = FirstOrderLagOperator(0.4).run(u, DT)[0] + 1e-3 * np.random.default_rng(0).normal(size=N)
+    frame = pd.DataFrame({"u": u}, pd.Index(TIME, name="time"))
+    kept = (np.arange(N) < 60) | (np.arange(N) >= 80)
+    FirstOrderLag().fit(frame[kept], y[kept])  # warnings are errors
+    with pytest.warns(ConvergenceWarning, match="begin otherwise"):
+        FirstOrderLag().fit(frame[80:], y[80:])
+
+
 @pytest.mark.parametrize("factor", [1e3, 1e-3, -1.0])
 def test_a_known_response_that_no_start_leads_to_is_told(factor):
     model = FirstOrderLag(dt=DT).fit(X, Y + 1e-3 * np.random.default_rng(0).normal(size=N))
@@ -526,6 +537,7 @@ def test_a_model_knows_the_range_and_the_rate_of_its_drive(model):
 
 
 @pytest.mark.filterwarnings("ignore::skhyst.exceptions.ShortRecordWarning")  # turned round
+@pytest.mark.filterwarnings("ignore:The data do not determine")  # in reversed time there is no lag
 def test_refit_forgets(model):
     first = clone(model).fit(X[::-1], 2.0 * Y[::-1])
     np.testing.assert_array_equal(first.fit(X, Y).predict(X), model.fit(X, Y).predict(X))
@@ -606,6 +618,7 @@ def test_weights_count_as_repetitions_do(model):
     assert weighted.fit_error_ == pytest.approx(repeated.fit_error_)
 
 
+@pytest.mark.filterwarnings("ignore:The data do not determine")  # nor does what is spoilt
 def test_a_response_of_weight_zero_is_not_read(model):
     """The drive goes on below it, so that what follows is simulated as before."""
     weights = np.ones(N)
