@@ -44,6 +44,7 @@ from .operators import (
     Signal,
     Stepper,
     add_disturbances,
+    cut_off,
     run_records,
     run_variance,
     split_disturbances,
@@ -962,10 +963,14 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         if not self.operator_.signal_linear:
             warn_beyond(self, X, _read_columns(self.operator_))
         warn_schedules(self, self.operator_, schedules)
-        y = run_records(self.operator_, signal, slices, self.free_run_state, schedules)
+        y, rest = np.empty(len(signal)), [i for i in range(len(slices)) if i not in going]
+        if rest:
+            own = [slices[i] for i in rest], self.free_run_state, [schedules[i] for i in rest]
+            rows = np.concatenate([np.arange(s.rows.start, s.rows.stop) for s in own[0]])
+            y[rows] = run_records(self.operator_, signal, *own)
         for number, own in going.items():
             rows = slices[number].rows
-            y[rows] = np.nan_to_num(own.run()[0])
+            y[rows] = cut_off(own.run()[0])
             self._doubt_known(y[rows], known[0][rows])
         if not return_std:
             return y if read is None else y[read]

@@ -18,6 +18,7 @@ from sklearn.metrics import root_mean_squared_error
 from sklearn.model_selection import GridSearchCV
 from sklearn.pipeline import make_pipeline
 
+import skhyst
 from skhyst.base import ParametricModel
 from skhyst.compose import Cascade, OnColumn, Sum
 from skhyst.disturbance import Offset
@@ -184,6 +185,28 @@ def test_records_that_begin_otherwise_than_at_rest_are_told(first, state):
         model.set_params(initial_state=state).fit(u[:, None], y)
     assert model.fit_error_ < 1.1e-3
     assert model.operator_.time_constant == pytest.approx(0.1, rel=1e-2)
+
+
+def test_a_single_row_with_a_time_tells_no_interval():
+    frame = pd.DataFrame({"u": U}, pd.Index(TIME, name="time"))
+    model = Gain().fit(frame, 2.0 * U)
+    with pytest.raises(RecordError, match=r"A single row with a time.*'stepper'"):
+        model.predict(frame[:1])
+
+
+def test_records_whose_start_is_known_are_run_once(monkeypatch):
+    """The others begin at rest."""
+    X, y = stack_records([(U[:100], Y[:100]), (U[100:], Y[100:])], dt=DT)
+    model, n_run = PrandtlIshlinskii(5).fit(X, y), []
+    run = skhyst.base.run_records
+    monkeypatch.setattr(
+        skhyst.base, "run_records", lambda *own: n_run.append(len(own[2])) or run(*own)
+    )
+    found = model.predict(X, y_start=np.where(np.arange(N) < 120, np.nan, y))
+    assert n_run == [1]
+    np.testing.assert_array_equal(found[:100], model.predict(X)[:100])
+    model.predict(X, y_start=y)
+    assert n_run == [1, 2]
 
 
 def test_a_record_that_is_cut_is_not_told_to_begin_elsewhere():
