@@ -95,8 +95,8 @@ def _is_noise(series, records):
 def is_left_early(result, records, begins):
     """Whether a fit from rest leaves more where records begin, at the level ``LEVEL``.
 
-    A filter makes them white; the variance in the first half, quarter, eighth, ... of each record
-    is held against that of the rest (F test, Bonferroni).
+    A filter makes them white; the variance in the first quarter, eighth, ... of each record is held
+    against that of the rest, where most is left in it (F test, Bonferroni).
 
     Parameters
     ----------
@@ -118,12 +118,14 @@ def is_left_early(result, records, begins):
     series = [own for own, is_known in zip(series, known, strict=True) if is_known]
     squares = [np.square(own) for own in _whitened(series, whitening_filter(series))]
     total, n = sum(own.sum() for own in squares), sum(map(len, squares))
-    parts = [2.0**-k for k in range(1, max(map(len, squares)).bit_length())]
+    parts = [2.0**-k for k in range(2, max(map(len, squares)).bit_length())]
     p_values = []
     for part in parts:
-        begins = [own[: int(np.ceil(part * len(own)))] for own in squares]
+        stops = [int(np.ceil(part * len(own))) for own in squares]
+        begins = [own[:stop] for own, stop in zip(squares, stops, strict=True)]
         m, early = sum(map(len, begins)), sum(own.sum() for own in begins)
-        if m < n and early > 0.0:
+        most = sum(own[:stop] @ own[:stop] for own, stop in zip(series, stops, strict=True))
+        if m < n and 2.0 * most > sum(own @ own for own in series):
             p_values.append(fdtrc(m, n - m, (early / m) / max((total - early) / (n - m), TINY)))
     return bool(p_values) and len(parts) * min(p_values) < LEVEL
 
