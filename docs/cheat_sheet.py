@@ -1,4 +1,7 @@
-"""Draw the cheat sheet: `python docs/cheat_sheet.py FILE.pdf`, one page of A4, landscape."""
+"""Draw the cheat sheet: one page of A4, landscape.
+
+`PYTHONPATH=benchmarks python docs/cheat_sheet.py FILE.pdf`
+"""
 
 import sys
 

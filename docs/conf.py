@@ -12,7 +12,7 @@ sys.path.insert(0, os.path.abspath(os.path.join("..", "benchmarks")))
 
 from cheat_sheet import draw_cheat_sheet
 from citations import add_keys, read_references
-from loop_picture import draw_loop
+from loop_picture import draw_loop, write_report
 from recordings import SHARED
 from signatures import draw_signatures, draw_thumbnail
 
@@ -100,11 +100,12 @@ def _drop_guide_links(app, what, name, obj, options, lines):
 
 def _draw_pictures(app):
     """Draw what the pages show, where a script is newer than its pictures."""
-    folder = Path(app.srcdir) / "pictures"
+    folder, static = Path(app.srcdir) / "pictures", Path(app.srcdir) / "_static"
     for draw, script, target in (
         (draw_signatures, "signatures.py", folder / "effects"),
         (draw_thumbnail, "signatures.py", folder / "thumbnail.png"),
         (draw_loop, "loop_picture.py", folder / "loop.svg"),
+        (write_report, "loop_picture.py", static / "sample_report.html"),
         (draw_cheat_sheet, "cheat_sheet.py", folder / "cheat_sheet.svg"),
         (draw_cheat_sheet, "cheat_sheet.py", folder / "cheat_sheet.pdf"),
     ):

@@ -1,11 +1,13 @@
-"""Draw the loop of the landing page: `python docs/loop_picture.py FILE.svg`.
+"""Draw the loop of the landing page, and write the report of the same search.
 
 A simulated plant with hysteresis and creep, which shares no code with the models, and a search that
-is given the recording and the declared model. The build of the pages calls :func:`draw_loop`.
+is given the recording and the declared model. The build of the pages calls :func:`draw_loop` and
+:func:`write_report`. `PYTHONPATH=benchmarks python docs/loop_picture.py` writes what the README
+shows: `docs/pictures/loop.png` and `docs/sample_report.md`.
 """
 
-import sys
-from functools import partial
+from functools import cache, partial
+from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -17,7 +19,7 @@ from skhyst.diagnosis import EffectSearchCV
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.records import iter_records, stack_records
 
-__all__ = ["draw_loop"]
+__all__ = ["draw_loop", "write_report"]
 
 DT = 0.02  # s
 NOISE = 0.01  # um
@@ -41,10 +43,23 @@ def _recording():
     return X.set_axis(["drive (V)"], axis=1), y.rename("position (µm)")
 
 
-def draw_loop(path):
-    """Search a simulated recording and draw each step of the loop into a file."""
+@cache
+def _searched():
+    """Return the recording and the search of it."""
     X, y = _recording()
-    search = EffectSearchCV(PrandtlIshlinskii(), effects=CANDIDATES, random_state=0).fit(X, y)
+    search = EffectSearchCV(PrandtlIshlinskii(), effects=CANDIDATES, random_state=0)
+    return X, y, search.fit(X, y)
+
+
+def write_report(path):
+    """Write the report of the search, as its suffix says: a page, or Markdown."""
+    report = _searched()[2].report()
+    (report.to_html if path.suffix == ".html" else report.to_markdown)(path)
+
+
+def draw_loop(path):
+    """Draw each step of the loop into a file."""
+    X, y, search = _searched()
     (effect,) = search.effects_
     declared = search.declared_estimator_.predict(X)
     _, X_first, y_first = next(iter_records(X, y))
@@ -74,7 +89,7 @@ def draw_loop(path):
             "2  Declare a model",
             "3  Look at the residual",
             f"4  Missing: {effect}",
-            "5  Held-out error",
+            "5  Error",
         ]
         for axes, title in zip(panels, titles, strict=True):
             axes.set_title(title, loc="left", fontweight="bold", fontsize=10)
@@ -83,10 +98,12 @@ def draw_loop(path):
         named.set_xlabel("explains of the residual (%)")
         for axes in (recording, model):
             axes.legend(frameon=False, fontsize=8)
-        errors.set_ylabel("nm")
-        figure.savefig(path, metadata={"Date": None})
+        errors.set_ylabel("held out, nm")
+        figure.savefig(path, dpi=160, metadata={"Date": None})
         plt.close(figure)
 
 
 if __name__ == "__main__":
-    draw_loop(sys.argv[1])
+    docs = Path(__file__).parent
+    draw_loop(docs / "pictures" / "loop.png")
+    write_report(docs / "sample_report.md")

@@ -1,9 +1,9 @@
-"""Draw how each effect shows in the residual: `python docs/signatures.py FOLDER`.
+"""Draw how each effect shows in the residual.
 
-Each picture is simulated: one plant with the effect, the same plant without it as the declared
-model, with the gain and the offset that fit best. The left panel shows the residual over time, the
-right one over the quantity that distinguishes the effect from others. The build of the pages calls
-:func:`draw_signatures`.
+`PYTHONPATH=benchmarks python docs/signatures.py FOLDER` draws all. Each picture is simulated: one
+plant with the effect, the same plant without it as the declared model, with the gain and the offset
+that fit best. The left panel shows the residual over time, the right one over the quantity that
+distinguishes the effect from others. The build of the pages calls :func:`draw_signatures`.
 """
 
 import sys
@@ -294,5 +294,4 @@ def draw_thumbnail(path):
 
 
 if __name__ == "__main__":
-    sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
     draw_signatures(sys.argv[1])

@@ -326,6 +326,11 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         super().__init_subclass__(**options)
         inherit_documentation(cls)
 
+    @classmethod
+    @cache
+    def _get_param_names(cls):
+        return super()._get_param_names()  # a search clones thousands of times: read once
+
     def __init__(self, *, initial_state="rest", dt=None, drive=None, method="variable_projection"):
         self.initial_state = initial_state
         self.dt = dt

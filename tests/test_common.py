@@ -2,7 +2,9 @@
 
 import inspect
 import pickle
+from contextlib import suppress
 from functools import partial
+from unittest import SkipTest
 
 import numpy as np
 import pandas as pd
@@ -12,7 +14,11 @@ from sklearn.compose import ColumnTransformer
 from sklearn.model_selection import GridSearchCV, LeaveOneGroupOut, cross_val_score, cross_validate
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
-from sklearn.utils.estimator_checks import check_param_validation, parametrize_with_checks
+from sklearn.utils.estimator_checks import (
+    check_param_validation,
+    estimator_checks_generator,
+    parametrize_with_checks,
+)
 from sklearn.utils.validation import has_fit_parameter
 from small_estimators import NO_GAIN, SLOW, small_estimators
 
@@ -126,12 +132,15 @@ def test_scikit_learn(estimator, check):
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::skhyst.exceptions.ExtrapolationWarning")
-@parametrize_with_checks(
-    [estimator for name, estimator in small_estimators().items() if name not in QUICK],
-    expected_failed_checks=expected_failed_checks,
-)
-def test_scikit_learn_of_all_others(estimator, check):
-    check(estimator)
+@pytest.mark.parametrize("name", [name for name in small_estimators() if name not in QUICK])
+def test_scikit_learn_of_all_others(name):
+    """All checks but those that contradict memory: some of each kind show that they fail."""
+    known = small_estimators()[name]
+    contradicted = expected_failed_checks(known)
+    for estimator, check in estimator_checks_generator(known):
+        if check.func.__name__ not in contradicted:
+            with suppress(SkipTest):
+                check(estimator)
 
 
 @pytest.mark.parametrize(("name", "estimator"), small_estimators().items())

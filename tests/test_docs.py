@@ -128,7 +128,7 @@ def test_each_public_module_is_in_the_reference():
     [
         "understand/play",
         *(f"howto/{name}" for name in ("closed_loop", "compare_models", "data", "deploy")),
-        "howto/several_records",
+        *(f"howto/{name}" for name in ("several_records", "single_sine")),
     ],
 )
 def test_code_of_a_page_runs(page, tmp_path, monkeypatch):

@@ -1,28 +1,26 @@
-"""The five lines of the README run as they stand."""
+"""What the README shows runs as it stands, and the extras are those that there are."""
 
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-pytestmark = pytest.mark.slow
+from skhyst.cli._demo_recording import make_demo_recording
 
-README = Path(__file__).parents[1] / "README.md"
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def test_five_lines(tmp_path):
+@pytest.mark.slow
+def test_five_lines_on_the_recording_of_the_demo(tmp_path):
     pytest.importorskip("jinja2", reason="the report needs the extra plot")
-    rng = np.random.default_rng(0)
-    time = np.arange(1500) * 1e-3
-    voltage = 20.0 * np.sin(2 * np.pi * 3.0 * time) * np.linspace(0.3, 1.0, 1500)
-    position = 0.1 * np.minimum(voltage, 12.0) + 0.002 * rng.normal(size=1500)
-    rows = np.column_stack([time, voltage, position])
-    header = "time,voltage,position"
-    np.savetxt(tmp_path / "recording.csv", rows, delimiter=",", header=header, comments="")
-    code = re.search(r"## Five lines\n\n```python\n(.*?)```", README.read_text(), re.DOTALL)[1]
+    table, effect, _ = make_demo_recording(0, n_records=2)
+    (tmp_path / "skhyst_demo").mkdir()
+    table.to_csv(tmp_path / "skhyst_demo" / "recording.csv", index=False)
+    code = re.search(r"## Five lines\n\n```python\n(.*?)```", README, re.DOTALL)[1]
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", code],
         cwd=tmp_path,
@@ -31,5 +29,21 @@ def test_five_lines(tmp_path):
         timeout=300,
     )
     assert done.returncode == 0, done.stderr
-    assert "saturation" in done.stdout
-    assert "<html" in (tmp_path / "report.html").read_text()
+    assert effect in done.stdout
+    assert "<html" in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+def test_what_the_readme_links_to_is_there():
+    linked = re.findall(r"\]\(([^)#:]+)\)", README)
+    assert linked
+    assert [path for path in linked if not (ROOT / path).exists()] == []
+
+
+def test_extras_are_told_the_same_everywhere():
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    page = (ROOT / "docs" / "install.rst").read_text(encoding="utf-8")
+    shown = re.findall(r"^\| (`[^|]+`) \| (.+) \|$", README.partition("## Extras")[2], re.MULTILINE)
+    listed = re.findall(r"^   \* - (`.+)\n     - (.+)$", page, re.MULTILINE)
+    extras = declared["project"]["optional-dependencies"]
+    assert listed == [row for row in shown if not row[0].startswith("`skhyst.")]
+    assert sorted(re.findall(r"`(\w+)`", " ".join(row[0] for row in listed))) == sorted(extras)

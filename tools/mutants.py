@@ -55,7 +55,8 @@ _DECISIONS = {  # module, of the diagnosis where no folder is named: tests, the 
     "_black_box": "test_black_box test_noise",
     "_candidates": "test_candidates test_shortened test_initial_state test_reference "
     "test_search_options",
-    "_changes": "test_tree test_further_forms test_effects test_declared_models test_moved_modes",
+    "_changes": "test_changes test_tree test_further_forms test_effects test_declared_models "
+    "test_moved_modes",
     "_claim": "test_decision test_evidence test_timing test_stages",
     "_course": "test_course test_plausibility",
     "_criterion": "test_criterion test_decision",
@@ -64,12 +65,13 @@ _DECISIONS = {  # module, of the diagnosis where no folder is named: tests, the 
     "_next_experiment": "test_next_experiment",
     "_structure": "test_noise test_reference test_verdict",
     "_verdict": "test_noise test_verdict",
-    "_open_questions": "test_next_experiment test_evidence",
+    "_open_questions": "test_open_questions test_next_experiment test_evidence",
     "_periods": "test_noise test_plausibility",
     "_plausibility": "test_plausibility test_effects test_moved_modes",
     "_reference": "test_reference",
     "_robust": "test_robust",
-    "_contest": "test_decision test_search_options test_timing test_stages test_invariance",
+    "_contest": "test_contest test_decision test_search_options test_timing test_stages "
+    "test_invariance",
     "_shortened": "test_shortened test_candidates",
     "_starts": "test_starts test_declared_models test_rate_dependence",
     "_tree": "test_tree test_candidates test_starts",

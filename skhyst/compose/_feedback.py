@@ -6,11 +6,11 @@ from typing import Self
 
 import numpy as np
 
-from .._sklearn import HasMethods, Interval
+from .._sklearn import HasMethods, Interval, StrOptions
 from .._validation import agreed
 from ..base import ParametricModel, as_node, informed, refine, with_params
 from ..exceptions import ConvergenceWarning
-from ..operators import FeedbackOperator, split_disturbances
+from ..operators import FEEDBACK_ARGUMENTS, FeedbackOperator, has_velocity, split_disturbances
 
 _FINE = 0.1  # longest substep, in radians of the fastest motion
 _RESTS = 9  # over the range of the response, about which stability is asked
@@ -27,8 +27,9 @@ class Feedback(ParametricModel):
     with linear dynamics G of the static gain g and a curve s. So q, in units of the drive, is the
     response relative to the gain, and at rest ``s(q) = u``: of a mass on a spring, s is the
     characteristic of the spring, whatever its form, and the dynamics may have more poles than a
-    mass. Where s is the identity the model is linear. It is also known as a nonlinear
-    linear-fractional model (NL-LFR [1]_).
+    mass. Where s is the identity the model is linear. Of the velocity, ``f(q') = s(q')`` is a
+    damper's force beside that of a linear one. It is also known as a nonlinear linear-fractional
+    model (NL-LFR [1]_).
 
     Parameters
     ----------
@@ -42,6 +43,8 @@ class Feedback(ParametricModel):
     n_substeps : int or None, default=None
         Integration steps per sampling interval. None: a tenth of a radian of the fastest motion
         below half the sampling rate each, so at most 32.
+    argument : {"displacement", "velocity"}, default="displacement"
+        What the curve is a function of: q, or its velocity in units of the drive per s.
     initial_state : {"rest", "zero", "estimate"} or None, default=None
         State before each record's first sample; None: that of the two models.
     dt : float or None, default=None
@@ -99,6 +102,7 @@ class Feedback(ParametricModel):
         "linear": [HasMethods(["fit", "predict"])],
         "curve": [HasMethods(["fit", "predict"])],
         "n_substeps": [Interval(Integral, 1, None, closed="left"), None],
+        "argument": [StrOptions(set(FEEDBACK_ARGUMENTS))],
     }
 
     def __init__(
@@ -107,6 +111,7 @@ class Feedback(ParametricModel):
         curve,
         *,
         n_substeps=None,
+        argument="displacement",
         initial_state=None,
         dt=None,
         drive=None,
@@ -115,6 +120,7 @@ class Feedback(ParametricModel):
         self.linear = linear
         self.curve = curve
         self.n_substeps = n_substeps
+        self.argument = argument
         self.initial_state = initial_state
         self.dt = dt
         self.drive = drive
@@ -167,22 +173,40 @@ class Feedback(ParametricModel):
                 "The 'linear' parameter of Feedback must be linear dynamics with a static gain and "
                 f"without a delay. Got {self.linear!r} instead."
             )
+        if self.argument == "velocity" and not has_velocity(base):
+            raise TypeError(
+                "The 'linear' parameter of Feedback must be linear dynamics of at least two poles "
+                f"more than zeros for a curve of the velocity. Got {self.linear!r} instead."
+            )
         return base
 
     def _starts_around(self, base, records):
         """Return starts with a curve over the range of the responses, relative to a gain."""
         answers = [replace(r, u=(r.y - base.intercept) / base.gain, before=None) for r in records]
+        if self.argument == "velocity":
+            answers = [replace(r, u=np.gradient(r.u, r.dt)) for r in answers]
         found = []
         for start in self._models()[1].starting_values(answers):
             own, _ = split_disturbances(start)
             fed = self._fed_back(base, own, records, answers)
-            found += [self._divided(base, c, records) for c in (own, *fed)]
+            found += [self.divided(base, c, records) for c in (own, *fed)]
         return found
 
-    def _divided(self, linear, curve, records):
-        """Return the operator with substeps that resolve its motion."""
+    def divided(self, linear, curve, records):
+        """Return the operator with substeps that resolve its motion.
+
+        Parameters
+        ----------
+        linear, curve : Operator
+        records : sequence of RecordData
+
+        Returns
+        -------
+        FeedbackOperator
+        """
         dt, n = max(record.dt for record in records), self.n_substeps
-        operator = FeedbackOperator(_NAMES, (linear, curve), n_substeps=n or 1)
+        own = {"n_substeps": n or 1, "argument": self.argument}
+        operator = FeedbackOperator(_NAMES, (linear, curve), **own)
         if n is None:
             rests = _rests(records)
             fastest = max(np.abs(operator.poles_at(y)).max(initial=0.0) for y in rests)
@@ -237,7 +261,7 @@ class Feedback(ParametricModel):
                 result = replace(result, n_evaluations=evaluations)
                 break
             result = replace(again, n_evaluations=evaluations)
-        finer = self._divided(*result.operator.stages, data)
+        finer = self.divided(*result.operator.stages, data)
         if finer.n_substeps > result.operator.n_substeps:
             again = refine(self, [finer], data)
             evaluations = result.n_evaluations + again.n_evaluations

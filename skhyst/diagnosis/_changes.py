@@ -18,7 +18,7 @@ from ..hysteresis import (
 )
 from ..linear import DynamicStiffnessOperator, GainOperator, TransferFunction
 from ..operators import Scaled as ModulatedBy
-from ..operators import SumOperator, finer_factor, of_columns
+from ..operators import SumOperator, is_straight, of_columns
 from ..optimize import identify, predicted_cost, variable_projection
 from ._constants import ENOUGH, FACTOR, FULL, KNEE, NOTICEABLE, TANKS, TOLERANCE
 from ._edits import (
@@ -69,7 +69,7 @@ class HeldDrive:
 
     def _is_straight(self, scene):
         """Whether it would be a drive without content near half the sampling rate: a line."""
-        return self.hold == "bandlimited" and all(finer_factor(r.u) == 1 for r in scene.records)
+        return self.hold == "bandlimited" and all(is_straight(r.u) for r in scene.records)
 
 
 @dataclass(frozen=True)

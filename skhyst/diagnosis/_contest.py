@@ -268,8 +268,9 @@ class Contest:
         """Remove the effects that are not needed, the least first; return the candidate.
 
         An effect stays where without it another one would do the same, but become what its name
-        does not say. Two effects may compensate for each other, as a lag and a lead do: they are
-        also taken out together.
+        does not say. Where the noise's own course makes it, but something is needed in its place, a
+        rival takes that, as the offset of each record that of a drift. Two effects may compensate
+        for each other, as a lag and a lead do: they are also taken out together.
         """
         while base.structure.effects:
             names = base.structure.effects
@@ -290,8 +291,11 @@ class Contest:
             if not needless:
                 break
             own = min(needless, key=lambda own: needless[own].error)
-            self.dropped += [n for n in names if n not in needless[own].structure.effects]
-            base = needless[own]
+            fewer, rival = needless[own], None
+            if self.criterion.is_better(fewer, base, self.n_tried):
+                rival, _ = self._contested(base, *own)
+            self.dropped += [n for n in names if n not in fewer.structure.effects]
+            base = rival or fewer
             self._say(f"{' and '.join(own)} not needed: held-out error {base.error:.4g}")
         return base
 

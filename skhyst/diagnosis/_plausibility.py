@@ -50,21 +50,24 @@ def has_its_name(name, margin, tree, records, alpha):
     value = at(x)
     if value >= 0.0 or not np.isfinite(value):
         return bool(value >= 0.0)
-    # of central differences: curvature and rounding make about equal errors
-    steps = np.cbrt(np.finfo(float).eps) * np.maximum(np.abs(x), 1.0) * np.eye(len(x))
-    ends = [np.clip([x - h, x + h], problem.lower, problem.upper) for h in steps]
-    slopes = np.array([(at(high) - at(low)) / (high - low).sum() for low, high in ends])
-    return bool(value + norm.isf(alpha) * _standard_error(problem, x, slopes) >= 0.0)
+    return bool(value + norm.isf(alpha) * _standard_error(problem, x, at) >= 0.0)
 
 
-def _standard_error(problem, x, slopes):
+def _standard_error(problem, x, function):
     """Return the standard error of a function of the parameters from its derivatives."""
     gram = problem.total(problem.evaluate(x))
-    free = (x > problem.lower) & (x < problem.upper) & (np.diag(gram)[:-1] > 0.0)
-    hessian, slopes = gram[:-1, :-1][np.ix_(free, free)], slopes[free]
+    free = np.flatnonzero((x > problem.lower) & (x < problem.upper) & (np.diag(gram)[:-1] > 0.0))
+    hessian = gram[:-1, :-1][np.ix_(free, free)]
     scale = 1.0 / np.sqrt(np.diag(hessian))
     inverse = np.linalg.pinv(hessian * np.outer(scale, scale), 1e-11, hermitian=True)
-    variance = gram[-1, -1] / max(problem.segment_weight.sum() - free.sum(), 1.0)
+    variance = gram[-1, -1] / max(problem.segment_weight.sum() - len(free), 1.0)
+    # of central differences: curvature and rounding make about equal errors; what may be zero is
+    # compared with its own error, whatever its unit, and a logarithm with one
+    sizes = np.maximum(np.abs(x[free]), np.where(problem.log[free], 1.0, np.sqrt(variance) * scale))
+    sizes = np.cbrt(np.finfo(float).eps) * np.where(sizes > 0.0, sizes, 1.0)
+    steps = sizes[:, None] * np.eye(len(x))[free]
+    ends = [np.clip([x - h, x + h], problem.lower, problem.upper) for h in steps]
+    slopes = np.array([(function(b) - function(a)) / (b - a).sum() for a, b in ends])
     return float(np.sqrt(variance * (slopes * scale) @ inverse @ (slopes * scale)))
 
 

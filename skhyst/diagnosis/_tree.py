@@ -426,14 +426,19 @@ class Tree:
     # ------------------------------------------------------------------ as an estimator
 
     def identified(self, records):
-        """Return the tree as its model identifies it from nothing, as its user would fit it."""
-        result = clone_of(self.model).identify(self.read(records))
+        """Return the tree as its model identifies it from nothing, to be refitted."""
+        result = self.estimator.set_params(method=BRIEFLY).identify(self.read(records))
         return replace(self, root=self.model.tree((result.operator, result.disturbances)))
 
     def with_input_history(self, records):
         """Return the tree refitted with what came before the records."""
         found, input_history = estimate_input_history(
-            self.operator, self.disturbances, self.read(records), fixed=self.held, method=BRIEFLY
+            self.operator,
+            self.disturbances,
+            self.read(records),
+            fixed=self.held,
+            method=BRIEFLY,
+            with_errors=False,
         )
         tree = self.with_operators(found.operator, found.disturbances)
         return replace(tree, input_history=tuple(input_history))

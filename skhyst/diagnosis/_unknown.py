@@ -2,8 +2,10 @@ r"""A term without a name, for a residual that no effect explains.
 
 The step that follows a verdict other than ``noise``. A smooth function of one signal, whose law is
 not known (:class:`~skhyst.static.UnknownTerm`), is put at every place of the model: at each joint
-of the series, of what goes through it, of the rate and of plays of that; and beside the response,
-of the drive or of a further column of X, of its rate and plays. At each place only functions are
+of the series, of what goes through it, of the rate and of plays of that; as a force in the equation
+of motion of linear dynamics, of the displacement or the velocity
+(:class:`~skhyst.compose.Feedback`); and beside the response, of the drive or of a further column of
+X, of its rate and plays. At each place only functions are
 left that the model's parameters cannot do themselves, as smooth as restricted maximum likelihood
 asks for; the whole is refitted jointly, held out, and the one of least held-out error is tested
 against the model without it by the search's own criterion, for all that the search and this step
@@ -27,12 +29,15 @@ import numpy as np
 import pandas as pd
 from joblib import delayed
 from scipy.optimize import minimize_scalar
+from sklearn.base import clone
 
-from ..optimize import predicted_cost
-from ..static import ARGUMENTS, UnknownTerm, smooth
+from ..compose import Feedback
+from ..operators import FEEDBACK_ARGUMENTS, has_velocity
+from ..optimize import coloured_covariance, predicted_cost
+from ..static import ARGUMENTS, UnknownTerm, UnknownTermOperator, smooth
 from ._candidates import Candidate, completed, held_out
 from ._constants import FACTOR
-from ._edits import Drive, InsertAt
+from ._edits import Drive, Enrich, InsertAt
 from ._jobs import side_by_side
 from ._pictures import Picture
 from ._shortened import are_long
@@ -79,7 +84,9 @@ class Site:
         In words.
     model : UnknownTerm
     make : callable
-        Returns the edit that puts the model with an operator there.
+        Returns the edit that puts the model with an operator there. Its ``part(tree)`` is the
+        operator in a tree, ``leads_to(name, tree)`` says whether an entry is one of it, and
+        ``unit(tree)`` is that of the argument.
     records : list of RecordData
         Driven by what the term sees.
     """
@@ -93,6 +100,18 @@ class Site:
     def __str__(self):
         return f"{self.place}: a function of the {self.argument}"
 
+    def seen(self, term):
+        """Return what a term is a function of, (n_samples,)."""
+        return np.concatenate([term.arguments(r.u, r.dt)[0] for r in self.records])
+
+    def weights(self, names, tree):
+        """Return which of the names of entries are those of the weights of the term."""
+        return [
+            i
+            for i, name in enumerate(names)
+            if self.make.leads_to(name, tree) and name.split("__")[-1].startswith("weights")
+        ]
+
 
 @dataclass(frozen=True)
 class Unknown:
@@ -101,14 +120,19 @@ class Unknown:
     Parameters
     ----------
     place : str
-        Where its output is added: ``"drive"``, ``"behind <stage>"`` or ``"response"``.
+        Where its output is added: ``"drive"``, ``"behind <stage>"`` or ``"response"``; or ``"motion
+        of <stage>"``, where it is a force that acts against that of the drive in the equation of
+        motion.
     argument : str
-        What it is a function of, such as ``"rate of the drive"``.
+        What it is a function of, such as ``"rate of the drive"``; of a force ``"displacement"`` or
+        ``"velocity"``, from rest, in the direction of the drive.
     curve : DataFrame
-        The function over what is seen of its argument: ``argument`` (its own units, rates per s),
-        ``value``, ``low`` and ``high``, the simultaneous 95 % band, all in the units of the place,
-        and ``density``, the part of the samples that is near. What the parameters of the model can
-        do as well, as a gain what is straight in the drive, is left to them.
+        The function over what is seen of its argument: ``argument`` (its own units, those of the
+        output of the stage for a displacement, rates per s), ``value``, ``low`` and ``high``, the
+        simultaneous 95 % band, all in the units of the place (of a force those of what drives the
+        stage), and ``density``, the part of the samples that is near. What the parameters of the
+        model can do as well, as a gain what is straight in the drive, or a damping ratio what is
+        straight in the velocity, is left to them.
     error_before, error_after : float
         Held-out errors, units of the response.
     share : float
@@ -122,7 +146,7 @@ class Unknown:
         ``s`` (NaN where the law has none), ``error``, and ``p_value`` against it, simplest first.
     structure_left : bool
         Whether the search does not judge the residual beside it to be noise: then the place may be
-        another, such as a force in the equation of motion, which is not tried.
+        another.
     estimator : estimator
         The augmented model with the term, fitted to all data.
 
@@ -149,8 +173,7 @@ class Unknown:
 
     def __str__(self):
         """Return it in one sentence."""
-        added = self.place if self.place.startswith("behind") else f"to the {self.place}"
-        text = f"a term added {added} that depends on the {self.argument}, {self.shape}"
+        text = f"a {self._added} that depends on the {self.argument}, {self.shape}"
         if len(self.laws):
             first = self.laws.iloc[0]
             text += f", which can be {first['formula']}"
@@ -160,6 +183,12 @@ class Unknown:
         if self.structure_left:
             text += "; more than noise may be left beside it, so that the place is not sure"
         return text
+
+    @property
+    def _added(self):
+        if self.place.startswith("motion"):
+            return f"force in the equation of {self.place}"
+        return f"term added {'' if self.place.startswith('behind') else 'to the '}{self.place}"
 
     @property
     def shape(self):
@@ -192,8 +221,7 @@ class Unknown:
         curves = ("curve", v, f, "line"), ("95 % band", v, low, "dashed"), band
         share = ("", v, 100.0 * density, "line")
         below = Picture("", self.argument, "samples (%)", (share,))
-        added = self.place if self.place.startswith("behind") else f"to the {self.place}"
-        return Picture("Unexplained", self.argument, f"added {added}", curves, below=below)
+        return Picture("Unexplained", self.argument, self._added, curves, below=below)
 
     def to_dict(self):
         """Return it as plain data.
@@ -228,10 +256,14 @@ def find_unknown(base, records, slices, folds, criterion, n_tried, n_jobs):
     most = (1.0 - criterion.min_improvement) ** 2 * base.cost
     both = [(site, own) for site, own in zip(sites, starts, strict=True) if own]
     best = [(site, min(own, key=lambda c: c.predicted_cost)) for site, own in both]
-    jobs = [(site, c) for site, c in best if c.predicted_cost < most]
-    done, _ = side_by_side([delayed(_tried)(c, records, folds) for _, c in jobs], n_jobs)
-    found = [(site, c) for (site, _), c in zip(jobs, done, strict=True) if c is not None]
-    found = [(s, c) for s, c in found if criterion.is_better(base, c, family)]
+    best = [(site, c) for site, c in best if c.predicted_cost < most]
+    jobs = [delayed(completed)(c, records, _budget(records)) for _, c in best]
+    done, _ = side_by_side(jobs, n_jobs)
+    most = min([most, *(FACTOR * c.cost for c in done if c is not None)])
+    best = [(s, c) for (s, _), c in zip(best, done, strict=True) if c is not None and c.cost < most]
+    jobs = [delayed(_settled)(c, s, scene.tree, records, folds) for s, c in best]
+    done, _ = side_by_side(jobs, n_jobs)
+    found = [(s, c) for s, c in filter(None, done) if criterion.is_better(base, c, family)]
     if not found:
         return None
     site, chosen = min(found, key=lambda own: own[1].error)
@@ -244,6 +276,7 @@ def find_unknown(base, records, slices, folds, criterion, n_tried, n_jobs):
 
 def _sites(scene):
     """Yield the places and arguments that there are."""
+    yield from _motions(scene)
     tree, records = scene.tree, scene.records
     last = len(tree.stages)
     for at in range(int(tree.multi_input), last + 1):
@@ -275,12 +308,53 @@ def _sites(scene):
             )
 
 
+def _motions(scene):
+    """Yield the forces in the equations of motion of linear dynamics."""
+    for at, (place, linear) in enumerate(scene.tree.stages):
+        if not _moves(linear):
+            continue
+        for argument in FEEDBACK_ARGUMENTS[: 1 + has_velocity(linear)]:
+            model = UnknownTerm(passes=argument == "displacement")
+            loop = Feedback(scene.tree.models[at], model, argument=argument)
+            own = {"passed": float(model.passes)}
+            nothing = UnknownTermOperator(np.zeros(1), np.zeros((4, 1)), 0.0, 1.0, **own)
+            motion = _Motion(place, loop, loop.divided(linear, nothing, scene.records_at(at)))
+            driven = motion.driven(motion.around, scene.records_at(at))
+            yield Site(f"motion of {place}", argument, model, motion, driven)
+
+
+def _moves(linear):
+    """Whether an operator is linear dynamics whose output does not follow its input at once."""
+    is_linear = linear.signal_linear and linear.n_parameters and sum(linear.n_poles)
+    if not (is_linear and hasattr(linear, "hold") and linear.gain and not linear.n_start):
+        return False
+    return linear.state_space()[3] == 0.0
+
+
 def _in_words(argument, signal):
     return signal if argument == "input" else f"{argument} of the {signal}"
 
 
+class _Part:
+    """Base of what puts a term into a tree as a part of its own."""
+
+    @staticmethod
+    def unit(tree):
+        return 1.0
+
+    def part(self, tree):
+        label = tree.label(NAME)
+        parts = [*tree.stages, *(tree.root.members() if hasattr(tree.root, "members") else [])]
+        operator = next(part for name, part in parts if name == label)
+        return getattr(operator, "operator", operator)
+
+    def leads_to(self, name, tree):
+        """Whether an entry is one of the term."""
+        return tree.label(NAME) in name.split("__")
+
+
 @dataclass(frozen=True)
-class _Joint:
+class _Joint(_Part):
     """Makes the edit at a joint of the series."""
 
     behind: str | None
@@ -290,7 +364,62 @@ class _Joint:
 
 
 @dataclass(frozen=True)
-class _Column:
+class _Motion:
+    """Makes the edit of linear dynamics with a force in their equation of motion."""
+
+    place: str
+    loop: Any
+    around: Any
+
+    def __call__(self, model, operator):
+        stages = self.around.linear, operator
+        return Enrich(self.place, self.loop, replace(self.around, stages=stages))
+
+    def part(self, tree):
+        return tree.operators[tree.names.index(self.place)].curve
+
+    def leads_to(self, name, tree):
+        """Whether an entry is one of the term; a stage may stand alone, without its name."""
+        parts = name.split("__")
+        return parts[-2:-1] == ["curve"] and parts[-3:-2] in ([self.place], ["model"], [])
+
+    def unit(self, tree):
+        return abs(tree.operators[tree.names.index(self.place)].linear.gain)
+
+    @staticmethod
+    def driven(loop, records):
+        """Return records, driven by what a term in the loop is a function of."""
+        return [replace(r, u=loop.arguments(r.u, r.dt), before=None) for r in records]
+
+    def renewed(self, site, tree, records, independent):
+        """Return the site and the tree at the range and the smoothness of a solution."""
+        at = tree.names.index(self.place)
+        loop, model = tree.operators[at], tree.models[at]
+        site = replace(site, records=self.driven(loop, Scene(tree, records).records_at(at)))
+        flexible = site.model.flexible(site.records)
+        v = np.linspace(flexible.low, flexible.high, _FINE)
+        value = loop.curve.functions(v) @ loop.curve.weights
+
+        def closed(term):
+            return tree.with_stage(at, model.tree(replace(loop, stages=(loop.linear, term))))
+
+        def at_value(term, density):
+            columns, root = term.functions(v), np.sqrt(density)
+            weights = np.linalg.lstsq(columns * root[:, None], value * root)[0]
+            return replace(term, weights=weights)
+
+        flexible = at_value(flexible, np.ones(_FINE))
+        problem = closed(flexible).problem(records)
+        gram = problem.total(problem.evaluate(problem.x0))
+        own = np.array(site.weights(problem.names, tree))
+        gram[:, -1] -= gram[:, own] @ flexible.weights  # what the term has to do in all
+        gram[-1] -= flexible.weights @ gram[own]
+        term = smooth(flexible, gram, own, problem.segment_weight.sum(), independent)
+        return site, closed(at_value(term, np.histogram(site.seen(term), _FINE)[0]))
+
+
+@dataclass(frozen=True)
+class _Column(_Part):
     """Makes the edit beside the response, of a column of X."""
 
     column: int
@@ -315,18 +444,13 @@ def _started(site, tree, records):
     return found
 
 
-def _smoothed(site, model, flexible, tree, records):
+def _smoothed(site, model, flexible, tree, records, independent=1.0):
     """Return an operator with the functions that are needed beside a tree's parameters."""
     full = tree.edited(NAME, site.make(model, flexible))
     problem = full.problem(records)
     gram = problem.total(problem.evaluate(problem.x0))
-    own = np.flatnonzero([_is_weight(name, tree) for name in problem.names])
-    return smooth(flexible, gram, own, problem.segment_weight.sum())
-
-
-def _is_weight(name, tree):
-    """Whether an unknown is a weight of the term."""
-    return tree.label(NAME) in name.split("__") and name.split("__")[-1].startswith("weights")
+    own = np.array(site.weights(problem.names, tree))
+    return smooth(flexible, gram, own, problem.segment_weight.sum(), independent)
 
 
 def _candidate(tree, records):
@@ -336,26 +460,65 @@ def _candidate(tree, records):
     return Candidate((NAME,), tree, np.inf, cost, size, problem.x0)
 
 
-def _tried(candidate, records, folds):
-    """Return a candidate refitted and held out."""
-    budget = FACTOR if are_long(records) else FACTOR**3
-    return held_out(completed(candidate, records, budget), records, folds)
+def _budget(records):
+    return FACTOR if are_long(records) else FACTOR**3
 
 
-def term_of(tree):
-    """Return the operator of the term in a tree."""
-    label = tree.label(NAME)
-    parts = [*tree.stages, *(tree.root.members() if hasattr(tree.root, "members") else [])]
-    operator = next(part for name, part in parts if name == label)
-    return getattr(operator, "operator", operator)
+def _settled(candidate, site, base, records, folds):
+    """Return the site and the candidate, held out; None where it needs no term any more.
+
+    How smooth the term is follows from the noise, and a loop is not linear in its term: what that
+    has to do, and what it sees, is known only where the loop is closed. So the smoothness is found
+    again at the solution, until it stays the same to one function.
+    """
+    for _ in range(FACTOR):
+        tree, independent = candidate.structure, _independent(site, candidate, records)
+        before = site.make.part(tree)
+        if isinstance(site.make, _Motion):
+            site, tree = site.make.renewed(site, tree, records, independent)
+        elif independent < 1.0:
+            model = clone(site.model)
+            if before.argument == "play":
+                model.set_params(half_gap=before.half_gap)
+            own = model.flexible(site.records)
+            own = _smoothed(site, model, own, base, records, independent)
+            tree = base.edited(NAME, site.make(model, own))
+        after = site.make.part(tree)
+        if not after.weights.size:
+            return None
+        if abs(after.effective_number - before.effective_number) < 1.0:
+            break
+        candidate = completed(_candidate(tree, records), records, _budget(records))
+    return site, held_out(candidate, records, folds)
+
+
+def _independent(site, candidate, records):
+    """Return how many independent samples one is worth for the term, 1 where the noise is white."""
+    tree = candidate.structure
+    problem = tree.problem(records)
+    n, x = problem.segment_weight.sum(), problem.x0
+    gram = problem.total(problem.evaluate(x))
+    inner = gram[:-1, :-1] - n * np.diag(problem.penalty)
+    power = gram[-1, -1] - n * (problem.penalty @ np.square(x))
+    scale = np.sqrt(np.diag(inner))
+    scale[scale == 0.0] = 1.0
+    size, axes = np.linalg.eigh(inner / np.outer(scale, scale))
+    seen = size > 1e-10 * size.max()
+    root = axes[:, seen] / np.sqrt(size[seen]) / scale[:, None]
+    covariance = coloured_covariance(lambda: problem.rows(x), root, n)
+    if covariance is None:
+        return 1.0
+    own = site.weights(problem.names, tree)
+    ratio = np.diag(covariance)[own] / np.square(root[own]).sum(axis=1)
+    noise = power / max(n - len(size), 1.0)
+    return min(noise / np.average(ratio, weights=1.0 / (1.0 + problem.penalty[own])), 1.0)
 
 
 def _laws(site, chosen, base, data, criterion):
     """Return laws that the curve is not better than, as rows of ``Unknown.laws``."""
     records, slices, folds = data
-    term, tree, rows = term_of(chosen.structure), base.structure, []
-    seen = np.concatenate([term.arguments(r.u, r.dt)[0] for r in site.records])
-    largest = float(np.abs(seen).max())
+    term, tree, rows = site.make.part(chosen.structure), base.structure, []
+    largest = float(np.abs(site.seen(term)).max())
     if not largest > 0.0:
         return []
     knots = term.low + (np.arange(_FINE + 3) - 1.0) * (term.high - term.low) / _FINE
@@ -364,11 +527,13 @@ def _laws(site, chosen, base, data, criterion):
     def started(law, scale):
         # the knot's own value is the coefficient of a spline that is next to the function
         basis = law(knots / scale)[:, None]
-        own = {"weights": np.zeros(1), "basis": basis / np.abs(basis).max(), "penalty": 0.0}
+        size = np.abs(basis).max() or 1.0  # a dead band may be wider than all that is seen
+        own = {"weights": np.zeros(1), "basis": basis / size, "penalty": 0.0}
         operator = replace(term, **own)
         return _candidate(tree.edited(NAME, site.make(model, operator)), records)
 
     most = (1.0 - criterion.min_improvement) ** 2 * base.cost
+    budget = _budget(records)
     for name, (formula, law, scaled) in LAWS.items():
         scale = largest
         if scaled:
@@ -385,21 +550,23 @@ def _laws(site, chosen, base, data, criterion):
         start = started(law, scale)
         if start.predicted_cost >= most:
             continue
-        c = _tried(start, records, folds)
+        c = held_out(completed(start, records, budget), records, folds)
         p_value = criterion.p_value(c, chosen)
         if p_value < criterion.alpha and criterion.matters(c, chosen):
             continue
-        unit = 1.0 if scaled else law(np.array([1.0 / largest]))[0]
+        own = site.make.unit(c.structure)
+        unit = 1.0 if scaled else law(np.array([1.0 / (own * largest)]))[0]
         unit /= np.abs(law(knots / scale)).max()
         _, result = c.structure.fitted(records, slices)
-        (weight,) = (own for own in result.params if _is_weight(own, tree))
+        names = list(result.params)
+        weight = names[site.weights(names, tree)[0]]
         rows.append(
             {
                 "law": name,
                 "formula": formula,
                 "c": float(unit * result.params[weight]),
                 "c_std": float(unit * result.params_std[weight]),
-                "s": scale if scaled else np.nan,
+                "s": own * scale if scaled else np.nan,
                 "error": c.error,
                 "p_value": float(p_value),
             }
@@ -409,11 +576,11 @@ def _laws(site, chosen, base, data, criterion):
 
 def curve_of(site, tree, result, rng):
     """Return the curve of the term with its simultaneous band, see :class:`Unknown`."""
-    term = term_of(tree)
-    seen = np.concatenate([term.arguments(r.u, r.dt)[0] for r in site.records])
+    term = site.make.part(tree)
+    seen = site.seen(term)
     v = np.linspace(*np.quantile(seen, _SEEN), _GRID)
     functions = term.functions(v)
-    at = [i for i, name in enumerate(result.params) if _is_weight(name, tree)]
+    at = site.weights(result.params, tree)
     covariance = None if result.covariance is None else result.covariance[np.ix_(at, at)]
     if covariance is None or not np.isfinite(covariance).all():
         half = np.full(_GRID, np.nan)
@@ -427,7 +594,7 @@ def curve_of(site, tree, result, rng):
     density = np.histogram(seen, edges)[0] / len(seen)
     return pd.DataFrame(
         {
-            "argument": v,
+            "argument": site.make.unit(tree) * v,
             "value": value,
             "low": value - half,
             "high": value + half,

@@ -347,7 +347,8 @@ def to_c(
         under the drive of the test.
     tolerance : float, default=None
         Error that the test allows in floating point, as a fraction of the range of the response; by
-        default as below. Single precision is refused where its error is larger.
+        default as below. Single precision is refused where its error is larger. Laws that need
+        double precision are written in single precision only if it is given.
 
     Returns
     -------
@@ -474,10 +475,10 @@ def program(
 
     stepper, dt = at_rest(u0)
     compiled_step = stepper.compiled_step
-    if dtype != "float64" and compiled_step.double_only:
+    if compiled_step.double_only and not (dtype == "float64" or (dtype == "float32" and tolerance)):
         raise ValueError(
-            f"The 'dtype' parameter of to_c must be 'float64' for {compiled_step.double_only}. "
-            f"Got {dtype!r} instead."
+            f"The 'dtype' parameter of to_c must be 'float64' for {compiled_step.double_only}, or "
+            f"'float32' with a 'tolerance'. Got {dtype!r} instead."
         )
     n_inputs = compiled_step.n_inputs or 1
     tuned = None

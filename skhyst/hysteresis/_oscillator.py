@@ -671,7 +671,7 @@ class OscillatorModel(ParametricModel):
         driven = [
             dataclasses.replace(r, u=r.u + feedback * (r.y - origin), before=None) for r in records
         ]
-        stage = refine(self, coupled, driven, self._roughly())
+        stage = refine(self, coupled, driven, self._roughly(), with_errors=False)
         share = feedback * stage.operator.gain
         if not share < 1.0:
             return [], stage.n_evaluations

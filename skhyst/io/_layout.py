@@ -37,7 +37,7 @@ _SPELLED = {  # as instruments write them
     "newton": "N",
     "sequence": "",  # the number of the row
 }
-_UNITS_OF = re.compile(r"(vertical|y_?)[ _]?units?([ _]label)?", re.IGNORECASE)
+_UNITS_OF = re.compile(r"((vertical|y_?)[ _]?)?units?([ _]label)?", re.IGNORECASE)
 _UNIT_OF_TIME = re.compile(r"(horizontal|x_?)[ _]?units?([ _]label)?", re.IGNORECASE)
 _NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 _INTERVAL = re.compile(r"sample[ _]interval|sampling[ _]interval|delta_x|t_?inc|increment", re.I)

@@ -223,6 +223,23 @@ class LinearOperator(HeldInput):
             self._memory[dt] = (*discretize(a, b, dt, self.hold), c, float(d))
         return self._memory[dt]
 
+    def rate_row(self):
+        """Return the row C A that gives the rate of the output where C B = D = 0.
+
+        Returns
+        -------
+        row : ndarray of shape (n_states,)
+            Of the states.
+        tangents : ndarray of shape (n_parameters, n_states)
+            Its derivatives, in the order of :meth:`pack`.
+        """
+        if "rate" not in self._memory:
+            a, _, c, _ = self._stepped()
+            row = np.einsum("pi,pij->pj", c, a)
+            parts = row[0].real, row.imag / _STEP
+            self._memory["rate"] = [np.ascontiguousarray(part) for part in parts]
+        return self._memory["rate"]
+
     def _stepped(self):
         """Return A, B, C, D for a complex step in each parameter, (n_parameters, ...) each."""
         values = self.pack()

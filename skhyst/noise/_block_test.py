@@ -16,6 +16,8 @@ References
 import numpy as np
 from scipy.stats import t as student
 
+_WINDOW = 5  # lags: the larger of 5 and sqrt(log10(n)) [1]_, which 10^25 samples would exceed
+
 
 def block_p_value(total, chances):
     """Return the p-value of a total under the hypothesis that its series has a mean of zero.
@@ -62,9 +64,8 @@ def block_length(series):
     rho = covariance / covariance[0]
     # the smallest lag after which a window of autocorrelations is insignificant
     within = np.abs(rho[1:]) < 2.0 * np.sqrt(np.log10(n) / n)
-    window = max(5, int(np.ceil(np.sqrt(np.log10(n)))))
-    within = np.append(within, np.ones(window, dtype=bool))  # lags beyond the longest count as zero
-    m = int(np.argmax(np.convolve(within, np.ones(window), mode="valid") >= window))
+    within = np.append(within, np.ones(_WINDOW, dtype=bool))  # lags beyond count as zero
+    m = int(np.argmax(np.convolve(within, np.ones(_WINDOW), mode="valid") >= _WINDOW))
     lags = np.arange(min(2 * m, size) + 1)
     taper = np.clip(2.0 * (1.0 - lags / max(2 * m, 1)), 0.0, 1.0)  # flat, then falling to zero
     own = taper * rho[: len(lags)]

@@ -82,7 +82,7 @@ class NoiseModel:
         """Weights of the past samples, the last one first, that predict the next."""
         n = 8 * _MEMORY  # fine enough for these lags
         power = self.spectrum(np.arange(0.5, n) / (2 * n))
-        correlations = dct(power)[: _MEMORY + 1] / (2 * n)
+        correlations = dct(power)[: _MEMORY + 1]  # up to a factor
         return solve_toeplitz(correlations[:-1], correlations[1:])
 
     def correlation_length(self, n_samples):
@@ -184,7 +184,7 @@ def fit_noise(series, readings=()):
     if not power > 0.0:
         return NoiseModel("white", 0.0, quantisation=step)
     bins = _binned(series, power)
-    count = sum(map(len, series)) - len(series)
+    count = bins[-1].sum()
     best = "white", 0.0, 0.0
     least = _deviance(*bins, *best)
     for law, largest in (("autoregressive", 1.0), ("power_law", STEEPEST)):
@@ -192,8 +192,9 @@ def fit_noise(series, readings=()):
         start = min(starts, key=lambda x, law=law: _deviance(*bins, law, *x))
         bounds = [(0.0, largest * (1.0 - 1.0 / count)), (0.0, 1.0)]
         found = minimize(lambda x, law=law: _deviance(*bins, law, *x) / count, start, bounds=bounds)
-        if count * found.fun + 2.0 * np.log(count) < least:
-            best, least = (law, *map(float, found.x)), count * found.fun + 2.0 * np.log(count)
+        deviance = count * found.fun + 2.0 * np.log(count)
+        if deviance < least:
+            best, least = (law, *map(float, found.x)), deviance
     model = NoiseModel(best[0], size, *best[1:], quantisation=step)
     innovations = np.concatenate(model.innovations(series))
     usual = norm.isf(0.5 / count) * np.median(np.abs(innovations)) / norm.ppf(0.75)
@@ -237,9 +238,7 @@ def _binned(series, power):
 
 
 def _deviance(frequency, powers, counts, law, coefficient, share):
-    """Return minus twice Whittle's log likelihood, the variance at its best."""
+    """Return minus twice Whittle's log likelihood up to a constant, the variance at its best."""
     spectrum = _spectrum(law, frequency, coefficient, share, counts)
-    if not np.all(spectrum > 0.0):
-        return np.inf
     mean = np.average(powers / spectrum, weights=counts)
-    return counts.sum() * (np.log(mean) + 1.0) + counts @ np.log(spectrum)
+    return counts.sum() * np.log(mean) + counts @ np.log(spectrum)

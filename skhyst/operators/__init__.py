@@ -36,9 +36,11 @@ from ._edits import series_stages as series_stages
 from ._edits import stage_values as stage_values
 from ._edits import with_series_stages as with_series_stages
 from ._edits import with_stage_values as with_stage_values
+from ._feedback import FEEDBACK_ARGUMENTS as FEEDBACK_ARGUMENTS
 from ._feedback import FeedbackOperator
+from ._feedback import has_velocity as has_velocity
 from ._held_input import HeldInput as HeldInput
-from ._held_input import finer_factor as finer_factor
+from ._held_input import is_straight as is_straight
 from ._linear_inverse import InverseLinearOperator
 from ._linear_inverse import in_weights as in_weights
 from ._linear_inverse import preview_step as preview_step

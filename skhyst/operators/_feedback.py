@@ -7,19 +7,24 @@ With a linear operator G of the static gain g, and a memoryless curve s,
 So q, in units of the drive, is the response of G with unit gain, and at rest ``s(q) = u``: for a
 mass on a spring, s is the characteristic of the spring. The curve that is the identity leaves G
 alone. (Schoukens and Tóth, *IFAC-PapersOnLine*, 2020, call it NL-LFR; the curve acts on the output
-here, and its force adds to the drive.)
+here, and its force adds to the drive.) Or the force depends on the velocity,
+
+    w = G[u - f(q')],    f = s,
+
+for a G of ``C B = D = 0``, whose velocity ``w' = C A x`` does not jump with the drive.
 
 Over a substep h drive and force are straight lines, for which G is solved exactly:
 
     x1 = Ad x0 + B0 (u0 - f0) + B1 (u1 - f1),    w1 = C x1 + D (u1 - f1).
 
-The force f1 acts on w1 at once, by ``b = C B1 + D``, so w1 is the root of the scalar equation
+Let z be w, or w', and E its row of the states, C or C A. The force f1 acts on z1 at once, by
+``b = E B1 + D``, so z1 is the root of the scalar equation
 
-    w1 + b f(w1 / g) = r,    r = C (Ad x0 + B0 (u0 - f0) + B1 u1) + D u1,
+    z1 + b f(z1 / g) = r,    r = E (Ad x0 + B0 (u0 - f0) + B1 u1) + D u1,
 
 which has one where ``1 + b f' / g > 0``: always for short substeps, since b goes to D with h, and a
 loop without delay is well posed for the same D. It is found by the secant method from the fixed
-point ``w1 = r - b f1``, in at most 30 trials. The scheme is of second order, exact for f = 0.
+point ``z1 = r - b f1``, in at most 30 trials. The scheme is of second order, exact for f = 0.
 Tangents follow from the same equations, linear in the tangents: the derivatives of a root need no
 trials.
 """
@@ -37,6 +42,7 @@ from ._held_input import HeldInput
 from ._protocol import as_signal
 from ._root_inverse import RootInverseOperator
 
+FEEDBACK_ARGUMENTS = ("displacement", "velocity")
 _TRIALS = 30  # of the secant method, which needs two to five
 _ROUNDING = 1e-15
 _LARGEST = 1e60  # response of a run that has diverged: all that follow are NaN, no square overflows
@@ -53,12 +59,12 @@ def feedback_step(u, c, s):
     """Return the response; ``c`` is that of :meth:`FeedbackOperator._constants`, then the curve's.
 
     ``s`` are the states, the last force, the last drive, a mark that is zero before the first
-    sample of a start from zero, workspace for the states, and q of each instant of the sample.
+    sample of a start from zero, workspace for the states, and z / g of each instant of the sample.
     """
     ad, b0, b1, output, d, gain, intercept = c[0], c[1], c[2], c[3], c[4], c[5], c[6]
-    n_substeps, is_held = int(c[7]), c[8]
+    n_substeps, is_held, sensed, passed = int(c[7]), c[8], c[9], c[10]
     n = output.size
-    before, w = s[n + 1], 0.0
+    before = s[n + 1]
     first = 0 if s[n + 2] > 0.0 else n_substeps
     last = n_substeps + 1 if is_held > 0.0 or first > 0 else n_substeps
     for i in range(first, last):
@@ -75,36 +81,39 @@ def feedback_step(u, c, s):
                 s[n + 3 + j] = value
             for j in range(n):
                 s[j] = s[n + 3 + j]
-                b += output[j] * b1[j]
+                b += sensed[j] * b1[j]
         for j in range(n):
-            r += output[j] * s[j]
+            r += sensed[j] * s[j]
         r += d * stop
         f = s[n]
-        w = r - b * f
-        f = step(w / gain, c[9:], s) - w / gain
-        error = w + b * f - r
+        z = r - b * f
+        f = step(z / gain, c[11:], s) - passed * z / gain
+        error = z + b * f - r
         old, older = r, b * f
         for _ in range(_TRIALS):
-            if not abs(error) > _ROUNDING * (abs(w) + abs(r)):  # as it is of NaN
+            if not abs(error) > _ROUNDING * (abs(z) + abs(r)):  # as it is of NaN
                 break
-            slope = (error - older) / (w - old) if w != old else 1.0
-            old, older = w, error
-            w -= error / slope if slope > _LEAST_SLOPE else error
-            f = step(w / gain, c[9:], s) - w / gain
-            error = w + b * f - r
-        if not abs(w) <= _LARGEST:
-            w = f = math.nan
+            slope = (error - older) / (z - old) if z != old else 1.0
+            old, older = z, error
+            z -= error / slope if slope > _LEAST_SLOPE else error
+            f = step(z / gain, c[11:], s) - passed * z / gain
+            error = z + b * f - r
+        if not abs(z) <= _LARGEST:
+            z = f = math.nan
         if i < n_substeps:
             for j in range(n):
                 s[j] -= b1[j] * f
         s[n] = f
-        s[2 * n + 3 + i] = w / gain
+        s[2 * n + 3 + i] = z / gain
     s[n + 1], s[n + 2] = u, 1.0
+    w = d * (u - s[n])
+    for j in range(n):
+        w += output[j] * s[j]
     return w + intercept
 
 
 def trace(u, c, s, y, q):
-    """Write the response to ``y`` (n_samples,), q of all instants to ``q`` (n_samples, n)."""
+    """Write the response to ``y`` (n_samples,), z / g of all instants to ``q`` (n_samples, n)."""
     for k in range(len(u)):
         y[k] = step(u[k], c, s)
         for i in range(q.shape[1]):
@@ -123,16 +132,17 @@ def _trace(law):
 
 @jit
 def _tangents(
-    moving, resting, output, d, gain, at_gain, by_output, by_d, n_substeps, is_held, begun, u, du,
-    before, dbefore, q, force, slope, own, x, dx, f, df, dy,
+    moving, resting, output, sensed, d, gain, at_gain, by_output, by_sensed, by_d, n_substeps,
+    is_held, begun, u, du, before, dbefore, q, force, slope, own, x, dx, f, df, dy,
 ):  # fmt: skip
     """Write the tangents (n_samples, m + p + n_own) of w to ``dy``.
 
     The m are those of the drive, the p by the parameters of the linear part, the number of whose
     gain is ``at_gain``, the n_own by those of the curve. ``moving`` is (Ad, B0, B1) and their
-    derivatives, ``resting`` the same of no time at all. ``q``, the force f there, its slope and its
-    derivatives ``own`` are those of each instant, (n_samples, n_substeps + 1, ...). ``x``, ``dx``,
-    ``f`` and ``df`` are states, force and their tangents before the first sample; all change.
+    derivatives, ``resting`` the same of no time at all. ``q`` is z / g; it, the force f there, its
+    slope and its derivatives ``own`` are those of each instant, (n_samples, n_substeps + 1, ...).
+    ``x``, ``dx``, ``f`` and ``df`` are states, force and their tangents before the first sample;
+    all change.
     """
     n, m, p = output.size, du.shape[1], by_d.size
     free, dfree = np.empty(n), np.empty(n)
@@ -152,7 +162,7 @@ def _tangents(
                 for h in range(n):
                     total += ad[j, h] * x[h]
                 free[j] = total
-                b += output[j] * b1[j]
+                b += sensed[j] * b1[j]
             f, bend = force[k, i], slope[k, i]
             inverse = 1.0 / (1.0 + b * bend / gain)
             for z in range(m + p + own.shape[2]):
@@ -170,10 +180,10 @@ def _tangents(
                         total += by_b0[a, j] * v + by_b1[a, j] * stop
                         for h in range(n):
                             total += by_ad[a, j, h] * x[h]
-                        dr += by_output[a, j] * free[j]
-                        db += by_output[a, j] * b1[j] + output[j] * by_b1[a, j]
+                        dr += by_sensed[a, j] * free[j]
+                        db += by_sensed[a, j] * b1[j] + sensed[j] * by_b1[a, j]
                     dfree[j] = total
-                    dr += output[j] * total
+                    dr += sensed[j] * total
                 if is_linear:
                     dr += by_d[a] * stop
                     db += by_d[a]
@@ -181,18 +191,33 @@ def _tangents(
                         by_force = -bend * q[k, i] / gain
                 elif a >= p:
                     by_force = own[k, i, a - p]
-                dw = inverse * (dr - db * f - b * by_force)
-                df[z] = bend * dw / gain + by_force
+                moved = inverse * (dr - db * f - b * by_force)
+                df[z] = bend * moved / gain + by_force
                 for j in range(n):
                     dx[j, z] = dfree[j] - b1[j] * df[z]
                     if is_linear:
                         dx[j, z] -= by_b1[a, j] * f
-                dy[k, z] = dw
             for j in range(n):
                 x[j] = free[j] - b1[j] * f
         begun, before = True, u[k]
-        for z in range(m):
-            dbefore[z] = du[k, z]
+        for z in range(m + p + own.shape[2]):
+            dw = -d * df[z]
+            for j in range(n):
+                dw += output[j] * dx[j, z]
+            if z < m:
+                dbefore[z] = du[k, z]
+                dw += d * du[k, z]
+            elif z < m + p:
+                dw += by_d[z - m] * (u[k] - f)
+                for j in range(n):
+                    dw += by_output[z - m, j] * x[j]
+            dy[k, z] = dw
+
+
+def has_velocity(linear):
+    """Whether the velocity of a linear operator does not jump with the drive: C B = D = 0."""
+    _, b, c, d = linear.state_space()
+    return d == 0.0 and abs(c @ b) <= _ROUNDING * (np.abs(c) @ np.abs(b))
 
 
 @dataclass(frozen=True)
@@ -209,11 +234,15 @@ class FeedbackOperator(_Composition, HeldInput):
         has a compiled step.
     n_substeps : int, default=8
         Integration steps per sampling interval, above 0. Fixed structure.
+    argument : {"displacement", "velocity"}, default="displacement"
+        What the curve is a function of: q, or its velocity in units of the drive per s. Fixed
+        structure.
 
     Raises
     ------
     ValueError
-        If there are not two such stages, or ``n_substeps`` is not above 0.
+        If there are not two such stages, ``n_substeps`` is not above 0, ``argument`` none of these,
+        or the velocity of the linear part jumps with the drive.
 
     Examples
     --------
@@ -232,6 +261,7 @@ class FeedbackOperator(_Composition, HeldInput):
     """
 
     n_substeps: int = 8
+    argument: str = "displacement"
 
     structure_of = "Feedback"
     signal_linear = False
@@ -248,6 +278,14 @@ class FeedbackOperator(_Composition, HeldInput):
         is_right = is_right and all(hasattr(self.linear, name) for name in ("discrete", "hold"))
         self._require("stages", is_right, "be linear dynamics and a memoryless curve")
         self._require("stages", self.linear.gain != 0.0, "have a static gain other than zero")
+        wanted = " or ".join(map(repr, FEEDBACK_ARGUMENTS))
+        self._require("argument", self.argument in FEEDBACK_ARGUMENTS, f"be {wanted}")
+        is_smooth = not self._of_velocity or has_velocity(self.linear)
+        self._require("stages", is_smooth, "have a velocity that does not jump with the drive")
+
+    @property
+    def _of_velocity(self):
+        return self.argument == "velocity"
 
     @property
     def linear(self):
@@ -295,7 +333,11 @@ class FeedbackOperator(_Composition, HeldInput):
     def _constants(self, dt):
         system = self._straight().discrete(dt / self.n_substeps)
         own = self.linear.gain, self.linear.intercept, self.n_substeps, self.linear.hold == "zoh"
-        return *system, *map(float, own)
+        return *system, *map(float, own), self._sensed(system[3]), float(not self._of_velocity)
+
+    def _sensed(self, output):
+        """Return the row of the states that gives z."""
+        return self._straight().rate_row()[0] if self._of_velocity else output
 
     def poles_at(self, response):
         """Return the poles of small motions about a rest.
@@ -311,14 +353,16 @@ class FeedbackOperator(_Composition, HeldInput):
             In rad/s.
         """
         q = (response - self.linear.intercept) / self.linear.gain
-        _, slope, _ = self._force(np.array([q]))
+        _, slope, _ = self._force(np.array([0.0 if self._of_velocity else q]))
         a, b, c, d = self.linear.state_space()
-        share = slope[0] / self.linear.gain
+        c, share = self._sensed(c), slope[0] / self.linear.gain
         return np.linalg.eigvals(a - np.outer(b, c) * (share / (1.0 + d * share)))
 
     def _rest(self, u0):
         """Return q at rest, by Newton's method, or by bisection where that does not get there."""
         q = u0 = float(u0)
+        if self._of_velocity:
+            return u0 - float(self._force(np.zeros(1))[0][0])
         for _ in range(_TRIALS):
             (force,), (slope,), _ = self._force(np.array([q]))
             error = q + force - u0
@@ -329,10 +373,38 @@ class FeedbackOperator(_Composition, HeldInput):
             q -= error / (1.0 + slope)
         return float(RootInverseOperator(self.curve).init(u0)[0])
 
-    def _force(self, q):
+    def _force(self, z):
         """Return the force f, its slope and its derivatives by the entries of the curve."""
-        y, by = self.curve.sensitivities(q, np.ones((len(q), 1)), 1.0)
-        return y - q, by[:, 0] - 1.0, by[:, 1:]
+        y, by = self.curve.sensitivities(z, np.ones((len(z), 1)), 1.0)
+        passed = float(not self._of_velocity)
+        return y - passed * z, by[:, 0] - passed, by[:, 1:]
+
+    def arguments(self, u, dt):
+        """Return what the curve is a function of, from rest.
+
+        Parameters
+        ----------
+        u : ndarray of shape (n_samples,)
+            Drive.
+        dt : float
+            Sampling interval in s.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+            Units of the drive, of a velocity per s.
+        """
+        if not self.causal:  # as straight between its samples
+            return self._finer(1).arguments(u, dt)
+        last = self.n_substeps - (self.linear.hold != "zoh")
+        return self._traced(as_signal(u), dt, self.init(u[0]))[1][:, last]
+
+    def _traced(self, u, dt, state):
+        """Return the response, and z / g of each instant of each sample."""
+        law = self.compiled_step(dt, state)
+        y, z = np.empty(len(u)), np.zeros((len(u), self.n_substeps + 1))
+        _trace(law.step)(u, law.constants, law.state.copy(), y, z)
+        return y, z
 
     def init(self, u0, initial_state="rest"):
         if initial_state == "zero":
@@ -356,20 +428,21 @@ class FeedbackOperator(_Composition, HeldInput):
     def sensitivities(self, u, du, dt, initial_state="rest"):
         u, du = as_signal(u), as_signal(du)
         (x, f, before, begun), h = self.init(u[0], initial_state), dt / self.n_substeps
-        compiled_step, n_samples, m = self.compiled_step(dt, (x, f, before, begun)), *du.shape
-        y, q = np.empty(n_samples), np.zeros((n_samples, self.n_substeps + 1))
-        _trace(compiled_step.step)(u, compiled_step.constants, compiled_step.state.copy(), y, q)
+        n_samples, m = du.shape
+        y, q = self._traced(u, dt, (x, f, before, begun))
         force, slope, own = self._force(q.ravel())
         straight = self._straight()
         ad, b0, b1, output, d = straight.discrete(h)
         *by_moving, by_output, by_d, by_rest = straight._discrete_tangents(h)
+        sensed, by_sensed = straight.rate_row() if self._of_velocity else (output, by_output)
         n, p = len(x), len(by_d)
         none = [np.eye(n), np.zeros(n), np.zeros(n), *map(np.zeros_like, by_moving)]
         names = [name for name, _ in self.linear.entries()]
         dx, df, dbefore = np.zeros((n, m + self.n_parameters)), np.zeros(m + self.n_parameters), 0.0
         if begun:
-            q0 = np.array([before - f])
-            _, (bend,), (by_curve,) = self._force(q0)
+            q0 = before - f
+            _, (bend,), (by_curve,) = self._force(np.array([0.0 if self._of_velocity else q0]))
+            bend = 0.0 if self._of_velocity else bend
             dbefore = du[0]
             share = 1.0 / (1.0 + bend) if 1.0 + bend > 0.0 else 0.0  # a flat curve holds no place
             dq = share * np.concatenate([dbefore, np.zeros(p), -by_curve])
@@ -379,10 +452,11 @@ class FeedbackOperator(_Composition, HeldInput):
         dy = np.empty((n_samples, m + self.n_parameters))
         shape = n_samples, self.n_substeps + 1
         _tangents(
-            (ad, b0, b1, *by_moving), tuple(none), output, d, float(self.linear.gain),
-            names.index("gain"), by_output, by_d, self.n_substeps, self.linear.hold == "zoh", begun,
-            u, du, before, dbefore + np.zeros(m), q, force.reshape(shape), slope.reshape(shape),
-            own.reshape(*shape, -1), x.copy(), dx, f, df, dy,
+            (ad, b0, b1, *by_moving), tuple(none), output, sensed, d, float(self.linear.gain),
+            names.index("gain"), by_output, by_sensed, by_d, self.n_substeps,
+            self.linear.hold == "zoh", begun, u, du, before, dbefore + np.zeros(m), q,
+            force.reshape(shape), slope.reshape(shape), own.reshape(*shape, -1), x.copy(), dx, f,
+            df, dy,
         )  # fmt: skip
         dy[:, m + names.index("intercept")] = 1.0
         diverged = ~(np.abs(dy).max(axis=1, initial=0.0) <= _STEEPEST)

@@ -11,15 +11,13 @@ with a Kaiser window w that reaches over 32 samples to either side: to 1e-4 for 
 of half the sampling rate (Kaiser, *IEEE International Symposium on Circuits and Systems*, 1974).
 Beyond its ends a record goes on as its reflection in the point at the end, which keeps value and
 slope; what the truth departs from that reaches as far as the window. The operator is then run with
-a straight line between finer samples. A straight line between samples weakens content at the
-frequency f, in cycles per sample, by ``sinc(f)^2``; the factor between the intervals is the least
-power of two for which what is missing of the drive's spectrum is 1e-3 of its standard deviation, 16
-at most, where it is 3e-3 at half the sampling rate. A linear operator takes 16 whatever the drive,
-so that it is linear in the signal.
+a straight line between 16 times as many samples. That weakens content at the frequency f, in cycles
+per finer sample, by ``sinc(f)^2``: by 3e-3 at half the sampling rate. The factor is the same for
+any drive, so that what a record does depends on no spectrum of what came before it.
 """
 
 from dataclasses import replace
-from functools import cached_property, wraps
+from functools import cache, cached_property, wraps
 
 import numpy as np
 from scipy.signal import upfirdn
@@ -30,56 +28,58 @@ from ._protocol import Operator
 BANDLIMITED = "bandlimited"
 _REACH = 32  # samples to either side that a value between two samples is read from
 _SHAPE = 7.86  # of the window, for 80 dB: 0.1102 (80 - 8.7)
+_FACTOR = 16  # finer samples per sample
 _ENOUGH = 1e-3  # of the standard deviation of the drive, that straight lines may miss
-_FACTORS = (1, 2, 4, 8, 16)
 
 
-def finer_factor(u):
-    """Return how many times as many samples a band-limited input needs for straight lines.
+def is_straight(u):
+    """Whether straight lines between the samples are as good as a band-limited signal.
 
     Parameters
     ----------
     u : ndarray of shape (n_samples,) or (n_samples, n_inputs)
-        Input.
+        Signal.
 
     Returns
     -------
-    int
+    bool
+        Whether what they miss of its spectrum is 1e-3 of its standard deviation or less.
     """
     u = np.reshape(u, (len(u), -1))
     u = (u - u.mean(axis=0)) / np.maximum(np.abs(u).max(axis=0, initial=0.0), np.finfo(float).tiny)
     power = np.square(np.abs(np.fft.rfft(u * np.hanning(len(u))[:, None], axis=0)))
-    frequency = np.fft.rfftfreq(len(u))
-    for factor in _FACTORS[:-1]:
-        missing = np.square(1.0 - np.sinc(frequency / factor) ** 2)
-        if np.all(missing @ power <= _ENOUGH**2 * power.sum(axis=0)):
-            return factor
-    return _FACTORS[-1]
+    missing = np.square(1.0 - np.sinc(np.fft.rfftfreq(len(u))) ** 2)
+    return bool(np.all(missing @ power <= _ENOUGH**2 * power.sum(axis=0)))
 
 
-def finer_samples(u, factor):
-    """Return a band-limited signal at ``factor`` times as many samples, from first to last.
+def finer_samples(u):
+    """Return a band-limited signal at 16 times as many samples, from first to last.
 
     Parameters
     ----------
     u : ndarray of shape (n_samples,) or (n_samples, m)
         Signal.
-    factor : int
 
     Returns
     -------
-    ndarray of shape (1 + factor (n_samples - 1),) or (1 + factor (n_samples - 1), m)
+    ndarray of shape (1 + 16 (n_samples - 1),) or (1 + 16 (n_samples - 1), m)
     """
-    n, around = 1 + factor * (len(u) - 1), ((_REACH, _REACH), *((0, 0),) * (u.ndim - 1))
-    if factor == 1 or not u.size:
-        return np.empty((n, *u.shape[1:])) if factor > 1 else u
+    n, around = 1 + _FACTOR * (len(u) - 1), ((_REACH, _REACH), *((0, 0),) * (u.ndim - 1))
+    if not u.size:
+        return np.empty((n, *u.shape[1:]))
     padded = np.pad(u, around, mode="reflect", reflect_type="odd")
-    places = np.arange(-_REACH * factor, _REACH * factor + 1)
-    weights = np.sinc(places / factor) * kaiser(len(places), _SHAPE)
-    for phase in range(factor):  # so that a constant stays one
-        weights[phase::factor] /= weights[phase::factor].sum()
-    begin = 2 * _REACH * factor
-    return np.ascontiguousarray(upfirdn(weights, padded, up=factor, axis=0)[begin : begin + n])
+    begin = 2 * _REACH * _FACTOR
+    return np.ascontiguousarray(upfirdn(_weights(), padded, up=_FACTOR, axis=0)[begin : begin + n])
+
+
+@cache
+def _weights():
+    """Return those that a finer sample is read with."""
+    places = np.arange(-_REACH * _FACTOR, _REACH * _FACTOR + 1)
+    weights = np.sinc(places / _FACTOR) * kaiser(len(places), _SHAPE)
+    for phase in range(_FACTOR):  # so that a constant stays one
+        weights[phase::_FACTOR] /= weights[phase::_FACTOR].sum()
+    return weights
 
 
 class HeldInput(Operator):
@@ -114,9 +114,6 @@ class HeldInput(Operator):
     def __getstate__(self):
         return {k: v for k, v in self.__dict__.items() if k != "_memory"}
 
-    def _factor(self, u):
-        return _FACTORS[-1] if self.signal_linear else finer_factor(u)
-
     def _finer(self, factor):
         """Return the operator of an input that is straight between finer samples."""
         n = getattr(self, "n_substeps", None)
@@ -147,26 +144,23 @@ def _run(self, u, dt, state=None):
     if not len(u):
         return np.empty(0), (inner, past)
     whole = np.concatenate([past, u])
-    factor = self._factor(whole)
-    begin = max(factor * (len(past) - 1) + 1, 0)
-    y, inner = self._finer(factor).run(finer_samples(whole, factor)[begin:], dt / factor, inner)
-    first = factor - 1 if len(past) else 0
-    return np.ascontiguousarray(y[first::factor]), (inner, whole[-_REACH:])
+    begin = max(_FACTOR * (len(past) - 1) + 1, 0)
+    y, inner = self._finer(_FACTOR).run(finer_samples(whole)[begin:], dt / _FACTOR, inner)
+    first = _FACTOR - 1 if len(past) else 0
+    return np.ascontiguousarray(y[first::_FACTOR]), (inner, whole[-_REACH:])
 
 
 def _sensitivities(self, u, du, dt, initial_state="rest"):
     u, du = np.asarray(u, dtype=float), np.asarray(du, dtype=float)
-    factor = self._factor(u)
-    signals = (finer_samples(signal, factor) for signal in (u, du))
-    y, dy = self._finer(factor).sensitivities(*signals, dt / factor, initial_state)
-    return np.ascontiguousarray(y[::factor]), np.ascontiguousarray(dy[::factor])
+    signals = (finer_samples(signal) for signal in (u, du))
+    y, dy = self._finer(_FACTOR).sensitivities(*signals, dt / _FACTOR, initial_state)
+    return np.ascontiguousarray(y[::_FACTOR]), np.ascontiguousarray(dy[::_FACTOR])
 
 
 def _by_start(self, u, dt, start):
     u = np.asarray(u, dtype=float)
-    factor = self._factor(u)
-    dy = self._finer(factor).by_start(finer_samples(u, factor), dt / factor, start)
-    return np.ascontiguousarray(dy[::factor])
+    dy = self._finer(_FACTOR).by_start(finer_samples(u), dt / _FACTOR, start)
+    return np.ascontiguousarray(dy[::_FACTOR])
 
 
 def _propagate(self, u, du, dt, initial_state="rest"):

@@ -8,11 +8,11 @@ least-squares problem of its own.
 
 The output is at best a piecewise smooth function of these values: plays that did not move do not
 depend on them. So the search starts from the best few among a rest and sections of the record's own
-drive, or from the best one if the values are known from a fit before. It alternates between steps
-in one value after the other, the oldest first, and a descent along the derivatives that the
-operator propagates from its input. Values that the record does not determine are kept at rest by a
-penalty: a change by the full range from one value to the next costs as much as the mean squared
-residual of a sample. Of several inputs each has such values.
+drive, or from the values that a fit before has found. It alternates between steps in one value
+after the other, the oldest first, and a descent by damped Gauss-Newton steps with the derivatives
+that the operator propagates from its input. Values that the record does not determine are kept at
+rest by a penalty: a change by the full range from one value to the next costs as much as the mean
+squared residual of a sample. Of several inputs each has such values.
 
 The parameters are identified first from the later half of each record, which depends least on its
 start. Then the values and the parameters are identified in turn; while the parameters are, the
@@ -20,27 +20,34 @@ response to a small change of the values is eliminated as an additive disturbanc
 
 Each loop goes on while the sum of squares falls by more than by chance: k values are expected to
 remove the fraction k / n of n samples of noise.
+
+Where the memory fades, most of a record does not depend on what came before it, nor any of it on
+what lies far back. Both are found first, from pasts at the limits, and are not simulated again:
+what all that is left out could change is a small part of the mean squared residual of a sample.
+Of a linear operator no search is needed: its derivatives give all residuals, and the least of them.
 """
 
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import least_squares
 
+from ._bounded_step import bounded_step
 from ._identify import identify
 from ._problem import OperatorProblem, ages, scheduled
 from ._start_values import estimate_start_values, start_values_of
+from ._variable_projection import variable_projection
 
 _THIRDS = 3.0 ** -np.arange(1, 5)  # of the limits: the range of the drive, to a few per cent of it
 _STEPS = np.outer(_THIRDS, (1.0, -1.0)).ravel()
-_DEPTH = 3  # evaluations per value of a descent: with one, one record of 30 misses its minimum
+_DEPTH, _ENOUGH = 3, 1e-5  # evaluations per value of a descent; gain of the step that ends it
 # of 25 records of plays, one start misses the minimum in 3, and three starts in none
 _STARTS = 3  # where no values are known
+_FADED = 1e-3  # of the mean squared residual of a sample: no choice between pasts depends on it
 _FAR = 1e10  # residual of a run that diverges, relative to the response
 
 
 def estimate_input_history(
-    operator, disturbances, records, *, fixed=(), method="variable_projection"
+    operator, disturbances, records, *, fixed=(), method="variable_projection", with_errors=True
 ):
     """Identify parameters and the drive before each record.
 
@@ -53,6 +60,8 @@ def estimate_input_history(
     fixed : collection of str, default=()
         Names of entries that are held.
     method : str or Method, default="variable_projection"
+    with_errors : bool, default=True
+        As of :func:`identify`.
 
     Returns
     -------
@@ -66,18 +75,19 @@ def estimate_input_history(
     count = _count(records)
     records = [r if _is_known(r, count) else replace(r, before=None) for r in records]
     start = [(operator, disturbances)]
-    best = identify(start, records, fixed=fixed, method=method)
+    how = {"fixed": fixed, "method": method, "with_errors": with_errors}
+    best = identify(start, records, **how)
     late = [
         replace(r, weights=r.counts() * (np.arange(len(r.u)) >= len(r.u) // 2)) for r in records
     ]
     chance = sum(_rest(r, count).size for r in records) / sum(r.counts().sum() for r in records)
-    rough = {"fixed": fixed, "method": method, "with_errors": False}
+    rough = how | {"with_errors": False}
     result, evaluations, gain = identify(start, late, **rough), 0, 1.0
     while gain > chance:
         operator, disturbances = result.operator, result.disturbances
         found, runs = input_history_of(operator, disturbances, records)
         trial = [replace(r, before=own) for r, own in zip(records, found, strict=True)]
-        result = identify([(operator, disturbances)], trial, fixed=fixed, method=method)
+        result = identify([(operator, disturbances)], trial, **how)
         evaluations += runs + result.n_evaluations
         gain = 1.0 - (result.error / best.error) ** 2 if best.error > 0.0 else 0.0
         if gain > 0.0:
@@ -148,14 +158,18 @@ def _history(problem, record, limits, count):
         return _rest(record, count), 0
     misfit = _Misfit(problem, record, low, size)
     starts = _starts(misfit, record, count)
-    left = np.array([misfit.cost(start) for start in starts])
-    misfit.hold(left.min())
+    if problem.operator.signal_linear:
+        return misfit.before(misfit.solved(np.array(starts))), misfit.runs
+    left = misfit.look_over(starts)
+    starts = [start[: misfit.n_values] for start in starts]
     # many pasts have the same residual: the penalty of their changes distinguishes them
     left += [np.square(misfit.changes(start)).sum() for start in starts]
     order = np.argsort(left)[: 1 if _is_known(record, count) else _STARTS]
     chance = len(starts[0]) / max(record.counts().sum(), 1.0)
     best, _ = min((_searched(misfit, starts[i], chance) for i in order), key=lambda own: own[1])
-    return misfit.before(best), misfit.runs
+    found = _rest(record, count)
+    found[: len(misfit.before(best))] = misfit.before(best)
+    return found, misfit.runs
 
 
 def _starts(misfit, record, count):
@@ -163,7 +177,7 @@ def _starts(misfit, record, count):
     back = ages(np.empty(count))
     starts = [_rest(record, count)]
     if _is_known(record, count):
-        starts.append(record.before)
+        return [misfit.relative(start) for start in (*starts, record.before)]
     # sections of its own drive, as many as there are steps in all values
     for now in np.linspace(back[-1], len(record.u), count * len(_STEPS)).astype(int):
         starts.append(record.u[np.clip(now - back, 0, len(record.u) - 1)])
@@ -178,6 +192,11 @@ def _searched(misfit, values, chance):
         values, least = misfit.descended(*misfit.stepped(values, least))
         if not least < (1.0 - chance) * before:
             return values, least
+
+
+def _at_the_limits(count):
+    """Return pasts at the limits of the inputs, relative to these: at one, the other, and both."""
+    return np.zeros(count), np.ones(count), np.arange(count) % 2.0, (np.arange(count) + 1) % 2.0
 
 
 class _Misfit:
@@ -198,7 +217,9 @@ class _Misfit:
         self._scale = np.linalg.norm(self._root * record.y) or 1.0
         self._last = self.relative(record.u[:1]).reshape(1, -1)
         self._stiffness = 0.0
-        self.runs = 0
+        self._settled, self._faded, self._part = None, 0.0, self._record
+        self.n_values, self.runs = 0, 0
+        self.scale = 1.0  # of the response, as a problem of least squares has it
 
     def relative(self, values):
         """Return inputs relative to the limits, within these."""
@@ -210,41 +231,111 @@ class _Misfit:
         own = self._low + self._size * values.reshape(-1, len(self._size))
         return own if self._record.u.ndim > 1 else own[:, 0]
 
-    def hold(self, least):
-        """Set the penalty of changes from value to value: the mean square of the residual."""
-        self._stiffness = np.sqrt(least / len(self._root))
+    def solved(self, starts):
+        """Return the values of least residual and penalty, of a linear operator.
+
+        The penalty is set as by :meth:`look_over`: from the least residual of the starts.
+        """
+        rest, n = starts[0], len(self._root)
+        columns = self._columns(rest)[:n]
+        left = columns[:, -1:] + columns[:, :-1] @ (starts - rest).T
+        self._stiffness = np.linalg.norm(left, axis=0).min() / np.sqrt(n)
+        gram = self._gram(columns, rest)
+        step = bounded_step(gram[:-1, :-1], gram[:-1, -1], -rest, 1.0 - rest)
+        return np.clip(rest + step, 0.0, 1.0)
+
+    def look_over(self, starts):
+        """Return the sums of squares of starts, without the penalty of changes, which is set.
+
+        That penalty is the mean square of the least residual. From then on as many values and as
+        much of the record are simulated as it depends on.
+        """
+        n_inputs, rest = len(self._size), starts[0]
+        ends = [np.repeat(own, n_inputs) for own in _at_the_limits(len(rest) // n_inputs)]
+        outputs = np.array([self._simulate(values) for values in (rest, *ends)])
+        with np.errstate(invalid="ignore"):  # runs that diverge
+            spread = np.ptp(outputs, axis=0)
+        after = np.cumsum(self._change(spread)[::-1])[::-1]
+        self._settled, left = outputs[0], [self._squares(outputs[0])]
+        self._cut(after, left)
+        left += [self._squares(self._simulate(start)) for start in starts[1:]]
+        self._cut(after, left)
+        kept = len(rest)
+        while kept > n_inputs and self._is_forgotten(rest, ends, kept - n_inputs):
+            kept -= n_inputs
+        self.n_values, self._stiffness = kept, np.sqrt(min(left) / len(self._root))
+        return np.array(left)
+
+    def _cut(self, after, left):
+        """Leave out the samples that pasts do not act on: ``after`` is what all could change."""
+        self._faded = _FADED * min(left) / len(self._root)
+        self._part = self._record.first_part(max(int(np.sum(after > self._faded)), 1))
+
+    def _is_forgotten(self, rest, ends, kept):
+        """Whether nothing noticeable depends on the values behind so many."""
+        rested = self._simulate(rest)
+        trials = [self._simulate(np.append(rest[:kept], own[kept:])) for own in ends]
+        return all(self._change(trial - rested).sum() <= self._faded for trial in trials)
+
+    def _change(self, part):
+        """Return the squares of a change of the output, relative to the response, weighted."""
+        return np.nan_to_num(np.square(part * self._root / self._scale), nan=_FAR, posinf=_FAR)
+
+    def _squares(self, output):
+        left = np.nan_to_num(self._left(output - self._record.y), nan=_FAR, posinf=_FAR)
+        return left @ left
+
+    def _simulate(self, values):
+        """Return the output of the record."""
+        self.runs += 1
+        return self._whole(self._problem.simulate(self._operator, self._begun(values)))
+
+    def _whole(self, output):
+        """Return the output with that of the samples that pasts do not act on."""
+        return output if self._settled is None else np.append(output, self._settled[len(output) :])
 
     def changes(self, values):
         """Return the penalties of the changes from value to value, as residuals."""
         own = values.reshape(-1, len(self._size))
         return self._stiffness * np.diff(own, axis=0, prepend=self._last).ravel()
 
-    def __call__(self, values):
-        record = self._begun(values)
-        left = self._left(self._problem.simulate(self._operator, record) - record.y)
-        return np.nan_to_num(np.concatenate([left, self.changes(values)]), nan=_FAR, posinf=_FAR)
-
     def _begun(self, values):
-        self.runs += 1
-        return replace(self._record, before=self.before(values))
+        """Return what depends on the inputs before the record, behind these."""
+        return replace(self._part, before=self.before(values))
 
     def _left(self, part):
         """Return columns relative to the response, weighted, with the disturbances eliminated."""
         part = (part.T * (self._root / self._scale)).T
         return part if self._basis is None else part - self._basis @ (self._basis.T @ part)
 
-    def _derivatives(self, values):
-        part = self._problem.carried(self._operator, self._begun(values))
-        count, n_inputs = len(values), len(self._size)
-        changes = self._stiffness * (np.eye(count) - np.eye(count, k=-n_inputs))
-        sizes = np.tile(self._size, count // n_inputs)
-        found = np.concatenate([self._left(sizes * part), changes])
-        return np.nan_to_num(found, posinf=0.0, neginf=0.0)
+    def _columns(self, values):
+        """Return the derivatives by the values and the residual, (n_samples, n_values + 1)."""
+        self.runs += 1
+        output, part = self._problem.carry(self._operator, self._begun(values))
+        columns = np.zeros((len(self._root), len(values) + 1))
+        columns[: len(part), :-1] = np.tile(self._size, len(values) // len(self._size)) * part
+        columns[:, -1] = self._whole(output) - self._record.y
+        return np.nan_to_num(self._left(columns), nan=_FAR, posinf=_FAR, neginf=-_FAR)
+
+    def _gram(self, columns, values):
+        """Return the Gram matrix of such columns, and below them of the changes."""
+        slopes = np.eye(len(values)) - np.eye(len(values), k=-len(self._size))
+        changes = np.column_stack([self._stiffness * slopes, self.changes(values)])
+        return columns.T @ columns + changes.T @ changes
+
+    def evaluate(self, values, select=None):
+        """Return the Gram matrix of the derivatives and the residual, as a problem does."""
+        return self._gram(self._columns(values), values)
+
+    @staticmethod
+    def total(gram, select=None):
+        """Return it as it is: there are no segments."""
+        return gram
 
     def cost(self, values):
         """Return the sum of squares."""
-        left = self(values)
-        return left @ left
+        changes = self.changes(values)
+        return self._squares(self._simulate(values)) + changes @ changes
 
     def stepped(self, values, least):
         """Return the best values after steps in one after the other, and the sum of squares."""
@@ -259,9 +350,9 @@ class _Misfit:
         return values, least
 
     def descended(self, values, least):
-        """Return the minimum that a trust-region search finds, and its sum of squares."""
-        inside = np.clip(values, 1e-6, 1.0 - 1e-6)
-        found = least_squares(
-            self, inside, jac=self._derivatives, bounds=(0.0, 1.0), max_nfev=_DEPTH * len(values)
-        )
-        return (found.x, 2.0 * found.cost) if 2.0 * found.cost < least else (values, least)
+        """Return the minimum that damped steps lead to, and its sum of squares."""
+        self.lower, self.upper = np.zeros((2, len(values))) + [[0.0], [1.0]]
+        self.linear = self.log = np.zeros(len(values), dtype=bool)
+        most = _DEPTH * len(values)
+        found = variable_projection(self, values, tolerance=_ENOUGH, max_evaluations=most)
+        return (found.x, found.cost) if found.cost < least else (values, least)

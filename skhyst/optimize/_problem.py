@@ -281,12 +281,17 @@ class OperatorProblem(Unknowns):
         """
         if operator.n_start:
             return scheduled(operator, record).by_start(record.u, record.dt, record.start)
+        return self.carry(operator, record)[1]
+
+    def carry(self, operator, record):
+        """Return the output and its derivatives by the drive before a record, (n, n_values)."""
         u, skip = record.with_history()
         du = np.zeros((*u.shape, np.size(record.before)))
         directions = np.eye(du.shape[-1]).reshape(-1, *np.shape(record.before))
         du[:skip] = np.moveaxis([path_of(own) for own in directions], 0, -1)
         operator = scheduled(operator, record)
-        return operator.propagate(u, du, record.dt, self.initial_state)[1][skip:]
+        y, dy = operator.propagate(u, du, record.dt, self.initial_state)
+        return y[skip:], dy[skip:]
 
     def outputs(self, operator, disturbances, coefficients):
         """Return the output of each record, with its row of the disturbances' coefficients."""

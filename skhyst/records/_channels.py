@@ -144,14 +144,13 @@ def are_exchanged(u, y, alpha=0.01):
 def lost_samples(u, y, alpha=0.001):
     """Return pairs (rows, number): before each of these rows so many samples are missing."""
     side, n = SIDE, len(u)
-    if n < 4 * side or not (np.ptp(u) > 0.0 and np.ptp(y) > 0.0):
+    if n < 8 * side or not (np.ptp(u) > 0.0 and np.ptp(y) > 0.0):
         return []
     drive, response = _Stretches(u, side), _Stretches(y, side)
     freedom = 2 * side - 4
-    rows = np.arange(2 * side, n - 2 * side + 1)
+    rows = np.arange(4 * side, n - 4 * side + 1)
     bound = fisher.isf(alpha / n, freedom, freedom)
     rows = rows[drive.residual(rows, 0) > bound * drive.residual_around(rows)]
-    rows = rows[(rows >= 4 * side) & (rows <= n - 4 * side)]
     if not rows.size:
         return []
     ratios = np.array([drive.ratio(rows, lost) for lost in range(2 * side + 1)])
@@ -178,7 +177,7 @@ class _Stretches:
     def __init__(self, signal, side):
         self.signal = (signal - signal.mean()) / np.ptp(signal)
         self.side = side
-        self.rounding = len(signal) * np.finfo(float).eps ** 2 * np.ptp(signal)
+        self.rounding = len(signal) * np.finfo(float).eps ** 2
 
     def residual(self, rows, lost, gap=0):
         """Return the residual sum of squares (n_rows,) supposing so many lost samples.
@@ -187,7 +186,7 @@ class _Stretches:
         """
         after = np.arange(2 * self.side) >= self.side
         around = np.arange(-self.side, self.side)
-        basis = np.linalg.qr(np.vander((around + lost * after) / self.side, 4))[0]
+        basis = np.linalg.qr(np.vander(around + lost * after, 4))[0]
         squares = np.empty(len(rows))
         for start in range(0, len(rows), _ENOUGH):  # all windows of a long record exceed memory
             own = slice(start, start + _ENOUGH)

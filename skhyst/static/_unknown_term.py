@@ -57,6 +57,8 @@ def unknown_term(u, c, s):
     elif kind == 2:
         v = min(max(s[0], u - half_gap), u + half_gap)
         s[0] = v
+    if math.isnan(v):  # of a run that has diverged: it is no place in the table
+        return v
     n = coefficients.size - 3
     t = min(max((v - low) / width, 0.0), float(n))
     i = min(math.floor(t), n - 1)
@@ -130,6 +132,11 @@ class UnknownTermOperator(Operator):
         super().__post_init__()
         self._require("high", self.low < self.high < np.inf, "be finite, and above 'low'")
         self._require("half_gap", self.half_gap >= 0.0, "not be negative")
+
+    @property
+    def memoryless(self):
+        """Whether it is a function of the input."""
+        return self.argument == "input"
 
     @property
     def at_once(self):
@@ -213,7 +220,7 @@ class UnknownTermOperator(Operator):
         """
         n = len(self.basis) - 3
         t = (v - self.low) / self.width
-        i = np.clip(np.floor(t), 0, n - 1).astype(int)
+        i = np.clip(np.floor(np.nan_to_num(t)), 0, n - 1).astype(int)
         x = np.clip(t, 0.0, n) - i
         if derivative:
             powers = [-3.0 * (1.0 - x) ** 2, 9.0 * x**2 - 12.0 * x]
@@ -372,7 +379,7 @@ class UnknownTerm(ParametricModel):
         return [smooth(operator, total, slice(0, len(total) - 1), n_samples)]
 
 
-def smooth(operator, gram, own, n_samples):
+def smooth(operator, gram, own, n_samples, independent=1.0):
     """Return a flexible operator with the smoothness of the restricted maximum likelihood.
 
     Parameters
@@ -385,6 +392,9 @@ def smooth(operator, gram, own, n_samples):
         Which columns of the Jacobian are those of the B-splines.
     n_samples : float
         How many samples it is a sum over.
+    independent : float, default=1.0
+        Number of independent samples that those are worth, relative to theirs: below 1 where the
+        noise is coloured.
 
     Returns
     -------
@@ -415,7 +425,7 @@ def smooth(operator, gram, own, n_samples):
         roughness, turned = eigh(axes.T @ bends.T @ bends @ axes, inner)
         axes = axes @ turned
         found, n_left = axes.T @ left[:-1, -1], n_samples - rest.size
-        penalty = _smoothing(roughness, found, left[-1, -1], n_left)
+        penalty = _smoothing(roughness, found, left[-1, -1], independent * n_left)
         kept = 1.0 / (1.0 + penalty) >= min(_LEAST, 1.0 / (1.0 + penalty.min()))
         basis, penalty = np.sqrt(n_samples) * axes[:, kept], penalty[kept]
     weights = np.zeros(basis.shape[1])
@@ -427,7 +437,7 @@ def _smoothing(roughness, found, power, n_samples):
 
     ``found`` are the least-squares coefficients of orthonormal functions, ``power`` the sum of
     squares that they are part of. With the penalty as a prior, each has the variance
-    ``s^2 (1 + 1 / (lambda d))``, the rest of the samples ``s^2``.
+    ``s^2 (1 + 1 / (lambda d))``, the rest of ``n_samples`` independent samples ``s^2``.
     """
     bent = roughness > 1e-9 * roughness.max(initial=0.0)
     if not bent.any():

@@ -15,7 +15,7 @@ from skhyst.linear import (
     TransferFunction,
     TransferFunctionOperator,
 )
-from skhyst.operators import FeedbackOperator
+from skhyst.operators import FEEDBACK_ARGUMENTS, FeedbackOperator
 from skhyst.optimize import VariableProjection
 from skhyst.static import DeadZoneOperator, DeadZones, PolynomialCurveOperator, SmoothCurve
 
@@ -47,21 +47,24 @@ def integrated(u, slope, order, fine=16):
     return found
 
 
-def error_of(n_substeps, u, expected):
+def error_of(n_substeps, u, expected, argument):
     linear = SecondOrderModeOperator(20.0, 0.2)
-    operator = FeedbackOperator(NAMES, (linear, CUBIC), n_substeps=n_substeps)
+    own = {"n_substeps": n_substeps, "argument": argument}
+    operator = FeedbackOperator(NAMES, (linear, CUBIC), **own)
     return np.std(operator.run(u, DT, operator.init(u[0], "zero"))[0] - expected)
 
 
-def test_the_scheme_is_of_second_order_and_that_of_an_own_integrator():
+@pytest.mark.parametrize("argument", FEEDBACK_ARGUMENTS)
+def test_the_scheme_is_of_second_order_and_that_of_an_own_integrator(argument):
     u = 0.4 * (drive(100) - drive(100)[0])
     curve = np.polynomial.Legendre([0.0, 2.0, 0.2, 0.6])  # scale P_1(z) is q itself
 
     def slope(x, v):
-        return np.array([x[1], 400.0 * (v - curve(x[0] / 2.0)) - 8.0 * x[1]])
+        force = curve(x[0] / 2.0) if argument == "displacement" else x[0] + curve(x[1] / 2.0)
+        return np.array([x[1], 400.0 * (v - force) - 8.0 * x[1]])
 
     expected = integrated(u, slope, 2)
-    errors = [error_of(n, u, expected) for n in (1, 2, 4)]
+    errors = [error_of(n, u, expected, argument) for n in (1, 2, 4)]
     assert errors[0] < 0.05 * np.std(expected)
     assert 3.5 < errors[0] / errors[1] < 4.5
     assert 3.5 < errors[1] / errors[2] < 4.5

@@ -3,11 +3,18 @@
 import numpy as np
 import pytest
 from numpy.polynomial.legendre import legvander
+from scipy.fft import idct
 
+from skhyst.diagnosis import _course
 from skhyst.diagnosis._course import course_p_value, course_p_values
 from skhyst.diagnosis._edits import Beside
 from skhyst.diagnosis._tree import Tree
-from skhyst.disturbance import Drift, DriftOperator, PeriodicDisturbance, SinusoidOperator
+from skhyst.disturbance import (
+    Drift,
+    DriftOperator,
+    PeriodicDisturbance,
+    SinusoidOperator,
+)
 from skhyst.linear import Gain, GainOperator, SecondOrderMode, SecondOrderModeOperator
 from skhyst.optimize import RecordData
 
@@ -84,3 +91,77 @@ def test_a_constant_is_an_offset_and_no_drift():
             records.append(RecordData(u, y, 0.01))
         (p_value,) = course_p_values(tree, records).values()
         assert (p_value < 1e-4) == is_drift
+
+
+def cosines(*numbers, n=1000):
+    """Return columns of the discrete cosine transform: each is all that its frequency has."""
+    return idct(np.eye(n)[:, list(numbers)], axis=0, norm="ortho")
+
+
+def test_frequencies_within_a_decade_tell_the_spectrum():
+    """Of columns from 20 to 50 those from 2 to 500; what others have makes no difference."""
+    basis, own = cosines(20, 50), np.arange(2)
+    rest = np.random.default_rng(0).normal(size=1000)
+    p_value = course_p_value([rest], [basis], own)
+    for number, counts in ((1, False), (3, True), (30, True), (490, True), (510, False)):
+        (line,) = cosines(number).T
+        changed = course_p_value([rest + 30.0 * line], [basis], own)
+        assert (changed != pytest.approx(p_value, rel=1e-9)) == counts, number
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1e9])
+def test_a_course_has_no_unit(unit):
+    rng = np.random.default_rng(1)
+    courses = [rng.normal(size=500) + 3.0 * cosines(20, n=500)[:, 0] for _ in range(2)]
+    bases, own = [cosines(20, n=500)] * 2, np.arange(1)
+    echoes = [[np.convolve(rng.normal(size=500), np.ones(9), "same") for _ in range(2)]] * 20
+    p_value = course_p_value(courses, bases, own, echoes)
+    assert 1e-9 < p_value < 0.5
+    scaled = [[unit * part for part in echo] for echo in echoes]
+    found = course_p_value([unit * course for course in courses], bases, own, scaled)
+    assert found == pytest.approx(p_value, rel=1e-3)
+    silent = [[0.0 * part for part in echo] for echo in echoes]
+    assert course_p_value(courses, bases, own, silent) == course_p_value(courses, bases, own)
+
+
+def test_noise_that_the_plant_makes_of_the_drive_is_no_line():
+    """A band around it, as a mode makes of white noise, is told from a line by its echo."""
+    rng = np.random.default_rng(2)
+    band = (np.abs(np.arange(1000) - 50.0) < 6.0) * 20.0
+
+    def rung():
+        return idct(band * rng.normal(size=1000), norm="ortho")
+
+    typical = cosines(*np.flatnonzero(band)) @ rng.choice([-20.0, 20.0], np.count_nonzero(band))
+    courses = [rng.normal(size=1000) + typical]
+    bases, own = [cosines(50)], np.arange(1)
+    assert course_p_value(courses, bases, own) < 0.01
+    assert course_p_value(courses, bases, own, [[rung()] for _ in range(100)]) > 0.1
+
+
+def test_without_noise_all_is_found_and_nothing_is_not():
+    basis, own = cosines(20), np.arange(1)
+    assert course_p_value([basis[:, 0]], [basis], own) < 1e-9
+    assert course_p_value([0.0 * basis[:, 0]], [basis], own) == 1.0
+    other = course_p_value([cosines(30)[:, 0]], [basis], own)
+    assert other == pytest.approx(1.0, abs=0.51)  # it is not larger than its neighbours
+
+
+def test_each_frequency_that_was_sought_counts_with_half_of_the_samples(monkeypatch):
+    """Of the longest record; the constant of a drift was not sought, and could be an offset's."""
+    seen = []
+
+    def p_value(rests, bases, own, echoes):
+        seen.append((bases[0].shape[1], own.tolist()))
+        return 1e-6
+
+    monkeypatch.setattr(_course, "course_p_value", p_value)
+    rng = np.random.default_rng(0)
+    records = [RecordData(u, u, 0.01) for u in (rng.normal(size=n) for n in (200, 500, 100))]
+    tree = Tree.of(Gain(), GainOperator(1.0))
+    one = SinusoidOperator(np.zeros(2), np.array([3.0]))
+    tree = tree.edited("periodic_disturbance", Beside(PeriodicDisturbance(), one))
+    tree = tree.edited("drift", Beside(Drift(2), DriftOperator(np.zeros(3), 1.0)))
+    found = course_p_values(tree, records)
+    assert found == {"periodic_disturbance": pytest.approx(250.0 * 1e-6), "drift": 1e-6}
+    assert seen == [(5, [0, 1]), (5, [1, 2])]

@@ -208,9 +208,9 @@ def test_models_are_told_apart_by_what_matters():
 @pytest.mark.slow
 @pytest.mark.parametrize("records", [1, RECORDS])
 @pytest.mark.parametrize("kind", ["smooth", "edges", "slow"])
-@pytest.mark.parametrize("correlation", [0.0, 0.9, 0.995])
+@pytest.mark.parametrize("correlation", [0.0, 0.995])
 def test_two_tests_together_keep_the_level(correlation, kind, records):
-    trials, level, rng = 200, 0.01, np.random.default_rng(9020)
+    trials, level, rng = 100, 0.01, np.random.default_rng(9020)
     criterion, rejected = Criterion(level, 0.0), 0
     for _ in range(trials):
         worse, better = equal_models(rng, correlation, kind, records)
@@ -266,3 +266,15 @@ def test_the_smaller_of_two_p_values_counts_twice():
         assert 0.0 < min(single) < 0.3
         p_value = Criterion(0.01, 0.0).p_value(*pair)
         assert p_value == pytest.approx(factor * min(single), rel=0.2)  # sizes of records apart
+
+
+def test_an_instrument_that_does_not_follow_the_difference_shows_nothing():
+    """However much would be gained by what it knows: their product is what counts."""
+    better = [np.full(20, 2.0)]
+    worse = [np.resize([1.0, 1.2], 20)]
+    against, along = ([sign * 0.01 * np.resize([1.0, 2.0], 20)] for sign in (1.0, -1.0))
+    assert paired_p_value(worse, better, against) == 1.0
+    assert paired_p_value(better, worse, against) < 1.0
+    assert paired_p_value(better, worse, along) == 1.0
+    own = [worse[0] - better[0]]
+    assert paired_p_value(better, worse, [-own[0]]) == pytest.approx(paired_p_value(better, worse))

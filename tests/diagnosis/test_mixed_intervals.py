@@ -67,8 +67,7 @@ def recording(kind, every, seed=0):
 
 
 ONE, MIXED = (1, 1, 1, 1, 1), (1, 2, 1, 2, 2)
-EFFECTS = ["lag", "resonance", "delay", "creep", "output_saturation", "periodic_disturbance"]
-EFFECTS += ["timing", "drift"]
+EFFECTS = ["lag", "resonance", "delay", "creep", "timing", "drift"]
 
 
 def search(kind, every, **options):

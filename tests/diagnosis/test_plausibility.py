@@ -1,22 +1,38 @@
 """A name is refused where the data say that it is wrong, and stays where they leave it open."""
 
 from dataclasses import replace
-from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from skhyst.diagnosis import EFFECTS, EffectSearchCV
-from skhyst.diagnosis._candidates import Candidate, refitted
+from skhyst.diagnosis._candidates import Candidate
 from skhyst.diagnosis._edits import Insert
 from skhyst.diagnosis._periods import near_period
-from skhyst.diagnosis._plausibility import goes_on, is_plausible, varies_in_rate
+from skhyst.diagnosis._plausibility import (
+    bends,
+    goes_on,
+    has_its_name,
+    has_no_peak,
+    is_plausible,
+    is_wider_than_noise,
+    levels_off,
+    remembers,
+    rings,
+    slides,
+    varies_in_rate,
+)
 from skhyst.diagnosis._tree import Tree
 from skhyst.disturbance import SinusoidOperator
-from skhyst.hysteresis import BacklashOperator, PrandtlIshlinskii, PrandtlIshlinskiiOperator
+from skhyst.hysteresis import (
+    BacklashOperator,
+    LuGreOperator,
+    PrandtlIshlinskii,
+    PrandtlIshlinskiiOperator,
+)
 from skhyst.linear import (
-    FirstOrderLag,
-    FirstOrderLagOperator,
     Gain,
     GainOperator,
     KelvinVoigt,
@@ -24,8 +40,9 @@ from skhyst.linear import (
     SecondOrderMode,
     SecondOrderModeOperator,
 )
+from skhyst.noise import largest_noise
 from skhyst.optimize import RecordData
-from skhyst.static import DeadBandOperator
+from skhyst.static import DeadBandOperator, SoftSaturationOperator
 
 MODE = SecondOrderModeOperator(30.0, 0.05)
 
@@ -53,37 +70,136 @@ def test_a_mode_behind_what_does_not_ring_is_a_further_mode():
     assert is_plausible(None, candidate(found, "resonance"), candidate(declared), [], 0.01)
 
 
-def test_a_margin_below_zero_is_refused_beyond_its_standard_error():
-    rng = np.random.default_rng(9000)
-    dt, tau, noise = 0.01, 0.05, 0.05
-    segments = tuple(pairwise(range(0, 2001, 250)))
-    records, estimates = [], []
-    for seed in range(20):
-        u = np.cumsum(rng.standard_normal(2000)) / 10.0
-        y = FirstOrderLagOperator(tau).run(u, dt)[0] + noise * rng.standard_normal(2000)
-        records = [RecordData(u, y, dt, segments=segments)]
-        declared = Tree.of(Gain(dt=dt), GainOperator(1.0))
-        tree = declared.edited("lag", Insert(FirstOrderLag(dt=dt), FirstOrderLagOperator(tau)))
-        fitted = refitted(candidate(tree, "lag"), tree, records)
-        found = fitted.structure.part("lag").time_constant
-        estimates.append(found)
+@pytest.mark.parametrize("unit", [1e-6, 1.0])
+@pytest.mark.parametrize("alpha", [0.01, 0.2])
+def test_a_margin_below_zero_is_refused_beyond_its_standard_error(alpha, unit):
+    """Of a regression's slope; that of a function of it is its derivative times as large."""
+    rng, n = np.random.default_rng(9000), 200
+    u = rng.normal(size=n) + 3.0
+    y = unit * (2.0 * u + 0.3 * rng.normal(size=n))
+    records, model = [RecordData(u, y, 0.01)], Gain()
+    fitted = Tree.from_result(model, model.identify(records))
+    (gain, intercept) = np.polyfit(u, y, 1)
+    rest = y - gain * u - intercept
+    error = np.sqrt(rest @ rest / (n - 2) / np.sum((u - u.mean()) ** 2))
+    tree = SimpleNamespace(  # an effect whose operator is the gain
+        problem=fitted.problem,
+        at=lambda problem, x: SimpleNamespace(part=lambda name: fitted.at(problem, x).operators[0]),
+        label=lambda name: name,
+        disturbance_names=["own"],
+    )
+    margins = [
+        lambda found, reach: found.gain / gain - 1.0 - reach / gain,
+        lambda found, reach: 1.0 - found.gain / gain - reach / gain,
+        lambda found, reach: np.log(found.gain / gain) - reach / gain,
+        lambda found, reach: (found.gain / gain) ** 3 - 1.0 - 3.0 * reach / gain,
+    ]
+    for margin in margins:
+        for part, stays in ((-1.0, True), (0.0, True), (0.98, True), (1.02, False)):
+            reach = part * norm.isf(alpha) * error
 
-        def stays(distance, found=found, fitted=fitted, declared=declared, records=records):
-            def margin(operator, motion, seen):
-                return operator.time_constant - found - distance
+            def named(operator, motion, seen, margin=margin, reach=reach):
+                return margin(operator, reach) + (1e-9 if reach == 0.0 else 0.0)
 
-            return is_plausible(margin, fitted, candidate(declared), records, 0.01)
+            assert has_its_name("own", named, tree, records, alpha) == stays
+    assert not has_its_name("own", lambda *_: -np.inf, tree, records, alpha)
+    assert has_its_name("own", lambda *_: np.inf, tree, records, alpha)
+    assert has_its_name("own", None, tree, records, alpha)
 
-        assert stays(-1.0)  # above zero
-        assert stays(0.0)
-        low, high = 0.0, 1.0  # where the name begins to be refused: 2.33 standard errors
-        for _ in range(40):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if stays(middle) else (low, middle)
-        if seed == 0:
-            reach = low
-    # the standard error is that of repeated estimates, of which twenty are known to a sixth
-    assert reach == pytest.approx(2.33 * np.std(estimates, ddof=1), rel=0.5)
+
+def test_a_play_is_compared_with_the_largest_of_the_noise():
+    """That is sqrt(2 log(n)) standard deviations, both over their ranges; the quietest counts."""
+    rng = np.random.default_rng(9402)
+    smooth = np.sin(np.linspace(0.0, 20.0, 2000))
+    records = []
+    for noise in (0.02, 0.01, 0.05):
+        u = 4.0 + 3.0 * smooth + noise * rng.normal(size=2000)
+        records.append(RecordData(u, u, 0.01))
+    largest = min(np.sqrt(2.0 * np.log(2000)) * largest_noise(r.u) for r in records)
+    part = largest / np.ptp(np.concatenate([r.u for r in records]))
+    assert part == pytest.approx(0.01 * 3.9 / 6.2, rel=0.1)
+    motion = 7.0 * smooth
+    for times, wide in ((0.98, False), (1.02, True)):
+        operator = BacklashOperator(times * part * np.ptp(motion), stage_order=0)
+        assert (is_wider_than_noise(operator, motion, records) > 0.0) == wide
+
+
+@pytest.mark.parametrize("dt", [1e-3, 1.0, 20.0])
+@pytest.mark.parametrize(("longer", "varies"), [(4, False), (6, False), (8, True)])
+def test_rates_differ_by_more_than_a_twentieth_and_a_sample_at_each_end(dt, longer, varies):
+    def triangle(half):
+        return np.interp(np.arange(6 * half + 1), half * np.arange(7), [0.0, 1.0] * 3 + [0.0])
+
+    drives = triangle(100), triangle(100 + longer)
+    records = [RecordData(u, u, dt) for u in drives]
+    assert (varies_in_rate(None, None, records) > 0.0) == varies
+    flat = RecordData(np.zeros(50), np.zeros(50), dt)
+    assert (varies_in_rate(None, None, [flat, *records]) > 0.0) == varies
+    assert varies_in_rate(None, None, [flat]) < 0.0
+
+
+def test_a_line_that_some_record_tells_from_the_drive_is_its_own():
+    """Of several lines each one has to be."""
+    n, period, dt = 1000, 100, 0.01
+    u = np.sin(2.0 * np.pi * np.arange(n) / period)
+    periodic = RecordData(u, u, dt)
+    rough = RecordData(np.random.default_rng(0).normal(size=n), u, dt)
+    harmonic, between = 7.0 / (period * dt), 9.45 / (period * dt)
+
+    def own(frequencies, *records):
+        operator = SinusoidOperator(np.zeros(2 * len(frequencies)), np.array(frequencies))
+        return EFFECTS["periodic_disturbance"].plausible(operator, np.array([]), records) > 0.0
+
+    assert not own([harmonic], periodic)
+    assert own([between], periodic)
+    assert not own([harmonic, between], periodic)
+    assert not own([between, harmonic], periodic, periodic)
+    assert own([harmonic], periodic, rough)
+    assert own([harmonic, between], rough, periodic)
+    assert not own([between, between + 0.9 / (n * dt)], rough)  # they are not told apart
+    assert own([between, between + 1.1 / (n * dt)], rough)
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_margins_of_friction_are_ways_over_the_motion(unit):
+    """It slides within a twentieth of the motion; a hundredth of it is resolved."""
+    motion = unit * np.array([-2.0, 3.0, 1.0])
+
+    def names(way):
+        operator = LuGreOperator(way * 5.0 * unit, 1.0, 0.5, 1.0)
+        assert operator.presliding_displacement == way * 5.0 * unit
+        return slides(operator, motion, []) > 0.0, remembers(operator, motion, []) > 0.0
+
+    assert names(0.0099) == (True, False)
+    assert names(0.0101) == (True, True)
+    assert names(0.049) == (True, True)
+    assert names(0.051) == (False, True)
+    assert slides(GainOperator(), motion, []) == np.inf
+    for shape, soft in ((4.9, True), (-4.9, True), (5.1, False), (-5.1, False)):
+        assert (remembers(SimpleNamespace(shape=shape, children=()), motion, []) > 0.0) == soft
+
+
+def test_a_curve_that_does_not_level_off_bends():
+    motion = np.linspace(-1.0, 1.0, 50)
+    for level in (1.05, 1.5, 4.0):
+        knee = SoftSaturationOperator(level, 2.0, 0.1)
+        assert bends(knee, motion, []) == -levels_off(knee, motion, [])
+    assert bends(GainOperator(), motion, []) == levels_off(GainOperator(), motion, []) == np.inf
+
+
+@pytest.mark.parametrize(("ratio", "peaks"), [(0.70, True), (0.71, False)])
+def test_a_mode_has_a_peak_below_the_root_of_a_half(ratio, peaks):
+    """And is one that the samples resolve up to the end of its half-power band."""
+    mode = SecondOrderModeOperator(30.0, ratio)
+    record = RecordData(np.zeros(9), np.zeros(9), 1e-3)
+    assert (rings(mode, None, [record]) > 0.0) == peaks
+    assert (has_no_peak(mode, None, [record]) > 0.0) == (not peaks)
+    assert has_no_peak(GainOperator(), None, [record]) == np.inf
+    assert rings(GainOperator(), None, [record]) == -np.inf
+    slow = RecordData(np.zeros(9), np.zeros(9), 1.0)
+    for times, resolved in ((0.99, True), (1.01, False)):
+        mode = SecondOrderModeOperator(times * np.pi / 1e-3 / 1.2, 0.2)
+        assert (rings(mode, None, [slow, record]) > 0.0) == resolved
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from skhyst.diagnosis import EFFECTS, _contest, _open_questions, _structure
 from skhyst.diagnosis._candidates import Candidate
 from skhyst.diagnosis._changes import Folded, Scaled, UnderWay, _before, _differ, _levels
 from skhyst.diagnosis._claim import Claim
-from skhyst.diagnosis._constants import FLAT, LAGS, PLAYS, REPEATS, SLOW
+from skhyst.diagnosis._constants import FLAT, FULL, LAGS, PLAYS, REPEATS, SLOW
 from skhyst.diagnosis._contest import Contest
 from skhyst.diagnosis._criterion import Criterion
 from skhyst.diagnosis._edits import Drive
@@ -65,6 +65,37 @@ def test_a_rough_period_is_neither_a_multiple_nor_a_half_that_repeats_worse(odd,
     u = np.sin(2.0 * turn) + odd * np.sin(turn)
     u += 0.05 * np.random.default_rng(seed).normal(size=n)
     assert near_period(u) == pytest.approx(period, rel=0.01)
+
+
+@pytest.mark.parametrize("period", [20.5, 33.4])
+def test_a_period_is_found_between_the_samples(period):
+    """Of a sinusoid, to a thousandth, though no sample comes back, or only after two turns."""
+    u = np.sin(2.0 * np.pi * np.arange(300) / period + 0.3)
+    assert near_period(u) == pytest.approx(period, rel=1e-3)
+
+
+def test_a_period_is_known_after_two_turns():
+    u = np.sin(2.0 * np.pi * np.arange(102) / 50.0)
+    assert near_period(u[:101]) == pytest.approx(50.0, rel=0.02)
+    assert near_period(u[:97]) == 0
+    for n in range(1, 6):
+        assert drive_period(np.resize([0.0, 1.0], n)) == near_period(u[:n]) == 0
+    assert drive_period(np.resize([0.0, 1.0], 6)) == 2
+
+
+@pytest.mark.parametrize(("scale", "offset"), [(1e-9, 0.0), (-1.0, 0.0), (1e6, 3e6), (1.0, -200.0)])
+def test_periods_and_turns_have_neither_a_unit_nor_an_offset(scale, offset):
+    rng = np.random.default_rng(0)
+    turn = 2.0 * np.pi * np.arange(400) / 37.3
+    noise = rng.normal(size=400)
+    for u in (np.tile(rng.normal(size=40), 10), np.sin(turn) + 0.02 * noise, noise):
+        other = scale * u + offset
+        assert drive_period(other) == drive_period(u)
+        assert near_period(other) == pytest.approx(near_period(u), rel=1e-6)
+        np.testing.assert_array_equal(turns(other), turns(u))
+        for error, same in ((0.9e-6, True), (1.1e-6, False)):
+            changed = u + error * np.ptp(u) * (np.arange(400) == 7)
+            assert repeats(other, scale * changed + offset) == same
 
 
 def test_a_drive_that_does_not_come_back_has_no_rough_period():
@@ -279,7 +310,7 @@ def box_trial(monkeypatch, law, leaves, p_values=(0.001,)):
     def left_by_boxes(x, y, block, rng):
         shown.append((x, y))
         part = next(parts)
-        return np.stack([y, part * y])
+        return np.stack([max(part, 1.0) * y, part * y])
 
     noise = SimpleNamespace(law=law, innovations=lambda series: [0.5 * own for own in series])
     monkeypatch.setattr(_structure, "fit_noise", lambda _: noise)
@@ -392,10 +423,11 @@ def test_units_of_drive_and_prediction_do_not_matter_to_a_black_box():
 
 
 @pytest.mark.parametrize(("n", "largest"), [(60, 16), (70, 64), (1000, 256), (1030, 1024)])
-def test_slow_reactions_are_seen_up_to_the_length_of_a_record(n, largest):
+def test_slow_reactions_are_seen_up_to_the_length_of_the_longest_record(n, largest):
     """A first-order reaction to a step is 1 - 1/e after its time constant: a power of four."""
     u = np.r_[0.0, np.ones(n - 1)]
-    features = np.array(list(next(_driven([RecordData(u, u, 0.01)], [u]))))
+    records = [RecordData(own, own, 0.01) for own in (u, u[:9])]
+    features = np.array(list(next(_driven(records, [r.u for r in records]))))
     first = features[N_PRESENT + PLAYS :]
     constants = [4**k for k in range(1, 6) if 4**k <= largest]
     level = np.ptp(u) * (1.0 - np.exp(-1.0))
@@ -439,7 +471,11 @@ def test_a_residual_is_seen_by_its_past_alone():
 def test_a_gain_that_the_residual_had_with_the_drive_foretells_it():
     """Of a gain on the drive beside its mean, the features of that gain are the residual."""
     u = 3.0 + 0.01 * np.random.default_rng(0).choice([-1.0, 1.0], size=2000)
-    features = np.array(list(_own(u, 0.7 * (u - u.mean()))))[:, 1000:]
+    residual = 0.7 * (u - u.mean())
+    features = np.array(list(_own(u, residual)))[:, 1000:]
+    sizes = features @ residual[1000:] / (residual[1000:] @ residual[1000:])
+    shrunk = (sizes > 0.998) & (sizes < 1.0)  # by a thousandth, so that nothing is divided by zero
+    assert np.count_nonzero(shrunk) == len(LAGS[4::4])
     off = np.max(np.abs(features - 0.7 * (u - u.mean())[1000:]), axis=1)
     assert np.count_nonzero(off < 1e-4) == len(LAGS[4::4])
     change = 0.7 * np.diff(u, prepend=u[0])  # or of one on the change of the drive
@@ -490,6 +526,31 @@ def test_a_drive_that_repeats_itself_is_shifted_by_less_than_a_third_of_its_peri
     assert trial.share < 1e-6
 
 
+def test_records_are_shifted_together_as_far_as_the_longest_allows():
+    u, short = (np.random.default_rng(0).normal(size=n) for n in (400, 80))
+    for drives in ([u, short], [short, u]):
+        trial = shifted_trial(drives, drives)
+        assert trial.p_value == pytest.approx(1 / 101)
+        assert trial.share < 1e-6
+
+
+def test_of_long_records_some_rows_are_enough(monkeypatch):
+    monkeypatch.setattr(_structure, "ENOUGH", 300)
+    u = np.random.default_rng(0).normal(size=1000)
+    trial = shifted_trial([u + 3.0], [u])
+    assert (trial.share, trial.p_value) == (pytest.approx(0.0, abs=1e-6), pytest.approx(1 / 201))
+
+
+def test_where_nothing_is_left_nothing_is_found():
+    u = np.random.default_rng(0).normal(size=200)
+    rest = np.zeros(200)
+    criterion = Criterion(0.01, 0.05)
+    trial = _by_black_box(
+        [RecordData(u, u, 0.01)], [rest], [u], np.random.default_rng(0), criterion
+    )
+    assert (trial.share, trial.p_value) == (1.0, 1.0)
+
+
 def test_records_with_gaps_and_columns_that_say_nothing_new_change_nothing():
     rng = np.random.default_rng(0)
     u, noise, other = rng.normal(size=(3, 600))
@@ -505,11 +566,15 @@ def test_records_with_gaps_and_columns_that_say_nothing_new_change_nothing():
     assert (again.share, again.p_value) == pytest.approx((right.share, right.p_value), rel=1e-6)
 
 
-@pytest.mark.parametrize("n", [3, 20, 40])
+@pytest.mark.parametrize("n", [3, 20, *range(48, 74, 2)])
 def test_too_few_samples_follow_no_drive(n):
-    """Twice as many samples as features are asked for."""
+    """Twice as many samples as features are asked for, in the middle half of the record."""
     u = np.random.default_rng(0).normal(size=n)
-    assert shifted_trial([u], [u]) == Trial(1.0, 1.0, None)
+    features = np.array(list(next(_driven([RecordData(u, u, 0.01)], [u]))))[:, n // 4 : n - n // 4]
+    features -= features.mean(axis=1, keepdims=True)
+    features /= np.maximum(features.std(axis=1, keepdims=True), 1e-300)
+    rank = np.linalg.matrix_rank(features, rtol=1e-6)
+    assert (shifted_trial([u], [u]) == Trial(1.0, 1.0, None)) == (features.shape[1] < 2 * rank)
     assert shifted_trial([np.full(n, np.nan)], [u]) == Trial(1.0, 1.0, None)
     assert shifted_trial([u], [np.ones(n)]) == Trial(1.0, 1.0, None)
 
@@ -581,6 +646,17 @@ def test_concentration_is_the_power_relative_to_that_of_all_samples():
         assert (row["share"], row["concentration"]) == pytest.approx((0.5, 5.0), rel=0.02)
     whole = table[table["by"] == "record"].iloc[0]
     assert tuple(whole[["low", "high", "share", "concentration"]]) == pytest.approx((0, 9.99, 1, 1))
+
+
+def test_each_sample_of_a_few_has_the_concentration_of_its_power():
+    """All power in one of ten samples is ten times as much as the mean."""
+    residual, u = 7.0 * (np.arange(10) == 4), np.arange(10.0) ** 2
+    table = locate([RecordSlice("a", slice(0, 10), 0.1, 0.0, 10)], u, residual, Units())
+    for by, low in (("time", 0.36), ("drive", 16.0)):
+        row = table[table["by"] == by].iloc[0]
+        assert (row["share"], row["concentration"]) == pytest.approx((1.0, 10.0))
+        assert row["low"] <= low + 1e-9
+        assert row["high"] >= 0.4
 
 
 def test_parameters_of_a_claim_are_those_of_its_stage():
@@ -910,6 +986,9 @@ def test_before_a_knee_an_error_counts_by_the_slope_of_the_knee():
     np.testing.assert_allclose(undone.y, before, atol=1e-9)
     slope = (knee.run(before + 1e-6, 0.01)[0] - knee.run(before - 1e-6, 0.01)[0]) / 2e-6
     np.testing.assert_allclose(undone.weights, slope**2, atol=1e-6)
+    far = np.linspace(-9.0, 9.0, 50)  # undone as far as it is well conditioned
+    beyond = knee.run(_before(replace(record, y=far), knee).y, 0.01)[0]
+    np.testing.assert_allclose(beyond, np.clip(far, 0.1 - FULL, 0.1 + FULL))
     weighted = _before(replace(record, weights=2.0 * np.ones(50)), knee)
     np.testing.assert_allclose(weighted.weights, 2.0 * undone.weights)
 

@@ -6,6 +6,7 @@ from scipy.signal import lfilter
 from sklearn.linear_model import Ridge
 
 from skhyst.diagnosis import EffectSearchCV
+from skhyst.hysteresis import RestoringForceOperator
 from skhyst.linear import SecondOrderMode, SecondOrderModeOperator
 
 N, DT, NOISE = 1500, 1e-3, 0.02
@@ -37,11 +38,6 @@ def noise(seed):
 @pytest.fixture(scope="module")
 def notched():
     return search(MODE.run(U + NOTCH, DT)[0] + noise(2))
-
-
-@pytest.fixture(scope="module")
-def damped():
-    return search(MODE.run(U, DT)[0] + DAMPING + noise(3))
 
 
 def test_place_and_curve(notched):
@@ -78,14 +74,18 @@ def test_the_model_with_the_term_is_a_model(notched):
     assert np.sqrt(np.mean((model.predict(fresh[:, None]) - truth) ** 2)) < 0.5 * NOISE
 
 
-def test_law(damped):
-    found = damped.unknown_
-    assert (found.place, found.argument) == ("response", "rate of the drive")
-    first = found.laws.iloc[0]
-    assert first["law"] == "quadratic with sign"
-    assert abs(first["c"] - 3e-6) < 4.0 * first["c_std"] < 3e-7
-    assert "odd" in str(found)
-    assert found.to_dict()["laws"][0]["formula"] == "c |v| v"
+def test_a_force_of_the_velocity_is_found_in_the_equation_of_motion():
+    # of p = q' / w the force is 0.1 p^3 / 0.5^2, and the response 2 q
+    plant = RestoringForceOperator(100.0, 0.2, [], [0.1], 0.0, 1.0, gain=2.0, scale=0.5)
+    found = search(plant.run(U, DT)[0] + noise(9)).unknown_
+    assert (found.place, found.argument) == ("motion of second_order_mode", "velocity")
+    assert found.share > 0.99
+    assert str(found).startswith("a force in the equation of motion of second_order_mode that")
+    cube = found.laws.set_index("law").loc["cube"]
+    assert found.to_dict()["laws"][0]["formula"] == "c v^3"
+    assert "odd" in found.shape
+    expected = 0.1 / 0.5**2 / (2.0 * 100.0) ** 3
+    assert abs(cube["c"] - expected) < 4.0 * cube["c_std"] < 0.2 * expected
 
 
 def test_report(notched):

@@ -522,6 +522,13 @@ def test_what_needs_double_precision_says_so(tmp_path, dtype):
         to_c(CompiledSeries((compiled_step,)), tmp_path, "law", dtype)
 
 
+def test_what_needs_double_precision_is_single_with_a_tolerance(tmp_path):
+    operator, u = OPERATORS["free mass"], make_drive()
+    with pytest.raises(ValueError, match="cannot hold 'free_mass_step'"):
+        to_c(operator, tmp_path, "law", "float32", dt=DT, drive=u, tolerance=1e-9)
+    to_c(operator, tmp_path, "law", "float32", dt=DT, drive=u, tolerance=1e-4)
+
+
 def of_angles(u, c, s):
     """Call what integers do not have."""
     return math.atan(u)

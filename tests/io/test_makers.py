@@ -20,6 +20,7 @@ NAMES = {  # of the first and the second channel, with their units
     "labview": ("Voltage_0 [V]", "Voltage_1 [V]"),
     "labview_without_time": ("Voltage_0 [V]", "Voltage_1 [V]"),
     "catman": ("Kraft [N]", "Weg [mm]"),
+    "dspace": ("drive/Out1 [V]", "sensor/Out1 [um]"),
 }
 
 

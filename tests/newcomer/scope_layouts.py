@@ -105,6 +105,13 @@ def catman(t, u, y):
     return "\n".join([*head, *_rows((t, u, y), "{:.6f}", "\t")]).replace(".", ",") + "\n"
 
 
+def dspace(t, u, y):
+    """ControlDesk, CSV: a keyword before each line of the head, nothing before the rows."""
+    head = ['"path","","Model Root/drive/Out1","Model Root/sensor/Out1"', '"unit","s","V","um"']
+    head += ['"trace_values","time","drive/Out1","sensor/Out1"']
+    return "\n".join([*head, *[f'"",{row}' for row in _rows((t, u, y))]]) + "\n"
+
+
 MAKERS = {
     name: (write, suffix)
     for name, write, suffix in (
@@ -118,5 +125,6 @@ MAKERS = {
         ("labview", labview, ".lvm"),
         ("labview_without_time", labview_without_time, ".lvm"),
         ("catman", catman, ".asc"),
+        ("dspace", dspace, ".csv"),
     )
 }

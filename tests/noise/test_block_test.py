@@ -6,6 +6,7 @@ from scipy.signal import lfilter
 from scipy.stats import t as student
 
 from skhyst.noise import block_length, block_p_value
+from skhyst.noise._block_test import _block_sums
 
 N, RECORDS = 600, 4
 
@@ -60,19 +61,68 @@ def test_a_total_that_chance_makes_often_is_not_significant():
     assert np.mean(np.array(p) < 0.01) <= 0.02
 
 
-@pytest.mark.parametrize("pole", [0.5, 0.9, -0.6])
-def test_blocks_are_as_long_as_politis_and_white_say(pole):
+@pytest.mark.parametrize(
+    ("pole", "sizes"),
+    [
+        (0.5, (2000,)),
+        (0.9, (2000,)),
+        (-0.6, (2000,)),
+        (-0.99, (400,)),  # it cancels
+        (-0.99, (7,)),
+        (0.5, (900, 200, 31, 3, 0)),  # the longest one has the lags
+        (0.99, (100,)),
+        (0.999, (40, 30)),  # half of the variance is missed
+        (1.0, (12,)),
+        (0.0, (400,)),
+        (0.0, (3,)),
+    ],
+)
+def test_blocks_are_as_long_as_politis_and_white_say(pole, sizes):
     """Their formula, lag by lag: full weight up to half of the window, then a fall."""
-    x = coloured(np.random.default_rng(0), pole, 2000)
-    n = len(x)
-    r = [x[k:] @ x[: n - k] / n for k in range(n // 2)]
+    rng = np.random.default_rng(0)
+    series = [coloured(rng, pole, size) if pole < 1.0 else np.ones(size) for size in sizes]
+    n, longest = sum(sizes), max(sizes)
+    r = [
+        sum(x[k:] @ x[: len(x) - k] for x in series if len(x) > k) / n if 2 * k <= longest else 0.0
+        for k in range(longest + 8)
+    ]
     bar, run = 2.0 * np.sqrt(np.log10(n) / n), 5
     m = next(k for k in range(n) if np.abs(r[k + 1 : k + 1 + run]).max() < bar * r[0])
-    g = moment = 0.0
-    for lag in range(-2 * m, 2 * m + 1):
-        part = abs(lag) / (2 * m)
+    g, moment = r[0], 0.0
+    for lag in range(1, 2 * m + 1):
+        part = lag / (2 * m)
         weight = 1.0 if part <= 0.5 else 2.0 * (1.0 - part)
-        g += weight * r[abs(lag)]
-        moment += weight * abs(lag) * r[abs(lag)]
-    length = int(np.ceil((2.0 * moment**2 / (4.0 / 3.0 * g**2) * n) ** (1.0 / 3.0)))
-    assert block_length([x]) == (length, pytest.approx(np.clip(moment / (g * length), 0.0, 0.5)))
+        g += 2.0 * weight * r[lag]
+        moment += 2.0 * weight * lag * r[lag]
+    if g > 0.0:
+        length = int(np.ceil((2.0 * moment**2 / (4.0 / 3.0 * g**2) * n) ** (1.0 / 3.0)))
+        length = min(max(length, 1), longest)
+        missing = np.clip(moment / (g * length), 0.0, 0.5)
+    else:
+        length, missing = min(2 * m + 1, longest), 0.0
+    assert block_length(series) == (length, pytest.approx(missing))
+    assert block_length([1e-9 * x for x in series]) == (length, pytest.approx(missing))
+
+
+def test_what_has_no_chance_is_certain():
+    rest = [np.zeros(20), np.zeros(5)]
+    assert block_length(rest) == (1, 0.0)
+    assert block_p_value(1e-30, rest) == 0.0
+    for total in (0.0, -1.0, np.nan):
+        assert block_p_value(total, rest) == block_p_value(total, [np.ones(9)]) == 1.0
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1e9])
+def test_significance_has_neither_a_unit_nor_empty_stretches(unit):
+    series = coloured(np.random.default_rng(9011), 0.5)
+    p_value = block_p_value(20.0, [series])
+    assert 0.01 < p_value < 0.5
+    assert block_p_value(unit * 20.0, [unit * series, np.empty(0)]) == pytest.approx(p_value)
+
+
+@pytest.mark.parametrize("length", [1, 3, 7, 10, 11])
+def test_blocks_are_even_and_none_is_shorter(length):
+    sizes = _block_sums(np.ones(10), length)
+    assert len(sizes) == max(10 // length, 1)
+    assert sizes.sum() == 10
+    assert min(length, 10) <= sizes.min() <= sizes.max() <= sizes.min() + 1

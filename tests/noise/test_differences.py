@@ -5,6 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from skhyst.noise import difference_noise, largest_noise, white_noise_floor
+from skhyst.noise._differences import _without_edges
 
 N = 4000
 
@@ -59,9 +60,34 @@ def test_units_do_not_matter():
     assert difference_noise([4.0 * white(3)]) == pytest.approx(4.0 * difference_noise([white(3)]))
 
 
-def test_a_smooth_signal_has_no_noise():
-    smooth = np.sin(np.arange(2000) / 30.0)
+@pytest.mark.parametrize("period", [60, 188, 400, 3000])
+@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
+def test_a_smooth_signal_has_no_noise(period, unit):
+    smooth = unit * np.sin(2.0 * np.pi * np.arange(2000) / period + 0.1)
     assert white_noise_floor(smooth) == 0.0
-    assert white_noise_floor(white(4)[:79]) == 0.0  # too few samples to tell
-    assert white_noise_floor(smooth + white(4, 2000)) == pytest.approx(0.1, rel=0.1)
-    assert largest_noise(smooth + white(4, 2000)) >= 0.08
+    noisy = smooth + unit * white(4, 2000)
+    for noise in (white_noise_floor, largest_noise):
+        assert noise(noisy) == pytest.approx(0.1 * unit, rel=0.15)
+        assert noise(10.0 * smooth + unit * white(4, 2000)) == pytest.approx(0.1 * unit, rel=0.15)
+
+
+def test_eighty_samples_tell_of_noise():
+    floors = [white_noise_floor(white(seed, 80)) for seed in range(20)]
+    assert np.count_nonzero(floors) > 10
+    assert [white_noise_floor(white(seed, 79)) for seed in range(20)] == [0.0] * 20
+    assert white_noise_floor(np.zeros(80)) == 0.0
+
+
+def test_noise_whose_neighbours_resemble_each_other_is_not_white():
+    """Differences of means of two neighbours shrink by 4 % at the tenth order: 4,000 show it."""
+    floors = [white_noise_floor(np.convolve(white(seed, N + 1), [1, 1])) for seed in range(20)]
+    assert np.count_nonzero(floors) <= 8  # 1 % beyond the limit, which scatters by 0.9 %
+    assert all(white_noise_floor(white(seed)) > 0.0 for seed in range(10))
+
+
+@pytest.mark.parametrize(("height", "inside"), [(2.6, True), (2.7, False)])
+def test_an_edge_is_what_normal_noise_exceeds_less_than_once_in_as_many(height, inside):
+    """Of 99 ones and one x, (99 + x^2) / 100 times 2.576^2 is 2.65^2 at x = 2.65."""
+    values = np.append(np.resize([1.0, -1.0], 99), height)
+    right = np.sqrt((99.0 + height**2) / 100.0) if inside else 1.0
+    assert _without_edges(values) == pytest.approx(right)

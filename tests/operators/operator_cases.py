@@ -268,6 +268,12 @@ def make_operators():
         "static feedback, several poles, zero-order hold": op.FeedbackOperator(
             ("linear", "curve"), (dataclasses.replace(transfer, hold="zoh"), zones), n_substeps=1
         ),
+        "static feedback of the velocity": op.FeedbackOperator(
+            ("linear", "curve"),
+            (mode, op.UnknownTermOperator(*_unknown()[:2], -41.0, 37.0)),
+            n_substeps=2,
+            argument="velocity",
+        ),
         "fold": op.FoldOperator(0.413),
         "fold, upper": op.FoldOperator(0.413, side=-1),
         "empty sum": op.SumOperator((), ()),

@@ -14,6 +14,7 @@ from skhyst.linear import (
     TransferFunctionOperator,
 )
 from skhyst.operators import RootInverseOperator, Series, Stepper, SumOperator, inverse_of
+from skhyst.operators._root_inverse import _plain
 
 TIME = DT * np.arange(300)
 WINDOW = np.clip(np.minimum(TIME - 0.5, 2.5 - TIME) / 0.5, 0.0, 1.0)
@@ -226,3 +227,36 @@ def test_a_response_that_moves_at_once_is_missed_the_least(damping_ratio, hold):
         assert least < cost(drive + change)
         assert least < cost(drive - change)
     assert np.abs(drive).max() < 2.0 * np.abs(free).max()
+
+
+@pytest.mark.parametrize(("limits", "most"), [((-3.0, 2.0), 71), ((-np.inf, np.inf), 158)])
+@pytest.mark.parametrize(
+    "law",
+    [
+        lambda u: np.sign(u - 0.1234),
+        lambda u: u**9,
+        lambda u: np.cbrt(u),
+        lambda u: np.arctan(1e6 * (u - 0.3)),
+        lambda u: np.floor(40.0 * u),
+        lambda u: -(max(u, 0.0) ** 3) - 1e-9 * u,
+    ],
+)
+def test_a_root_takes_a_bounded_number_of_steps_whatever_the_law(law, limits, most):
+    """Jumps, flat parts and steep ends, where interpolation is of no use."""
+    n_steps = 0
+
+    def step(u, c, s):
+        nonlocal n_steps
+        n_steps += 1
+        return law(u)
+
+    sign = 1.0 if law(1.0) > law(-1.0) else -1.0
+    constants = RootInverseOperator(GainOperator(), *limits)._constants(sign)
+    state = np.array([0.0, 1.0, 0.0])
+    rng = np.random.default_rng(0)
+    for wanted in [*rng.uniform(-1.9, 1.9, 60), *([0.7] * 60), -1.3, 1.3, 1e-3, 1.9]:
+        n_steps, y, before = 0, law(wanted), state[0]
+        u = _plain(step)(y, constants, state)
+        assert n_steps <= most
+        digit = 2.0**-51 * max(abs(u), abs(u - before))
+        assert sign * law(u - digit) <= sign * y <= sign * law(u + digit)

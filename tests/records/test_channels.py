@@ -14,15 +14,102 @@ from skhyst.records._channels import (
     _predicted,
     _Stretches,
     are_exchanged,
+    lost_samples,
     reaction_p_value,
 )
 
 SIDE = 8
+OFF = 2.0**45
 
 
-def test_rounding_leaves_something_beside_a_straight_line():
+@pytest.mark.parametrize("unit", [1e-12, 1.0, 1e12])
+def test_rounding_leaves_something_beside_a_straight_line(unit):
+    """It is no larger than that of a sum of so many: no ratio is infinite, or tells a loss."""
     rows = np.arange(50, 150)
-    assert (_Stretches(np.linspace(0.0, 1.0, 200), SIDE).residual_around(rows) > 0.0).all()
+    stretches = _Stretches(np.linspace(0.0, unit, 200), SIDE)
+    assert (stretches.residual_around(rows) > 0.0).all()
+    assert (stretches.residual_around(rows) < 1e-25).all()
+    assert (stretches.ratio(rows, 0) >= 0.0).all()
+    assert (stretches.ratio(rows, 0) < 2.0).all()
+
+
+def test_stretches_have_no_offset():
+    """Whole numbers keep all their digits beside a large one."""
+    codes = np.random.default_rng(0).integers(0, 8, size=100).astype(float)
+    plain, other = (
+        _Stretches(own, SIDE).residual(np.array([50]), 2) for own in (codes, OFF + codes)
+    )
+    np.testing.assert_allclose(other, plain, rtol=1e-9)
+
+
+@pytest.mark.parametrize("lost", [0, 1, 6])
+def test_samples_on_one_cubic_leave_nothing(lost):
+    """Of others least squares leave what the regression on a cubic of their times does."""
+    time = np.delete(np.arange(80.0), 40 + np.arange(lost))
+    stretches = _Stretches(time**3 - 40.0 * time**2, SIDE)
+    row = np.array([40])
+    assert stretches.residual(row, lost) < 1e-20
+    noise = np.random.default_rng(lost).normal(size=80)
+    near = np.arange(40 - SIDE, 40 + SIDE)
+    rest = noise[near] - np.polynomial.Polynomial.fit(time[near], noise[near], 3)(time[near])
+    assert _Stretches(noise, SIDE).residual(row, lost) == pytest.approx(
+        rest @ rest / np.ptp(noise) ** 2
+    )
+
+
+def cut(row, lost, n):
+    """Return a drive and a response that lose so many samples before a row of n that are left."""
+    time = np.delete(np.arange(n + lost), row + np.arange(lost)) - row
+    noise = 1e-3 * np.random.default_rng(n).normal(size=(2, n))
+    u = np.sin(0.03 * time) + 0.3 * np.cos(0.02 * time) + noise[0]
+    return u, 3.0 * u + noise[1]
+
+
+def losses(u, y):
+    return [(row, number) for rows, number in lost_samples(u, y) for row in rows]
+
+
+@pytest.mark.parametrize("lost", [1, 2, 3, 8, 10])
+@pytest.mark.parametrize(("row", "n"), [(32, 64), (32, 200), (101, 200), (168, 200)])
+def test_a_loss_is_found_that_has_two_stretches_on_either_side(row, n, lost):
+    """A stretch has 16 samples; its neighbours are what the misfit is compared with."""
+    assert losses(*cut(row, lost, n)) == [(row, lost)]
+
+
+@pytest.mark.parametrize(
+    ("row", "n", "lost"),
+    [(31, 200, 4), (169, 200, 4), (31, 63, 4), (10, 30, 4), (100, 200, 0), (100, 200, 16)],
+)
+def test_of_others_nothing_is_said(row, n, lost):
+    assert losses(*cut(row, lost, n)) == []
+
+
+def test_several_losses_are_told_one_by_one():
+    time = np.delete(np.arange(700), [*range(100, 103), *range(310, 317), *range(520, 523)])
+    u = np.sin(0.03 * (time - 100))  # twice a turn later it is as steep
+    y = u + 1e-3 * np.random.default_rng(0).normal(size=len(u))
+    (rows, first), (row, second) = lost_samples(u, y)
+    assert (first, rows.tolist()) == (3, [100, 510])
+    assert (second, row.tolist()) == (7, [307])
+
+
+def test_both_channels_tell_of_a_loss():
+    u, y = cut(100, 5, 200)
+    rng = np.random.default_rng(0)
+    whole = np.sin(0.03 * np.arange(200))
+    assert losses(u, whole + 1e-3 * rng.normal(size=200)) == []  # a drive that jumps ahead
+    assert losses(whole, y) == []
+    assert losses(u, 1e3 * rng.normal(size=200)) == []  # a response of noise does not show it
+    assert losses(u, np.zeros(200)) == losses(np.zeros(200), y) == []
+    corner = np.abs(np.arange(200) - 100.5)
+    assert losses(corner, 3.0 * corner + 1e-3 * rng.normal(size=200)) == []
+
+
+def test_noise_is_no_loss():
+    """At the level of one in a thousand records."""
+    for seed in range(20):
+        u, y = np.random.default_rng(seed).normal(size=(2, 200))
+        assert losses(u, y) == losses(u, u) == []
 
 
 @pytest.mark.parametrize("lost", [0, 1, 5, 2 * SIDE])
@@ -122,5 +209,7 @@ def test_a_response_with_noise_is_no_command(unit):
     command = np.sin(0.065 * np.arange(n)) + 0.5 * np.sin(0.15 * np.arange(n))
     answer = lfilter([0.05], [1.0, -0.95], command) + 0.01 * rng.normal(size=n)
     assert are_exchanged(answer, unit * command)
+    assert are_exchanged(answer, 5.0 - unit * command)
+    assert not are_exchanged(answer[::-1], unit * command[::-1])  # it would lag
     assert not are_exchanged(command, unit * answer)
     assert not are_exchanged(answer, unit * (command + 0.01 * rng.normal(size=n)))

@@ -85,12 +85,13 @@ def test_a_rest_below_a_step_of_the_converter_is_no_stuck_sensor(signals):
     assert "stuck_sensor" not in set(faults(drive, steps)["fault"])
 
 
-def test_a_counter_that_overflows():
+@pytest.mark.parametrize("unit", [1e-9, 1e9])
+def test_a_counter_that_overflows(unit):
     time = np.arange(3000) / 300.0
     drive = np.sin(time) + 0.5 * np.sin(2.7 * time)
     way = 3.0 * drive + 0.001 * np.random.default_rng(3).normal(size=3000)
     turn = 0.7 * np.ptp(way)
-    found = faults(drive, np.mod(way - way.min(), turn))
+    found = faults(unit * drive, np.mod(way - way.min(), turn))
     (row,) = found[found["fault"] == "wrapped_reading"].itertuples()
     assert row.value == pytest.approx(turn, rel=0.05)
     assert "wrapped_reading" not in set(faults(drive, way)["fault"])
@@ -385,3 +386,83 @@ def test_a_counter_overflows_by_one_size_while_the_drive_goes_on():
     assert list(_wrapped(turns, np.tile([0.0, 1.0], 350))) == []  # it does nothing but jump
     assert list(_wrapped(turns, np.tile([0.0, 1.0, 1.0], 234)[:700])) == []  # nor much else
     assert list(_wrapped(turns, np.sin(turns))) == []
+
+
+def kinds_of(found):
+    return [(kind, np.ravel(rows).tolist()) for kind, rows, *_ in found]
+
+
+@pytest.mark.parametrize("n", [50, 200])
+def test_a_code_comes_again_and_an_outlier_does_not(n):
+    """A fiftieth of the readings at most are off; more belong to the signal."""
+    y = 1e-3 * np.random.default_rng(0).normal(size=n)
+    y[[7, 20]] = 4.0, -9.0
+    found = kinds_of(_spikes(np.zeros(n), y, *_runs(y)))
+    assert found == ([] if n == 50 else [("outlier", [7, 20])])
+    y[20] = y[7]
+    found = kinds_of(_spikes(np.zeros(n), y, *_runs(y)))
+    assert found == ([] if n == 50 else [("lost_reading", [7, 20])])
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4, 5])
+def test_a_few_readings_have_no_fault(n):
+    assert faults(np.arange(n) % 2.0, np.arange(n) ** 2.0 + 3.0).empty == (n > 1)
+    assert set(faults(np.arange(n) + 1.0, np.zeros(n))["fault"]) <= {"constant_drive"}
+
+
+@pytest.mark.parametrize(("levels", "wraps"), [(11, False), (12, True)])
+def test_a_wrap_is_ten_times_as_large_as_what_moves_otherwise(levels, wraps):
+    """A counter of so many levels goes back by one less; twice a step is a fifth of ten."""
+    y = np.arange(10.0 * levels) % levels
+    found = list(_wrapped(np.zeros(len(y)), y))
+    assert len(found) == wraps
+    for kind, rows, value in found:
+        assert (kind, value) == ("wrapped_reading", levels - 1.0)
+        assert rows.tolist() == list(range(levels, len(y), levels))
+    for part, explains in ((0.1, False), (0.3, True)):  # of its range by which the drive jumps
+        u = part * (y < 5.0)
+        u[1] = 1.0
+        assert (not list(_wrapped(u, y))) == (explains or not wraps)
+        assert (not list(_wrapped(1e-9 * u, 1e9 * y))) == (explains or not wraps)
+
+
+def test_a_sensor_is_stuck_between_the_ends_of_the_range():
+    u = np.arange(100.0)
+    for value, stuck in ((-1.0, False), (0.3, True), (2.0, False)):
+        y = np.random.default_rng(0).uniform(-1.0, 2.0, size=100)
+        y[[0, 99]], y[40:52] = (-1.0, 2.0), value
+        rows = [("stuck_sensor", list(range(40, 52)))] if stuck else []
+        assert kinds_of(_stuck(u, y, *_runs(y))) == rows
+        assert kinds_of(_stuck(0.0 * u, y, *_runs(y))) == []  # the drive rests, too
+        y[49:52] = 0.1, 0.2, 0.1
+        assert kinds_of(_stuck(u, y, *_runs(y))) == []  # nine readings
+
+
+@pytest.mark.parametrize(
+    ("tops", "clipped"),
+    [((3, 2), True), ((2, 2, 1), False), ((3, 1), False), ((5,), True), ((1,) * 20, False)],
+)
+@pytest.mark.parametrize("end", [1.0, -1.0])
+def test_clipping_is_five_readings_of_which_three_in_a_row(tops, clipped, end):
+    y = np.linspace(-0.7, 0.7, 200)
+    for k, n in enumerate(tops):
+        y = np.insert(y, 9 * k, np.full(n, end))
+    y[-8:-2] = 0.123  # a run elsewhere is none
+    found = kinds_of(_clipped(y, *_runs(y), [], 1e-3))
+    assert found == ([("clipped_range", np.flatnonzero(y == end).tolist())] if clipped else [])
+    assert kinds_of(_clipped(y, *_runs(y), [end], 1e-3)) == []  # it is the code of a lost reading
+
+
+def test_one_interval_has_no_jitter():
+    X = pd.DataFrame({"u": np.zeros(2)}, pd.Index([0.0, 1.0], name="time"))
+    assert _jitter(X, RecordSlice("a", slice(0, 2), 1.0, 0.0, 2)) == 0.0
+
+
+def test_a_column_that_is_the_drive_is_told_whichever_it_is(signals):
+    drive, y = signals
+    other = np.random.default_rng(0).normal(size=N)
+    for columns, same in (((other,), False), ((other, drive), True), ((drive, other), True)):
+        X = np.stack([drive, *columns], axis=1)
+        assert (set(data_quality(X, y, record_slices(X))["fault"]) == {"same_signal"}) == same
+    assert set(faults(drive, drive)["fault"]) == {"same_signal"}
+    assert set(faults(np.ones(N), y)["fault"]) == {"constant_drive"}

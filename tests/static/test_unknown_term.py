@@ -85,6 +85,9 @@ def test_is_constant_beyond_its_range():
     model = UnknownTerm(dt=0.01).fit(U[:, None], U**2)
     ends = model.operator_.run(np.array([U.min(), U.min() - 9.0, U.max(), U.max() + 9.0]), 0.01)[0]
     np.testing.assert_allclose(ends[::2], ends[1::2])
+    u, law = np.array([np.nan, 0.0]), model.operator_.compiled_step(0.01, ())
+    for y in (model.operator_.run(u, 0.01)[0], law.streaming(law.state.copy())(u)):
+        np.testing.assert_array_equal(np.isnan(y), [True, False])
 
 
 def test_argument_that_does_not_move():

@@ -1,0 +1,341 @@
+"""Where an effect can enter a model, and what it starts from."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from skhyst.compose import amplitude
+from skhyst.diagnosis._changes import (
+    AtJoints,
+    BesideForce,
+    Driven,
+    FirstHysteresis,
+    Folded,
+    FollowedWidth,
+    HeldDrive,
+    InBetween,
+    InMotion,
+    InStages,
+    LoadedForce,
+    MoreTerms,
+    MovedModes,
+    PerRecord,
+    RateDependence,
+    Scaled,
+    _refitted_to,
+)
+from skhyst.diagnosis._edits import Insert, InsertAt
+from skhyst.diagnosis._starts import Scene
+from skhyst.diagnosis._tree import Tree
+from skhyst.fluid import TankChain
+from skhyst.hysteresis import (
+    CoulombFriction,
+    FreeMass,
+    MaxwellSlip,
+    PrandtlIshlinskii,
+    PrandtlIshlinskiiOperator,
+    RestoringForce,
+)
+from skhyst.linear import (
+    DynamicStiffness,
+    FirstOrderLag,
+    FirstOrderLagOperator,
+    Gain,
+    GainOperator,
+    SecondOrderMode,
+    SecondOrderModeOperator,
+    TransferFunction,
+    TransferFunctionOperator,
+)
+from skhyst.optimize import RecordData
+from skhyst.static import Fold, Saturation, SaturationOperator, SmoothCurve
+
+DT = 0.01
+LAG = FirstOrderLagOperator(0.05)
+MODE = SecondOrderModeOperator(30.0, 0.1)
+
+
+def recordings(columns=True):
+    """Return two records of unlike amplitude, with a column of levels and one that moves."""
+    found = []
+    for seed, n in enumerate((90, 120)):
+        u = (1.0 + 2.0 * seed) * np.cumsum(np.random.default_rng(seed).normal(size=n)) / 3.0
+        x = np.c_[np.full(n, 1.0 + seed), np.cos(u)] if columns else None
+        found.append(RecordData(u, u + 0.1 * np.sin(u), DT, auxiliary=x))
+    return found
+
+
+@cache
+def trees():
+    """Return declared models, by what they are made of."""
+    plays = PrandtlIshlinskiiOperator([0.0, 0.5, 1.0], [0.4, 0.3, 0.2])
+    found = {
+        "gain": Tree.of(Gain(), GainOperator(1.0)),
+        "lag": Tree.of(FirstOrderLag(), LAG),
+        "mode": Tree.of(SecondOrderMode(), MODE),
+        "plays": Tree.of(PrandtlIshlinskii(3), plays),
+    }
+    found["plays, mode"] = found["plays"].edited("further", Insert(SecondOrderMode(), MODE))
+    found["lags"] = found["lag"].edited(
+        "further", Insert(FirstOrderLag(), FirstOrderLagOperator(0.2))
+    )
+    for name, model in (("poles", TransferFunction(2, n_zeros=0)), ("force", DynamicStiffness())):
+        found[name] = Tree.from_result(model, model.identify(recordings()))
+    return {name: Tree(tree.root, tree.model) for name, tree in found.items()}
+
+
+DYNAMIC = {"lag", "mode", "plays, mode", "lags", "poles"}
+EVERY = DYNAMIC | {"gain", "plays", "force"}
+WITHOUT_COLUMNS = [
+    (HeldDrive("zoh"), DYNAMIC),
+    (HeldDrive("bandlimited"), DYNAMIC),
+    (HeldDrive("foh"), set()),  # it is declared
+    (FirstHysteresis(PrandtlIshlinskii(3)), EVERY - {"plays", "plays, mode", "force"}),
+    (InMotion(RestoringForce(fit_hysteresis=False, stiffness_degree=3)), {"mode", "poles"}),
+    (AtJoints(SmoothCurve(3)), EVERY),
+    (AtJoints(SmoothCurve(3), inner=True), {"plays, mode", "lags"}),
+    (BesideForce(MaxwellSlip()), {"force"}),
+    (MoreTerms(FreeMass(cubic_stiffness=True)), set()),
+    (RateDependence("slope"), {"plays", "plays, mode"}),
+    (InStages(False, False), {"lag", "lags"}),
+    (PerRecord("amplitude", "dynamics"), DYNAMIC),
+    (PerRecord("amplitude", "all"), EVERY),
+    (MovedModes(1), {"gain"}),
+    (Scaled("amplitude"), EVERY),
+]
+BY_A_COLUMN = [
+    (Driven(Gain(fit_intercept=False)), EVERY),
+    (Driven(Gain(fit_intercept=False), to_drive=True), EVERY),
+    (Scaled("column"), EVERY),
+    (FollowedWidth(), {"plays", "plays, mode"}),
+    (PerRecord("column", "all"), EVERY),
+    (LoadedForce(CoulombFriction()), {"force"}),
+]
+
+
+def found_by(change, name, records=None):
+    return change.trees("effect", Scene(trees()[name], records or recordings()))
+
+
+@pytest.mark.parametrize(
+    ("change", "where"), WITHOUT_COLUMNS + BY_A_COLUMN, ids=lambda own: type(own).__name__
+)
+def test_an_effect_enters_where_its_law_can_act(change, where):
+    """What is found has one effect more, and is the declared model without it."""
+    of_column = any(change == own for own, _ in BY_A_COLUMN)
+    for name, declared in trees().items():
+        found = found_by(change, name)
+        assert bool(found) == (name in where), name
+        for tree in found:
+            assert tree.effects == ("effect",)
+            assert tree.without("effect").names == declared.names
+            names = [own.problem(recordings()).names for own in (tree, declared)]
+            assert names[0] != names[1] or isinstance(change, HeldDrive)
+        if of_column:
+            assert found_by(change, name, recordings(columns=False)) == []
+        elif isinstance(change, PerRecord | MovedModes | Scaled):
+            assert found_by(change, name, recordings()[:1]) == []  # there is one amplitude
+
+
+@pytest.mark.parametrize("name", ["lag", "plays", "plays, mode"])
+@pytest.mark.parametrize(
+    "change",
+    [
+        PerRecord("amplitude", "all"),
+        PerRecord("column", "all"),
+        Driven(Gain(fit_intercept=False), to_drive=True),
+    ],
+    ids=lambda own: type(own).__name__,
+)
+def test_what_may_depend_on_a_number_starts_as_if_it_did_not(change, name):
+    records = recordings()
+    for tree in found_by(change, name):
+        for own, declared in zip(tree.run(records), trees()[name].run(records), strict=True):
+            np.testing.assert_allclose(own, declared, atol=1e-12)
+
+
+def test_columns_are_numbered_from_one_and_those_that_rest_do_nothing():
+    records = recordings()
+    means = [np.concatenate([r.auxiliary[:, k] for r in records]).mean() for k in range(2)]
+
+    def edits(change, name="plays"):
+        return [edit for tree in found_by(change, name) for _, edit in tree.edits]
+
+    assert [e.column for e in edits(Driven(Gain(fit_intercept=False)))] == [1, 2]
+    shifted = edits(Driven(Gain(fit_intercept=False), to_drive=True))
+    assert [e.column for e in shifted] == [1, 2]
+    for change in (Scaled("column"), FollowedWidth()):
+        assert [e.column for e in edits(change)] == [1, 2]
+        np.testing.assert_allclose([e.reference for e in edits(change)], means)
+    still = [RecordData(r.u, r.y, DT, auxiliary=0.0 * r.auxiliary + 3.0) for r in records]
+    for change, where in BY_A_COLUMN:
+        for name in where:
+            assert found_by(change, name, still) == []
+    (of_records,) = edits(PerRecord("column", "all"))
+    assert (of_records.by, of_records.low, of_records.high) == (1, 1.0, 2.0)
+    for resting in range(2):  # the other one moves within a record
+        moving = [
+            replace(r, auxiliary=r.auxiliary[:, 1:] if k != resting else 0.0 * r.u[:, None])
+            for k, r in enumerate(records)
+        ]
+        assert found_by(PerRecord("column", "all"), "plays", moving) == []
+    sizes = [amplitude(r.u) for r in records]
+    for change, name in ((PerRecord("amplitude", "all"), "lag"), (MovedModes(1), "gain")):
+        for tree in found_by(change, name, records[::-1]):
+            edit = tree.edits[-1][1]
+            assert (edit.by, edit.low, edit.high) == ("amplitude", min(sizes), max(sizes))
+
+
+def test_a_curve_comes_to_every_joint_but_its_own():
+    """Its own is behind the dynamics."""
+    names = [tree.names for tree in found_by(AtJoints(SmoothCurve(3)), "lags")]
+    lags = trees()["lags"].names
+    assert set(names) == {("effect", *lags), (lags[0], "effect", lags[1])}
+    inner = [tree.names for tree in found_by(AtJoints(SmoothCurve(3), inner=True), "lags")]
+    assert set(inner) == {(lags[0], "effect", lags[1])}
+
+
+@pytest.mark.parametrize("number", [0, 1, 2, 3, 4])
+def test_up_to_three_lags_in_a_row_may_be_tanks(number):
+    """A mode is none; what decays slowest comes last."""
+    lags, modes = np.linspace(0.1, 0.4, number), np.ones(1 - min(number, 1))
+    operator = TransferFunctionOperator(lags, 20.0 * modes, 0.1 * modes, np.empty(0))
+    model = TransferFunction(max(number, 2), n_zeros=0)
+    u = 1.0 + 0.5 * np.sign(np.sin(np.arange(200) * 2.0 * DT))
+    records = [RecordData(u, operator.run(u, DT)[0], DT)]
+    for overflow in (False, True):
+        found = InStages(overflow, False).trees("effect", Scene(Tree.of(model, operator), records))
+        assert bool(found) == (0 < number < 4)
+        for tree in found:
+            assert len(tree.operators) == 1
+            assert isinstance(tree.models[0], TankChain)
+            assert np.ndim(tree.run(records)[0]) == 1
+    if number == 1:  # nor is what follows a hysteresis
+        behind = trees()["plays"].edited("further", Insert(FirstOrderLag(), LAG))
+        assert InStages(False, False).trees("effect", Scene(behind, records)) == []
+
+
+@pytest.mark.parametrize("saturates", [True, False])
+def test_a_saturation_between_two_lags_shows_in_what_the_linear_model_leaves(saturates):
+    u = np.cumsum(np.random.default_rng(0).normal(size=600)) / 2.0
+    inner = FirstOrderLagOperator(0.05).run(u, DT)[0]
+    if saturates:
+        inner = np.clip(inner, -0.2 * np.ptp(inner), 0.2 * np.ptp(inner))
+    y = FirstOrderLagOperator(0.3).run(inner, DT)[0]
+    y = y + 1e-3 * np.random.default_rng(1).normal(size=600)
+    records = [RecordData(u, y, DT)]
+    model = TransferFunction(2, n_zeros=0)
+    tree = Tree.from_result(model, model.identify(records))
+    found = InBetween(Saturation()).trees("effect", Scene(tree, records))
+    assert bool(found) == saturates
+    for own in found:
+        assert len(own.operators) == 3
+        assert isinstance(own.operators[1], SaturationOperator)
+        assert all(len(own.operators[k].poles()) == 1 for k in (0, 2))
+    one = Tree.of(FirstOrderLag(), LAG)  # cannot be divided
+    assert InBetween(Saturation()).trees("effect", Scene(one, records)) == []
+
+
+@pytest.mark.parametrize(("rough", "asked"), [((), 0), ((0,), 1), ((1,), 1), ((0, 1), 1)])
+def test_a_drive_without_high_frequencies_is_the_same_however_it_is_interpolated(rough, asked):
+    records = []
+    for k in range(2):
+        u = np.sin(np.arange(200) / 30.0)
+        u += np.random.default_rng(k).normal(size=200) if k in rough else 0.0
+        records.append(RecordData(u, u, DT))
+    assert len(found_by(HeldDrive("bandlimited"), "lag", records)) == asked
+    assert len(found_by(HeldDrive("zoh"), "lag", records)) == 1
+
+
+def test_what_depends_on_the_record_depends_on_nothing_else_yet():
+    """One straight line at a time, and none for what is added in front of the declared model."""
+    lines = found_by(PerRecord("amplitude", "all"), "lag")[0]
+    scene = Scene(lines, recordings())
+    for change in (
+        PerRecord("amplitude", "all"),
+        MovedModes(1),
+        InBetween(Saturation()),
+        Driven(Gain(fit_intercept=False), to_drive=True),
+        Folded(Fold()),
+    ):
+        assert change.trees("more", scene) == []
+    assert Driven(Gain(fit_intercept=False)).trees("more", scene)
+    scaled = found_by(Scaled("column"), "lag")[0]
+    edits = [
+        tree.edits[-1][1] for tree in Scaled("column").trees("more", Scene(scaled, recordings()))
+    ]
+    assert [edit.column for edit in edits] == [2]  # it is scaled by the first one
+
+
+def test_friction_that_is_declared_follows_the_load_itself():
+    """Where there is none, it is added for each column; its levels alone grow with the load."""
+    records = recordings()
+    (first, second) = found_by(LoadedForce(CoulombFriction()), "force")
+    assert first.is_part("effect")
+    assert second.is_part("effect")
+    model = CoulombFriction()
+    tree = Tree.from_result(model, model.identify(records))
+    found = LoadedForce(model).trees("effect", Scene(tree, records))
+    loads = [np.abs(np.concatenate([r.auxiliary[:, k] for r in records])).mean() for k in range(2)]
+    for number, (own, load) in enumerate(zip(found, loads, strict=True), start=1):
+        ((_, edit),) = own.edits
+        assert (edit.column, edit.reference) == (number, pytest.approx(load))
+        assert edit.magnitude
+        assert set(edit.scales) == {"coulomb_force", "stribeck_force", "asymmetry"}
+        assert not own.is_part("effect")
+
+
+def test_forces_of_a_free_mass_are_added_that_it_has_not():
+    rng = np.random.default_rng(0)
+    u = np.cumsum(rng.normal(size=150))
+    records = [RecordData(u, np.cumsum(np.cumsum(u)) * DT**2, DT)]
+    tree = Tree.from_result(FreeMass(), FreeMass().identify(records))
+    cubic = MoreTerms(FreeMass(cubic_stiffness=True))
+    found = cubic.trees("effect", Scene(tree, records))
+    assert found
+    assert all(own.models[0].cubic_stiffness for own in found)
+    assert cubic.trees("more", Scene(found[0], records)) == []
+
+
+def test_what_is_there_is_not_added_again():
+    records = recordings()
+    for model in (MaxwellSlip(), CoulombFriction(fit_damping=False, fit_intercept=False)):
+        beside = BesideForce(model)
+        found = found_by(beside, "force")
+        assert found
+        assert beside.trees("more", Scene(found[0], records)) == []
+    friction = LoadedForce(CoulombFriction()).trees("more", Scene(found[0], records))
+    assert [own.is_part("more") for own in friction] == [False, False]  # it follows the load
+
+
+def test_the_stage_that_is_meant_may_stand_anywhere():
+    """Behind another one, too; and one that has an offset of its own drive is not widened."""
+    records, plays = recordings(), trees()["plays"]
+    lag = InsertAt(None, FirstOrderLag(), LAG)
+    behind = plays.edited("front", lag)
+    assert behind.names[0] == "front"
+    assert RateDependence("slope").trees("more", Scene(behind, records))
+    assert FollowedWidth().trees("more", Scene(behind, records)) == []  # they are not in front
+    for own in ({"drive_offset": 0.3}, {"form": "stop"}):
+        other = plays.with_stage(0, operator=replace(plays.operators[0], **own))
+        assert RateDependence("slope").trees("more", Scene(other, records)) == []
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1.0])
+@pytest.mark.parametrize("weighted", [False, True])
+def test_linear_parameters_are_those_of_least_squares(unit, weighted):
+    """Of records with weights, whatever a part is that does not move."""
+    u = np.cumsum(np.random.default_rng(0).normal(size=200)) / 3.0
+    y = unit * (2.0 * u + 0.3 * np.sin(5.0 * u) + 1.0)
+    weights = np.linspace(0.1, 3.0, 200) if weighted else np.ones(200)
+    records = [RecordData(u, y, DT, weights=weights if weighted else None)]
+    basis = np.sqrt(weights)[:, None] * np.c_[u, np.ones(200)]
+    expected = np.linalg.lstsq(basis, np.sqrt(weights) * y, rcond=None)[0]
+    operator = _refitted_to(records, Tree.of(Gain(), GainOperator(0.1 * unit, 3.0))).operators[0]
+    np.testing.assert_allclose([operator.gain, operator.intercept], expected, rtol=1e-6)
+    still = [replace(records[0], u=np.zeros(200))]
+    operator = _refitted_to(still, Tree.of(Gain(), GainOperator(0.1 * unit, 3.0))).operators[0]
+    mean = np.average(y, weights=weights)
+    assert (operator.gain, operator.intercept) == (0.1 * unit, pytest.approx(mean))
