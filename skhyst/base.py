@@ -44,11 +44,13 @@ from .operators import (
     Signal,
     Stepper,
     add_disturbances,
+    cut_off,
     run_records,
     run_variance,
     split_disturbances,
 )
 from .optimize import (
+    LEVEL,
     METHODS,
     NOISELESS,
     Method,
@@ -58,6 +60,8 @@ from .optimize import (
     identify,
     input_history_of,
     is_coloured,
+    is_left_early,
+    start_p_value,
     with_further_starts,
     with_input_history,
 )
@@ -74,10 +78,9 @@ _NO_REST = (
     "{} has found no state of rest, as of an integrator: start with initial_state='zero', or from "
     "a known response, 'y_start' of predict"
 )
-_CLEARLY = 0.5  # of the error: as much as chance and the colour of a residual do not make
+_CLEARLY = 0.5  # of the error: a start that leaves no more explains most of what was left
 _NOTHING = 0.98  # of the variance of the response, which a constant leaves
 _MOST = 0.5  # of a squared error, which is more than another fit of the same noise removes
-_OTHERWISE = 10.0  # times the error of a fit, which no new record of a device makes
 _FEW = "Records this short tell like few independent samples, and params_std_ is too small for"
 
 
@@ -715,25 +718,39 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         if not np.ptp(np.concatenate([record.drive for record in records])):  # which is told
             return
         # what has no rest does not forget how it began
-        if not (is_coloured if operator.n_start else _is_left_early)(result, records):
+        asked = (
+            is_coloured(result, records)
+            if operator.n_start
+            else is_left_early(result, records, self._begins())
+        )
+        if not asked:
             return
-        state, least = "rest", result.error
+        state, best, before = "rest", result, "rest"
         start, method = [(operator, result.disturbances)], "variable_projection"
         zero = with_params(model, initial_state="zero")
         for other, found in (
             ("zero", refine(zero, start, records, method, with_errors=False)),
             ("estimate", with_input_history(result, records, method)),
         ):
-            if found.error < _CLEARLY * least:
-                state, least = other, found.error
+            own = found.input_history
+            n_values, begun = (1, other) if own is None else (own.size, "rest")
+            p_value = start_p_value(best, found, records, n_values, (before, begun))
+            # a start bends to the misfit of a model too; of two tests each (Bonferroni)
+            if found.error < _CLEARLY * best.error and 2.0 * p_value < LEVEL:
+                state, best, before = other, found, begun
         if state != "rest":
             warnings.warn(
                 f"The records begin otherwise than at the rest that {type(self).__name__} starts "
-                f"from: with initial_state={state!r} the error is {least:.3g} in place of "
+                f"from: with initial_state={state!r} the error is {best.error:.3g} in place of "
                 f"{result.error:.3g}.",
                 ConvergenceWarning,
                 stacklevel=5,
             )
+
+    def _begins(self):
+        """Return for each record of the fit whether no rows of the same record come before it."""
+        labels = [s.label for s in self.records_]
+        return [i == 0 or label != labels[i - 1] for i, label in enumerate(labels)]
 
     def _without_rest(self, result, records):
         """Return what a start from zero leaves room for, if the response has no state of rest.
@@ -747,6 +764,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             return None
         moving = identified(with_params(self, initial_state="zero"), records)[1]
         clearly = moving.error < _CLEARLY * result.error
+        clearly &= start_p_value(result, moving, records, 1, ("rest", "zero")) < LEVEL
         return moving if clearly and moving.operator.slowest_decay() > longest else None
 
     def finish(self, result, records):
@@ -950,10 +968,14 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         if not self.operator_.signal_linear:
             warn_beyond(self, X, _read_columns(self.operator_))
         warn_schedules(self, self.operator_, schedules)
-        y = run_records(self.operator_, signal, slices, self.free_run_state, schedules)
+        y, rest = np.empty(len(signal)), [i for i in range(len(slices)) if i not in going]
+        if rest:
+            own = [slices[i] for i in rest], self.free_run_state, [schedules[i] for i in rest]
+            rows = np.concatenate([np.arange(s.rows.start, s.rows.stop) for s in own[0]])
+            y[rows] = run_records(self.operator_, signal, *own)
         for number, own in going.items():
             rows = slices[number].rows
-            y[rows] = np.nan_to_num(own.run()[0])
+            y[rows] = cut_off(own.run()[0])
             self._doubt_known(y[rows], known[0][rows])
         if not return_std:
             return y if read is None else y[read]
@@ -1019,7 +1041,10 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             return
         known = known[told]
         error = np.sqrt(np.mean(np.square(run[told] - known)))
-        if error > max(_OTHERWISE * self.fit_error_, np.std(known)):
+        # a constant predicts better, and the whole fit has left less: no part of it is as far off
+        n_fitted = sum(record.n_samples for record in self.records_)
+        largest = np.sqrt(n_fitted / len(known)) * self.fit_error_
+        if error > max(largest, np.std(known)):
             warnings.warn(
                 f"{type(self).__name__} does not follow the known response from any start: the "
                 f"error is {error:.3g}, that of the fit was {self.fit_error_:.3g}. Is it the same "
@@ -1196,17 +1221,6 @@ def _read_columns(operator):
     """Return the numbers of the columns that act by themselves in a tree of operators."""
     own = getattr(operator, "column", -1)  # -1 is the amplitude, which is that of the drive
     return {own} - {-1} | {i for child in operator.children for i in _read_columns(child)}
-
-
-def _is_left_early(result, records):
-    """Whether most of what a fit from rest leaves is left in the first tenth of each record."""
-    early, left = 0.0, 0.0
-    for record, output in zip(records, result.outputs(records), strict=True):
-        squares = record.counts() * np.square(record.y - output)
-        early += squares[: len(squares) // 10].sum()
-        left += squares.sum()
-    negligible = NOISELESS * sum(record.power() for record in records)
-    return left > negligible and early > 0.5 * left
 
 
 def _device(operator, dt, state, inputs, step=None):

@@ -18,6 +18,7 @@ from sklearn.metrics import root_mean_squared_error
 from sklearn.model_selection import GridSearchCV
 from sklearn.pipeline import make_pipeline
 
+import skhyst
 from skhyst.base import ParametricModel
 from skhyst.compose import Cascade, OnColumn, Sum
 from skhyst.disturbance import Offset
@@ -184,6 +185,39 @@ def test_records_that_begin_otherwise_than_at_rest_are_told(first, state):
         model.set_params(initial_state=state).fit(u[:, None], y)
     assert model.fit_error_ < 1.1e-3
     assert model.operator_.time_constant == pytest.approx(0.1, rel=1e-2)
+
+
+def test_a_single_row_with_a_time_tells_no_interval():
+    frame = pd.DataFrame({"u": U}, pd.Index(TIME, name="time"))
+    model = Gain().fit(frame, 2.0 * U)
+    with pytest.raises(RecordError, match=r"A single row with a time.*'stepper'"):
+        model.predict(frame[:1])
+
+
+def test_records_whose_start_is_known_are_run_once(monkeypatch):
+    """The others begin at rest."""
+    X, y = stack_records([(U[:100], Y[:100]), (U[100:], Y[100:])], dt=DT)
+    model, n_run = PrandtlIshlinskii(5).fit(X, y), []
+    run = skhyst.base.run_records
+    monkeypatch.setattr(
+        skhyst.base, "run_records", lambda *own: n_run.append(len(own[2])) or run(*own)
+    )
+    found = model.predict(X, y_start=np.where(np.arange(N) < 120, np.nan, y))
+    assert n_run == [1]
+    np.testing.assert_array_equal(found[:100], model.predict(X)[:100])
+    model.predict(X, y_start=y)
+    assert n_run == [1, 2]
+
+
+def test_a_record_that_is_cut_is_not_told_to_begin_elsewhere():
+    """As in a fold: what follows the rows that are left out begins in motion, which is known."""
+    u = drive().cumsum() / 10
+    y = FirstOrderLagOperator(0.4).run(u, DT)[0] + 1e-3 * np.random.default_rng(0).normal(size=N)
+    frame = pd.DataFrame({"u": u}, pd.Index(TIME, name="time"))
+    kept = (np.arange(N) < 60) | (np.arange(N) >= 80)
+    FirstOrderLag().fit(frame[kept], y[kept])  # warnings are errors
+    with pytest.warns(ConvergenceWarning, match="begin otherwise"):
+        FirstOrderLag().fit(frame[80:], y[80:])
 
 
 @pytest.mark.parametrize("factor", [1e3, 1e-3, -1.0])
@@ -526,6 +560,7 @@ def test_a_model_knows_the_range_and_the_rate_of_its_drive(model):
 
 
 @pytest.mark.filterwarnings("ignore::skhyst.exceptions.ShortRecordWarning")  # turned round
+@pytest.mark.filterwarnings("ignore:The data do not determine")  # in reversed time there is no lag
 def test_refit_forgets(model):
     first = clone(model).fit(X[::-1], 2.0 * Y[::-1])
     np.testing.assert_array_equal(first.fit(X, Y).predict(X), model.fit(X, Y).predict(X))
@@ -606,6 +641,7 @@ def test_weights_count_as_repetitions_do(model):
     assert weighted.fit_error_ == pytest.approx(repeated.fit_error_)
 
 
+@pytest.mark.filterwarnings("ignore:The data do not determine")  # nor does what is spoilt
 def test_a_response_of_weight_zero_is_not_read(model):
     """The drive goes on below it, so that what follows is simulated as before."""
     weights = np.ones(N)

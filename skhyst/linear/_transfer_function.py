@@ -1108,6 +1108,14 @@ class TransferFunction(ModesMixin, LinearModel):
         self._check_free_run()
         return self._choose(data)
 
+    def fit_from(self, operator, X, y, *, records=None, method=None) -> Self:
+        if not self.stable:
+            raise ValueError(
+                "The 'stable' parameter of TransferFunction must be True in 'fit_from', which "
+                "refines a free run. Got False instead: 'fit' needs no starting values."
+            )
+        return super().fit_from(operator, X, y, records=records, method=method)
+
     def _fit_records(self, records):
         self.__dict__.pop("predictor_gain_", None)  # of an earlier fit
         if self.stable:

@@ -67,6 +67,7 @@ from ._protocol import Operator, ParameterSpec, parameter
 from ._protocol import as_constant as as_constant
 from ._protocol import as_signal as as_signal
 from ._protocol import by_fields as by_fields
+from ._records import cut_off as cut_off
 from ._records import run_records as run_records
 from ._records import run_variance as run_variance
 from ._resolution import MovableOperator, Resolution

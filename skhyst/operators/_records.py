@@ -32,13 +32,19 @@ def run_records(operator, signal, slices, initial_state="rest", schedules=None):
             own = operator if schedule is None else operator.at(schedule)
             parts.append(own.run(u, record.dt, own.init(u[0], initial_state))[0])
         y = parts[0] if len(parts) == 1 else np.concatenate(parts)
+    return cut_off(y)
+
+
+def cut_off(y):
+    """Return an output with finite values, and warn where it had others."""
+    with np.errstate(over="ignore", invalid="ignore"):
         # one pass in the usual case; the sum may overflow although the values are finite
         is_finite = np.isfinite(y.sum()) or np.isfinite(y).all()
     if not is_finite:
         warnings.warn(
             "The simulation diverged; values beyond the range of floating point were cut off.",
             DivergenceWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
         y = np.nan_to_num(y)
     return y

@@ -9,7 +9,10 @@ from ._exchange import record_folds as record_folds
 from ._exchange import whole_record_folds as whole_record_folds
 from ._frequency_problem import FrequencyProblem as FrequencyProblem
 from ._frequency_problem import identify_response as identify_response
+from ._further_starts import LEVEL as LEVEL
 from ._further_starts import is_coloured as is_coloured
+from ._further_starts import is_left_early as is_left_early
+from ._further_starts import start_p_value as start_p_value
 from ._further_starts import with_further_starts as with_further_starts
 from ._identify import METHODS as METHODS
 from ._identify import NOISELESS as NOISELESS

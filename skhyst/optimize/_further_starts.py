@@ -8,12 +8,14 @@ they lead back to the best solution, this is the optimum, and the model lacks so
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import fdtrc
 
-from ..noise import whiteness_p_value
+from ..noise import whiteness_p_value, whitening_filter
 from ._identify import NOISELESS, identify, problems_of
-from ._problem import OperatorProblem
-from ._variable_projection import random_starts, variable_projection
+from ._problem import OperatorProblem, begun
+from ._variable_projection import random_starts, starts_near, variable_projection
 
+TINY = np.finfo(float).tiny
 LEVEL = 1e-3  # of the test of whiteness: the part of right fits that pay for further starts
 _ROUNDS = 5
 _RETURNS = (
@@ -36,13 +38,21 @@ def _neighbours(problems, seed):
     best = variable_projection(problem, problem.x0, max_evaluations=1)
     own = [p.x0 for p in problems[1:] if p.names == problem.names]
     drawn = random_starts(problems, [best.x, *own], _STARTS, seed)
-    trials = [variable_projection(problem, x, max_evaluations=_TRIAL_EVALUATIONS) for x in drawn]
-    trials.sort(key=lambda trial: trial.cost)
-    ends = [
-        variable_projection(problem, trial.x, tolerance=_TOLERANCE) for trial in trials[:_FULL_RUNS]
-    ]
-    evaluations = 1 + sum(run.n_evaluations for run in [best, *trials, *ends])  # 1: the search box
-    least = min([best, *ends], key=lambda run: run.cost)
+    # where a play or a limit passes a sample, the next optimum is near; that runs from near lead
+    # back says nothing of others
+    near = starts_near(problems, best.x, _STARTS // 2, seed)
+    evaluations, followed = 1, []  # the search box
+    for starts, most in ((drawn, _FULL_RUNS), (near, 1)):
+        trials = [
+            variable_projection(problem, x, max_evaluations=_TRIAL_EVALUATIONS) for x in starts
+        ]
+        trials.sort(key=lambda trial: trial.cost)
+        runs = [variable_projection(problem, own.x, tolerance=_TOLERANCE) for own in trials[:most]]
+        evaluations += sum(run.n_evaluations for run in [*trials, *runs])
+        followed.append(runs)
+    ends, nearest = followed
+    evaluations += best.n_evaluations
+    least = min([best, *ends, *nearest], key=lambda run: run.cost)
     found = least if least.cost < (1.0 - _NOTICEABLE) * best.cost else best
     returns = sum(run.cost <= found.cost / (1.0 - _NOTICEABLE) for run in [best, *ends]) - 1
     return found if found is not best else None, returns, evaluations
@@ -63,15 +73,106 @@ def is_coloured(result, records, initial_state="rest"):
     -------
     bool
     """
-    series, power = [], 0.0
-    outputs = result.outputs(records, initial_state)
+    series = _residuals(result, records, initial_state)
+    return _is_noise(series, records) and whiteness_p_value(series) < LEVEL
+
+
+def _residuals(result, records, initial_state):
+    """Return the residual of each segment of the records."""
+    outputs, series = result.outputs(records, initial_state), []
     for record, output in zip(records, outputs, strict=True):
         residual = np.sqrt(record.counts()) * (record.y - output)
-        power += float(residual @ residual)
         series += [residual[start:stop] for start, stop in record.segments]
-    if power <= NOISELESS * sum(record.power() for record in records):
+    return series
+
+
+def _is_noise(series, records):
+    """Whether residuals are more than rounding."""
+    power = sum(float(own @ own) for own in series)
+    return power > NOISELESS * sum(record.power() for record in records)
+
+
+def is_left_early(result, records, begins):
+    """Whether a fit from rest leaves more where records begin, at the level ``LEVEL``.
+
+    A filter makes them white; the variance in the first quarter, eighth, ... of each record is held
+    against that of the rest, where most is left in it (F test, Bonferroni).
+
+    Parameters
+    ----------
+    result : IdentificationResult
+    records : sequence of RecordData
+        Those of the fit.
+    begins : sequence of bool
+        Whether each record begins there: it does not where rows are left out, as by a fold.
+
+    Returns
+    -------
+    bool
+    """
+    series = _residuals(result, records, "rest")
+    if not _is_noise(series, records):
         return False
-    return whiteness_p_value(series) < LEVEL
+    n_segments = [len(record.segments) for record in records]
+    known = np.repeat(begins, n_segments)
+    series = [own for own, is_known in zip(series, known, strict=True) if is_known]
+    squares = [np.square(own) for own in _whitened(series, whitening_filter(series))]
+    total, n = sum(own.sum() for own in squares), sum(map(len, squares))
+    parts = [2.0**-k for k in range(2, max(map(len, squares)).bit_length())]
+    p_values = []
+    for part in parts:
+        stops = [int(np.ceil(part * len(own))) for own in squares]
+        begins = [own[:stop] for own, stop in zip(squares, stops, strict=True)]
+        m, early = sum(map(len, begins)), sum(own.sum() for own in begins)
+        most = sum(own[:stop] @ own[:stop] for own, stop in zip(series, stops, strict=True))
+        if m < n and 2.0 * most > sum(own @ own for own in series):
+            p_values.append(fdtrc(m, n - m, (early / m) / max((total - early) / (n - m), TINY)))
+    return bool(p_values) and len(parts) * min(p_values) < LEVEL
+
+
+def _whitened(series, weights):
+    return [np.convolve(own, weights)[: len(own)] for own in series]
+
+
+def start_p_value(result, other, records, n_values, states=("rest", "rest")):
+    """Return the p-value of what another start of the records explains.
+
+    If a fit leaves nothing but noise, which is that of the other fit, ``n_values`` more unknowns
+    remove as much as chance does (F test): of the residuals, and of what a filter makes white of
+    them, so that neither their colour nor a small part of a model's own misfit is taken for it.
+
+    Parameters
+    ----------
+    result, other : IdentificationResult
+    records : sequence of RecordData
+        Those of the fit.
+    n_values : int
+        Unknowns that the other has more.
+    states : tuple of (str, str), default=("rest", "rest")
+        State before each record of each.
+
+    Returns
+    -------
+    float
+    """
+    own = other.input_history
+    later = (
+        records
+        if own is None
+        else [begun(other.operator, *pair) for pair in zip(records, own, strict=True)]
+    )
+    left = [
+        _residuals(one, given, state)
+        for one, given, state in zip((result, other), (records, later), states, strict=True)
+    ]
+    n = sum(map(len, left[1])) - len(other.params) - n_values
+    p_values = []
+    for weights in (np.ones(1), whitening_filter(left[1])):
+        more, less = (sum(float(e @ e) for e in _whitened(own, weights)) for own in left)
+        if n <= 0 or more <= less:
+            return 1.0
+        p_values.append(fdtrc(n_values, n, (more - less) / n_values * n / max(less, TINY)))
+    return float(max(p_values))
 
 
 def with_further_starts(result, records, starts, others=(), *, fixed=(), initial_state="rest"):
@@ -138,5 +239,5 @@ def _better(result, other):
     """
     evaluations = result.n_evaluations + other.n_evaluations
     better = other.error**2 < (1.0 - _NOTICEABLE) * result.error**2
-    better &= len(other.undetermined) <= len(result.undetermined)
+    better &= len(other.silent) <= len(result.silent)
     return replace(other if better else result, n_evaluations=evaluations)

@@ -12,7 +12,7 @@ from ._levenberg_marquardt import LevenbergMarquardt
 from ._population import CuckooSearch, DifferentialEvolution, ModifiedCuckooSearch, ParticleSwarm
 from ._problem import OperatorProblem
 from ._standard_errors import FEWEST, coloured_covariance
-from ._variable_projection import VariableProjection
+from ._variable_projection import VariableProjection, variable_projection
 
 METHODS = {
     "variable_projection": VariableProjection,
@@ -28,6 +28,7 @@ _LOST = np.sqrt(np.finfo(float).tiny / np.finfo(float).eps)  # below it squares 
 NOISELESS = 1e-8  # part of the response's power that is no noise, but what numbers are rounded to
 _STIFF = 1e10  # of what the data determine, beside what they do not
 _ROUNDING = 1e-6  # part of the linear unknowns that is no change of them
+_QUANTILE = 1.96  # of the normal distribution, for an interval that holds 95 %
 _SINGULAR = 1e-11  # relative eigenvalue of the scaled normal equations
 
 
@@ -65,7 +66,9 @@ class IdentificationResult:
     params_std_white : dict of str to float, default={}
         Standard errors if the noise is white.
     undetermined : tuple of str
-        Parameters that the data do not determine.
+        Parameters that the data do not determine: they change nothing; or, on a logarithmic scale,
+        they may be as many times larger, or smaller, as there are samples: of any size that the
+        records tell apart.
     condition_number : float
         Of the scaled normal equations.
     joint_covariance : ndarray of shape (n, n), default=None
@@ -77,6 +80,8 @@ class IdentificationResult:
         has taken of the noise.
     short : tuple of str, default=()
         Parameters for which the records are worth fewer than two independent samples.
+    silent : tuple of str, default=()
+        Those of the undetermined parameters that change nothing.
     damping : tuple of float, default=()
         One value per entry of ``history``, if steps were damped.
     input_history : ndarray of shape (n_records, n_values) or (n_records, n_values, n_inputs)
@@ -104,6 +109,7 @@ class IdentificationResult:
     joint_covariance: np.ndarray | None = None
     noise_std: float | None = None
     short: tuple = ()
+    silent: tuple = ()
     damping: tuple = ()
     input_history: np.ndarray | None = None
     is_local: bool = False
@@ -438,6 +444,11 @@ def _uncertainty(problem, solution, blocks, coefficients):
     white = variance * root @ root.T
     covariance = coloured_covariance(lambda: problem.rows(x), root, n_samples)
     covariance = white if covariance is None else covariance
+    wide = problem.log & (marks == 0.0)
+    wide &= _QUANTILE * np.sqrt(np.diag(covariance)) > np.log(max(n_samples, 2.0))
+    wide[wide] = [_is_open(problem, solution, i, variance) for i in np.flatnonzero(wide)]
+    marks[wide] = np.inf
+    names = np.array(problem.names)
     few = (marks == 0.0) & (n_samples * np.diag(white) < FEWEST * np.diag(covariance))
     few &= solution.cost > NOISELESS * problem.scale
     # of the noise the fit has taken the trace of H C, which for white noise is sigma^2 p
@@ -451,10 +462,24 @@ def _uncertainty(problem, solution, blocks, coefficients):
         "params_std_white": _errors(problem, white * units, marks),
         "joint_covariance": _joint(problem, blocks, coefficients, covariance, chain, noise),
         "noise_std": float(np.sqrt(noise)),
-        "short": tuple(np.array(problem.names)[few].tolist()),
-        "undetermined": undetermined,
+        "short": tuple(names[few].tolist()),
+        "undetermined": tuple(sorted({*undetermined, *names[wide].tolist()})),
+        "silent": undetermined,
         "condition_number": condition,
     }
+
+
+def _is_open(problem, solution, i, variance):
+    """Whether a scale may be as many times larger, or smaller, as there are samples.
+
+    A linear interval is not enough: where two poles are equal it is wide, and they are determined.
+    """
+    far, costs = np.log(max(problem.segment_weight.sum(), 2.0)), []
+    for step in (-far, far):
+        x = solution.x.copy()
+        x[i] = np.clip(x[i] + step, problem.lower[i], problem.upper[i])
+        costs.append(variable_projection(problem, x, max_evaluations=1).cost)
+    return min(costs) < solution.cost + _QUANTILE**2 * variance
 
 
 def _joint(problem, blocks, coefficients, covariance, chain, noise):

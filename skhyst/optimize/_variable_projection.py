@@ -35,6 +35,7 @@ _TRIAL_EVALUATIONS = 4
 _TRIALS = 4  # starts that are followed on long records: those that fit best
 _LONG = 50_000  # samples
 _KEPT = 0.5  # fraction of the unknowns that a random start takes from the best solution so far
+_NEAREST = 0.01  # part of the way from the best solution that a start near it is off at least
 
 
 @dataclass
@@ -399,6 +400,16 @@ def random_starts(problems, bases, count, random_state):
         others = rng.integers(1, len(bases), count)
         bases = np.asarray(bases)[np.where(rng.random(count) < 0.5, 0, others)]
     return np.where(kept, bases, drawn)
+
+
+def starts_near(problems, base, count, random_state):
+    """Return starts (count, n) between a base (n,) and values drawn from the search box.
+
+    How far from the base is drawn too, each distance alike in logarithms.
+    """
+    rng = np.random.default_rng(random_state)
+    drawn = rng.uniform(*search_box(problems), (count, len(base)))
+    return base + np.exp(rng.uniform(np.log(_NEAREST), 0.0, (count, 1))) * (drawn - base)
 
 
 @dataclass(frozen=True, kw_only=True)

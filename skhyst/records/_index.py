@@ -323,6 +323,11 @@ def _pieces(stamps, bridge):
                 lost += range(first, first + missing[row])
             pieces.append((run, a, b, tuple(lost)))
     single = [start for _, start, stop, _ in pieces if stop - start == 1]
+    if len(stamps.values) == 1:
+        raise RecordError(
+            "A single row with a time does not tell a sampling interval. Give it together with its "
+            "neighbours; one sample after the other is what the 'stepper' of a model takes."
+        )
     if single:
         counts = (
             " The integers of the index count samples: give times in seconds as floats."

@@ -25,6 +25,7 @@ FOUND = [
     *(("3 poles, fold", seed) for seed in (0, 1, 2)),
     *(("mode, soft limit", seed) for seed in (8, 62)),
     ("mode, mode", 78),
+    ("lag, backlash", optima.REPORTING + 97),
     ("TransferFunction, 4 poles", 16),
     ("TimeShift", 19),
 ]

@@ -6,6 +6,7 @@ import pickle
 import numpy as np
 import pandas as pd
 import pytest
+from sklearn.base import clone
 
 from skhyst.compose import Cascade, Feedback, Modulated, Sum
 from skhyst.exceptions import DivergenceWarning
@@ -139,3 +140,8 @@ def test_an_integrator_in_the_loop():
     for name, value in {"time_constants[0]": 0.2, "gain": 2.0}.items():
         assert abs(model.params_[name] - value) < 3.0 * model.params_std_[name], name
     assert model.poles_[0] == 0.0
+
+
+def test_a_fit_from_an_operator_is_that_of_a_free_run_and_refused(fitted):
+    with pytest.raises(ValueError, match=r"'stable' parameter of .* in 'fit_from'"):
+        clone(fitted).fit_from(fitted.operator_, *closed_loop(0, 100))

@@ -332,6 +332,7 @@ def test_levenberg_marquardt_counts_epochs_and_moves_its_damping():
     assert goal.history[-1][1] <= 1e-3 * power < goal.history[-2][1]
 
 
+@pytest.mark.filterwarnings("ignore:The records begin otherwise")  # those of folds
 def test_a_grid_over_what_a_method_is_given():
     """A search sets parameters of the method of its own copy of a model, by name."""
     data = record(0.01)
