@@ -207,7 +207,7 @@ def with_further_starts(result, records, starts, others=(), *, fixed=(), initial
         return result
     most = (1.0 + _BUDGET) * result.n_evaluations
     for other in others:
-        result = _better(result, other)
+        result = _better(result, other, records, initial_state)
         if result.operator is other.operator and not is_coloured(result, records, initial_state):
             return result
         if result.n_evaluations > most:
@@ -219,7 +219,12 @@ def with_further_starts(result, records, starts, others=(), *, fixed=(), initial
         before = result
         result = replace(result, n_evaluations=result.n_evaluations + evaluations)
         if found is not None:
-            result = _better(result, identify([problems[0].unpack(found.x)], records, **how))
+            result = _better(
+                result,
+                identify([problems[0].unpack(found.x)], records, **how),
+                records,
+                initial_state,
+            )
         better = result.error < before.error
         returns = 0 if better else returns + back
         if (
@@ -231,13 +236,15 @@ def with_further_starts(result, records, starts, others=(), *, fixed=(), initial
     return replace(result, is_local=True)
 
 
-def _better(result, other):
+def _better(result, other, records, state):
     """Return the other result where it is noticeably better, with the evaluations of both.
 
-    Where it leaves more undetermined, it explains by chance: then it is no better. What two parts
-    share may be undetermined in either, so that their number counts.
+    Where it leaves more undetermined, it may explain by chance: then it is better only if it
+    explains more than its parameters can of noise. What two parts share may be undetermined in
+    either, so that their number counts.
     """
     evaluations = result.n_evaluations + other.n_evaluations
     better = other.error**2 < (1.0 - _NOTICEABLE) * result.error**2
-    better &= len(other.silent) <= len(result.silent)
+    if better and len(other.silent) > len(result.silent):
+        better = start_p_value(result, other, records, len(other.params), (state, state)) < LEVEL
     return replace(other if better else result, n_evaluations=evaluations)
