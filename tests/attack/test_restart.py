@@ -12,8 +12,22 @@ from scipy.signal import lsim
 from sklearn.exceptions import ConvergenceWarning
 
 from skhyst.compose import Cascade, Sum
-from skhyst.hysteresis import BoucWen, BoucWenOperator
-from skhyst.linear import FirstOrderLag, FirstOrderLagOperator, Gain, TransferFunction
+from skhyst.hysteresis import (
+    BoucWen,
+    BoucWenOperator,
+    PrandtlIshlinskii,
+    PrandtlIshlinskiiOperator,
+)
+from skhyst.linear import (
+    FirstOrderLag,
+    FirstOrderLagOperator,
+    Gain,
+    KelvinVoigt,
+    KelvinVoigtOperator,
+    SecondOrderMode,
+    SecondOrderModeOperator,
+    TransferFunction,
+)
 from skhyst.optimize import VariableProjection
 from skhyst.static import SmoothCurve
 
@@ -75,6 +89,21 @@ def test_a_sum_fits_no_worse_than_a_part_that_comes_last():
     steps = [("gain", Gain()), ("poles", TransferFunction(2, hold="zoh"))]
     model = Sum(steps, dt=0.01, initial_state="zero").fit(u[:, None], y)
     assert model.fit_error_ < 1e-5 * y.std()
+
+
+@pytest.mark.filterwarnings("ignore:The data do not determine")  # plays that hardly move
+def test_a_cascade_fits_no_worse_than_without_a_step_also_where_weights_are_left_open():
+    rng, t = np.random.default_rng(17), 1e-3 * np.arange(700)
+    u = np.sin(2 * np.pi * rng.uniform(1.0, 60.0, 6) * t[:, None]) @ rng.uniform(0.3, 1.0, 6)
+    u *= 6.0 / np.abs(u).max()
+    v = PrandtlIshlinskiiOperator([0.0, 0.5, 1.2], [0.7, 0.2, 0.1]).run(u, 1e-3)[0]
+    w = KelvinVoigtOperator([0.09], [0.066]).run(v, 1e-3)[0]
+    y = SecondOrderModeOperator(206.0, 0.04).run(w, 1e-3)[0]
+    y += 0.01 * y.std() * rng.standard_normal(len(t))
+    plays, mode = ("plays", PrandtlIshlinskii(5)), ("mode", SecondOrderMode())
+    less = Cascade([plays, mode], dt=1e-3).fit(u[:, None], y)
+    model = Cascade([plays, ("creep", KelvinVoigt(1)), mode], dt=1e-3).fit(u[:, None], y)
+    assert model.fit_error_ < less.fit_error_
 
 
 def test_a_white_residual_asks_for_no_further_start():
