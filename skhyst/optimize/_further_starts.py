@@ -205,10 +205,16 @@ def with_further_starts(result, records, starts, others=(), *, fixed=(), initial
         return result
     if not is_coloured(result, records, initial_state):
         return result
-    most = (1.0 + _BUDGET) * result.n_evaluations
+    most, open_before = (1.0 + _BUDGET) * result.n_evaluations, len(result.silent)
+
+    def is_enough(result):
+        """Whether there is nothing left to explain, and no more parameters are undetermined."""
+        few = len(result.silent) <= open_before
+        return few and not is_coloured(result, records, initial_state)
+
     for other in others:
         result = _better(result, other, records, initial_state)
-        if result.operator is other.operator and not is_coloured(result, records, initial_state):
+        if result.operator is other.operator and is_enough(result):
             return result
         if result.n_evaluations > most:
             break
@@ -219,32 +225,31 @@ def with_further_starts(result, records, starts, others=(), *, fixed=(), initial
         before = result
         result = replace(result, n_evaluations=result.n_evaluations + evaluations)
         if found is not None:
-            result = _better(
-                result,
-                identify([problems[0].unpack(found.x)], records, **how),
-                records,
-                initial_state,
-            )
+            other = identify([problems[0].unpack(found.x)], records, **how)
+            result = _better(result, other, records, initial_state)
         better = result.error < before.error
         returns = 0 if better else returns + back
         if (
             returns >= _RETURNS
             or (back and result.n_evaluations > most)
-            or (better and not is_coloured(result, records, initial_state))
+            or (better and is_enough(result))
         ):
             return result
     return replace(result, is_local=True)
 
 
 def _better(result, other, records, state):
-    """Return the other result where it is noticeably better, with the evaluations of both.
+    """Return the better one of two results, with the evaluations of both.
 
-    Where it leaves more undetermined, it may explain by chance: then it is better only if it
-    explains more than its parameters can of noise. What two parts share may be undetermined in
+    That is the one of noticeably lower error. Where it leaves more undetermined, it may explain by
+    chance, and has to explain more than its parameters can of noise; of two that explain about as
+    much it is the one that leaves less undetermined. What two parts share may be undetermined in
     either, so that their number counts.
     """
     evaluations = result.n_evaluations + other.n_evaluations
-    better = other.error**2 < (1.0 - _NOTICEABLE) * result.error**2
-    if better and len(other.silent) > len(result.silent):
+    ratio = (other.error / result.error) ** 2 if result.error > 0.0 else np.inf
+    more_open = len(other.silent) - len(result.silent)
+    better = ratio < 1.0 - _NOTICEABLE or (more_open < 0 and ratio * (1.0 - _NOTICEABLE) < 1.0)
+    if better and more_open > 0:
         better = start_p_value(result, other, records, len(other.params), (state, state)) < LEVEL
     return replace(other if better else result, n_evaluations=evaluations)
