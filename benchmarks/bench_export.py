@@ -222,8 +222,8 @@ def devices():
     u = np.convolve(rng.normal(size=n + 40), np.hanning(41), "valid")
     u *= 4.0 / np.abs(u).max()
     plays = PLAYS.run(u, dt)[0]
-    y = np.convolve(np.append(np.full(20, plays[0]), plays), 0.8 ** np.arange(21), "valid") / 5.0
-    y += 1e-4 * rng.normal(size=n)
+    late = np.convolve(np.append(np.full(20, plays[0]), plays), 0.2 * 0.8 ** np.arange(21), "valid")
+    y = 0.9 * plays + 0.1 * late + 1e-4 * rng.normal(size=n)
     X, reference = u[:, None], y[:300]
     models = {
         "cascade of plays and creep": Cascade([("p", PrandtlIshlinskii(5)), ("c", LogCreep())]),
