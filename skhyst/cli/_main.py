@@ -184,7 +184,7 @@ def _add_search(parser, nargs=1):
     add("--model", metavar="NAME", help=f"{series} (default: the best of a few that are compared)")
     add("--effects", default="all", help="comma-separated names (default: all)")
     add("--folds", "--cv", type=int, default=5, metavar="N", help="folds (default: 5)")
-    add("--washout", type=int, metavar="N", help="samples at the start that are not scored")
+    add("--washout", type=int, metavar="N", help="samples at the start that do not count")
     gross = "huber: gross errors of the measurement have less weight (default: squared)"
     add("--loss", choices=("squared", "huber"), default="squared", help=gross)
     add("--alpha", type=float, default=0.01, help="probability of a false claim (default: 0.01)")

@@ -158,4 +158,4 @@ def first_parts(records):
     share = _ENOUGH / sum(len(record.u) for record in records)
     if share >= 1.0:
         return list(records)
-    return [r.first_part(max(int(share * len(r.u)), len(r.segments))) for r in records]
+    return [r.first_part(int(share * len(r.u))) for r in records]

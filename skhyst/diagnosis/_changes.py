@@ -82,7 +82,7 @@ class UnderWay:
         if unknown or all(operator.memoryless for operator in tree.operators):
             return []
         # a past shows in what comes first; that of a claim is found from whole records
-        parts = [r.first_part(max(len(r.u) // FACTOR, len(r.segments))) for r in scene.records]
+        parts = [r.first_part(len(r.u) // FACTOR) for r in scene.records]
         return [tree.edited(name, Begin(tree.led_by(parts).input_history))]
 
 

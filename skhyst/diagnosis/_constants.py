@@ -25,11 +25,6 @@ TANKS = 3  # in a row, at the most
 KNEE = 0.6  # of the largest response: levels of a knee start at least a tenth above it
 FULL = 0.98  # of the level of a knee, up to which its inverse is well conditioned
 
-# ---- periods of a drive, as parts of the power of the difference to the shifted drive
-AWAY = 0.2  # it has moved on
-SAME = 1e-3  # two lags repeat it equally well
-PROBES = 64  # samples that rule out most lags
-
 # ---- the black box that bounds the noise
 LAGS = 2 ** np.arange(9)  # samples that it looks back, logarithmically spaced
 STRETCHES = 60  # of consecutive samples, which folds take in turn

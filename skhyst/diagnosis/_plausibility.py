@@ -11,9 +11,10 @@ import numpy as np
 from scipy.stats import norm
 
 from ..noise import largest_noise
+from ..records import near_period
 from ._constants import FLAT, HARD, NOTICEABLE, REPEATS
-from ._periods import near_period, turns
 from ._traits import n_ringing, presliding_displacement
+from ._turns import turns
 
 
 def is_plausible(margin, candidate, before, records, alpha):

@@ -78,7 +78,8 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         Effects to try, see :func:`effect_names`.
     cv : int, splitter or iterable, default=5
         What is held out, as in ``GridSearchCV``. An int: so many folds, each of a block of every
-        record, see :func:`skhyst.model_selection.segment_folds`. A splitter, such as
+        record, or of a part of its period where the drive repeats itself, see
+        :func:`skhyst.model_selection.segment_folds`. A splitter, such as
         ``RecordKFold()`` for whole records; or an iterable of (train, test) row numbers.
     alpha : float, default=0.01
         Probability of a false claim.
@@ -92,9 +93,9 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         of their neighbours' residual count less, or nothing, in fits and errors. The weights come
         from the residual at the start of each round.
     washout : int or None, default=None
-        Samples at the start of each block, or of each record, that are simulated but not scored.
-        None: 5 % of a block of a single record, whose past is unknown; nothing where there are
-        several records, each from its own start.
+        Samples at the start of each record that are simulated, but neither fitted nor scored. None:
+        5 % of a block of a single record, whose past is unknown; nothing where there are several
+        records, each from its own start.
     reference : int, str or None, default=None
         Position or name of the column of X that is the reference of the controller, where the drive
         was recorded in closed loop. Decisions then rest on what it explains of the drive, which

@@ -35,7 +35,7 @@ from sklearn.linear_model import Ridge
 
 from ..noise import block_length, block_p_value, fit_noise, stretches
 from ..operators import play_basis, play_thresholds
-from ..records import by_interval
+from ..records import by_interval, drive_period, repeats
 from ._constants import (
     BLOCKS,
     ENOUGH,
@@ -49,7 +49,6 @@ from ._constants import (
     TREES,
 )
 from ._criterion import paired_p_value
-from ._periods import drive_period, repeats
 
 N_PRESENT = 4  # features of a drive that need no past, the first ones
 

@@ -31,7 +31,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..noise import NoiseModel, difference_noise, fit_noise
-from ._periods import turns
 from ._structure import (
     by_black_boxes,
     by_shifted_drive,
@@ -39,6 +38,7 @@ from ._structure import (
     repeatability,
     repetitions,
 )
+from ._turns import turns
 
 LARGEST_EXPONENT = 2.0  # of the spectrum: of white noise that is summed up
 CORRELATED = 0.2  # of the drive's period

@@ -9,7 +9,7 @@ from numbers import Integral
 
 import numpy as np
 
-from ..records import first_of_equals
+from ..records import first_of_equals, near_period
 
 _WASHOUT = 0.05  # of a block of a single record
 
@@ -102,23 +102,23 @@ def segment_folds(
     groups : array-like of shape (n_samples,), optional
         Passed to a splitter.
     washout : int or None, default=None
-        Samples that are neither fitted nor scored in a fold that tests them: those at the start of
-        each record, or of each block of test rows of a single record. One sample of each at least
-        is scored. None: 5 % of the shortest block of a single record, whose past is unknown;
-        nothing where there are several records, each from its own start.
+        Samples at the start of each record that are neither fitted nor scored, in no fold: they
+        are in no segment. One sample of each record at least is in one. None: 5 % of the shortest
+        block of a single record, whose past is unknown; nothing where there are several records,
+        each from its own start.
     n_segments : int, default=32
-        Segments a record, at the most where the folds allow it, those washed out not counted.
+        Segments a record, at the most where the folds allow it.
     shortest : int, default=16
         Samples that a segment has at least, where the folds allow it.
 
     Returns
     -------
     segments : tuple of tuple of (start, stop)
-        For each record, its segments in order, which cover it; rows count from its start. They are
-        about equally long, but for the ends of blocks and washed-out stretches.
+        For each record, its segments in order, which cover what is behind its washout; rows count
+        from its start. They are about equally long, but for the ends of blocks.
     folds : list of (train, test)
         Boolean masks over the segments of all records: those fitted, those scored. What a fold
-        neither trains on nor tests (gaps, washout) is in neither.
+        neither trains on nor tests (gaps) is in neither.
 
     Raises
     ------
@@ -133,12 +133,12 @@ def segment_folds(
     >>> from skhyst.records import record_slices
     >>> segments, folds = segment_folds(record_slices(np.zeros((90, 1))), cv=2, n_segments=6)
     >>> segments
-    (((0, 1), (1, 30), (30, 31), (31, 60), (60, 61), (61, 90)),)
+    (((1, 30), (30, 60), (60, 90)),)
     >>> for train, test in folds:
     ...     print(train.astype(int), test.astype(int))
-    [1 1 0 0 1 1] [0 0 0 1 0 0]
-    [1 1 1 1 0 0] [0 0 0 0 0 1]
-    [1 1 1 1 1 1] [0 1 0 0 0 0]
+    [1 0 1] [0 1 0]
+    [1 1 0] [0 0 1]
+    [1 1 1] [1 0 0]
     """
     for name, value, least in (("n_segments", n_segments, 1), ("shortest", shortest, 1)):
         check_integer(name, value, least, "segment_folds")
@@ -147,35 +147,37 @@ def segment_folds(
     first = np.zeros(records[-1].rows.stop, dtype=bool)
     first[[record.rows.start for record in records]] = True
     if isinstance(cv, Integral):
-        train, test = _even_folds(records, cv, X, y, shortest)
+        check_integer("cv", cv, 2, "segment_folds")
+        begins = _begins(records, washout, records[0].n_samples // (cv + 1))
+        train, test = _even_folds(records, cv, X, y, shortest, begins)
     else:
         train, test = _given_folds(cv, X, y, groups, first)
-    scored = test & ~_washed(records, test, first, washout)
-    if (
-        isinstance(cv, Integral) and not scored[-1].any()
-    ):  # no record has blocks, or all is washed out
-        train, test, scored = train[:-1], test[:-1], scored[:-1]
-    empty = np.flatnonzero(~scored.any(axis=1))
+        blocks = (runs(mask, first) for mask in test)
+        begins = _begins(records, washout, min(np.min(b - a) for a, b in blocks))
+    firsts = [r.rows.start + begin for r, begin in zip(records, begins, strict=True)]
+    for record, counted in zip(records, firsts, strict=True):
+        train[:, record.rows.start : counted] = test[:, record.rows.start : counted] = False
+    empty = np.flatnonzero(~(train.any(axis=1) & test.any(axis=1)))
     if empty.size:
         raise ValueError(
-            f"The 'washout' parameter must leave test rows to score. Got {washout!r} and none in "
-            f"fold {empty[0]} instead."
+            f"The 'washout' parameter must leave training rows, and test rows to score. Got "
+            f"{washout!r} and none in fold {empty[0]} instead."
         )
-    changed = [(part[:, 1:] != part[:, :-1]).any(axis=0) for part in (train, test, scored)]
+    changed = [(part[:, 1:] != part[:, :-1]).any(axis=0) for part in (train, test)]
+    first[firsts] = True
     cuts = np.flatnonzero(first | np.append(False, np.logical_or.reduce(changed)))
-    undivided = test.any(axis=0) & ~scored.any(axis=0)
     segments = []
-    for record in records:
+    for record, counted in zip(records, firsts, strict=True):
         start, stop = record.rows.start, record.rows.stop
-        own = cuts[(cuts >= start) & (cuts < stop)].tolist()
-        counts = _shares(np.diff([*own, stop]), ~undivided[own], n_segments)
+        own = cuts[(cuts >= counted) & (cuts < stop)].tolist()
+        counts = _shares(np.diff([*own, stop]), n_segments)
         parts = [
             stretches(a - start, b - start, count, shortest)
             for (a, b), count in zip(pairwise([*own, stop]), counts, strict=True)
         ]
         segments.append(tuple(chain.from_iterable(parts)))
     rows = [r.rows.start + a for r, own in zip(records, segments, strict=True) for a, _ in own]
-    masks = zip(train[:, rows], scored[:, rows], strict=True)
+    masks = zip(train[:, rows], test[:, rows], strict=True)
     return tuple(segments), list(masks)
 
 
@@ -196,27 +198,48 @@ def runs(mask, first):
     return np.flatnonzero(starts), np.flatnonzero(stops) + 1
 
 
-def _even_folds(records, cv, X, y, shortest):
+def _begins(records, washout, block):
+    """Return the first sample of each record that counts."""
+    if washout is None:
+        washout = int(_WASHOUT * block) if len(records) == 1 else 0
+    return [min(washout, record.n_samples - 1) for record in records]
+
+
+def _even_folds(records, cv, X, y, shortest, begins):
     """Return masks (n_folds, n_samples) of a block of every record, or of all of a short one."""
-    check_integer("cv", cv, 2, "segment_folds")
     fold_of = []
     places = np.argsort(by_content(records, X, y))
     if X is not None and y is not None:  # what is recorded once is never on both sides of a fold
         places = places[first_of_equals(records, X, y)]
-    for record, place in zip(records, places, strict=True):
-        n, block = record.n_samples, np.zeros(record.n_samples, dtype=int)
+    for record, place, begin in zip(records, places, begins, strict=True):
+        n = record.n_samples - begin
+        if len(records) == 1 and n < 2 * (cv + 1):
+            raise ValueError(
+                f"The 'cv' parameter must leave two samples in each block of a record: at least "
+                f"{2 * cv + 2} samples for {cv} folds. Got {n} instead."
+            )
+        block = np.zeros(n, dtype=int)
         if n >= (cv + 1) * shortest or len(records) == 1:
-            block = (np.arange(1, n + 1) * (cv + 1) - 1) // n - 1
-        fold_of.append(np.where(block < 0, -1, (place + block) % cv))
-    if len(records) == 1 and records[0].n_samples < 2 * (cv + 1):
-        raise ValueError(
-            f"The 'cv' parameter must leave two samples in each block of a record: at least "
-            f"{2 * cv + 2} samples for {cv} folds. Got {records[0].n_samples} instead."
-        )
+            drive = np.empty(0) if X is None else np.asarray(X, dtype=float)[record.rows]
+            block = _blocks(drive if drive.ndim == 1 else drive[:, 0], n, cv, shortest)
+        fold_of += [np.full(begin, -2), np.where(block < 0, -1, (place + block) % cv)]
     fold_of = np.concatenate(fold_of)
-    numbers = np.unique(fold_of[fold_of >= 0])
-    test = fold_of == np.append(numbers, -1)[:, None]
+    numbers = np.unique(fold_of[fold_of >= -1])
+    test = fold_of == np.roll(numbers, -int(numbers[0] < 0))[:, None]
     return ~test | (test & (fold_of < 0)), test
+
+
+def _blocks(drive, n, cv, shortest):
+    """Return the number of the block that each of the last n samples is in, -1 of the first one.
+
+    Parts of a period count from its largest drive: where it goes up and down once, no part is the
+    only one that goes through its range.
+    """
+    period = near_period(drive)
+    if not 2 * cv * shortest <= period <= n:
+        return (np.arange(1, n + 1) * (cv + 1) - 1) // n - 1
+    phase = (np.arange(len(drive)) - np.argmax(drive)) / period % 1.0
+    return (2 * cv * phase[-n:]).astype(int)
 
 
 def _given_folds(cv, X, y, groups, first):
@@ -275,32 +298,12 @@ def _row_numbers(numbers, n_rows, where):
     return rows
 
 
-def _washed(records, test, first, washout):
-    """Return a mask (n_folds, n_samples) of the rows that are simulated but not scored."""
-    washed = np.zeros_like(test)
-    if len(records) > 1:
-        for record in records:
-            end = min(washout or 0, record.n_samples - 1)
-            washed[:, record.rows.start : record.rows.start + end] = True
-        return washed
-    blocks = [runs(mask, first) for mask in test]
-    if washout is None:
-        washout = int(_WASHOUT * min(np.min(stops - starts) for starts, stops in blocks))
-    for mask, (starts, stops) in zip(washed, blocks, strict=True):
-        for start, stop in zip(starts, stops, strict=True):
-            mask[start : min(start + washout, stop - 1)] = True
-    return washed
-
-
-def _shares(lengths, divided, n_segments):
+def _shares(lengths, n_segments):
     """Return how many segments each part of a record gets: parts of one length equally many."""
-    counts = np.ones(len(lengths), dtype=int)
-    if divided.any():
-        # multiples of the shortest, as the blocks of an even division differ by a sample
-        sizes = np.maximum(np.round(lengths[divided] / lengths[divided].min()), 1.0)
-        for size in np.unique(sizes / np.arange(1, n_segments + 1)[:, None]):
-            own = np.maximum(np.floor(sizes / size * (1.0 + 1e-12)), 1.0)
-            if own.sum() <= n_segments:
-                counts[divided] = own
-                break
-    return counts.tolist()
+    # multiples of the shortest, as the blocks of an even division differ by a sample
+    sizes = np.maximum(np.round(lengths / lengths.min()), 1.0)
+    for size in np.unique(sizes / np.arange(1, n_segments + 1)[:, None]):
+        own = np.maximum(np.floor(sizes / size * (1.0 + 1e-12)), 1.0)
+        if own.sum() <= n_segments:
+            return own.astype(int).tolist()
+    return [1] * len(lengths)

@@ -121,13 +121,15 @@ class RecordData:
         Parameters
         ----------
         stop : int
-            Number of samples that are kept.
+            Number of samples that are kept; more where some segment would have none.
 
         Returns
         -------
         RecordData
         """
-        edges = np.linspace(0, stop, len(self.segments) + 1).astype(int)
+        begin = self.segments[0][0]
+        stop = max(stop, begin + len(self.segments))
+        edges = np.linspace(begin, stop, len(self.segments) + 1).astype(int)
         rows = ("u", "y", "auxiliary", "weights", "beside", "explained")
         own = {name: getattr(self, name) for name in rows}
         cut = {name: values[:stop] for name, values in own.items() if values is not None}

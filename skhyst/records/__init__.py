@@ -13,6 +13,9 @@ from ._index import record_names as record_names
 from ._index import refuse_lost_index as refuse_lost_index
 from ._lost_rows import fill_lost_rows as fill_lost_rows
 from ._lost_rows import with_lost_rows as with_lost_rows
+from ._periods import drive_period as drive_period
+from ._periods import near_period as near_period
+from ._periods import repeats as repeats
 from ._read_records import read_records
 from ._recording_overview import RecordingOverview, inspect_recording
 from ._resample import resample_like, resample_records, resampling_error

@@ -7,13 +7,12 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
-from skhyst.diagnosis import _periods
 from skhyst.diagnosis._criterion import Criterion
-from skhyst.diagnosis._periods import repeats
 from skhyst.diagnosis._structure import by_shifted_drive, repeatability
 from skhyst.diagnosis._verdict import judge_residual
 from skhyst.hysteresis import PrandtlIshlinskiiOperator
 from skhyst.optimize import RecordData
+from skhyst.records import _periods, repeats
 
 NOISE = 0.03
 CRITERION = Criterion(alpha=0.01, min_improvement=0.05)

@@ -10,7 +10,6 @@ from scipy.stats import norm
 from skhyst.diagnosis import EFFECTS, EffectSearchCV
 from skhyst.diagnosis._candidates import Candidate
 from skhyst.diagnosis._edits import Insert
-from skhyst.diagnosis._periods import near_period
 from skhyst.diagnosis._plausibility import (
     bends,
     goes_on,
@@ -44,6 +43,7 @@ from skhyst.linear import (
 )
 from skhyst.noise import largest_noise
 from skhyst.optimize import RecordData
+from skhyst.records import near_period
 from skhyst.static import DeadBandOperator, SoftSaturationOperator
 
 MODE = SecondOrderModeOperator(30.0, 0.05)

@@ -19,7 +19,6 @@ from skhyst.diagnosis._criterion import Criterion
 from skhyst.diagnosis._edits import Drive
 from skhyst.diagnosis._location import locate
 from skhyst.diagnosis._open_questions import Intervals
-from skhyst.diagnosis._periods import drive_period, near_period, repeats, turns
 from skhyst.diagnosis._plausibility import has_own_lines, levels_off, stops
 from skhyst.diagnosis._starts import starting_trees
 from skhyst.diagnosis._structure import (
@@ -41,12 +40,13 @@ from skhyst.diagnosis._structure import (
     repetitions,
 )
 from skhyst.diagnosis._tree import Tree
+from skhyst.diagnosis._turns import turns
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import Gain, GainOperator
 from skhyst.noise import NoiseModel
 from skhyst.noise._block_test import _autocovariance
 from skhyst.optimize import RecordData
-from skhyst.records import RecordSlice, Units
+from skhyst.records import RecordSlice, Units, drive_period, near_period, repeats
 from skhyst.static import Fold, SoftSaturationOperator
 
 

@@ -22,14 +22,26 @@ def recording(lengths, seed=0):
 
 def by_rows(records, segments, folds):
     """Return the masks of the folds over rows, (n_folds, 2, n_samples)."""
-    lengths = [b - a for own in segments for a, b in own]
-    return np.array([[np.repeat(mask, lengths) for mask in fold] for fold in folds])
+    number = np.full(records[-1].rows.stop, -1)  # of the segment that a row is in
+    spans = [
+        (r.rows.start, *part) for r, own in zip(records, segments, strict=True) for part in own
+    ]
+    for i, (first, start, stop) in enumerate(spans):
+        number[first + start : first + stop] = i
+    return np.array([[np.append(mask, False)[number] for mask in fold] for fold in folds])
 
 
-def check_partition(records, segments, folds, n_segments=32):
+def begins(records, washout, block):
+    """Return the first sample of each record that counts."""
+    if washout is None:
+        washout = int(0.05 * block) if len(records) == 1 else 0
+    return [min(washout, record.n_samples - 1) for record in records]
+
+
+def check_partition(records, segments, folds, firsts):
     assert len(segments) == len(records)
-    for record, own in zip(records, segments, strict=True):
-        assert own[0][0] == 0
+    for record, own, first in zip(records, segments, firsts, strict=True):
+        assert own[0][0] == first
         assert own[-1][1] == record.n_samples
         assert all(a < b == c for (a, b), (c, _) in pairwise(own))
     for train, test in folds:
@@ -45,33 +57,28 @@ def test_an_int_holds_out_a_block_of_every_record(lengths, cv, washout):
     X, y = recording(lengths)
     records = record_slices(X, y)
     segments, folds = segment_folds(records, cv, X, y, washout=washout)
-    check_partition(records, segments, folds)
+    begun = begins(records, washout, lengths[0] // (cv + 1))
+    check_partition(records, segments, folds, begun)
     train, scored = by_rows(records, segments, folds).transpose(1, 0, 2)
-    whole = [len(lengths) > 1 and n < 16 * (cv + 1) for n in lengths]
-    lost = int(0.05 * (lengths[0] // (cv + 1))) if washout is None else washout
-    begun = [
-        n // (cv + 1) > (washout or 0) for n, own in zip(lengths, whole, strict=True) if not own
-    ]
-    last = any(begun) or len(lengths) == 1  # a last fold scores what records begin with
-    assert len(folds) == (min(cv, len(lengths)) if all(whole) else cv) + last
+    counted = [n - begin for n, begin in zip(lengths, begun, strict=True)]
+    whole = [len(lengths) > 1 and n < 16 * (cv + 1) for n in counted]
+    # a last fold scores what records begin with
+    assert len(folds) == (min(cv, len(lengths)) if all(whole) else cv) + (not all(whole))
     firsts = []
-    for record, is_whole in zip(records, whole, strict=True):
-        n, tested, counted = record.n_samples, ~train[:, record.rows], scored[:, record.rows]
+    for record, is_whole, begin in zip(records, whole, begun, strict=True):
+        n, tested = record.n_samples, ~train[:, record.rows]
+        tested[:, :begin] = False
         edges = np.diff(np.pad(tested, ((0, 0), (1, 1))).astype(int), axis=1)
         blocks = sorted(np.flatnonzero(own).tolist() for own in edges if own.any())
         assert len(blocks) == (1 if is_whole else cv)
         # what comes first is trained on by every fold; each row behind it is held out once
-        assert blocks[0][0] == (0 if is_whole else n // (cv + 1))
+        assert blocks[0][0] == begin + (0 if is_whole else (n - begin) // (cv + 1))
         assert blocks[-1][1] == n
         assert all(a[1] == b[0] for a, b in pairwise(blocks))
         sizes = [stop - start for start, stop in blocks]
         assert max(sizes) - min(sizes) <= 1
-        if len(lengths) > 1:  # a washout counts from the start of a record; the rest is scored once
-            begin = min(washout or 0, n - 1)
-            np.testing.assert_array_equal(counted.sum(axis=0), np.arange(n) >= begin)
-        else:  # or from that of each block
-            sizes = [blocks[0][0], *sizes]
-            assert sorted(counted.sum(axis=1)) == sorted(max(size - lost, 1) for size in sizes)
+        scores = scored[:, record.rows].sum(axis=0)
+        np.testing.assert_array_equal(scores, np.arange(n) >= begin)
         firsts.append(int(np.argmax(tested[:, blocks[0][0]])))
     # the first blocks of different records are in different folds, as far as there are folds
     assert np.bincount(firsts).max() == -(-len(lengths) // cv)
@@ -82,18 +89,36 @@ def test_segments_of_a_single_record_as_recorded():
     segments, _ = segment_folds(record_slices(X), 3, X, y)
     assert segments == (
         (
-            *((0, 2), (2, 18), (18, 34), (34, 50)),
-            *((50, 52), (52, 68), (68, 84), (84, 101)),
-            *((101, 103), (103, 119), (119, 135), (135, 152)),
-            *((152, 154), (154, 170), (170, 186), (186, 203)),
+            *((2, 18), (18, 34), (34, 52)),
+            *((52, 68), (68, 84), (84, 102)),
+            *((102, 118), (118, 134), (134, 152)),
+            *((152, 169), (169, 186), (186, 203)),
         ),
     )
+
+
+def test_no_part_of_a_period_is_on_both_sides_of_a_fold():
+    """Each fold holds out one part of the way up and one of the way down, in every period."""
+    time = np.arange(1000)
+    drive = np.cos(2.0 * np.pi * time / 200)[:, None]
+    records = record_slices(drive)
+    segments, folds = segment_folds(records, 5, drive, washout=0)
+    train, scored = by_rows(records, segments, folds).transpose(1, 0, 2)
+    part, inside = time % 200 // 20, time % 20 > 0  # the period is known to rounding
+    for k in range(5):
+        np.testing.assert_array_equal(scored[k, inside], part[inside] % 5 == k)
+        np.testing.assert_array_equal(train[k], ~scored[k])
+        assert np.ptp(drive[train[k]]) > 1.999  # the range of what is held out, but for the peak
+    # a period too short for parts of 16 samples, and a drive that does not repeat itself
+    for other in (np.cos(2.0 * np.pi * time / 150), np.cos(1e-5 * time**2)):
+        _, folds = segment_folds(records, 5, other[:, None], washout=0)
+        assert len(folds) == 6
 
 
 @pytest.mark.parametrize("cv", [2, 3, 5, 7, 32, 40])
 def test_blocks_that_differ_by_a_sample_get_equally_many_segments(cv):
     X, y = recording([16 * 40 * cv + 1])
-    segments, folds = segment_folds(record_slices(X), cv, X, y)
+    segments, folds = segment_folds(record_slices(X), cv, X, y, washout=0)
     for _, test in folds:
         assert np.sum(test) == max(32 // (cv + 1), 1)
     lengths = [b - a for a, b in segments[0]]
@@ -111,7 +136,7 @@ SPLITTERS = [
 ]
 several = st.lists(st.integers(5, 60).map(lambda n: 12 * n), min_size=3, max_size=5)
 blocks = st.integers(2, 5).map(lambda n: BlockedTimeSeriesSplit(n, washout=3))
-single = st.tuples(st.tuples(st.integers(60, 900)), blocks)
+single = st.tuples(st.tuples(st.integers(160, 900)), blocks)  # longer than a washout
 
 
 @settings(deadline=None, max_examples=50)
@@ -121,7 +146,7 @@ single = st.tuples(st.tuples(st.integers(60, 900)), blocks)
     st.integers(4, 40),
 )
 def test_a_splitter_is_followed_row_by_row(case, washout, n_segments):
-    """What is washed out starts a record, or each block of a single one, whose past is unknown."""
+    """But for what is washed out at the start of a record."""
     lengths, cv = case
     X, y = recording(lengths)
     records, groups = record_slices(X, y), X.index.codes[0]
@@ -130,17 +155,15 @@ def test_a_splitter_is_followed_row_by_row(case, washout, n_segments):
     segments, folds = segment_folds(
         records, cv, X, y, washout=washout, n_segments=n_segments, **own
     )
-    check_partition(records, segments, folds)
+    shortest = lengths[0] // getattr(cv, "n_splits", 1) if len(lengths) == 1 else 0
+    begun = begins(records, washout, shortest)
+    check_partition(records, segments, folds, begun)
     masks = by_rows(records, segments, folds)
-    start = np.concatenate([np.arange(n) for n in lengths])
+    counts = [np.arange(n) >= begin for n, begin in zip(lengths, begun, strict=True)]
+    counts = np.concatenate(counts)
     for (train, test), (fitted, scored) in zip(splits, masks, strict=True):
-        if len(lengths) == 1:
-            lost = int(0.05 * (lengths[0] // cv.n_splits)) if washout is None else washout
-            expected = test[min(lost, len(test) - 1) :]
-        else:
-            expected = test[start[test] >= (washout or 0)]
-        np.testing.assert_array_equal(np.flatnonzero(fitted), train)
-        np.testing.assert_array_equal(np.flatnonzero(scored), expected)
+        np.testing.assert_array_equal(np.flatnonzero(fitted), train[counts[train]])
+        np.testing.assert_array_equal(np.flatnonzero(scored), test[counts[test]])
 
 
 @settings(deadline=None, max_examples=25)
@@ -225,5 +248,5 @@ def test_other_refusals():
     for name, value in (("washout", -1), ("washout", 0.5), ("n_segments", 0), ("shortest", None)):
         with pytest.raises(ValueError, match=f"'{name}' parameter of segment_folds must be an int"):
             segment_folds(records, 2, X, y, **{name: value})
-    with pytest.raises(ValueError, match=r"must leave test rows to score. Got 20 and none in fold"):
+    with pytest.raises(ValueError, match=r"test rows to score. Got 20 and none in fold 0"):
         segment_folds(records, BlockedTimeSeriesSplit(2), X, y, washout=20)

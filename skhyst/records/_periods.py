@@ -1,25 +1,17 @@
-"""Periodicity of a drive: exact, approximate, and the number of its turning points."""
+"""Periodicity of a drive: exact and approximate."""
 
 import numpy as np
 
-from ..hysteresis import PrandtlIshlinskiiOperator
-from ._constants import AWAY, NOTICEABLE, PROBES, SAME
+# as parts of the power of the difference to the shifted drive
+_AWAY = 0.2  # it has moved on
+_BACK = 0.05  # it is there again
+_SAME = 1e-3  # two lags repeat it equally well
+_PROBES = 64  # samples that rule out most lags
 
 
 def repeats(a, b):
     """Whether two signals are the same, but for rounding."""
     return np.max(np.abs(a - b)) <= 1e-6 * np.ptp(a)
-
-
-def turns(u):
-    """Return the samples at which a signal reverses by more than a twentieth of its range."""
-    r = 0.5 * NOTICEABLE * np.ptp(u)
-    if not r > 0.0:
-        return np.empty(0, dtype=int)
-    ways = np.diff(PrandtlIshlinskiiOperator([r], [1.0], drive_offset=float(u[0])).run(u, 1.0)[0])
-    moving = np.flatnonzero(ways)
-    rising = ways[moving] > 0.0
-    return 1 + moving[:-1][rising[1:] != rising[:-1]]
 
 
 def drive_period(u):
@@ -31,7 +23,7 @@ def drive_period(u):
     lags = np.arange(2, n // 2)
     # a period makes the overlap's correlation about equal to its power
     lags = lags[correlation[lags] > 0.99 * (v @ v) * (1.0 - lags / n)]
-    probes = np.linspace(0, n - n // 2 - 1, PROBES).astype(int)
+    probes = np.linspace(0, n - n // 2 - 1, _PROBES).astype(int)
     for probe in probes:
         lags = lags[np.abs(u[probe + lags] - u[probe]) <= 1e-6 * np.ptp(u)]
     for lag in lags:
@@ -61,15 +53,15 @@ def near_period(u):
     both = power[n - lags] + power[n] - power[lags]
     difference = 1.0 - 2.0 * correlation / np.maximum(both, np.finfo(float).tiny)
     low, least, high = difference[:-2], difference[1:-1], difference[2:]
-    back = np.maximum.accumulate(difference)[1:-1] > AWAY
+    back = np.maximum.accumulate(difference)[1:-1] > _AWAY
     at = np.flatnonzero(back & (least < low) & (least <= high))
     # the vertex of the parabola through three samples
     low, least, high = low[at], least[at], high[at]
     depths = least - (low - high) ** 2 / (8.0 * (low - 2.0 * least + high))
     best = depths.min(initial=np.inf)
-    if best > NOTICEABLE:
+    if best > _BACK:
         return 0
-    lag = 1 + at[np.argmax(depths <= 2.0 * best + SAME)]  # not a multiple of the period
+    lag = 1 + at[np.argmax(depths <= 2.0 * best + _SAME)]  # not a multiple of the period
     return _between_samples(difference, int(lag))
 
 
