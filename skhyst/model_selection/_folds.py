@@ -216,7 +216,7 @@ def _even_folds(records, cv, X, y, shortest, begins):
         if len(records) == 1 and n < 2 * (cv + 1):
             raise ValueError(
                 f"The 'cv' parameter must leave two samples in each block of a record: at least "
-                f"{2 * cv + 2} samples for {cv} folds. Got {n} instead."
+                f"{2 * cv + 2} samples behind the washout for {cv} folds. Got {n} instead."
             )
         block = np.zeros(n, dtype=int)
         if n >= (cv + 1) * shortest or len(records) == 1:

@@ -228,7 +228,7 @@ SPLIT = [(ROWS[:20], ROWS[20:]), (ROWS[20:], ROWS[:20])]
         (ShuffleSplit(random_state=0), "RecordKFold or BlockedTimeSeriesSplit"),
         (1, "'cv' parameter of segment_folds must be an int that is at least 2. Got 1 instead"),
         (True, "must be an int that is at least 2. Got True instead"),
-        (21, "at least 44 samples for 21 folds. Got 40 instead"),
+        (21, "44 samples behind the washout for 21 folds. Got 40 instead"),
         (2.5, r"an int, a splitter or an iterable .* Got 2.5 instead"),
         ("five", r"an int, a splitter or an iterable .* Got 'five' instead"),
         ([1, 2], r"an int, a splitter or an iterable .* Got \[1, 2\] instead"),
