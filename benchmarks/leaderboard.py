@@ -211,10 +211,6 @@ def main():
             with warnings.catch_warnings():
                 for kind in (ConvergenceWarning, ExtrapolationWarning):
                     warnings.simplefilter("ignore", kind)
-                by_hand = row.by_hand(options.data)
-                if row.searched is not None and not options.by_hand:
-                    error, effects = row.searched(options.data)
-                    searched = f"{error} ({', '.join(effects)})"
                 by_hand = f"{row.by_hand(options.data):.3g}"
                 if row.searched is not None and not options.by_hand:
                     error, effects = row.searched(options.data)

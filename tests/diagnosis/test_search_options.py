@@ -185,7 +185,8 @@ def test_readings_that_are_no_numbers_are_refused(value, which):
 
 def test_too_few_samples_are_refused_with_the_number_that_is_enough():
     X, y = np.arange(6.0).reshape(-1, 1), np.arange(6.0)
-    with pytest.raises(ValueError, match=r"at least 12 samples behind the washout for 5 folds. Got 6"):
+    message = r"at least 12 samples behind the washout for 5 folds. Got 6"
+    with pytest.raises(ValueError, match=message):
         EffectSearchCV(PrandtlIshlinskii(2), effects=["lag"]).fit(X, y)
 
 
