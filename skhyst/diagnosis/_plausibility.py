@@ -96,8 +96,11 @@ def _have_changed_places(before, tree, name):
 
 
 def has_no_peak(operator, motion, records):
-    """Return the margin of the damping above that at which a mode has a peak."""
-    return np.log(getattr(operator, "damping_ratio", np.inf) / np.sqrt(0.5))
+    """Return the margin of the damping above that at which a mode has a peak.
+
+    The logarithm of a damping next to zero has no limits, the damping has.
+    """
+    return getattr(operator, "damping_ratio", np.inf) - np.sqrt(0.5)
 
 
 def rings(operator, motion, records):
