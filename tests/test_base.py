@@ -560,7 +560,6 @@ def test_a_model_knows_the_range_and_the_rate_of_its_drive(model):
 
 
 @pytest.mark.filterwarnings("ignore::skhyst.exceptions.ShortRecordWarning")  # turned round
-@pytest.mark.filterwarnings("ignore:The data do not determine")  # in reversed time there is no lag
 def test_refit_forgets(model):
     first = clone(model).fit(X[::-1], 2.0 * Y[::-1])
     np.testing.assert_array_equal(first.fit(X, Y).predict(X), model.fit(X, Y).predict(X))
@@ -641,7 +640,6 @@ def test_weights_count_as_repetitions_do(model):
     assert weighted.fit_error_ == pytest.approx(repeated.fit_error_)
 
 
-@pytest.mark.filterwarnings("ignore:The data do not determine")  # nor does what is spoilt
 def test_a_response_of_weight_zero_is_not_read(model):
     """The drive goes on below it, so that what follows is simulated as before."""
     weights = np.ones(N)

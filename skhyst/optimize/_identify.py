@@ -67,8 +67,7 @@ class IdentificationResult:
         Standard errors if the noise is white.
     undetermined : tuple of str
         Parameters that the data do not determine: they change nothing; or, on a logarithmic scale,
-        they may be as many times larger, or smaller, as there are samples: of any size that the
-        records tell apart.
+        the end of an interval of more than as many times the value as there are samples fits too.
     condition_number : float
         Of the scaled normal equations.
     joint_covariance : ndarray of shape (n, n), default=None
@@ -445,8 +444,10 @@ def _uncertainty(problem, solution, blocks, coefficients):
     covariance = coloured_covariance(lambda: problem.rows(x), root, n_samples)
     covariance = white if covariance is None else covariance
     wide = problem.log & (marks == 0.0)
-    wide &= _QUANTILE * np.sqrt(np.diag(covariance)) > np.log(max(n_samples, 2.0))
-    wide[wide] = [_is_open(problem, solution, i, variance) for i in np.flatnonzero(wide)]
+    errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    wide &= _QUANTILE * errors > np.log(max(n_samples, 2.0))
+    for i in np.flatnonzero(wide):
+        wide[i] = _is_open(problem, solution, i, errors[i], variance)
     marks[wide] = np.inf
     names = np.array(problem.names)
     few = (marks == 0.0) & (n_samples * np.diag(white) < FEWEST * np.diag(covariance))
@@ -469,17 +470,16 @@ def _uncertainty(problem, solution, blocks, coefficients):
     }
 
 
-def _is_open(problem, solution, i, variance):
-    """Whether a scale may be as many times larger, or smaller, as there are samples.
+def _is_open(problem, solution, i, error, variance):
+    """Whether the data do not exclude the upper end of the interval of a scale, in its own unit.
 
-    A linear interval is not enough: where two poles are equal it is wide, and they are determined.
+    ``error`` is that of its logarithm. A linear interval alone is not enough: where two poles are
+    equal it is wide, and they are determined; near zero it is wide, and its upper end tells.
     """
-    far, costs = np.log(max(problem.segment_weight.sum(), 2.0)), []
-    for step in (-far, far):
-        x = solution.x.copy()
-        x[i] = np.clip(x[i] + step, problem.lower[i], problem.upper[i])
-        costs.append(variable_projection(problem, x, max_evaluations=1).cost)
-    return min(costs) < solution.cost + _QUANTILE**2 * variance
+    x = solution.x.copy()
+    x[i] = min(x[i] + np.log1p(_QUANTILE * error), problem.upper[i])
+    cost = variable_projection(problem, x, max_evaluations=1).cost
+    return cost < solution.cost + _QUANTILE**2 * variance
 
 
 def _joint(problem, blocks, coefficients, covariance, chain, noise):
