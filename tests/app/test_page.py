@@ -58,7 +58,6 @@ def uneven(name="t [s]"):
         lambda: read_records(pd.DataFrame({"u": [1, 3, 2], "y": [0, 2, -9999]})),
         lambda: record_slices(*read_records(uneven())),
         lambda: read_records(uneven("t")),
-        lambda: record_slices(*read_records(uneven()[:1])),
         lambda: read_records(uneven(), sampling_rate=-1.0),
     ],
 )
