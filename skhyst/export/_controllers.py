@@ -312,10 +312,12 @@ class EmulatedController:
         Parameters
         ----------
         u : float or array-like of shape (n_inputs,)
+            Input, in its units.
 
         Returns
         -------
         float
+            Output, in its units.
         """
         u = np.asarray(u, dtype=self._number).ravel()
         if u.shape != self._shape:
