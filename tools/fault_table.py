@@ -458,8 +458,8 @@ _OPTIMISATION = [
     ),
     (
         "the history before a record is the worst one",
-        "best, _ = min((_searched",
-        "best, _ = max((_searched",
+        "*min(ends, key=lambda",
+        "*max(ends, key=lambda",
         "tests/optimize/test_input_history.py",
     ),
     (
