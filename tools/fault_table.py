@@ -457,9 +457,9 @@ _OPTIMISATION = [
         "tests/optimize/test_variable_projection.py -k eliminated",
     ),
     (
-        "the history before a record is the worst one",
-        "*min(ends, key=lambda",
-        "*max(ends, key=lambda",
+        "the history before a record that was found is forgotten",
+        "    found[: len(best)] = best\n",
+        "",
         "tests/optimize/test_input_history.py",
     ),
     (
