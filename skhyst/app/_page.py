@@ -450,7 +450,7 @@ def _row(number, found):
         "model": found["declared"],
         "missing": ", ".join(search.effects_) or "nothing",
         **dict(zip(("error before", "after", "noise floor"), errors, strict=True)),
-        "what is left": search.verdict_,
+        "residual": search.verdict_,
         "time": f"{found['seconds']:.0f} s",
     }
 

@@ -756,14 +756,14 @@ def _remarks(report):
 
 
 def _known(report):
-    """Return what is known of what is left, and what is not, where it need not be noise."""
+    """Return what is known of the residual, and what is not, where it need not be noise."""
     if report.verdict == "noise" or not report.error_after:
         return []
     most, least = (
         min(max(1.0 - (error / report.error_after) ** 2, 0.0), 1.0)
         for error in (report.noise_floor, report.noise_ceiling)
     )
-    known = f"Known: at most {share(most)} of the power of what is left can follow the drive"
+    known = f"Known: at most {share(most)} of the power of the residual can follow the drive"
     known += f", and at least {share(least)} does." if least >= 0.001 else "; the rest is noise."
     if report.verdict == "undetermined":
         return [known, "Not known: how much of it does, and how much is slow noise."]

@@ -15,7 +15,7 @@ from ._identify import NOISELESS, identify, problems_of
 from ._problem import OperatorProblem, begun
 from ._variable_projection import random_starts, starts_near, variable_projection
 
-TINY = np.finfo(float).tiny
+_TINY = np.finfo(float).tiny
 LEVEL = 1e-3  # of the test of whiteness: the part of right fits that pay for further starts
 _ROUNDS = 5
 _RETURNS = (
@@ -122,11 +122,11 @@ def is_left_early(result, records, begins):
     p_values = []
     for part in parts:
         stops = [int(np.ceil(part * len(own))) for own in squares]
-        begins = [own[:stop] for own, stop in zip(squares, stops, strict=True)]
-        m, early = sum(map(len, begins)), sum(own.sum() for own in begins)
+        m = sum(stops)
+        early = sum(own[:stop].sum() for own, stop in zip(squares, stops, strict=True))
         most = sum(own[:stop] @ own[:stop] for own, stop in zip(series, stops, strict=True))
         if m < n and 2.0 * most > sum(own @ own for own in series):
-            p_values.append(fdtrc(m, n - m, (early / m) / max((total - early) / (n - m), TINY)))
+            p_values.append(fdtrc(m, n - m, (early / m) / max((total - early) / (n - m), _TINY)))
     return bool(p_values) and len(parts) * min(p_values) < LEVEL
 
 
@@ -171,7 +171,7 @@ def start_p_value(result, other, records, n_values, states=("rest", "rest")):
         more, less = (sum(float(e @ e) for e in _whitened(own, weights)) for own in left)
         if n <= 0 or more <= less:
             return 1.0
-        p_values.append(fdtrc(n_values, n, (more - less) / n_values * n / max(less, TINY)))
+        p_values.append(fdtrc(n_values, n, (more - less) / n_values * n / max(less, _TINY)))
     return float(max(p_values))
 
 
