@@ -17,7 +17,7 @@ any drive, so that what a record does depends on no spectrum of what came before
 """
 
 from dataclasses import replace
-from functools import cache, cached_property, wraps
+from functools import cache, cached_property, lru_cache, wraps
 
 import numpy as np
 from scipy.signal import upfirdn
@@ -29,6 +29,7 @@ BANDLIMITED = "bandlimited"
 _REACH = 32  # samples to either side that a value between two samples is read from
 _SHAPE = 7.86  # of the window, for 80 dB: 0.1102 (80 - 8.7)
 _FACTOR = 16  # finer samples per sample
+_KEPT = 1 << 15  # samples of a drive whose finer ones are kept: 4 MB
 _ENOUGH = 1e-3  # of the standard deviation of the drive, that straight lines may miss
 
 
@@ -70,6 +71,20 @@ def finer_samples(u):
     padded = np.pad(u, around, mode="reflect", reflect_type="odd")
     begin = 2 * _REACH * _FACTOR
     return np.ascontiguousarray(upfirdn(_weights(), padded, up=_FACTOR, axis=0)[begin : begin + n])
+
+
+def _finer_drive(u):
+    """Return :func:`finer_samples` of a drive, which every evaluation of a fit reads again."""
+    if len(u) > _KEPT:
+        return finer_samples(u)
+    return _kept(np.ascontiguousarray(u).tobytes(), u.shape)
+
+
+@lru_cache(maxsize=16)
+def _kept(values, shape):
+    finer = finer_samples(np.frombuffer(values).reshape(shape))
+    finer.flags.writeable = False
+    return finer
 
 
 @cache
@@ -145,21 +160,21 @@ def _run(self, u, dt, state=None):
         return np.empty(0), (inner, past)
     whole = np.concatenate([past, u])
     begin = max(_FACTOR * (len(past) - 1) + 1, 0)
-    y, inner = self._finer(_FACTOR).run(finer_samples(whole)[begin:], dt / _FACTOR, inner)
+    y, inner = self._finer(_FACTOR).run(_finer_drive(whole)[begin:], dt / _FACTOR, inner)
     first = _FACTOR - 1 if len(past) else 0
     return np.ascontiguousarray(y[first::_FACTOR]), (inner, whole[-_REACH:])
 
 
 def _sensitivities(self, u, du, dt, initial_state="rest"):
     u, du = np.asarray(u, dtype=float), np.asarray(du, dtype=float)
-    signals = (finer_samples(signal) for signal in (u, du))
+    signals = _finer_drive(u), finer_samples(du)
     y, dy = self._finer(_FACTOR).sensitivities(*signals, dt / _FACTOR, initial_state)
     return np.ascontiguousarray(y[::_FACTOR]), np.ascontiguousarray(dy[::_FACTOR])
 
 
 def _by_start(self, u, dt, start):
     u = np.asarray(u, dtype=float)
-    dy = self._finer(_FACTOR).by_start(finer_samples(u), dt / _FACTOR, start)
+    dy = self._finer(_FACTOR).by_start(_finer_drive(u), dt / _FACTOR, start)
     return np.ascontiguousarray(dy[::_FACTOR])
 
 
