@@ -76,6 +76,7 @@ def test_the_model_with_the_term_is_a_model(notched):
     assert np.sqrt(np.mean((model.predict(fresh[:, None]) - truth) ** 2)) < 0.5 * NOISE
 
 
+@pytest.mark.slow
 def test_a_force_of_the_velocity_is_found_in_the_equation_of_motion():
     # of p = q' / w the force is 0.1 p^3 / 0.5^2, and the response 2 q
     plant = RestoringForceOperator(100.0, 0.2, [], [0.1], 0.0, 1.0, gain=2.0, scale=0.5)
@@ -124,6 +125,7 @@ def test_a_named_effect_comes_first():
     assert found.unknown_ is None
 
 
+@pytest.mark.slow
 def test_of_a_further_column():
     temperature = np.cumsum(np.random.default_rng(7).normal(size=N)) / 20.0
     y = MODE.run(U, DT)[0] + 0.1 * np.abs(temperature) + noise(5)
