@@ -614,8 +614,8 @@ def next_steps(claims, not_it, location, verdict, faults, settings, advice="", e
     if experiment is not None:
         steps.append(
             f"Record next, within the range and the rate of the drive so far: {experiment.reason} "
-            "On the command line skhyst next, in Python skhyst.diagnosis.next_experiment, writes it "
-            "as a file, from rest to rest, for these limits or others."
+            "On the command line skhyst next, in Python skhyst.diagnosis.next_experiment, writes "
+            "it as a file, from rest to rest, for these limits or others."
         )
     if any(fault["fault"] != "lost_rows" for fault in faults):
         steps.append("Mend the faults of the recording listed under Data, and search again.")
