@@ -30,6 +30,7 @@ _REACH = 32  # samples to either side that a value between two samples is read f
 _SHAPE = 7.86  # of the window, for 80 dB: 0.1102 (80 - 8.7)
 _FACTOR = 16  # finer samples per sample
 _KEPT = 1 << 15  # samples of a drive whose finer ones are kept: 4 MB
+_SAME = 1e-9  # relative difference of two substeps that is rounding
 _ENOUGH = 1e-3  # of the standard deviation of the drive, that straight lines may miss
 
 
@@ -128,6 +129,17 @@ class HeldInput(Operator):
 
     def __getstate__(self):
         return {k: v for k, v in self.__dict__.items() if k != "_memory"}
+
+    def resampled(self, ratio):
+        n = getattr(self, "n_substeps", None)
+        if n is None:
+            return self
+        unit = 1 if self.causal else _FACTOR
+        wanted = -(-n // unit) * ratio
+        whole = np.round(wanted)
+        if not (whole > 0.0 and abs(wanted - whole) < _SAME * whole):
+            return None
+        return replace(self, n_substeps=unit * int(whole))
 
     def _finer(self, factor):
         """Return the operator of an input that is straight between finer samples."""
