@@ -143,6 +143,8 @@ class Report:
     unknown : dict or None
         Of a search with ``unknown``, the term that is missing and has no name, as
         :meth:`Unknown.to_dict` returns it; None where there is none.
+    explained : dict of str to float
+        What explains the response, as parts of its power, see ``explained_`` of the search.
     dropped, next_steps : list of str
         Effects that were in the model for a time, and what to measure next.
 
@@ -264,8 +266,10 @@ class Report:
             lines.append(f"unexplained: {self.unknown['text']}; with it the error is {less}")
             lines += [f"  {self.unknown['code']}"] if self.unknown["code"] else []
         errors = [_error(self, value) for value in (self.error_before, self.error_after)]
+        parts = ", ".join(f"{name} {share(value)}" for name, value in _parts(self).items())
         lines += [
             f"held-out error: {' -> '.join(errors)}; noise floor {_error(self, self.noise_floor)}",
+            *([f"of the declared model's, in power: {parts}"] if parts else []),
             f"residual: {_LEFT[self.verdict]}",
             f"noise of the residual: {self.noise_model['text']}",
             *([_kept(self)] if self.held_out else []),
@@ -394,6 +398,7 @@ def _collect(search, command, held_out, comparison, experiment):
         "resolution": search.resolution_,
         "suspects": search.suspects_.to_dict("records"),
         "unknown": None if search.unknown_ is None else search.unknown_.to_dict(),
+        "explained": search.explained_,
         "warnings": search.warnings_,
     }
     return json.loads(json.dumps(entries, default=_plain), parse_constant=lambda _: None)
@@ -790,6 +795,15 @@ def _known(report):
     return [known, unknown]
 
 
+def _parts(report):
+    """Return what explains the power of the declared model's error, as parts of that, by name."""
+    _, *parts = report.explained.items()
+    whole = sum(value for _, value in parts)
+    if not whole > 0.0 or report.explained["nothing"] >= whole:
+        return {}
+    return {name: value / whole for name, value in parts if value > 0.0}
+
+
 def _error(report, value, whole=None):
     """Write an error in its unit, with its percentage of the range."""
     part = percent(value, report.response_range if whole is None else whole)
@@ -961,6 +975,7 @@ def _rendered(report, form):
             left=_LEFT,
             provisional=_PROVISIONAL,
             known=_known(report),
+            parts=_parts(report),
             kept=_kept(report) if report.held_out else "",
             is_full=_is_full(report.claims, report.settings),
             change=change,
