@@ -589,6 +589,7 @@ class FreeMassOperator(HeldInput):
     n_substeps: int = 1
 
     owns_gain = True
+    strictly_proper = True
     at_once = False
     stage_order = 10
     n_start = 2
