@@ -589,6 +589,7 @@ class FreeMassOperator(HeldInput):
     n_substeps: int = 1
 
     owns_gain = True
+    strictly_proper = True
     at_once = False
     stage_order = 10
     n_start = 2
@@ -620,6 +621,11 @@ class FreeMassOperator(HeldInput):
         return self._has_stops or math.isfinite(self.center)
 
     @property
+    def _is_bent(self):
+        """Whether a substep is not exact."""
+        return self._is_placed or math.isfinite(self.stribeck_velocity)
+
+    @property
     def signal_linear(self):
         """Whether nothing but mass, damper and constant forces acts."""
         forces = self.friction, self.stribeck_force, self.damping * self.damping_asymmetry
@@ -631,8 +637,10 @@ class FreeMassOperator(HeldInput):
         own = dict(zip(names, (float(getattr(self, name)) for name in names), strict=True))
         for name in ("stribeck_force", "cubic_stiffness", "center", "stop_stiffness"):
             own[name] = own[name] if name in known else 0.0
-        bent = self._is_placed or math.isfinite(self.stribeck_velocity)
-        return *own.values(), float(bent)
+        return *own.values(), float(self._is_bent)
+
+    def resampled(self, ratio):
+        return super().resampled(ratio) if self._is_bent else self
 
     def init(self, u0, initial_state="rest"):
         if isinstance(initial_state, str):

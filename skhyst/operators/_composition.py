@@ -533,6 +533,7 @@ class Scheduled(WrappedOperator):
     high: float
     schedule: float | None = field(default=None)
     structure_of = "ScheduledParameters"
+    is_scheduled = True
 
     def __post_init__(self):
         super().__post_init__()
@@ -772,6 +773,10 @@ class _Composition(_ByEntries):
         return self.stages[0].linear_mode() if len(self.stages) == 1 else None
 
     def entries(self):
+        return list(self._entries)
+
+    @cached_property
+    def _entries(self):
         parts = [stage.entries() for stage in self.stages]
         specs = self._marked([[spec for _, spec in own] for own in parts])
         return [
@@ -822,7 +827,7 @@ class _Composition(_ByEntries):
             end = start + stage.n_parameters
             stages.append(stage.unpack(vector[start:end]))
             start = end
-        return replace(self, stages=tuple(stages))
+        return self._with_values({"stages": tuple(stages)})
 
     @cached_property
     def n_parameters(self):
@@ -838,9 +843,9 @@ class _Composition(_ByEntries):
         return self._at_gauge()
 
     def _at_gauge(self):
-        specs = [spec for _, spec in self.entries()]
-        values = [s.gauge if s.held else v for s, v in zip(specs, self.pack(), strict=True)]
-        return self.unpack(np.array(values, dtype=float))
+        specs, own = [spec for _, spec in self.entries()], self.pack()
+        values = [s.gauge if s.held else v for s, v in zip(specs, own, strict=True)]
+        return self if values == own.tolist() else self.unpack(np.array(values, dtype=float))
 
     def released(self):
         return replace(self, stages=tuple(stage.released() for stage in self.stages), model=None)

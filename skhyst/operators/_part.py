@@ -376,6 +376,11 @@ class Part:
     # ------------------------------------------------------------------ as an estimator
 
     @property
+    def is_scheduled(self) -> bool:
+        """Whether parameters depend on a number of each record."""
+        return any(child.is_scheduled for child in self.children)
+
+    @property
     def n_start(self) -> int:
         """Number of values of a start without rest: that of the parts."""
         return sum(child.n_start for child in self.children)
