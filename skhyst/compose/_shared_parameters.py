@@ -67,7 +67,8 @@ class SharedParameters(MetaEstimatorMixin, MultiOutputMixin, RegressorMixin, Bas
         If ``estimator`` is no parametric model of skhyst.
     ValueError
         If a name in ``own`` is none of a free parameter, the initial state is estimated, the model
-        has additive disturbances, or the responses lead to models of different parameters.
+        has additive disturbances or scheduled parameters, or the responses lead to models of
+        different parameters.
 
     See Also
     --------
@@ -157,6 +158,11 @@ class SharedParameters(MetaEstimatorMixin, MultiOutputMixin, RegressorMixin, Bas
         for k, model in enumerate(models):
             own = model.record_data(slices, array, response[:, k] / scales[k])
             own = own if read is None else scored_where(own, slices, read)
+            if any(record.schedule is not None for record in own):
+                raise ValueError(
+                    "The model of SharedParameters must have parameters that do not depend on the "
+                    f"record. Got {self.estimator!r} instead."
+                )
             data.append([replace(record, schedule=float(k)) for record in own])
         starts = _starts(models, self.own, scales)
         with one_thread():

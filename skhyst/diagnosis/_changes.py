@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from ..compose import Divisions, Modulated, amplitude, is_constant, lags_of_column
+from ..compose import Divisions, Feedback, Modulated, amplitude, is_constant, lags_of_column
 from ..fluid import TankChain
 from ..hysteresis import (
     CoulombFrictionOperator,
@@ -125,6 +125,34 @@ class InMotion:
             more = both_models(stage.model, self.model).get_params()
             return more != stage.model.get_params()
         return stage.operator.signal_linear
+
+
+@dataclass(frozen=True)
+class InFeedback:
+    """A curve in the feedback of linear dynamics of two poles or more, which are no mode alone."""
+
+    curve: object
+
+    def trees(self, name, scene):
+        tree, found = scene.tree, []
+        for at, (place, linear) in enumerate(tree.stages):
+            if any(operator.owns_gain for operator in tree.operators[:at]):
+                break
+            is_mode = linear.linear_mode() is not None  # see InMotion
+            if moves(linear) and not is_mode and linear.n_poles[0] + 2 * linear.n_poles[1] > 1:
+                loop = Feedback(tree.models[at], self.curve)
+                starts = driven_starts(loop, scene.records_at(at), linear=linear)
+                edits = [Enrich(place, loop, start) for start in starts]
+                found += scene.promising([tree.edited(name, edit) for edit in edits], at)
+        return found
+
+
+def moves(linear):
+    """Whether an operator is linear dynamics whose output does not follow its input at once."""
+    is_linear = linear.signal_linear and linear.n_parameters and sum(linear.n_poles)
+    if not (is_linear and hasattr(linear, "hold") and linear.gain and not linear.n_start):
+        return False
+    return linear.state_space()[3] == 0.0
 
 
 @dataclass(frozen=True)

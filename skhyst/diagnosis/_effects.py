@@ -47,6 +47,7 @@ from ._changes import (
     FollowedWidth,
     HeldDrive,
     InBetween,
+    InFeedback,
     InMotion,
     InStages,
     Knee,
@@ -293,6 +294,7 @@ _BUILT_IN = (
         lambda: [
             InMotion(RestoringForce(3, damping_degree=1, fit_hysteresis=False, fit_preload=False)),
             InMotion(RestoringForce(3, damping_degree=1, fit_hysteresis=False)),
+            InFeedback(SmoothCurve(3)),
             _of_free_mass(cubic_stiffness=True),
         ],
         "The spring hardens or softens with the displacement.",

@@ -354,6 +354,10 @@ class Scaled(WrappedOperator):
         ]
         return [*own, (f"sensitivity{suffix}", _SENSITIVITY), *curve, *lag]
 
+    def parameter_units(self):
+        known = self.operator.parameter_units()
+        return {name: known.get(name, spec.unit) for name, spec in self.entries()}
+
     def _of_lag(self):
         """Return the entries of the lag that are parameters: all but gain and intercept."""
         entries = [] if self.lag is None else self.lag.entries()

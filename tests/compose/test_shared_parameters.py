@@ -6,7 +6,7 @@ import pytest
 from sklearn.base import clone
 from sklearn.linear_model import Ridge
 
-from skhyst.compose import Cascade, SharedParameters, Sum
+from skhyst.compose import Cascade, ScheduledParameters, SharedParameters, Sum
 from skhyst.compose._shared_parameters import _factors, _power, _starts
 from skhyst.disturbance import Offset
 from skhyst.hysteresis import FreeMassOperator, PrandtlIshlinskii
@@ -141,6 +141,7 @@ def test_what_cannot_be_shared_is_refused():
         (SharedParameters(Gain(), own=["w"]), "free parameters of the model: gain", ValueError),
         (SharedParameters(Sum([("g", Gain()), ("o", Offset())])), "no additive", ValueError),
         (SharedParameters(Gain(initial_state="estimate")), "'rest' or 'zero'", ValueError),
+        (SharedParameters(ScheduledParameters(Gain(), degree=0)), "not depend on", ValueError),
     ):
         with pytest.raises(kind, match=why):
             wrong.fit(X, y)

@@ -16,6 +16,7 @@ from skhyst.diagnosis._changes import (
     FollowedWidth,
     HeldDrive,
     InBetween,
+    InFeedback,
     InMotion,
     InStages,
     LoadedForce,
@@ -99,6 +100,7 @@ WITHOUT_COLUMNS = [
     (AtJoints(SmoothCurve(3), inner=True), {"plays, mode", "lags"}),
     (BesideForce(MaxwellSlip()), {"force"}),
     (MoreTerms(FreeMass(cubic_stiffness=True)), set()),
+    (InFeedback(SmoothCurve(3)), set()),
     (RateDependence("slope"), {"plays", "plays, mode"}),
     (InStages(False, False), {"lag", "lags"}),
     (PerRecord("amplitude", "dynamics"), DYNAMIC),
@@ -299,6 +301,25 @@ def test_forces_of_a_free_mass_are_added_that_it_has_not():
     assert found
     assert all(own.models[0].cubic_stiffness for own in found)
     assert cubic.trees("more", Scene(found[0], records)) == []
+
+
+def test_a_spring_bends_in_the_feedback_of_more_poles_than_those_of_a_mode():
+    """In front of all that has a gain of its own, and once; what feeds through at once has none."""
+    records, bent = recordings(), InFeedback(SmoothCurve(3))
+    poles = TransferFunctionOperator([0.05], [30.0], [0.2], [0.3, 0.1], 1.4)
+    tree = Tree.of(TransferFunction(3, n_zeros=2), poles)
+    found = bent.trees("effect", Scene(tree, records))
+    assert found
+    for own in found:
+        assert own.without("effect").operators[0].pack().tolist() == poles.pack().tolist()
+        assert own.operators[0].linear.pack().tolist() == poles.pack().tolist()
+        assert bent.trees("more", Scene(own, records)) == []
+    straight = replace(poles, numerator=np.append(poles.numerator, 0.01))
+    assert bent.trees("effect", Scene(Tree.of(TransferFunction(3), straight), records)) == []
+    behind = tree.edited(
+        "front", InsertAt(None, PrandtlIshlinskii(3), trees()["plays"].operators[0])
+    )
+    assert bent.trees("effect", Scene(behind, records)) == []
 
 
 def test_friction_of_a_mass_follows_each_load():
