@@ -72,6 +72,7 @@ from ._plausibility import (
     remembers,
     responds_promptly,
     rings,
+    shows_its_slopes,
     slides,
     stops,
     varies_in_rate,
@@ -253,6 +254,7 @@ _BUILT_IN = (
         "One-sided dead zones behind the hysteresis make its two branches curve differently.",
         "Sweep faster: dynamics behind the hysteresis separate a curve at the hysteresis from "
         "one at the sensor.",
+        plausible=shows_its_slopes,
     ),
     Effect(
         "lag",
