@@ -357,7 +357,13 @@ class Contest:
                 if rival is not None:
                     base = self.prune(rival)
                     break
-        return base, {name: self._contested(base, name)[1] for name in base.structure.effects}
+        ambiguous = {}
+        for name in base.structure.effects:
+            rival, others = self._contested(base, name)
+            if rival is not None:  # names go round in a circle
+                others = dict.fromkeys((*rival.effects, *others))
+            ambiguous[name] = tuple(own for own in others if own != name)
+        return base, ambiguous
 
     def _contested(self, base, name):
         """Return the rival that an effect is named by, if any, and the names of those like it.

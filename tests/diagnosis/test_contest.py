@@ -256,13 +256,14 @@ def test_names_are_contested_until_they_stay(known):
     contest.prune = lambda c: c
     contest._contested = lambda base, name: (
         rivals[name] and candidate(rivals[name], 0.5),
-        (f"not {name}",),
+        (f"not {name}", "a"),
     )
     base, others = contest.named(candidate("a", 0.5))
-    assert (base.structure.effects, others) == (("c",), {"c": ("not c",)})
+    assert (base.structure.effects, others) == (("c",), {"c": ("not c", "a")})
     rivals["c"] = "a"
-    base, _ = contest.named(candidate("a", 0.5))
-    assert base.structure.effects == ("a",)
+    base, others = contest.named(candidate("a", 0.5))
+    # in a circle no name is told from the one that would follow, nor is any ambiguous with itself
+    assert (base.structure.effects, others) == (("a",), {"a": ("b", "not a")})
 
 
 def test_a_rival_takes_the_place_of_what_the_noise_makes_where_something_is_needed(known):
