@@ -39,7 +39,8 @@ $legend
    One call is one sampling interval. Nothing is allocated and loops are bounded.
 
    MISRA C:2012, as checked by cppcheck, with deviations from at most these required rules: 2.2,
-   10.3, 10.6 (constants), 10.8 (index of a table); advisory rules 2.5, 8.9, 12.1, 12.3, 15.4, 15.5, 17.8 and 18.4 are not kept. */
+   10.3, 10.6 (constants), 10.8 (index of a table); advisory rules 2.5, 8.9, 12.1, 12.3, 15.4,
+   15.5, 17.8 and 18.4 are not kept. */
 #ifndef ${name}_H
 #define ${name}_H
 
