@@ -18,7 +18,7 @@ from ..hysteresis import (
 )
 from ..linear import DynamicStiffnessOperator, GainOperator, TransferFunction
 from ..operators import Scaled as ModulatedBy
-from ..operators import SumOperator, is_straight, of_columns
+from ..operators import SumOperator, bare, is_straight, of_columns
 from ..optimize import identify, predicted_cost, variable_projection
 from ._constants import ENOUGH, FACTOR, FULL, KNEE, NOTICEABLE, TANKS, TOLERANCE
 from ._edits import (
@@ -40,7 +40,8 @@ from ._starts import Scene, driven_starts, inserted
 from ._traits import lag_rates
 from ._tree import BRIEFLY
 
-_LEVELS = {"coulomb_force", "stribeck_force", "asymmetry"}  # of friction, which grow with a load
+# of friction, which grow with a load
+_LEVELS = {"coulomb_force", "stribeck_force", "asymmetry", "friction"}
 
 
 @dataclass(frozen=True)
@@ -410,6 +411,31 @@ class LoadedForce:
         return found
 
 
+@dataclass(frozen=True)
+class LoadedMotion:
+    """Friction in the equation of motion that grows with the magnitude of a further column.
+
+    It is what another change adds, or what is there.
+    """
+
+    change: object
+
+    def trees(self, name, scene):
+        tree = scene.tree
+        if not tree.stages or tree.multi_input or _LEVELS.isdisjoint(_within_first(tree)):
+            return []
+        loads = [(c, float(np.abs(_column(scene, c)).mean())) for c in _moving_columns(scene)]
+        own = {"magnitude": True, "scales": _within_first(tree)}
+        edits = [ScaleEntries(tree.names[0], *load, **own) for load in loads]
+        slides = self.change.trees(name, scene) if edits else []
+        return [one.edited(name, edit) for one in slides or [tree] for edit in edits]
+
+
+def _within_first(tree):
+    """Return what the first stage scales within itself, sample by sample."""
+    return bare(tree.operators[0]).scaled_within if tree.stages else ()
+
+
 def _of_friction(operator):
     """Return the names of the entries of an operator that are levels of Coulomb friction."""
     names = [name for name, _ in operator.entries()]
@@ -422,7 +448,7 @@ class FollowedWidth:
 
     def trees(self, name, scene):
         tree = scene.tree
-        if not tree.stages or tree.multi_input or not hasattr(tree.operators[0], "widened"):
+        if tree.multi_input or "thresholds" not in _within_first(tree):
             return []
         return [
             tree.edited(name, ScaleEntries(tree.names[0], c, float(mean), ("thresholds",)))

@@ -151,6 +151,9 @@ class Unknown:
     structure_left : bool
         Whether the search does not judge the residual beside it to be noise: then the place may be
         another.
+    noise_ceiling : float
+        ``error_after``, or the part of it that a black box does not predict: of the drive, the
+        response of the model with the term, and the past of both.
     estimator : estimator
         The augmented model with the term, fitted to all data.
 
@@ -173,6 +176,7 @@ class Unknown:
     ambiguous_with: tuple
     laws: pd.DataFrame
     structure_left: bool
+    noise_ceiling: float
     estimator: Any
 
     def __str__(self):
@@ -249,7 +253,8 @@ class Unknown:
             Without the estimator.
         """
         names = ["place", "argument", "error_before", "error_after", "share", "p_value"]
-        own = {name: getattr(self, name) for name in [*names, "structure_left", "shape"]}
+        names += ["structure_left", "noise_ceiling", "shape"]
+        own = {name: getattr(self, name) for name in names}
         own |= {"ambiguous_with": list(self.ambiguous_with), "text": str(self), "code": self.code}
         own["curve"] = {name: values.tolist() for name, values in self.curve.items()}
         return own | {"laws": self.laws.to_dict("records")}

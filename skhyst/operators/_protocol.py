@@ -224,7 +224,14 @@ class Operator(Part, ABC):
             part, shape = vector[start : start + size], np.shape(getattr(self, name))
             changes[name] = part.copy().reshape(shape) if shape else float(part[0])
             start += size
-        return dataclasses.replace(self, **changes)
+        return self._with_values(changes)
+
+    def _with_values(self, changes):
+        """Return a copy with other values, as ``dataclasses.replace``, of the same structure."""
+        own, new = vars(self), object.__new__(type(self))
+        vars(new).update({k: own[k] for k in _lasting(type(self)) if k in own} | changes)
+        new.__post_init__()
+        return new
 
     @abstractmethod
     def init(self, u0: float, initial_state: str = "rest") -> Any:
@@ -321,6 +328,22 @@ class Operator(Part, ABC):
             return self.run(u, dt, self.init(u[0], initial_state))[0], du
         y, dy = self.sensitivities(u, du, dt, initial_state)
         return y, np.ascontiguousarray(dy[:, :m])
+
+    def resampled(self, ratio: float) -> "Operator | None":
+        """Return the operator that does the same at another sampling interval.
+
+        Parameters
+        ----------
+        ratio : float
+            The new interval over that of the operator.
+
+        Returns
+        -------
+        Operator or None
+            None where no operator responds exactly alike to a drive that is between the new samples
+            as it is between the old ones.
+        """
+        return self if self.memoryless else None
 
     def by_start(self, u, dt: float, start) -> np.ndarray:
         """Return the derivatives of the output by the values of a start.
@@ -426,6 +449,9 @@ _KINDS = (  # of fields, by their annotation
 )
 
 
+_STRUCTURE = ("_sizes", "n_parameters", "_entries")  # what is found once, whatever the values
+
+
 @cache
 def _checks(kind):
     """Return (name, function, what is wanted) of the fields of an operator that can be checked."""
@@ -441,6 +467,12 @@ def _checks(kind):
 
 def _or_none(is_right):
     return lambda value: value is None or is_right(value)
+
+
+@cache
+def _lasting(kind):
+    """Return the names of attributes that a copy with other values keeps."""
+    return (*(field.name for field in dataclasses.fields(kind)), *_STRUCTURE)
 
 
 @cache

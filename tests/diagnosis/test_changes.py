@@ -19,6 +19,7 @@ from skhyst.diagnosis._changes import (
     InMotion,
     InStages,
     LoadedForce,
+    LoadedMotion,
     MoreTerms,
     MovedModes,
     PerRecord,
@@ -112,6 +113,7 @@ BY_A_COLUMN = [
     (FollowedWidth(), {"plays", "plays, mode"}),
     (PerRecord("column", "all"), EVERY),
     (LoadedForce(CoulombFriction()), {"force"}),
+    (LoadedMotion(MoreTerms(FreeMass(friction=True))), set()),
 ]
 
 
@@ -297,6 +299,27 @@ def test_forces_of_a_free_mass_are_added_that_it_has_not():
     assert found
     assert all(own.models[0].cubic_stiffness for own in found)
     assert cubic.trees("more", Scene(found[0], records)) == []
+
+
+def test_friction_of_a_mass_follows_each_load():
+    """Friction that is added, or that is there; not that of a mass behind another stage."""
+    u, rng = np.cumsum(np.random.default_rng(0).normal(size=150)), np.random.default_rng(1)
+    loads = np.column_stack([rng.normal(size=150), np.full(150, 2.0)])
+    y = np.cumsum(np.cumsum(u)) * DT**2
+    records = [RecordData(u, y, DT, auxiliary=loads)]
+    change = LoadedMotion(MoreTerms(FreeMass(friction=True)))
+    for model in (FreeMass(), FreeMass(friction=True)):
+        tree = Tree.from_result(model, model.identify(records))
+        found = change.trees("effect", Scene(tree, records))
+        assert found
+        for own in found:
+            assert own.models[0].estimator.friction
+            scaled = own.operators[0]
+            assert (scaled.column, scaled.magnitude, scaled.scales) == (1, True, ("friction",))
+            assert scaled.reference == pytest.approx(np.abs(loads[:, 0]).mean())
+            assert change.trees("more", Scene(own, records)) == []
+        behind = tree.edited("front", InsertAt(None, FirstOrderLag(), LAG))
+        assert change.trees("effect", Scene(behind, records)) == []
 
 
 def test_what_is_there_is_not_added_again():
