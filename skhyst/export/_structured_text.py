@@ -46,6 +46,7 @@ _FUNCTIONS = {  # of the standard
     **{"math.tan": "TAN", "math.log": "LN", "math.log10": "LOG", "math.fabs": "ABS"},
     **{"abs": "ABS", "min": "MIN", "max": "MAX", "**": "EXPT", "math.pow": "EXPT"},
 }
+_EAGER = {*_SYMBOLS, "neg", "not", "abs", "min", "max"} - {"/"}  # these never fail
 # what the standard does not have: parameters, variables, and statements for the result {n}
 _HELPERS = {
     "//": (
@@ -681,23 +682,7 @@ def _is_eager(x):
         return x.args[1].value is not None
     if x.op in ("const", "name"):
         return x.kind != "real" or x.value is None or not math.isnan(x.value)
-    own = x.op in (
-        "==",
-        "!=",
-        "<",
-        "<=",
-        ">",
-        ">=",
-        "+",
-        "-",
-        "*",
-        "neg",
-        "not",
-        "abs",
-        "and",
-        "or",
-    )
-    own = own or x.op in ("min", "max") or (x.op == "cast" and x.args[0].kind != "real")
+    own = x.op in _EAGER or (x.op == "cast" and x.args[0].kind != "real")
     return own and all(map(_is_eager, x.args))
 
 
