@@ -303,7 +303,9 @@ class FunctionText:
         if not statement.orelse:
             return text
         other = self._block(statement.orelse, (*path[:-1], (path[-1], "orelse")))
-        if len(statement.orelse) == 1 and other.lstrip().startswith("if ("):
+        inner = statement.orelse[0]
+        ends = isinstance(inner, If) and inner.body and inner.orelse  # as MISRA wants "else if"
+        if ends and len(statement.orelse) == 1 and other.lstrip().startswith("if ("):
             other = other.strip().replace("\n    ", "\n")
             return f"{text} else {other}"
         return f"{text} else {{\n{other}{len(path) * '    '}}}"
@@ -346,7 +348,9 @@ class FunctionText:
             case "call":
                 return self._called(called(x), args[1:]), ATOM
             case "choice":
+                typed = "(int32_t)" if x.kind == "int" else ""  # constants alone are narrower
                 texts = [self._tight(a, CHOICE + 1) for a in args]
+                texts = [typed * (a.op == "const") + t for a, t in zip(args, texts, strict=True)]
                 return "{} ? {} : {}".format(*texts), CHOICE
             case "neg" | "not":
                 return ("-" if op == "neg" else "!") + self._tight(args[0], UNARY + 1), UNARY

@@ -46,6 +46,7 @@ _FUNCTIONS = {  # of the standard
     **{"math.tan": "TAN", "math.log": "LN", "math.log10": "LOG", "math.fabs": "ABS"},
     **{"abs": "ABS", "min": "MIN", "max": "MAX", "**": "EXPT", "math.pow": "EXPT"},
 }
+_EAGER = {*_SYMBOLS, "neg", "not", "abs", "min", "max"} - {"/"}  # these never fail
 # what the standard does not have: parameters, variables, and statements for the result {n}
 _HELPERS = {
     "//": (
@@ -137,6 +138,12 @@ _WORDS = frozenset(
     end_while function_block
     """.split()  # noqa: SIM905
 )
+_OF_BLOCK = frozenset(  # its variables
+    """
+    cycle extrapolated first hash held init init_at known last limited refused row state u
+    unreachable y
+    """.split()  # noqa: SIM905
+)
 
 
 def to_structured_text(
@@ -176,10 +183,12 @@ def to_structured_text(
         underscores.
     dtype : {"float64", "float32"}, default="float64"
         ``LREAL`` or ``REAL``.
-    dt, initial_state, u0, drive, form, tolerance : optional
+    dt, initial_state, u0, drive : optional
         As for :func:`to_c`.
     input_unit, output_unit : str, optional
         Names of the units of inputs and output for the comments, as for :func:`to_c`.
+    form, tolerance : optional
+        As for :func:`to_c`.
 
     Returns
     -------
@@ -215,10 +224,10 @@ def to_structured_text(
     ['gear.st', 'gear_test.st']
     """
     legal = isinstance(name, str) and re.fullmatch(r"[A-Za-z](_?[A-Za-z0-9])*", name)
-    if not legal or name.lower() in _WORDS:
+    if not legal or name.lower() in _WORDS | _OF_BLOCK:
         raise ValueError(
             "The 'name' parameter of to_structured_text must be a name of IEC 61131-3 that begins "
-            f"with a letter. Got {name!r} instead."
+            f"with a letter, and none of {sorted(_OF_BLOCK)}. Got {name!r} instead."
         )
     if dtype not in _TYPES:
         raise ValueError(
@@ -673,23 +682,7 @@ def _is_eager(x):
         return x.args[1].value is not None
     if x.op in ("const", "name"):
         return x.kind != "real" or x.value is None or not math.isnan(x.value)
-    own = x.op in (
-        "==",
-        "!=",
-        "<",
-        "<=",
-        ">",
-        ">=",
-        "+",
-        "-",
-        "*",
-        "neg",
-        "not",
-        "abs",
-        "and",
-        "or",
-    )
-    own = own or x.op in ("min", "max") or (x.op == "cast" and x.args[0].kind != "real")
+    own = x.op in _EAGER or (x.op == "cast" and x.args[0].kind != "real")
     return own and all(map(_is_eager, x.args))
 
 
@@ -882,6 +875,7 @@ class _Block:
             ("of_run", "DINT", "", ""),
             ("error", "LREAL", "", ""),
             ("largest", "LREAL", "", "error"),
+            ("allowed", "LREAL", double(expected.tolerance * expected.span), ""),
             ("failed", "BOOL", "", ""),
             ("done", "BOOL", "", "all samples have been compared"),
             ("passed", "BOOL", "", ""),
@@ -890,13 +884,12 @@ class _Block:
         put = [f"u[{j}] := {text};" for j, text in enumerate(u)] if own.by_row else []
         given = "u" if own.by_row else "inputs[k]"
         more = ", init_at := FALSE" if of_level else ""
-        allowed = double(expected.tolerance * expected.span)
         lines = [
             *put,
             f"device(u := {given}{more});",
             f"error := ABS({y} - outputs[{n} * of_run + k]);",
             "largest := MAX(largest, error);",
-            f"failed := failed OR NOT (error <= {allowed});",
+            "failed := failed OR NOT (error <= allowed);",
             "k := k + 1;",
         ]
         if of_level:
