@@ -966,7 +966,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
                 stacklevel=2,
             )
         if not self.operator_.signal_linear:
-            warn_beyond(self, X, _read_columns(self.operator_))
+            warn_beyond(self, X, read_columns(self.operator_))
         warn_schedules(self, self.operator_, schedules)
         y, rest = np.empty(len(signal)), [i for i in range(len(slices)) if i not in going]
         if rest:
@@ -1269,10 +1269,10 @@ def _better_slope(drives, result, records):
     return product if left < _MOST * min(power, error) else 0.0
 
 
-def _read_columns(operator):
+def read_columns(operator):
     """Return the numbers of the columns that act by themselves in a tree of operators."""
     own = getattr(operator, "column", -1)  # -1 is the amplitude, which is that of the drive
-    return {own} - {-1} | {i for child in operator.children for i in _read_columns(child)}
+    return {own} - {-1} | {i for child in operator.children for i in read_columns(child)}
 
 
 def _device(operator, dt, state, inputs, step=None):
