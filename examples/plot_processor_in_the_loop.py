@@ -52,7 +52,7 @@ feedback = FeedforwardPI(0.1 / gain, 2.0 * np.pi * 1500.0 / gain, compensator=co
 # corners; glue that has softened since the recording makes the stage creep by 5 % more.
 
 n = round(1.0 / (500.0 * DT))
-slope = np.sign(np.cos(2.0 * np.pi * np.arange(2 * n) / n)) * 4.0 / n
+slope = np.sign(np.cos(2.0 * np.pi * np.arange(n) / n)) * 4.0 / n
 slope = np.concatenate([np.zeros(n // 4), slope, np.zeros(n // 4)])
 reference = np.cumsum(np.convolve(slope, np.full(n // 20, 20.0 / n), mode="same"))
 time = 1e3 * DT * np.arange(len(reference))  # ms

@@ -128,9 +128,19 @@ class Contest:
 
     @property
     def _helpful(self):
-        """Names of the effects that have lowered the held-out error of some model."""
+        """Names of the effects that have lowered the held-out error of some model.
+
+        Or would have, as far as is known: those that fit better by what matters and were not held
+        out, since others fit better still, as curves do before a hysteresis that saturates.
+        """
         rows = [row for step in self._visited.values() for row in step["rows"]]
-        return {row["effect"] for row in rows if row["error_after"] < row["error_before"]}
+        least = 1.0 - (1.0 - self.criterion.min_improvement) ** 2
+        return {
+            row["effect"]
+            for row in rows
+            if row["error_after"] < row["error_before"]
+            or (np.isnan(row["error_after"]) and row["screen"] > least)
+        }
 
     @property
     def failed(self):

@@ -37,6 +37,8 @@ from ..records import by_interval, record_names
 from ._constants import NOTICEABLE
 from ._effects import EFFECTS
 from ._location import locate
+from ._next_experiment import next_experiment
+from ._pictures import Picture
 from ._reference import column_of
 from ._report_text import chance, change, listed, number, percent, plus_minus, share
 
@@ -141,6 +143,8 @@ class Report:
     unknown : dict or None
         Of a search with ``unknown``, the term that is missing and has no name, as
         :meth:`Unknown.to_dict` returns it; None where there is none.
+    explained : dict of str to float
+        What explains the response, as parts of its power, see ``explained_`` of the search.
     dropped, next_steps : list of str
         Effects that were in the model for a time, and what to measure next.
 
@@ -178,7 +182,9 @@ class Report:
         -------
         Report
         """
-        return cls(_collect(search, command, held_out, comparison), _displays(search, comparison))
+        experiment = _experiment(search)
+        content = _collect(search, command, held_out, comparison, experiment)
+        return cls(content, _displays(search, comparison, experiment))
 
     def __getattr__(self, name):
         try:
@@ -260,8 +266,10 @@ class Report:
             lines.append(f"unexplained: {self.unknown['text']}; with it the error is {less}")
             lines += [f"  {self.unknown['code']}"] if self.unknown["code"] else []
         errors = [_error(self, value) for value in (self.error_before, self.error_after)]
+        parts = ", ".join(f"{name} {share(value)}" for name, value in _parts(self).items())
         lines += [
             f"held-out error: {' -> '.join(errors)}; noise floor {_error(self, self.noise_floor)}",
+            *([f"of the declared model's, in power: {parts}"] if parts else []),
             f"residual: {_LEFT[self.verdict]}",
             f"noise of the residual: {self.noise_model['text']}",
             *([_kept(self)] if self.held_out else []),
@@ -320,7 +328,18 @@ class Report:
 # --------------------------------------------------------------------------------------- the dict
 
 
-def _collect(search, command, held_out, comparison):
+def _experiment(search):
+    """Return what to record next within the range and the rate of the drive; None if nothing."""
+    if search.verdict_ == "noise" and not search.history_["ambiguous_with"].map(len).any():
+        return None
+    driven = search.declared_estimator_
+    if not hasattr(driven, "drive_rate_"):  # a black box, of which nobody knows what drives it
+        return None
+    rate = driven.drive_rate_ if np.isfinite(driven.drive_rate_) else None
+    return next_experiment(search, driven.drive_range_, rate)
+
+
+def _collect(search, command, held_out, comparison, experiment):
     """Return the entries of a report by name, as plain data."""
     columns = getattr(search, "feature_names_in_", ["drive"])
     order = {"by": ["round", "error_after", "screen"], "ascending": [True, True, False]}
@@ -372,12 +391,14 @@ def _collect(search, command, held_out, comparison):
             data["faults"],
             settings,
             search.verdict_advice_,
+            experiment,
         ),
         "verdict_reason": search.verdict_reason_,
         "noise_ceiling": float(search.noise_ceiling_),
         "resolution": search.resolution_,
         "suspects": search.suspects_.to_dict("records"),
         "unknown": None if search.unknown_ is None else search.unknown_.to_dict(),
+        "explained": search.explained_,
         "warnings": search.warnings_,
     }
     return json.loads(json.dumps(entries, default=_plain), parse_constant=lambda _: None)
@@ -557,7 +578,7 @@ def _versions():
     return versions
 
 
-def next_steps(claims, not_it, location, verdict, faults, settings, advice=""):
+def next_steps(claims, not_it, location, verdict, faults, settings, advice="", experiment=None):
     """Return what to measure next, a list of sentences."""
     steps = [
         f"To tell {claim['effect']} from {listed(claim['ambiguous_with'])}: {claim['experiment']}"
@@ -595,10 +616,11 @@ def next_steps(claims, not_it, location, verdict, faults, settings, advice=""):
     if advice:
         where = f" The residual is largest {_looks(location)}." if _looks(location) else ""
         steps.append(f"{advice[0].upper()}{advice[1:]}.{where}")
-    if verdict != "noise" or any(claim["ambiguous_with"] for claim in claims):
+    if experiment is not None:
         steps.append(
-            "Record next, as a file: skhyst.diagnosis.next_experiment, or skhyst next on the "
-            "command line, proposes the drive within your limits that tells most of this."
+            f"Record next, within the range and the rate of the drive so far: {experiment.reason} "
+            "On the command line skhyst next, in Python skhyst.diagnosis.next_experiment, writes "
+            "it as a file, from rest to rest, for these limits or others."
         )
     if any(fault["fault"] != "lost_rows" for fault in faults):
         steps.append("Mend the faults of the recording listed under Data, and search again.")
@@ -773,6 +795,15 @@ def _known(report):
     return [known, unknown]
 
 
+def _parts(report):
+    """Return what explains the power of the declared model's error, as parts of that, by name."""
+    _, *parts = report.explained.items()
+    whole = sum(value for _, value in parts)
+    if not whole > 0.0 or report.explained["nothing"] >= whole:
+        return {}
+    return {name: value / whole for name, value in parts if value > 0.0}
+
+
 def _error(report, value, whole=None):
     """Write an error in its unit, with its percentage of the range."""
     part = percent(value, report.response_range if whole is None else whole)
@@ -847,7 +878,7 @@ def _failures(failed):
 # ----------------------------------------------------------------------------------------- views
 
 
-def _displays(search, comparison=None):
+def _displays(search, comparison=None, experiment=None):
     """Return the pictures by name, not yet drawn."""
     displays = {
         "course": PredictionDisplay.from_search(search, draw=False),
@@ -859,6 +890,11 @@ def _displays(search, comparison=None):
         displays[f"round {n}"] = EffectRankingDisplay.from_search(search, round=n, draw=False)
     if search.unknown_ is not None:
         displays["unknown"] = EvidenceDisplay(search.unknown_.picture())
+    if experiment is not None:
+        drive, units = experiment.from_rest(), search.units_
+        curve = "", drive.index.to_numpy(), drive.to_numpy(), "line"
+        labels = units.label("time (s)"), units.label("drive (drive)").replace(" (drive)", "")
+        displays["next"] = EvidenceDisplay(Picture("Drive to record next", *labels, (curve,)))
     if comparison is not None:
         displays["models"] = comparison
     for name in search.effects_:
@@ -876,6 +912,8 @@ def _drawn(name, display):
     elif name.startswith("evidence"):
         label = f"Evidence for {name.removeprefix('evidence ')}"
         height = 3.4 if display.picture.below is None else 5.4
+    elif name == "next":
+        label = "Drive to record next, over time"
     elif name == "unknown":
         height, label = 5.4, "What is unexplained, as a curve with its band"
 
@@ -937,6 +975,7 @@ def _rendered(report, form):
             left=_LEFT,
             provisional=_PROVISIONAL,
             known=_known(report),
+            parts=_parts(report),
             kept=_kept(report) if report.held_out else "",
             is_full=_is_full(report.claims, report.settings),
             change=change,

@@ -52,7 +52,7 @@ from ._outputs import response_columns, shared_claims
 from ._progress import watched
 from ._reference import column_of, reference_of, without_column
 from ._report import Report
-from ._tables import HISTORY, RANKING, SUSPECTS, WithTables, cv_results
+from ._tables import EXPLAINED, HISTORY, RANKING, SUSPECTS, WithTables, cv_results
 from ._unknown import LAW_COLUMNS, Unknown, curve_of, find_unknown
 from ._verdict import Judgement, judge_residual
 
@@ -188,6 +188,11 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         that is missing, its curve with a simultaneous band, errors, what the recording does not
         tell from it, laws that it resembles, and the ``estimator`` with it. None where no such term
         is significant, or the residual is noise.
+    explained_ : dict of str to float
+        What explains the response, as parts of its power about its mean, held out, which add up to
+        one: the ``"declared model"``, what the ``"effects"`` that were found and a raised
+        resolution explain of the rest, the ``"unknown term"`` of that, what a ``"black box"``
+        predicts or repetitions repeat beside all of these, and ``"nothing"``.
     suspects_ : DataFrame
         What would lower the held-out error most but is not claimed: ``effect``, ``error_before``,
         ``error_after``, ``folds_better``, ``p_value``.
@@ -516,6 +521,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         self.residual_location_ = locate(slices, self.drive_, self.residual_after_, self.units_)
         self.seconds_["noise floor"] = time.perf_counter() - begin
         self.unknown_ = self._unknown(slices, contest, decided) if self.unknown else None
+        self.explained_ = self._explained(contest.judgement(decided).unpredicted)
         begin = time.perf_counter()
         del self._inputs, self._reference, self._whole, self._read
         self._structure, self._records = base.structure, tuple(records)
@@ -547,6 +553,19 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         self.failed_ = pd.DataFrame(contest.failed, columns=["round", "effect", "error"])
         self.seconds_["refit and evidence"] = time.perf_counter() - begin
 
+    def _explained(self, unpredicted):
+        """Return what explains the response, as parts of its power."""
+        known = np.isfinite(self.residual_before_)
+        y, weights = self.response_[known], self.weights_[known]
+        whole = np.average(np.square(y - np.average(y, weights=weights)), weights=weights)
+        after, found = self.error_after_, self.unknown_
+        ends = after, after * unpredicted**0.5
+        if found is not None:
+            ends = found.error_after, found.noise_ceiling
+        power = np.append(whole, np.square([self.error_before_, after, *ends]))
+        left = np.append(np.minimum.accumulate(power) / (whole or 1.0), 0.0)
+        return dict(zip(EXPLAINED, (left[:-1] - left[1:]).tolist(), strict=True))
+
     def _unknown(self, slices, contest, base):
         """Return the term without a name that a candidate lacks; None where it lacks none."""
         if self.verdict_ == "noise" or self._reference is not None or contest.renew is not None:
@@ -559,7 +578,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
             if self.verdict_ == "undetermined":  # what is found is structure
                 self.verdict_, self.verdict_advice_ = "unexplained", ""
                 self.verdict_reason_ = "a smooth function of a signal explains it"
-            left = contest.judgement(chosen).verdict != "noise"
+            judged = contest.judgement(chosen)
             (scored,) = self._by_records(slices, records, chosen)
             estimator, _ = chosen.structure.fitted(records, slices)
             rng = np.random.default_rng(check_random_state(self.random_state).randint(2**31 - 1))
@@ -573,7 +592,8 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
                 p_value,
                 tuple(map(str, same)),
                 pd.DataFrame(laws, columns=LAW_COLUMNS),
-                left,
+                judged.verdict != "noise",
+                scored.error * judged.unpredicted**0.5,
                 estimator,
             )
         self.seconds_["unknown term"] = time.perf_counter() - begin

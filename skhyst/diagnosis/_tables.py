@@ -8,6 +8,7 @@ HISTORY = ["effect", "error_before", "error_after", "p_value", "ambiguous_with"]
 HISTORY += ["provisional", "experiment", "evidence"]
 RANKING = ["round", "beside", "effect", "screen", "error_before", "error_after", "p_value"]
 RANKING += ["n_parameters", "claimed"]
+EXPLAINED = ["declared model", "effects", "unknown term", "black box", "nothing"]
 SUSPECTS = ["effect", "error_before", "error_after", "folds_better", "p_value"]
 _FRAME = "frame of columns"
 

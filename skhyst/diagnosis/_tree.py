@@ -350,7 +350,12 @@ class Tree:
 
     def read(self, records):
         """Return the records as the model reads them, with what came before them."""
-        return as_read(self.model, self.begun(records))
+        return self._as_read(self.begun(records))
+
+    def _as_read(self, records):
+        """Return the records as they are where the drive alone is read; see :func:`as_read`."""
+        whole = self.root.reads_columns or self.root.is_scheduled
+        return as_read(self.model, records) if whole else records
 
     def problem(self, records):
         """Return the least-squares problem of all free parameters."""
@@ -380,7 +385,7 @@ class Tree:
     def run(self, records, first=0, last=None, signals=None):
         """Return the output of a stretch of the series for each record."""
         outputs, records = [], self.begun(records)
-        read = as_read(self.model, records)
+        read = self._as_read(records)
         for number, (record, own) in enumerate(zip(records, read, strict=True)):
             stages = [stage.operator for stage in self.stages_at(own.schedule)]
             if signals is not None:
@@ -419,7 +424,7 @@ class Tree:
 
     def led_by(self, records):
         """Return the tree with what came before records estimated, the parameters held."""
-        alone = as_read(self.model, records)
+        alone = self._as_read(records)
         found, _ = input_history_of(self.operator, self.disturbances, alone)
         return replace(self, input_history=tuple(found))
 

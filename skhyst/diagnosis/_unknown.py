@@ -39,6 +39,7 @@ from ..operators import FEEDBACK_ARGUMENTS, has_velocity
 from ..optimize import coloured_covariance, predicted_cost
 from ..static import ARGUMENTS, UnknownTerm, UnknownTermOperator, smooth
 from ._candidates import Candidate, completed, held_out
+from ._changes import moves
 from ._constants import FACTOR
 from ._edits import Drive, Enrich, InsertAt
 from ._jobs import side_by_side
@@ -151,6 +152,9 @@ class Unknown:
     structure_left : bool
         Whether the search does not judge the residual beside it to be noise: then the place may be
         another.
+    noise_ceiling : float
+        ``error_after``, or the part of it that a black box does not predict: of the drive, the
+        response of the model with the term, and the past of both.
     estimator : estimator
         The augmented model with the term, fitted to all data.
 
@@ -173,6 +177,7 @@ class Unknown:
     ambiguous_with: tuple
     laws: pd.DataFrame
     structure_left: bool
+    noise_ceiling: float
     estimator: Any
 
     def __str__(self):
@@ -249,7 +254,8 @@ class Unknown:
             Without the estimator.
         """
         names = ["place", "argument", "error_before", "error_after", "share", "p_value"]
-        own = {name: getattr(self, name) for name in [*names, "structure_left", "shape"]}
+        names += ["structure_left", "noise_ceiling", "shape"]
+        own = {name: getattr(self, name) for name in names}
         own |= {"ambiguous_with": list(self.ambiguous_with), "text": str(self), "code": self.code}
         own["curve"] = {name: values.tolist() for name, values in self.curve.items()}
         return own | {"laws": self.laws.to_dict("records")}
@@ -331,7 +337,7 @@ def _sites(scene):
 def _motions(scene):
     """Yield the forces in the equations of motion of linear dynamics."""
     for at, (place, linear) in enumerate(scene.tree.stages):
-        if not _moves(linear):
+        if not moves(linear):
             continue
         for argument in FEEDBACK_ARGUMENTS[: 1 + has_velocity(linear)]:
             model = UnknownTerm(passes=argument == "displacement")
@@ -341,14 +347,6 @@ def _motions(scene):
             motion = _Motion(place, loop, loop.divided(linear, nothing, scene.records_at(at)))
             driven = motion.driven(motion.around, scene.records_at(at))
             yield Site(f"motion of {place}", argument, model, motion, driven)
-
-
-def _moves(linear):
-    """Whether an operator is linear dynamics whose output does not follow its input at once."""
-    is_linear = linear.signal_linear and linear.n_parameters and sum(linear.n_poles)
-    if not (is_linear and hasattr(linear, "hold") and linear.gain and not linear.n_start):
-        return False
-    return linear.state_space()[3] == 0.0
 
 
 def _in_words(argument, signal):

@@ -66,6 +66,8 @@ class Judgement:
         Part of the residual's power that is left by what has found most.
     repeated : bool
         Whether the drive repeats itself.
+    unpredicted : float
+        Part of the residual's power that neither a black box predicts nor repetitions repeat.
     """
 
     verdict: str
@@ -76,6 +78,7 @@ class Judgement:
     p_value: float = 1.0
     share: float = 1.0
     repeated: bool = False
+    unpredicted: float = 1.0
     advice: str = ""
 
     @classmethod
@@ -131,12 +134,13 @@ def judge_residual(records, residuals, predictions, rng, criterion, *, error=Non
         trials["repetitions repeat it"] = in_repetitions(pairs, residuals, power)
     found = {name: own for name, own in trials.items() if own.is_structure(criterion)}
     p_value = min(own.p_value for own in trials.values())
-    predicted = [own for own in found.values() if own.left is not None]
+    predicted, unpredicted = [own for own in found.values() if own.left is not None], 1.0
     if predicted:
         best = predicted[-1]  # repetitions know the noise, the black box what it could predict
-        noise, ceiling = fit_noise(best.left, readings), ceiling * float(np.sqrt(best.share))
+        unpredicted = float(best.share)
+        noise, ceiling = fit_noise(best.left, readings), ceiling * unpredicted**0.5
     share = min(own.share for own in (found or trials).values())
-    told = p_value, share, bool(pairs)
+    told = p_value, share, bool(pairs), unpredicted
     if found:
         reason = "; ".join(found)
         return Judgement("unexplained", min(floor, ceiling), ceiling, noise, reason, *told)

@@ -263,6 +263,7 @@ class OscillatorOperator(HeldInput):
     """
 
     holds = ("foh", "bandlimited")
+    strictly_proper = True
     owns_gain = True
     at_once = False
     stage_order = 10

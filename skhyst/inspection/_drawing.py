@@ -6,6 +6,7 @@ paper (after Okabe and Ito, *Color Universal Design*, 2008, slightly lightened).
 
 import importlib
 import textwrap
+from functools import partial
 
 import numpy as np
 
@@ -87,6 +88,12 @@ def _plain_numbers():
     return formatter
 
 
+def _between_decades(axis, value, position=None):
+    """Return the label of a tick between decades: 2 and 5 of each, where few decades are shown."""
+    low, high = sorted(axis.get_view_interval())
+    return f"{value:g}" if high < 100.0 * low and f"{value:e}"[0] in "25" else ""
+
+
 def tidy(ax, *, title=None, x_label=None, y_label=None):
     """Give the axes a quiet frame, a faint grid and labels."""
     ax.spines[["top", "right"]].set_visible(False)
@@ -95,6 +102,8 @@ def tidy(ax, *, title=None, x_label=None, y_label=None):
     for axis in (ax.xaxis, ax.yaxis):
         if axis.get_scale() == "linear":
             axis.set_major_formatter(_plain_numbers())
+        elif axis.get_scale() == "log":
+            axis.set_minor_formatter(partial(_between_decades, axis))
     ax.xaxis.get_offset_text().set(x=1.01, horizontalalignment="left")  # clear of the label
     if title is not None:
         ax.set_title(plain(title), loc="left", fontsize="medium", fontweight="bold")

@@ -113,6 +113,12 @@ class LinearOperator(HeldInput):
     n_poles = (0, 0)
     integrators = 0  # poles at zero, whose states are the last ones
 
+    @property
+    def strictly_proper(self):
+        if "proper" not in self._memory:
+            self._memory["proper"] = not (self.state_space()[3] or np.any(self._stepped()[3]))
+        return self._memory["proper"]
+
     @abstractmethod
     def with_poles(self, rates, pairs):
         """Return a copy with other poles.

@@ -227,7 +227,14 @@ class Operator(Part, ABC):
             part, shape = vector[start : start + size], np.shape(getattr(self, name))
             changes[name] = part.copy().reshape(shape) if shape else float(part[0])
             start += size
-        return dataclasses.replace(self, **changes)
+        return self._with_values(changes)
+
+    def _with_values(self, changes):
+        """Return a copy with other values, as ``dataclasses.replace``, of the same structure."""
+        own, new = vars(self), object.__new__(type(self))
+        vars(new).update({k: own[k] for k in _lasting(type(self)) if k in own} | changes)
+        new.__post_init__()
+        return new
 
     @abstractmethod
     def init(self, u0: float, initial_state: str = "rest") -> Any:
@@ -445,6 +452,9 @@ _KINDS = (  # of fields, by their annotation
 )
 
 
+_STRUCTURE = ("_sizes", "n_parameters", "_entries")  # what is found once, whatever the values
+
+
 @cache
 def _checks(kind):
     """Return (name, function, what is wanted) of the fields of an operator that can be checked."""
@@ -460,6 +470,12 @@ def _checks(kind):
 
 def _or_none(is_right):
     return lambda value: value is None or is_right(value)
+
+
+@cache
+def _lasting(kind):
+    """Return the names of attributes that a copy with other values keeps."""
+    return (*(field.name for field in dataclasses.fields(kind)), *_STRUCTURE)
 
 
 @cache

@@ -100,6 +100,7 @@ def test_diagnose_equals_python(recording, tmp_path, capsys):
     assert printed.err == ""
 
 
+@pytest.mark.slow
 def test_columns_are_found_and_told(recording, capsys):
     command = ["diagnose", str(recording), *arguments(recording)[8:]]
     assert main(command) == 0
@@ -145,6 +146,7 @@ def test_without_a_model_a_few_are_compared_and_one_is_taken(
     assert main([*command, "--model", "gian"]) == 1
 
 
+@pytest.mark.slow
 def test_a_terminal_is_asked_for_the_model(recording, capsys, monkeypatch):
     monkeypatch.setattr("skhyst.cli._diagnose.compare_models", partial(compare_models, models=FEW))
     for stream in ("stdin", "stdout"):
@@ -186,6 +188,7 @@ def test_inspect_tells_and_draws(recording, tmp_path, capsys):
     assert "Pass --on-missing interpolate or --on-missing drop" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_progress_goes_to_standard_error_and_no_pickle_is_loaded(recording, capsys, monkeypatch):
     def refuse(*args, **kwargs):
         raise AssertionError("something was unpickled")
@@ -199,6 +202,7 @@ def test_progress_goes_to_standard_error_and_no_pickle_is_loaded(recording, caps
     assert "declared model:" not in printed.out
 
 
+@pytest.mark.slow
 def test_train_fraction_is_kept_away(recording, tmp_path):
     path = tmp_path / "out.json"
     assert main(arguments(recording, "--train-fraction", "0.6", "--json", str(path))) == 0
@@ -210,6 +214,7 @@ def test_train_fraction_is_kept_away(recording, tmp_path):
     assert search.held_out_error(X[n:], y[n:], declared=True) in held_out.values()
 
 
+@pytest.mark.slow
 def test_uneven_readings_are_refused_or_interpolated(recording, tmp_path, capsys):
     table = pd.read_csv(recording)
     rows = np.sort(np.random.default_rng(0).choice(len(table), len(table) // 2, replace=False))

@@ -185,6 +185,7 @@ def small_signal(operator):
     return u.reshape(-1, 1), y + 1e-4 * np.random.default_rng(6).normal(size=len(u))
 
 
+@pytest.mark.slow
 def test_a_held_step_stays_until_it_is_set_free():
     """With a warm start everything is then set free from there."""
     mode = SecondOrderModeOperator(80.0, 0.05, gain=3.0, intercept=0.2)

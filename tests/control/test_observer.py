@@ -104,6 +104,7 @@ def recursion(operator, variances, u, reading):
     return estimates, h @ p @ h + noise
 
 
+@pytest.mark.slow
 def test_it_is_the_kalman_filter_of_all_linear_states(observer, data):
     u, _, reading = data
     operator, own = observer.model_.operator_, [std**2 for std in stds(observer)]

@@ -158,6 +158,7 @@ def test_resonances_from_white_noise(vibration):
     np.testing.assert_allclose(vibration.damping_ratios_[modes], STAGE.damping_ratios, rtol=0.05)
 
 
+@pytest.mark.slow
 def test_cascade_of_the_thesis_predicts_all_its_experiments(vibration):
     """Vibration held, four triangles to fit on, RMS error below 0.1 % of the stroke everywhere."""
     X, y, _ = make_scanning_stage(random_state=0)

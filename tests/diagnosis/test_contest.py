@@ -141,6 +141,16 @@ def test_beside_other_effects_those_are_tried_that_have_helped_before(known):
     assert {own[:2] for own in rounds[4:]} == {(2, "a")}
 
 
+def test_what_fits_better_but_was_never_held_out_is_tried_beside_others(known):
+    """Others have fitted better still: nothing is known of it."""
+    contest = contest_of()
+    asked = screening(contest, {"a": 0.5, "b": 0.7, "c": 0.96, "ab": 0.4})
+    contest._fitted = lambda bases, found: [found[0][0][0]]  # the first of those in question
+    contest.extended(candidate("", 1.0))
+    contest.extended(candidate("a", 0.5), fully=False)
+    assert asked[1] == [("b", "a")]  # c fits hardly better
+
+
 def test_the_ranking_tells_what_each_effect_has_achieved(known):
     contest = contest_of()
     screening(contest, {"a": 0.5, "c": 2.0})

@@ -118,6 +118,7 @@ def test_other_laws(name, change):
     assert search.effects_ == ([] if change is nothing else ["lag"])
 
 
+@pytest.mark.slow
 def test_what_stands_beside_a_declared_model_stays_there():
     X, y = recording("PrandtlIshlinskii", lambda y, i, size: offset(lag(y, i, size), i, size))
     declared = Sum([("hysteresis", model("PrandtlIshlinskii")), ("constant", Offset())])

@@ -353,6 +353,7 @@ class DeadBand(ParametricModel):
         return [(DeadBandOperator(part * largest), ()) for part in (0.05, 0.15, 0.3)]
 
 
+@pytest.mark.slow
 def test_evidence_that_fails_costs_the_evidence_alone(monkeypatch):
     def fail(*_):
         raise ZeroDivisionError("nothing to divide by")

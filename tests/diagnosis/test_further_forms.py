@@ -32,7 +32,7 @@ def searched(habit, effect, declared, seed, names):
 @pytest.mark.parametrize(
     ("effect", "declared", "seed"),
     [
-        ("auxiliary_input", "second_order", 1),
+        pytest.param("auxiliary_input", "second_order", 1, marks=pytest.mark.slow),
         pytest.param("end_stops", "second_order", 5, marks=pytest.mark.slow),
         pytest.param("rectification", "second_order", 0, marks=pytest.mark.slow),
         ("backlash", "bouc_wen", 1),
@@ -57,7 +57,7 @@ def test_it_is_named_and_little_is_left(effect, declared, seed):
     ("habit", "effect", "seed", "right"),
     [
         ("bench", "none", 0, []),
-        ("bench", "cubic_stiffness", 0, ["cubic_stiffness"]),
+        pytest.param(*("bench", "cubic_stiffness", 0, ["cubic_stiffness"]), marks=pytest.mark.slow),
         pytest.param(  # a second spring, softer
             *("other_laws", "cubic_stiffness", 1, ["cubic_stiffness"]), marks=pytest.mark.slow
         ),

@@ -33,6 +33,7 @@ def search():
     return EffectSearchCV(DECLARED, effects=EFFECTS, random_state=0).fit(*recording(PLAYS))
 
 
+@pytest.mark.slow
 def test_a_start_under_way_is_named_and_no_drift(search):
     assert search.effects_ == ["initial_state"]
     assert search.verdict_ == "noise"

@@ -64,6 +64,7 @@ def test_nothing_left_stands_nowhere():
     assert locate(SLICES, DRIVE, 0.0 * noise(), Units()).empty
 
 
+@pytest.mark.slow
 def test_search_says_where_the_unexplained_stands():
     """A glitch of the plant at a level of the drive that no effect describes."""
     rng = np.random.default_rng(5)

@@ -138,6 +138,7 @@ def test_a_line_is_found_whatever_record_comes_first():
         assert found == pytest.approx(line, abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_splitter_cuts_them_too():
     cv = BlockedTimeSeriesSplit(3, staggered=True)
     found = search("lag", MIXED, cv=cv, effects=["lag", "offset"])
@@ -162,6 +163,7 @@ def test_a_declared_model_that_counts_samples_is_refused(model):
         model.fit(X, y)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "model", [LinearRegression(), make_pipeline(PlayOperators(thresholds=THRESHOLDS), Ridge())]
 )

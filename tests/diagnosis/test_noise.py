@@ -194,6 +194,7 @@ def test_what_the_drive_explains_is_structure(law):
     assert 0.9 * NOISE < found.floor < 1.3 * NOISE
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=3)
 @given(exponent=st.integers(-20, 20))
 def test_units_of_the_response_do_not_matter(exponent):
@@ -292,7 +293,7 @@ def coloured(law, rng, n):
     return lfilter([np.sqrt(1.0 - law**2)], [1.0, -law], rng.standard_normal(n + 200))[200:]
 
 
-@pytest.mark.parametrize("law", [0.6, 0.9, 0.97, "flicker"])
+@pytest.mark.parametrize("law", [pytest.param(0.6, marks=pytest.mark.slow), 0.9, "flicker"])
 def test_coloured_noise_is_noise(law):
     """What has a past is no structure if it knows nothing of the drive.
 

@@ -121,6 +121,7 @@ def test_structure_that_no_effect_explains_is_still_told():
     assert (found.effects_, found.verdict_) == ([], "unexplained")
 
 
+@pytest.mark.slow
 def test_an_offset_knows_no_noise_either():
     X, y = recording(3)
     y += np.array([0.1, -0.1, 0.2, -0.3])[y.index.get_level_values("record")]
@@ -241,6 +242,7 @@ def noisily_driven(seed, lag=0.0):
 WITHOUT = {"effects": ["lag", "timing", "backlash"], "reference": None}
 
 
+@pytest.mark.slow
 def test_what_only_smooths_a_noisy_drive_is_no_effect():
     found = search(**WITHOUT).fit(*noisily_driven(1))
     assert "noisy_drive" in set(found.data_quality_["fault"])

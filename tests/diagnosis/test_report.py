@@ -23,11 +23,13 @@ from jsonschema import ValidationError, validate
 from plants import make_recording
 from sklearn.base import clone
 
-from skhyst.diagnosis import EffectSearchCV, Report
+from skhyst.datasets import sine
+from skhyst.diagnosis import EffectSearchCV, Experiment, Report
 from skhyst.diagnosis._report import next_steps
 from skhyst.diagnosis._report_text import number, plus_minus
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.inspection import ModelComparisonDisplay
+from skhyst.linear import Gain
 
 HOSTILE = "<script>alert(1)</script>"
 COMMAND = 'skhyst diagnose "a b.csv" --drive <x> & more'
@@ -323,22 +325,38 @@ def test_what_to_measure_next():
     place = {"by": "frequency", "record": None, "low": 1.0, "high": 2.0, "unit": "Hz"}
     place["concentration"] = 3.0
 
-    def steps(claims=(), not_it=(), location=(), verdict="noise", faults=()):
+    def steps(claims=(), not_it=(), location=(), verdict="noise", faults=(), experiment=None):
         settings = {"alpha": 0.01, "max_effects": 3}
-        return next_steps(claims, not_it, location, verdict, faults, settings)
+        return next_steps(claims, not_it, location, verdict, faults, settings, "", experiment)
 
     assert steps() == []
-    told, proposal = steps([claim])
-    assert told == "To tell lag from delay: Sweep."
-    assert "skhyst next" in proposal
+    assert steps([claim]) == ["To tell lag from delay: Sweep."]
+    (proposal,) = steps(experiment=Experiment(None, "", "Triangle of 2 Hz: it tells.", 1.0))
+    assert "so far: Triangle of 2 Hz: it tells. On the command line" in proposal
     assert steps([claim | {"ambiguous_with": []}]) == []
     (step,) = steps(not_it=[miss, miss | {"change": -0.01}, miss | {"p_value": np.nan}])
     assert step.startswith("creep would make the error 10 % smaller")
     assert "Step and rest" in step
     assert "from 1.00 to 2.00 Hz" in steps(location=[place], verdict="unexplained")[0]
     assert "repeat one record" in steps(verdict="unexplained")[0]
-    assert len(steps([claim], [miss], [place], "unexplained", [{"fault": "outliers"}])) == 5
+    assert len(steps([claim], [miss], [place], "unexplained", [{"fault": "outliers"}])) == 4
     assert "max_effects = 3" in steps(3 * [claim], verdict="unexplained")[3]
+
+
+def test_the_drive_to_record_next_stays_within_what_was_recorded(report):
+    X = sine(1.0, 2.0, n_cycles=4, dt=5e-3)
+    u = X["drive"].to_numpy()
+    late = np.interp(np.arange(len(u)) - 2.0, np.arange(len(u)), u)
+    y = late + 0.02 * np.random.default_rng(0).normal(size=len(u))
+    found = EffectSearchCV(Gain(), effects=["delay", "lag"]).fit(X, y).report()
+    assert found.claims[0]["ambiguous_with"] == ["lag"]
+    (_, time, drive, _), *_ = found.displays["next"].picture.curves
+    assert u.min() <= drive.min() < drive.max() <= u.max()
+    rate = np.abs(np.diff(drive) / np.diff(time)).max()
+    assert rate <= np.abs(np.diff(u)).max() / 5e-3 * (1.0 + 1e-9)
+    assert drive[0] == drive[-1] == 0.0
+    assert any(step.startswith("Record next") for step in found.next_steps)
+    assert "next" not in report.displays  # nothing is open
 
 
 def test_held_out_data_are_reported(search, recording):

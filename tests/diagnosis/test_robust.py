@@ -52,6 +52,7 @@ def test_gross_outliers_leave_prandtl_ishlinskii_alone(one_sided):
     np.testing.assert_allclose(robust_std, std, rtol=0.25)
 
 
+@pytest.mark.slow
 def test_efficiency_without_outliers():
     """Of normal errors: the variance of the plain fit over that of the robust one."""
     rng, n = np.random.default_rng(4), 600
@@ -117,6 +118,7 @@ def test_lost_readings_do_not_count():
     assert weights[y != -7.0].mean() > 0.9
 
 
+@pytest.mark.slow
 def test_a_search_with_a_robust_loss_finds_the_lag_behind_gross_errors():
     recording = make_recording("lag", "prandtl_ishlinskii", 3000, n_samples=2500)
     y, rng = recording.y_train.copy(), np.random.default_rng(0)

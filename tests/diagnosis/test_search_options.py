@@ -94,6 +94,7 @@ def test_repeated_records_give_the_noise_floor():
     assert search.noise_floor_ == pytest.approx(recording.noise_std, rel=0.06)
 
 
+@pytest.mark.slow
 def test_data_without_noise_end_the_search():
     recording = make_recording("lag", "prandtl_ishlinskii", SEED, n_samples=2500, noise=0.0)
     search = few().fit(recording.X_train, recording.y_train)
@@ -119,6 +120,7 @@ def test_blocks_of_records_that_foretell_nothing_of_each_other():
 # -------------------------------------------------------------------------- parameters and refusals
 
 
+@pytest.mark.slow
 def test_budget_of_effects():
     recording = small("output_saturation")
     none = few(max_effects=0).fit(recording.X_train, recording.y_train)
@@ -144,6 +146,7 @@ def test_two_missing_effects_are_both_found():
     assert search.history_["error_before"].iloc[1] == search.history_["error_after"].iloc[0]
 
 
+@pytest.mark.slow
 def test_an_improvement_of_no_practical_size_is_not_claimed():
     X, y = small("lag").X_train, small("lag").y_train
     fitted = few(effects="lag").fit(X, y)

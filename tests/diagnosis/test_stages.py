@@ -83,6 +83,7 @@ def test_what_came_before_is_known_between_the_stages(linear):
     np.testing.assert_allclose(found._structure.respond(records)[0], expected[512:])
 
 
+@pytest.mark.slow
 def test_core_is_found_behind_its_hysteresis():
     rng = np.random.default_rng(0)
     u = np.cumsum(rng.normal(size=2500)) / 15

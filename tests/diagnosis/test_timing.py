@@ -42,6 +42,7 @@ def test_clocks_that_differ_are_told_with_their_skew():
     assert found.error_after_ < 1.1 * NOISE
 
 
+@pytest.mark.slow
 def test_timing_does_not_take_over_the_delay_of_the_device():
     X, y = recording(0.043, SKEW)
     effects = ["delay", "timing", "drift", "resonance"]

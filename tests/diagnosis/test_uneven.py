@@ -65,6 +65,7 @@ def test_an_uneven_recording_gives_the_name_of_the_even_one(uneven, even):
     assert uneven.error_after_ < 1.2 * NOISE
 
 
+@pytest.mark.slow
 def test_even_records_are_left_as_they_are(even):
     X, y = recording(False)
     plain = search().fit(X, y)

@@ -76,6 +76,7 @@ def test_the_model_with_the_term_is_a_model(notched):
     assert np.sqrt(np.mean((model.predict(fresh[:, None]) - truth) ** 2)) < 0.5 * NOISE
 
 
+@pytest.mark.slow
 def test_a_force_of_the_velocity_is_found_in_the_equation_of_motion():
     # of p = q' / w the force is 0.1 p^3 / 0.5^2, and the response 2 q
     plant = RestoringForceOperator(100.0, 0.2, [], [0.1], 0.0, 1.0, gain=2.0, scale=0.5)
@@ -95,6 +96,30 @@ def test_a_force_of_the_velocity_is_found_in_the_equation_of_motion():
     unregister_effect("cube_of_velocity")
     (named,) = screened(effect, searched._structure, records)
     assert refitted(named, named.structure, records).cost < 1.1 * N * NOISE**2
+
+
+def test_the_power_of_the_response_is_shared_out(notched):
+    own, found, power = notched.explained_, notched.unknown_, np.var(notched.response_)
+    assert sum(own.values()) == pytest.approx(1.0)
+    assert own["declared model"] == pytest.approx(1.0 - notched.error_before_**2 / power, abs=1e-3)
+    left = 1.0 - own["declared model"]
+    assert own["unknown term"] == pytest.approx(found.share * left)
+    assert own["effects"] == own["black box"] == 0.0
+    # the noise is what is left
+    assert own["nothing"] == pytest.approx(NOISE**2 / power, rel=0.3)
+
+
+@pytest.mark.slow
+def test_what_a_black_box_predicts_beside_the_term_is_told():
+    # a product of two signals, which no function of one of them is
+    y = MODE.run(U + NOTCH, DT)[0] + 0.12 * np.roll(U, 40) * np.tanh(RATE / 60.0) + noise(2)
+    searched = search(y)
+    found, own = searched.unknown_, searched.explained_
+    assert found.structure_left
+    assert NOISE < found.noise_ceiling < 0.9 * found.error_after
+    assert own["black box"] > 0.1 * (1.0 - own["declared model"])
+    assert own["nothing"] < found.error_after**2 / np.var(y)
+    assert "black box" in searched.report().to_text().split("in power: ")[1]
 
 
 def test_report(notched):
@@ -124,6 +149,7 @@ def test_a_named_effect_comes_first():
     assert found.unknown_ is None
 
 
+@pytest.mark.slow
 def test_of_a_further_column():
     temperature = np.cumsum(np.random.default_rng(7).normal(size=N)) / 20.0
     y = MODE.run(U, DT)[0] + 0.1 * np.abs(temperature) + noise(5)

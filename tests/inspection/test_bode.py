@@ -62,6 +62,7 @@ def test_recording_and_models(recording):
     display.figure_.canvas.draw()
 
 
+@pytest.mark.slow
 def test_levels_of_noise_and_distortion(periodic):
     display = FrequencyResponseDisplay.from_response(periodic, [TwoInputs(), TwoInputs()])
     assert display.ax_.shape == (2, 2)
@@ -75,6 +76,7 @@ def test_levels_of_noise_and_distortion(periodic):
     display.figure_.canvas.draw()
 
 
+@pytest.mark.slow
 def test_bands_have_the_promised_level(periodic):
     displays = [FrequencyResponseDisplay.from_response(periodic, level=a) for a in (0.99, 0.5)]
     bands = [display.ax_[0, 0].collections[0].get_paths()[0] for display in displays]

@@ -344,6 +344,7 @@ def test_missing_matplotlib_names_the_extra(monkeypatch, search):
     np.testing.assert_array_equal(display.residuals()["model"], stored["model"])
 
 
+@pytest.mark.slow
 def test_import_does_not_need_matplotlib():
     code = "import sys, skhyst.inspection; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

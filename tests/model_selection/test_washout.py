@@ -130,6 +130,7 @@ def recording():
     return u[:, None], LAG.run(u, DT)[0] + NOISE * rng.normal(size=1200)
 
 
+@pytest.mark.slow
 def test_the_state_of_a_fold_comes_from_its_washout(recording):
     """A block that is cut out of a record begins under way; what is left is the noise."""
     X, y = recording

@@ -277,6 +277,7 @@ def test_a_run_that_diverges_is_finite_and_warns(data, staged):
         assert np.abs(model.predict(few)).max() == model.bound_
 
 
+@pytest.mark.slow
 def test_history_before_the_records(data):
     """Records that are cut out of the middle fit better with a rest before them."""
     X, y = data
