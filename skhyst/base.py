@@ -78,9 +78,8 @@ _NO_REST = (
     "{} has found no state of rest, as of an integrator: start with initial_state='zero', or from "
     "a known response, 'y_start' of predict"
 )
-_CLEARLY = 0.5  # of the error: a start that leaves no more explains most of what was left
 _NOTHING = 0.98  # of the variance of the response, which a constant leaves
-_MOST = 0.5  # of a squared error, which is more than another fit of the same noise removes
+_MOST = 0.5  # of a squared error: what leaves less than that has removed more than it leaves
 _FEW = "Records this short tell like few independent samples, and params_std_ is too small for"
 
 
@@ -736,7 +735,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             n_values, begun = (1, other) if own is None else (own.size, "rest")
             p_value = start_p_value(best, found, records, n_values, (before, begun))
             # a start bends to the misfit of a model too; of two tests each (Bonferroni)
-            if found.error < _CLEARLY * best.error and 2.0 * p_value < LEVEL:
+            if found.error**2 < _MOST * best.error**2 and 2.0 * p_value < LEVEL:
                 state, best, before = other, found, begun
         if state != "rest":
             warnings.warn(
@@ -763,7 +762,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         if result.operator.n_start or not result.operator.slowest_decay() > longest:
             return None
         moving = identified(with_params(self, initial_state="zero"), records)[1]
-        clearly = moving.error < _CLEARLY * result.error
+        clearly = moving.error**2 < _MOST * result.error**2
         clearly &= start_p_value(result, moving, records, 1, ("rest", "zero")) < LEVEL
         return moving if clearly and moving.operator.slowest_decay() > longest else None
 
@@ -966,7 +965,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
                 stacklevel=2,
             )
         if not self.operator_.signal_linear:
-            warn_beyond(self, X, _read_columns(self.operator_))
+            warn_beyond(self, X, read_columns(self.operator_))
         warn_schedules(self, self.operator_, schedules)
         y, rest = np.empty(len(signal)), [i for i in range(len(slices)) if i not in going]
         if rest:
@@ -1269,10 +1268,10 @@ def _better_slope(drives, result, records):
     return product if left < _MOST * min(power, error) else 0.0
 
 
-def _read_columns(operator):
+def read_columns(operator):
     """Return the numbers of the columns that act by themselves in a tree of operators."""
     own = getattr(operator, "column", -1)  # -1 is the amplitude, which is that of the drive
-    return {own} - {-1} | {i for child in operator.children for i in _read_columns(child)}
+    return {own} - {-1} | {i for child in operator.children for i in read_columns(child)}
 
 
 def _device(operator, dt, state, inputs, step=None):

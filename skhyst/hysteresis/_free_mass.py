@@ -597,8 +597,6 @@ class FreeMassOperator(HeldInput):
     def __post_init__(self):
         super().__post_init__()
         self._require("mass", self.mass > 0.0, "be above 0")
-        wanted = f"be {', '.join(map(repr, self.holds[:-1]))} or {self.holds[-1]!r}"
-        self._require("hold", self.hold in self.holds, wanted)
         n = self.n_substeps
         self._require("n_substeps", not isinstance(n, bool) and n > 0, "be an integer above 0")
 

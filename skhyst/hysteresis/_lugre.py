@@ -124,6 +124,10 @@ class LuGreOperator(OneStateOperator, step=lugre_step):
     owns_gain = True
     stage_order = 10
 
+    def __post_init__(self):
+        super().__post_init__()
+        self._require("presliding_displacement", self.presliding_displacement > 0.0, "be above 0")
+
     @property
     def bristle_stiffness(self):
         """``sigma_0 = F_s / x_s`` in response/drive."""

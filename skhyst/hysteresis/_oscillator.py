@@ -278,7 +278,6 @@ class OscillatorOperator(HeldInput):
         n = self.n_substeps
         is_right = isinstance(n, (int, np.integer)) and not isinstance(n, bool) and n > 0
         self._require("n_substeps", is_right, "be an integer above 0")
-        self._require("hold", self.hold in self.holds, "be 'foh' or 'bandlimited'")
 
     @abstractmethod
     def _rest(self, u0):

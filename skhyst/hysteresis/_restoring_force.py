@@ -406,7 +406,7 @@ def _equilibrium(force, start, target):
     near, step = start, 0.25 * side
     for _ in range(_BRACKETS):
         far = near + step
-        if (target - force(far)[0]) * side <= 0.0:
+        if np.sign(target - force(far)[0]) != np.sign(side):
             break
         near, step = far, _GROWTH * step
     else:

@@ -15,7 +15,7 @@ from ..operators import CompiledLaw, Operator, in_ring, parameter
 from ._interpolation import cubic_weights, delay_step
 from ._linear import log_grid, time_span
 from ._shift_inverse import InverseShiftOperator
-from ._time_shift import TimeShiftOperator
+from ._time_shift import LONGEST, TimeShiftOperator
 
 
 def _delayed(signal, past, delay):
@@ -76,10 +76,12 @@ class DelayOperator(Operator):
             return np.empty(0), state
         past = self.init(u[0]) if state is None else state
         y, _ = _delayed(u, past, delay)
-        return y, np.concatenate([past, u])[-max(int(np.ceil(delay)) + 1, 3) :]
+        whole = np.concatenate([past, u])
+        return y, whole[-max(math.ceil(min(delay, len(whole))) + 1, 3) :]
 
     def compiled_step(self, dt, state):
         delay = self.delay / dt
+        self._require("delay", delay < LONGEST, f"be below {LONGEST} samples to be stepped")
         back = max(int(np.ceil(delay)) + 1, 3)
         past = np.concatenate([np.repeat(state[:1], max(back - len(state), 0)), state[-back:]])
         weights, _ = cubic_weights(back - delay)

@@ -18,6 +18,8 @@ from ._interpolation import cubic_weights, delay_step
 from ._linear import log_grid, time_span
 from ._shift_inverse import InverseShiftOperator
 
+LONGEST = 10**9 // 4 // 8  # shift that a step remembers, samples: a quarter of a GB, as of a file
+
 
 def _read_at(signal, places, is_straight):
     """Return a signal (n_samples,) or (n_samples, m) interpolated at ``places``, and its slope.
@@ -136,6 +138,8 @@ class TimeShiftOperator(Operator):
         """Return a step with preview of the input, and the preview in samples."""
         if self.skew:
             return super().ahead(dt, u0, tol)
+        is_right = abs(self.shift) / dt < LONGEST
+        self._require("shift", is_right, f"be within {LONGEST} samples to be stepped")
         samples = max(math.floor(-self.shift / dt) + 2, 0)
         late = samples + self.shift / dt
         back = max(math.ceil(late) + 1, 3)

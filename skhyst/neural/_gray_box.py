@@ -345,7 +345,7 @@ class GrayBoxOperator(Operator):
         inputs = (self._terms >= 0).sum(axis=1) - outputs
         parts = weights * u0**inputs
         c0, c1, c2 = (float(parts[outputs == power].sum()) for power in range(3))
-        square = (1.0 - c1) ** 2 - 4.0 * c2 * (level + c0)
+        square = (1.0 - c1) * (1.0 - c1) - 4.0 * c2 * (level + c0)
         if not (c1 < 1.0 and square > 0.0):
             return level, 1.0, 0.0, by_weights
         root = np.sqrt(square)

@@ -129,6 +129,12 @@ class HeldInput(Operator):
             if name in vars(cls):
                 setattr(cls, name, _either(vars(cls)[name], finely))
 
+    def __post_init__(self):
+        super().__post_init__()
+        if "hold" in vars(self):  # a field of its own
+            wanted = " or ".join(map(repr, self.holds))
+            self._require("hold", self.hold in self.holds, f"be {wanted}")
+
     @property
     def causal(self):
         return self.hold != BANDLIMITED

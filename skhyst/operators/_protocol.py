@@ -168,6 +168,9 @@ class Operator(Part, ABC):
                 low, high = specs[name].lower, specs[name].upper
                 is_right = np.all((low <= np.asarray(value)) & (np.asarray(value) <= high))
                 self._require(name, is_right, f"be from {low:g} to {high:g}")
+        if hasattr(self, "lower"):  # of two limits, or stops
+            wanted = f"not be below 'lower', {self.lower:g}"
+            self._require("upper", self.lower <= self.upper, wanted)
 
     def _require_size(self, name, size, why):
         """Refuse an array that has not ``size`` values, one per ...: compiled code looks up all."""

@@ -67,7 +67,8 @@ class IdentificationResult:
         Standard errors if the noise is white.
     undetermined : tuple of str
         Parameters that the data do not determine: they change nothing; or, on a logarithmic scale,
-        the end of an interval of more than as many times the value as there are samples fits too.
+        the end of an interval of more than as many times the value as there are samples fits too:
+        no more is between one interval and the whole of a record, the scales that it can tell.
     condition_number : float
         Of the scaled normal equations.
     joint_covariance : ndarray of shape (n, n), default=None

@@ -17,7 +17,7 @@ from sklearn.base import BaseEstimator
 
 from .._sizes import check_archive, check_array
 from ..operators import Operator
-from ._json import class_named, field_named
+from ._json import class_named, field_named, refuse_wrong
 
 _SCHEMA = "schema.json"  # of a skops file
 _PACKAGE = __package__.partition(".")[0]
@@ -97,7 +97,7 @@ def checked(value):
     Raises
     ------
     ValueError
-        If an operator in it has values that no fit finds.
+        If an operator, or a fitted attribute, has values that no fit finds.
     """
     if isinstance(value, Operator):
         value.__post_init__()  # skops sets fields without it
@@ -109,6 +109,7 @@ def checked(value):
         for name, parameter in inspect.signature(type(value)).parameters.items():
             if not hasattr(value, name) and parameter.default is not parameter.empty:
                 setattr(value, name, parameter.default)
+        refuse_wrong(vars(value), type(value).__name__)
     parts = vars(value).values() if isinstance(value, BaseEstimator) else ()
     if isinstance(value, (list, tuple, dict)):
         parts = value.values() if isinstance(value, dict) else value

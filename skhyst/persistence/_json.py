@@ -20,6 +20,7 @@ from sklearn.base import BaseEstimator
 
 from .._sklearn import HasMethods, Interval, StrOptions, validate_parameter_constraints
 from .._validation import finite_numbers
+from ..base import read_columns
 from ..operators import Operator
 
 FORMAT = 1
@@ -237,13 +238,21 @@ def _value(plain):
     return {"float": float, "tuple": _tuple, "slice": lambda parts: slice(*parts)}[kind](own)
 
 
-def _refuse_wrong(fitted, name):
+def refuse_wrong(fitted, name):
     """Refuse attributes that no fit could have made, of those that many estimators have."""
     known = {attribute: value for attribute, value in fitted.items() if attribute in _FITTED}
     validate_parameter_constraints({own: _FITTED[own] for own in known}, known, name)
     for attribute in _NUMBERS:
         if attribute in fitted:
             finite_numbers(fitted[attribute], name, attribute, "finite numbers")
+    n, operator = fitted.get("n_features_in_"), fitted.get("operator_")
+    columns = {fitted.get("_drive_number", 0)}
+    columns |= read_columns(operator) if isinstance(operator, Operator) else set()
+    if n is not None and not all(0 <= column < n for column in columns):
+        raise ValueError(
+            f"{name} must read columns of an X that has {n}, as that of its fit. Got the column(s) "
+            f"{sorted(columns)} instead."
+        )
 
 
 def _tuple(items):
@@ -278,6 +287,6 @@ def _object(plain):
     if fitted:
         if hasattr(made, "_parameter_constraints"):
             made._validate_params()  # as `fit` has done
-        _refuse_wrong(fitted, kind.__name__)
+        refuse_wrong(fitted, kind.__name__)
         made.__setstate__(fitted)
     return made

@@ -130,6 +130,8 @@ class UnknownTermOperator(Operator):
 
     def __post_init__(self):
         super().__post_init__()
+        wanted = " or ".join(map(repr, ARGUMENTS))
+        self._require("argument", self.argument in ARGUMENTS, f"be {wanted}")
         self._require("high", self.low < self.high < np.inf, "be finite, and above 'low'")
         self._require("half_gap", self.half_gap >= 0.0, "not be negative")
 

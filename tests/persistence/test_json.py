@@ -1,4 +1,5 @@
 import json
+import re
 from importlib.resources import files
 
 import numpy as np
@@ -7,12 +8,20 @@ from scipy.signal import lti
 from sklearn.linear_model import Ridge
 
 from skhyst.autoregressive import NARMAXRegressor
-from skhyst.compose import Cascade, Corrected, ScheduledParameters, Sum
+from skhyst.compose import Cascade, Corrected, Modulated, OnColumn, ScheduledParameters, Sum
 from skhyst.disturbance import DriftOperator, Offset
-from skhyst.hysteresis import DahlOperator, PrandtlIshlinskii, Preisach, SystemLevelOperator
+from skhyst.hysteresis import (
+    DahlOperator,
+    LuGreOperator,
+    PrandtlIshlinskii,
+    Preisach,
+    SystemLevelOperator,
+)
 from skhyst.linear import (
+    DelayOperator,
     DynamicStiffness,
     FirstOrderLag,
+    FirstOrderLagOperator,
     Gain,
     KelvinVoigt,
     LogCreepOperator,
@@ -131,6 +140,32 @@ def test_values_that_no_fit_finds_are_refused(creep, name, value, wanted):
         from_json(changed(creep, name, value))
 
 
+def test_limits_that_cross_are_refused():
+    limit = Saturation().fit(U, np.clip(U[:, 0], -0.4, 0.5))
+    with pytest.raises(ValueError, match="'upper' parameter of SaturationOperator must not be"):
+        from_json(changed(limit, "lower", 0.6))
+
+
+@pytest.mark.parametrize("kind", [Modulated, OnColumn])
+@pytest.mark.parametrize("name", ["column", "_drive_number"])
+@pytest.mark.filterwarnings("ignore::skhyst.exceptions.ConvergenceWarning")
+def test_a_column_that_is_not_there_is_refused(kind, name):
+    model = kind(Gain(), 1).fit(np.column_stack([U, U**2]), Y)
+    text, n = re.subn(rf'"{name}": -?\d+', f'"{name}": 2', to_json(model))
+    assert n
+    with pytest.raises(ValueError, match=f"{kind.__name__} must read columns of an X that has 2"):
+        from_json(text)
+
+
+@pytest.mark.parametrize("delay", [2.0**40, 1e300])
+def test_a_delay_that_takes_all_memory_is_not_stepped(delay):
+    """It is longer than any record, which rests before."""
+    operator = DelayOperator(delay)
+    np.testing.assert_array_equal(operator.run([1.0, 2.0, 3.0], 1.0)[0], np.ones(3))
+    with pytest.raises(ValueError, match=r"'delay' parameter .* to be stepped"):
+        operator.compiled_step(1.0, operator.init(0.0))
+
+
 def test_values_that_an_operator_has_by_default_or_sign_are_read():
     """A limit that is not there is infinite, and an unstable plant has a negative time constant."""
     limit = Saturation(sides="upper").fit(U, np.minimum(U[:, 0], 0.5))
@@ -151,6 +186,17 @@ def test_values_that_an_operator_has_by_default_or_sign_are_read():
         (LogCreepOperator, {"creep": 0.1, "time_constant": 1.0, "shortest": 0.0}, "shortest"),
         (LogCreepOperator, {"creep": 0.1, "time_constant": 1.0, "longest": np.nan}, "longest"),
         (FoldOperator, {"level": 0.0, "side": 2}, "side"),
+        (FirstOrderLagOperator, {"time_constant": 1.0, "hold": "auto"}, "hold"),
+        (
+            LuGreOperator,
+            {
+                "presliding_displacement": 0.0,
+                "stribeck_velocity": 1.0,
+                "coulomb_ratio": 0.5,
+                "static_force": 1.0,
+            },
+            "presliding_displacement",
+        ),
     ],
     ids=str,
 )
