@@ -47,12 +47,20 @@ from ._inputs import (
     units_of,
     with_others,
 )
-from ._location import locate
+from ._location import locate, parameters_without
 from ._outputs import response_columns, shared_claims
 from ._progress import watched
 from ._reference import column_of, reference_of, without_column
 from ._report import Report
-from ._tables import EXPLAINED, HISTORY, RANKING, SUSPECTS, WithTables, cv_results
+from ._tables import (
+    EXPLAINED,
+    HISTORY,
+    PARAMETERS_WITHOUT,
+    RANKING,
+    SUSPECTS,
+    WithTables,
+    cv_results,
+)
 from ._unknown import LAW_COLUMNS, Unknown, curve_of, find_unknown
 from ._verdict import Judgement, judge_residual
 
@@ -213,9 +221,17 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         augmented one is a :class:`~skhyst.compose.Corrected`.
     residual_location_ : DataFrame
         How the power of the residual is spread, one row per record, a tenth of its time, of the
-        drive or its rate, or an octave: ``by``, ``record``, ``low``, ``high``, ``unit``, ``share``
-        of the power, and ``concentration``, mean power there over that of the whole, 1 for white
-        noise. Of use where the verdict is ``"unexplained"``.
+        drive, its amplitude (half of each swing) or its rate, direction (-1 or 1), or an octave:
+        ``by``, ``record``, ``low``, ``high``, ``unit``, ``share`` of the power, and
+        ``concentration``, mean power there over that of the whole, 1 for white noise, with its 95 %
+        interval ``concentration_low``, ``concentration_high``, for all rows of a ``by`` at once. Of
+        use where the verdict is ``"unexplained"``.
+    parameters_without_ : DataFrame
+        Where the verdict is ``"unexplained"``, the parameters as they are when the strongest of
+        these places (of records, times, drive, amplitude, rate, direction) is left out of the fit:
+        ``by``, ``record``, ``low``, ``high``, ``unit``, ``parameter``, ``value`` and ``std`` with
+        everything, ``value_without``, ``std_without``, and whether it has ``moved`` by more than
+        its standard error explains, at the level ``alpha`` for all rows.
     residual_before_, residual_after_, prediction_before_, prediction_after_ : ndarray
         Held out, shape (n_samples,), NaN in the washout and where rows were lost.
     records_ : tuple of RecordSlice
@@ -528,6 +544,10 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         self.best_estimator_, result = self.declared_estimator_, None
         if self.effects_ or self.resolution_:
             self.best_estimator_, result = declared.augmented(base, records)
+        self.parameters_without_ = pd.DataFrame(columns=PARAMETERS_WITHOUT)
+        if self.verdict_ == "unexplained" and contest.renew is None:
+            own = slices, records, self.drive_, self.residual_location_, result or found
+            self.parameters_without_ = parameters_without(base.structure, *own, self.alpha)
         self._driver = declared.driver()
         fits = (self.declared_estimator_, found), (self.best_estimator_, result)
         self.warnings_ = self._warnings(first, fits, records)
