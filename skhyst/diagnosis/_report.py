@@ -266,7 +266,7 @@ class Report:
             if claim["provisional"]:
                 lines.append(f"    {_PROVISIONAL}")
         if self.unknown:
-            less = _error(self, self.unknown["error_after"])
+            less = _error(self, (self.unknown["second"] or self.unknown)["error_after"])
             lines.append(f"unexplained: {self.unknown['text']}; with it the error is {less}")
             lines += [f"  {self.unknown['code']}"] if self.unknown["code"] else []
         errors = [_error(self, value) for value in (self.error_before, self.error_after)]
@@ -921,6 +921,8 @@ def _displays(search, comparison=None, experiment=None):
         displays[f"round {n}"] = EffectRankingDisplay.from_search(search, round=n, draw=False)
     if search.unknown_ is not None:
         displays["unknown"] = EvidenceDisplay(search.unknown_.picture())
+        if search.unknown_.second is not None:
+            displays["unknown second"] = EvidenceDisplay(search.unknown_.second.picture())
     if experiment is not None:
         drive, units = experiment.from_rest(), search.units_
         curve = "", drive.index.to_numpy(), drive.to_numpy(), "line"
@@ -945,7 +947,7 @@ def _drawn(name, display):
         height = 3.4 if display.picture.below is None else 5.4
     elif name == "next":
         label = "Drive to record next, over time"
-    elif name == "unknown":
+    elif name.startswith("unknown"):
         height, label = 5.4, "What is unexplained, as a curve with its band"
 
     def draw(figure):

@@ -581,7 +581,8 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         after, found = self.error_after_, self.unknown_
         ends = after, after * unpredicted**0.5
         if found is not None:
-            ends = found.error_after, found.noise_ceiling
+            last = found.second or found
+            ends = last.error_after, last.noise_ceiling
         power = np.append(whole, np.square([self.error_before_, after, *ends]))
         left = np.append(np.minimum.accumulate(power) / (whole or 1.0), 0.0)
         return dict(zip(EXPLAINED, (left[:-1] - left[1:]).tolist(), strict=True))
@@ -590,34 +591,44 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         """Return the term without a name that a candidate lacks; None where it lacks none."""
         if self.verdict_ == "noise" or self._reference is not None or contest.renew is not None:
             return None  # a black box has no places
-        begin, records = time.perf_counter(), contest.records_of(base)
-        how = contest.criterion, contest.n_tried, self.n_jobs
-        found = find_unknown(base, records, slices, contest.folds, *how)
-        if found is not None:
-            site, chosen, p_value, same, laws = found
-            if self.verdict_ == "undetermined":  # what is found is structure
-                self.verdict_, self.verdict_advice_ = "unexplained", ""
-                self.verdict_reason_ = "a smooth function of a signal explains it"
-            judged = contest.judgement(chosen)
-            (scored,) = self._by_records(slices, records, chosen)
-            estimator, _ = chosen.structure.fitted(records, slices)
-            rng = np.random.default_rng(check_random_state(self.random_state).randint(2**31 - 1))
-            found = Unknown(
-                site.place,
-                site.argument,
-                curve_of(site, chosen.structure, records, rng),
-                self.error_after_,
-                scored.error,
-                max(1.0 - (scored.error / self.error_after_) ** 2, 0.0),
-                p_value,
-                tuple(map(str, same)),
-                pd.DataFrame(laws, columns=LAW_COLUMNS),
-                judged.verdict != "noise",
-                scored.error * judged.unpredicted**0.5,
-                estimator,
-            )
+        begin = time.perf_counter()
+        found = self._term(slices, contest, base, self.error_after_, contest.n_tried)
+        if found is not None and self.verdict_ == "undetermined":  # what is found is structure
+            self.verdict_, self.verdict_advice_ = "unexplained", ""
+            self.verdict_reason_ = "a smooth function of a signal explains it"
         self.seconds_["unknown term"] = time.perf_counter() - begin
         return found
+
+    def _term(self, slices, contest, base, before, n_tried, may_follow=True):
+        """Return a smooth term beside a candidate, and a second one where that leaves structure."""
+        records = contest.records_of(base)
+        how = contest.criterion, n_tried, self.n_jobs
+        found = find_unknown(base, records, slices, contest.folds, *how)
+        if found is None:
+            return None
+        site, chosen, p_value, same, laws, n_tried = found
+        judged = contest.judgement(chosen)
+        (scored,) = self._by_records(slices, records, chosen)
+        second = None
+        if may_follow and judged.structured:
+            second = self._term(slices, contest, chosen, scored.error, n_tried, may_follow=False)
+        estimator, _ = chosen.structure.fitted(records, slices)
+        rng = np.random.default_rng(check_random_state(self.random_state).randint(2**31 - 1))
+        return Unknown(
+            site.place,
+            site.argument,
+            curve_of(site, chosen.structure, records, rng),
+            before,
+            scored.error,
+            max(1.0 - (scored.error / before) ** 2, 0.0),
+            p_value,
+            tuple(map(str, same)),
+            pd.DataFrame(laws, columns=LAW_COLUMNS),
+            judged.verdict != "noise",
+            scored.error * judged.unpredicted**0.5,
+            estimator,
+            second,
+        )
 
     def _warnings(self, first, fits, records):
         """Return what a user has to know of the fits, each once."""

@@ -48,6 +48,7 @@ def test_place_and_curve(notched):
     assert notched.effects_ == []
     assert (found.place, found.argument) == ("drive", "drive")
     assert not found.structure_left
+    assert found.second is None
     # a prediction at the floor, where the declared model's was more than twice that
     assert found.error_before == notched.error_after_ > 2.5 * NOISE
     assert found.error_after < 1.15 * NOISE
@@ -96,6 +97,25 @@ def test_a_force_of_the_velocity_is_found_in_the_equation_of_motion():
     unregister_effect("cube_of_velocity")
     (named,) = screened(effect, searched._structure, records)
     assert refitted(named, named.structure, records).cost < 1.1 * N * NOISE**2
+
+
+@pytest.mark.slow
+def test_a_sum_of_two_functions_of_different_signals():
+    searched = search(MODE.run(U + 1.5 * NOTCH, DT)[0] + 0.3 * DAMPING + noise(3))
+    first = searched.unknown_
+    second = first.second
+    places = [(own.place, own.argument) for own in (first, second)]
+    assert places == [("drive", "drive"), ("response", "rate of the drive")]
+    assert second.second is None
+    assert not second.structure_left
+    assert second.error_before == first.error_after > 1.15 * NOISE > second.error_after
+    assert "; and beside it a term" in str(first)
+    report = searched.report()
+    assert report.unknown["second"]["argument"] == second.argument
+    assert "The second function" in report.to_html()
+    left = sum(searched.explained_[name] for name in ("black box", "nothing"))
+    scored = searched.response_[np.isfinite(searched.residual_before_)]
+    assert left == pytest.approx(second.error_after**2 / np.var(scored))
 
 
 def test_the_power_of_the_response_is_shared_out(notched):
