@@ -16,7 +16,9 @@ operators have the same limits, and with inputs up to the ends of 32 bits, which
 Programs in double and single precision are run so with random, stepped, tiny and huge drives and
 with input that is not finite: those of the operators, their inverses, and fitted models of several
 kinds, compensators, controllers and observers. Headers are compiled as C and C++ with warnings as
-errors, parameters are changed at run time, and programs run on an emulated Cortex-M4F.
+errors, parameters are changed at run time, and programs run on an emulated Cortex-M4F. All of them
+are written in Structured Text, too, and run by the translator of the tests, which notes divisions
+by zero and overflow.
 """
 
 import argparse
@@ -33,7 +35,7 @@ from pathlib import Path
 import numpy as np
 from bench_stepping import C_LIMIT, PLAYS, in_c, told
 
-from skhyst.export import EmulatedController, to_c, to_fmu
+from skhyst.export import EmulatedController, to_c, to_fmu, to_structured_text
 from skhyst.operators import Stepper, inverse_of
 
 BARS = {"float64": 1e-12, "float32": 1e-6, "int32": 1.0}
@@ -213,7 +215,7 @@ def devices():
     from skhyst.autoregressive import NARMAXRegressor, NARXRegressor
     from skhyst.compose import Cascade
     from skhyst.control import FeedforwardPI, InverseCompensator, Observer
-    from skhyst.hysteresis import BoucWen, Dahl, PrandtlIshlinskii
+    from skhyst.hysteresis import BoucWen, Dahl, DahlOperator, PrandtlIshlinskii
     from skhyst.linear import FirstOrderLag, LogCreep, SecondOrderMode
     from skhyst.neural import GrayBoxHysteresis, SCNRegressor
 
@@ -225,6 +227,7 @@ def devices():
     late = np.convolve(np.append(np.full(20, plays[0]), plays), 0.2 * 0.8 ** np.arange(21), "valid")
     y = 0.9 * plays + 0.1 * late + 1e-4 * rng.normal(size=n)
     X, reference = u[:, None], y[:300]
+    friction = DahlOperator(0.3, 0.8, stiffness=0.5).run(u, dt)[0]
     models = {
         "cascade of plays and creep": Cascade([("p", PrandtlIshlinskii(5)), ("c", LogCreep())]),
         "cascade of plays and mode": Cascade(
@@ -236,10 +239,11 @@ def devices():
     }
     for name, model in models.items():
         model = model.set_params(**({"dt": dt} if "dt" in model.get_params() else {}))
-        fitted = model.fit(X, y)
+        response = friction if name == "friction" else y
+        fitted = model.fit(X, response)
         yield name, fitted, u[:300]
-        compensator = InverseCompensator(fitted).fit(X, y)
-        yield f"{name}, compensator", compensator, reference
+        compensator = InverseCompensator(fitted).fit(X, response)
+        yield f"{name}, compensator", compensator, response[:300]
         loop = FeedforwardPI(0.1, 20.0, compensator=compensator)
         rows = np.stack([reference, y[1:301], u[:300]], axis=1)
         yield f"{name}, feedback with a compensator", loop, rows
@@ -376,6 +380,34 @@ def check_controllers():
         line(f"Cortex-M4F, {dtype}", errors, dtype)
 
 
+def check_structured_text():
+    """Run the function blocks of all programs by the translator of the tests."""
+    sys.path.insert(0, str(CASES.parent / "export"))
+    translator = importlib.import_module("structured_text")
+    stepped = [(f"{s.name}{', inverse' * s.is_inverse}", s.stepper, s.u) for s in systems()]
+    stepped += [(name, device.stepper(1e-3), u) for name, device, u in devices()]
+    for dtype in ("float64", "float32"):
+        errors, stops, refused = {}, [], 0
+        with tempfile.TemporaryDirectory() as place:
+            for name, stepper, u in stepped:
+                try:
+                    files = to_structured_text(stepper, place, "own", dtype, drive=u[:60])
+                except ValueError:
+                    refused += 1
+                    continue
+                translator.EXCEPTIONS.clear()
+                test = translator.blocks_of(*files)["own_test"]()
+                while not test.done:
+                    test()
+                allowed, span = test.allowed, np.ptp([0.0, *test.outputs]) or 1.0
+                errors[name] = test.largest / span, allowed / span
+                stops += [name] * bool(translator.EXCEPTIONS)
+        exact = sum(error == 0.0 for error, _ in errors.values())
+        print(f"Structured Text, {dtype}: {refused} refused, {exact} equal to the last digit")
+        print(f"Structured Text, {dtype}: nothing divided by zero: {verdict(stops)}")
+        line(f"Structured Text, {dtype}", errors, dtype)
+
+
 def as_units(system, folder, name):
     """Yield each version of FMI with whether the unit is the program, and what FMPy finds."""
     import fmpy
@@ -405,17 +437,22 @@ def main():
     parser.add_argument("--integers", action="store_true", help="programs in integers alone")
     parser.add_argument("--any-input", action="store_true", help="floating point, any input alone")
     parser.add_argument("--emulated", action="store_true", help="emulated controllers alone")
+    parser.add_argument("--structured-text", action="store_true", help="function blocks alone")
     options = parser.parse_args()
     if shutil.which("cc") is None:
         sys.exit("There is no C compiler.")
     if options.any_input or options.emulated:
         (check_any_input if options.any_input else check_controllers)()
         return
+    if options.structured_text:
+        check_structured_text()
+        return
     check_integers()
     if options.integers:
         return
     check_any_input()
     check_controllers()
+    check_structured_text()
     errors, unlike, findings, n_units = {}, [], [], 0
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)

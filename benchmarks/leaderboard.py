@@ -105,8 +105,7 @@ def _silverbox_errors(model, data):
     X, y = load_silverbox("multisine", data)
     left = (y - model.predict(X))[int(SILVERBOX_PART * len(X)) :]
     X, y = load_silverbox("arrow", data)
-    errors = [1e3 * np.sqrt(np.mean(np.square(e))) for e in (left, y - model.predict(X))]
-    return " / ".join(f"{error:.3f}" for error in errors)
+    return [1e3 * np.sqrt(np.mean(np.square(e))) for e in (left, y - model.predict(X))]
 
 
 def silverbox_by_hand(data=SHARED):
@@ -198,6 +197,10 @@ BENCHMARKS = {
 }
 
 
+def _written(errors):
+    return " / ".join(f"{error:.3g}" for error in np.atleast_1d(errors))
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--data", default=SHARED)
@@ -211,10 +214,10 @@ def main():
             with warnings.catch_warnings():
                 for kind in (ConvergenceWarning, ExtrapolationWarning):
                     warnings.simplefilter("ignore", kind)
-                by_hand = f"{row.by_hand(options.data):.3g}"
+                by_hand = _written(row.by_hand(options.data))
                 if row.searched is not None and not options.by_hand:
                     error, effects = row.searched(options.data)
-                    searched = f"{error:.3g} ({', '.join(effects)})"
+                    searched = f"{_written(error)} ({', '.join(effects)})"
         except FileNotFoundError:
             continue
         seconds = time.perf_counter() - begin

@@ -225,15 +225,19 @@ def wiener_hammerstein_searched(n_plants):
 
 
 @njit
-def slide(u, mass, damping, friction, offset):
-    """Return the displacement of a mass under Coulomb friction, implicit in the velocity."""
+def slide(u, mass, damping, friction, offset, load):
+    """Return the displacement of a mass under Coulomb friction, implicit in the velocity.
+
+    The friction is multiplied by the load.
+    """
     h = DT / SLIDING
     x, v, found = 0.0, 0.0, np.zeros(len(u))
     for k in range(1, len(u)):
         for i in range(SLIDING):
             force = u[k - 1] + (u[k] - u[k - 1]) * (i + 0.5) / SLIDING + offset
+            level = friction * (load[k - 1] + (load[k] - load[k - 1]) * (i + 0.5) / SLIDING)
             free = v + h * (force - damping * v) / mass
-            new = np.sign(free) * max(abs(free) - h * friction / mass, 0.0)
+            new = np.sign(free) * max(abs(free) - h * level / mass, 0.0)
             x, v = x + 0.5 * h * (v + new), new
         found[k] = x
     return found
@@ -248,7 +252,8 @@ def sliding_mass(rng):
         "force_offset": float(rng.choice([-1.0, 1.0]) * rng.uniform(0.05, 0.2)),
     }
     u = 4.0 * multisine(rng, N)
-    return _fit(FreeMass(True, dt=DT), u, slide(u, *true.values()), 1.0, 0.0, rng), true
+    y = slide(u, *true.values(), np.ones(N))
+    return _fit(FreeMass(True, dt=DT), u, y, 1.0, 0.0, rng), true
 
 
 def mode_and_integrator(rng):
@@ -324,6 +329,23 @@ def _joint(rng):
     return np.column_stack([motion(t), load(t)]), y, model, true
 
 
+def _carriage(rng):
+    """Return force and load, the displacement of a mass whose friction grows with the load, ..."""
+    true = {
+        "mass": float(np.exp(rng.uniform(-1.5, 0.5))),
+        "damping": float(np.exp(rng.uniform(-1.0, 0.5))),
+        "friction": float(rng.uniform(0.3, 0.8)),
+        "sensitivity": float(rng.uniform(0.2, 1.0)),
+    }
+    mass, damping, level, growth = true.values()
+    u, load = 4.0 * multisine(rng, N), 1.0 + _wave(rng, [2, 7])(np.arange(N) / N)
+    y = slide(u, mass, damping, level, 0.0, 1.0 + growth * np.abs(load))
+    y += LEVEL * np.ptp(y) * rng.normal(size=N)
+    mass = FreeMass(True, fit_force_offset=False)
+    own = {"scales": ["friction"], "magnitude": True, "reference": 0.0}
+    return np.column_stack([u, load]), y, Modulated(mass, 1, **own, dt=DT), true
+
+
 def _by_state(rng, with_lag=False):
     """Return a drive and a temperature, what plays whose thresholds it sets respond, and so on."""
     motion, slow = _wave(rng, [11, 19, 31]), _wave(rng, [1, 3])
@@ -386,6 +408,7 @@ def _coil(rng):
 
 BY_COLUMNS = {
     "friction of a load": _joint,
+    "friction of a load, in motion": _carriage,
     "width of a temperature": _by_state,
     "width before a lag": partial(_by_state, with_lag=True),
     "gain of a coil": _coil,
@@ -407,6 +430,7 @@ def columns_searched(n_plants):
     """Yield rows of how often a search around the model without the column names the effect."""
     declared = {
         "friction of a load": (CoulombFriction(dt=DT), "friction"),
+        "friction of a load, in motion": (FreeMass(fit_force_offset=False, dt=DT), "friction"),
         "width of a temperature": (PrandtlIshlinskii(8, dt=DT), "auxiliary_input"),
         "gain of a coil": (Gain(dt=DT), "auxiliary_input"),
     }

@@ -82,8 +82,8 @@ in_python = {
 # The same on the controller
 # --------------------------
 # Both parts are written as C, compiled for the processor and run there. Without its compiler and
-# QEMU the example ends here (``apt-get install gcc-arm-none-eabi libnewlib-arm-none-eabi
-# qemu-system-arm``). A Cortex-M4F computes in single precision; its double precision is software.
+# QEMU the example ends here; :class:`~skhyst.export.EmulatedController` says what to install. A
+# Cortex-M4F computes in single precision; its double precision is software.
 
 
 def on_controller(folder, dtype):

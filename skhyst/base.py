@@ -65,7 +65,7 @@ from .optimize import (
     with_further_starts,
     with_input_history,
 )
-from .records import RecordSlice, with_lost_rows
+from .records import RecordSlice, chosen_interval, with_lost_rows
 
 __all__ = ["ParametricModel"]
 
@@ -1080,6 +1080,58 @@ class ParametricModel(RegressorMixin, BaseEstimator):
                 state = self.free_run_state
                 runs.append(run_records(self.operator_, signal, slices, state, schedules))
         return not np.allclose(*runs)
+
+    def resampled(self, dt) -> Self:
+        """Return the fitted model at another sampling interval.
+
+        Its parameters are those of continuous time: the response is the same, for a drive that is
+        between the new samples as it is between the old ones. Linear dynamics and a
+        :class:`~skhyst.hysteresis.FreeMass` are exact at any interval; what is integrated in
+        substeps keeps their length.
+
+        Parameters
+        ----------
+        dt : float
+            Sampling interval of the new model in s.
+
+        Returns
+        -------
+        estimator
+            Fitted; ``predict`` and ``stepper`` take data without a time to be at this interval.
+
+        Raises
+        ------
+        ValueError
+            If ``dt`` is not a positive number, or there is no exact model at this interval.
+        RecordError
+            If the model depends on time and was fitted without one: its constants are in samples.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from skhyst.linear import FirstOrderLag, FirstOrderLagOperator
+        >>> u = np.repeat(np.random.default_rng(0).normal(size=100), 2)
+        >>> y, _ = FirstOrderLagOperator(0.05, hold="zoh").run(u, 0.01)
+        >>> coarse = FirstOrderLag(hold="zoh", dt=0.02).fit(u[::2, None], y[::2])
+        >>> bool(np.allclose(coarse.resampled(0.01).predict(u[:, None]), y))
+        True
+        """
+        check_is_fitted(self)
+        caller = f"{type(self).__name__}.resampled"
+        dt = used_interval(self, chosen_interval((), dt, caller), caller)
+        own, operator = fitted_interval(self)[0], self.operator_
+        again = operator.resampled(np.nan if own is None else dt / own)
+        if again is None and (own is None or self.depends_on_interval(dt)):
+            wanted = "that of the fit: its response between samples is not exact"
+            if own is not None and hasattr(operator, "n_substeps"):
+                step = own / operator.n_substeps
+                wanted = f"a multiple of {step:g} s, which its motion is integrated over at once"
+            raise ValueError(
+                f"The 'dt' parameter of {caller} must be {wanted}. Got {dt:g} s instead: fit the "
+                "model at this interval, or give X its times, which 'predict' follows."
+            )
+        again = operator if again is None else again
+        return with_params(self, operator_=again, dt_=dt, dt=None if self.dt is None else dt)
 
     def stepper_from(self, X, y, *, schedule=None) -> Stepper:
         """Return the fitted model as a device that goes on from a record that is known.

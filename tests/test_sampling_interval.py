@@ -6,27 +6,40 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy.signal import lti
+from sklearn.base import clone
 from sklearn.frozen import FrozenEstimator
 from sklearn.linear_model import LinearRegression, Ridge
 from sklearn.pipeline import make_pipeline
 
 from skhyst.autoregressive import NARMAXRegressor, NARXRegressor
-from skhyst.compose import Cascade, Corrected, Modulated, OnColumn, ScheduledParameters, Sum
+from skhyst.compose import (
+    Cascade,
+    Corrected,
+    Feedback,
+    Modulated,
+    OnColumn,
+    ScheduledParameters,
+    Sum,
+)
 from skhyst.control import InverseCompensator, Observer
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.exceptions import RecordError
 from skhyst.export import to_c
-from skhyst.hysteresis import PrandtlIshlinskii
+from skhyst.fluid import TankChain
+from skhyst.hysteresis import FreeMass, FreeMassOperator, PrandtlIshlinskii
 from skhyst.linear import (
     Delay,
     FirstOrderLag,
     FirstOrderLagOperator,
     Gain,
+    SecondOrderMode,
     TransferFunction,
     frequency_response,
 )
+from skhyst.optimize import VariableProjection
 from skhyst.preprocessing import GeneralizedInputGradient, LaggedFeatures
 from skhyst.records import Units, stack_records
+from skhyst.static import SmoothCurve
 
 DT, N, TIME_CONSTANT = 0.002, 400, 0.0195
 
@@ -251,6 +264,64 @@ def test_where_it_is_not_exact_it_says_so():
         product.resampled(DT / 2.0)
     with pytest.raises(ValueError, match="'dt' parameter"):
         delay.resampled(0.0)
+
+
+WALK = np.abs(np.cumsum(held(60)[:, 0]))
+
+
+def between(u, n):
+    """Return a drive of straight lines at n times as many samples."""
+    return np.interp(np.arange(n * (len(u) - 1) + 1) / n, np.arange(len(u)), u)
+
+
+IN_SUBSTEPS = {
+    "feedback": Feedback(SecondOrderMode(), SmoothCurve(3), n_substeps=4),
+    "held feedback": Feedback(SecondOrderMode(hold="zoh"), SmoothCurve(3), n_substeps=4),
+    "Stribeck curve": FreeMass(stribeck=True, n_substeps=4),
+    "tanks": TankChain(1, n_substeps=4),
+}
+
+
+@pytest.mark.filterwarnings("ignore::skhyst.exceptions.ConvergenceWarning")
+@pytest.mark.parametrize("name", IN_SUBSTEPS)
+def test_what_is_integrated_in_substeps_keeps_them(name):
+    """Half the interval has half of them; where it would have no whole number it is refused."""
+    fine = np.repeat(WALK, 2) if name == "held feedback" else between(WALK, 2)
+    X, y = WALK[:, None], FirstOrderLagOperator(0.05).run(WALK, 0.02)[0]
+    brief = VariableProjection(max_evaluations=2)
+    model = clone(IN_SUBSTEPS[name]).set_params(dt=0.02, method=brief).fit(X, y)
+    again = pickle.loads(pickle.dumps(model.resampled(0.01)))
+    expected = model.predict(X)
+    np.testing.assert_allclose(again.predict(fine[:, None])[::2], expected, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(again.resampled(0.02).predict(X), expected, rtol=1e-9, atol=1e-12)
+    assert again.stepper().dt == 0.01
+    with pytest.raises(ValueError, match=r"'dt' .*\.resampled must be a multiple of 0\.005 s"):
+        model.resampled(0.006)
+
+
+@pytest.mark.filterwarnings("ignore::skhyst.exceptions.ConvergenceWarning")
+@pytest.mark.parametrize("hold", ["foh", "zoh"])
+def test_a_free_mass_is_exact_at_any_interval(hold):
+    """From one sample to the next it moves by ``x'' = (u -+ F) / m - d x'``, solved exactly."""
+    own = FreeMassOperator(0.5, 1.0, friction=0.3, hold=hold)
+    model = FreeMass(hold=hold, dt=0.06, method=VariableProjection(max_evaluations=2))
+    model.fit(WALK[:, None], own.run(WALK, 0.06)[0])
+    fine = between(WALK, 3) if hold == "foh" else np.repeat(WALK, 3)
+    found = model.resampled(0.02).predict(fine[:, None])
+    np.testing.assert_allclose(found[::3], model.predict(WALK[:, None]), atol=1e-9)
+
+
+def test_where_a_model_has_no_exact_one_at_another_interval_it_says_so(data):
+    X, y = data
+    model = Cascade([("plays", PrandtlIshlinskii(3)), ("lag", FirstOrderLag())]).fit(X, y)
+    with pytest.raises(ValueError, match=r"'dt' .* Cascade\.resampled must be that of the fit"):
+        model.resampled(0.5 * DT)
+    plays = PrandtlIshlinskii(3, dt=DT).fit(X.to_numpy(), y.to_numpy())
+    again = plays.resampled(0.3 * DT)  # which do not depend on time
+    np.testing.assert_array_equal(again.predict(X.to_numpy()), plays.predict(X.to_numpy()))
+    counted = FirstOrderLag().fit(X.to_numpy(), y.to_numpy())
+    with pytest.raises(RecordError, match="constants are in samples"):
+        counted.resampled(0.5)
 
 
 # ------------------------------------------------------------------------------------ compositions

@@ -1,25 +1,24 @@
-"""`skhyst export`: a model in a file as a C99 program or as a functional mock-up unit."""
+"""`skhyst export`: a model in a file as C, Structured Text or a functional mock-up unit."""
 
 from .._files import check_outputs
-from ..export import program_sizes, to_c, to_fmu
+from ..export import program_sizes, to_c, to_fmu, to_structured_text
 from ..persistence import load_model
 from ..records import read_records
 
-_FOR_C = "name", "dtype", "drive", "column", "form", "sizes"
-_FOR_FMU = ("fmi_version",)
+_OF_TEXTS = ("name", "dtype", "drive", "column", "form")
+_OPTIONS = {"c": (*_OF_TEXTS, "sizes"), "st": _OF_TEXTS, "fmu": ("fmi_version",)}
 
 
 def export(options):
-    """Write the C program or the FMU."""
-    for name in _FOR_FMU if options.c else _FOR_C:
-        if getattr(options, name) is not None:
-            raise ValueError(
-                f"--{name.replace('_', '-')} is not an option of --{'c' if options.c else 'fmu'}."
-            )
+    """Write the program or the FMU."""
+    kind = next(kind for kind in _OPTIONS if getattr(options, kind))
+    for name in dict.fromkeys(name for names in _OPTIONS.values() for name in names):
+        if getattr(options, name) is not None and name not in _OPTIONS[kind]:
+            raise ValueError(f"--{name.replace('_', '-')} is not an option of --{kind}.")
     model = load_model(options.model, options.trust)
     passed = ("dt", "initial_state", "u0", "input_unit", "output_unit")
     more = {name: getattr(options, name) for name in passed}
-    for path in (_export_c if options.c else _export_fmu)(model, options, more):
+    for path in (_export_fmu if options.fmu else _export_text)(model, options, more):
         print(f"written: {path}")
     if options.sizes:
         sizes = program_sizes(options.c, options.name or options.model.stem)
@@ -29,9 +28,10 @@ def export(options):
         print(sizes.to_string())
 
 
-def _export_c(model, options, more):
-    name = options.name or options.model.stem
-    files = [options.c / f"{name}{end}" for end in (".h", ".c", "_test.c")]
+def _export_text(model, options, more):
+    name, folder = options.name or options.model.stem, options.c or options.st
+    ends = (".h", ".c", "_test.c") if options.c else (".st", "_test.st")
+    files = [folder / f"{name}{end}" for end in ends]
     _check([*files, *([_sizes_file(options)] if options.sizes else [])], options)
     for unit in ("input_unit", "output_unit"):
         if options.dtype == "int32" and more[unit] is not None:
@@ -40,7 +40,8 @@ def _export_c(model, options, more):
         first, *others = options.column or [1]
         more["drive"] = read_records(options.drive, drive=first, auxiliary=others)[0].to_numpy()
     more["form"] = options.form or "table"
-    return to_c(model, options.c, name, options.dtype or "float64", **more)
+    write = to_c if options.c else to_structured_text
+    return write(model, folder, name, options.dtype or "float64", **more)
 
 
 def _sizes_file(options):

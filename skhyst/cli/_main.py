@@ -238,12 +238,13 @@ def _add_compensate(commands):
 
 
 def _add_export(commands):
-    about = "a fitted model, compensator or controller as a C99 program or an FMU"
+    about = "a fitted model, compensator or controller as C, Structured Text or an FMU"
     parser = commands.add_parser("export", help=about)
     _add_model(parser)
     add = parser.add_argument
     to = parser.add_mutually_exclusive_group(required=True)
     to.add_argument("--c", type=Path, metavar="DIR", help="folder for the C files")
+    to.add_argument("--st", type=Path, metavar="DIR", help="folder for Structured Text of a PLC")
     unit = "functional mock-up unit, with the name of the file"
     to.add_argument("--fmu", type=Path, metavar="FILE.fmu", help=unit)
     add("--dt", type=float, metavar="S", help="sampling interval (default: that of the fit)")
@@ -252,12 +253,12 @@ def _add_export(commands):
     units = "name of its unit; for int32 the value that the integer 1 stands for"
     add("--input-unit", metavar="UNIT", help=units)
     add("--output-unit", metavar="UNIT", help=units)
-    for_c = parser.add_argument_group("for --c")
+    for_c = parser.add_argument_group("for --c and --st")
     add = for_c.add_argument
     add("--name", help="name of files and functions (default: that of the model's file)")
     add("--dtype", choices=("float64", "float32", "int32"), help="(default: float64)")
     add("--form", choices=("table", "step"), help="laws by tables or integrated (default: table)")
-    sizes = "flash, RAM, stack and instructions on Cortex-M0, Cortex-M4F, AVR and x86-64"
+    sizes = "C alone: flash, RAM, stack and instructions on Cortex-M0, Cortex-M4F, AVR and x86-64"
     add("--sizes", action="store_const", const=True, help=sizes)
     add("--drive", type=Path, metavar="FILE", help="input of the test program; int32 needs it")
     column = "column of the drive (default: the second); repeat it for a model of several inputs"

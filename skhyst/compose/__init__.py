@@ -11,6 +11,7 @@ from ._corrected import Corrected
 from ._divided import Divisions as Divisions
 from ._feedback import Feedback
 from ._scheduled_parameters import ScheduledParameters
+from ._shared_parameters import SharedParameters
 from ._sum import Sum
 
 __all__ = [
@@ -20,5 +21,6 @@ __all__ = [
     "Modulated",
     "OnColumn",
     "ScheduledParameters",
+    "SharedParameters",
     "Sum",
 ]

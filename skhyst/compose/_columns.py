@@ -239,9 +239,10 @@ class Modulated(_ColumnModel):
         as the position at which friction acts.
     scales : "response", "thresholds" or list of str, default="response"
         What is scaled: the whole response; all thresholds of a
-        :class:`~skhyst.hysteresis.PrandtlIshlinskii`; or parameters in which the response is
-        linear, by their names in ``params_``, such as ``["coulomb_force"]``. ``"weights"`` stands
-        for all of ``"weights[0]"``, ...
+        :class:`~skhyst.hysteresis.PrandtlIshlinskii`; ``["friction"]`` of a
+        :class:`~skhyst.hysteresis.FreeMass`, Coulomb and Stribeck friction in its equation of
+        motion; or parameters in which the response is linear, by their names in ``params_``, such
+        as ``["coulomb_force"]``. ``"weights"`` stands for all of ``"weights[0]"``, ...
     reference : float or None, default=None
         :math:`a_0`, units of the column, at which the model is as its own parameters say; None: the
         mean of a in the records of the fit.
@@ -273,7 +274,8 @@ class Modulated(_ColumnModel):
     -----
     A play whose threshold changes stays where it is until an end of its slack takes it along:
     ``F[k] = max(u[k] - q[k] r, min(u[k] + q[k] r, F[k - 1]))`` with the factor q, which stops at
-    zero. While the column rests the model is rate-independent where :math:`\Gamma` is.
+    zero. While the column rests the model is rate-independent where :math:`\Gamma` is. The friction
+    of a mass stops at zero, too; the factor is a straight line between samples.
 
     The friction :math:`(F_{c0} + \mu |N|) \tanh(v/v_0)` of a load N is that of a `CoulombFriction`
     whose ``coulomb_force`` is scaled by the magnitude of N, with the reference 0: then
@@ -375,8 +377,8 @@ class Modulated(_ColumnModel):
         linear = ", ".join(name for name, spec in operator.entries() if spec.linear)
         raise ValueError(
             "The 'scales' parameter of Modulated must be 'response', 'thresholds' of a "
-            "PrandtlIshlinskii, or names of parameters in which the response is linear: "
-            f"{linear}. Got {self.scales!r} instead."
+            "PrandtlIshlinskii, ['friction'] of a FreeMass without hold='bandlimited', or names of "
+            f"parameters in which the response is linear: {linear}. Got {self.scales!r} instead."
         )
 
     def unfitted(self, operator) -> Self:

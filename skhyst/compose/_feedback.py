@@ -160,8 +160,16 @@ class Feedback(ParametricModel):
     def unfitted(self, operator) -> Self:
         return with_params(self, linear=operator.linear.unfitted(), curve=operator.curve.unfitted())
 
-    def starting_values(self, records):
-        return self._starts_around(self._linear_alone(records), records)
+    def starting_values(self, records, linear=None):
+        """Return operators with each curve that the response suggests.
+
+        Parameters
+        ----------
+        linear : Operator, default=None
+            The linear dynamics, where they are known; by default what they are alone.
+        """
+        linear = self._linear_alone(records) if linear is None else linear
+        return self._starts_around(linear, records)
 
     def _linear_alone(self, records):
         """Return the operator of the linear dynamics without a feedback."""

@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from ..compose import Divisions, Modulated, amplitude, is_constant, lags_of_column
+from ..compose import Divisions, Feedback, Modulated, amplitude, is_constant, lags_of_column
 from ..fluid import TankChain
 from ..hysteresis import (
     CoulombFrictionOperator,
@@ -18,7 +18,7 @@ from ..hysteresis import (
 )
 from ..linear import DynamicStiffnessOperator, GainOperator, TransferFunction
 from ..operators import Scaled as ModulatedBy
-from ..operators import SumOperator, is_straight, of_columns
+from ..operators import SumOperator, bare, is_straight, of_columns
 from ..optimize import identify, predicted_cost, variable_projection
 from ._constants import ENOUGH, FACTOR, FULL, KNEE, NOTICEABLE, TANKS, TOLERANCE
 from ._edits import (
@@ -40,7 +40,8 @@ from ._starts import Scene, driven_starts, inserted
 from ._traits import lag_rates
 from ._tree import BRIEFLY
 
-_LEVELS = {"coulomb_force", "stribeck_force", "asymmetry"}  # of friction, which grow with a load
+# of friction, which grow with a load
+_LEVELS = {"coulomb_force", "stribeck_force", "asymmetry", "friction"}
 
 
 @dataclass(frozen=True)
@@ -124,6 +125,34 @@ class InMotion:
             more = both_models(stage.model, self.model).get_params()
             return more != stage.model.get_params()
         return stage.operator.signal_linear
+
+
+@dataclass(frozen=True)
+class InFeedback:
+    """A curve in the feedback of linear dynamics of two poles or more, which are no mode alone."""
+
+    curve: object
+
+    def trees(self, name, scene):
+        tree, found = scene.tree, []
+        for at, (place, linear) in enumerate(tree.stages):
+            if any(operator.owns_gain for operator in tree.operators[:at]):
+                break
+            is_mode = linear.linear_mode() is not None  # see InMotion
+            if moves(linear) and not is_mode and linear.n_poles[0] + 2 * linear.n_poles[1] > 1:
+                loop = Feedback(tree.models[at], self.curve)
+                starts = driven_starts(loop, scene.records_at(at), linear=linear)
+                edits = [Enrich(place, loop, start) for start in starts]
+                found += scene.promising([tree.edited(name, edit) for edit in edits], at)
+        return found
+
+
+def moves(linear):
+    """Whether an operator is linear dynamics whose output does not follow its input at once."""
+    is_linear = linear.signal_linear and linear.n_parameters and sum(linear.n_poles)
+    if not (is_linear and hasattr(linear, "hold") and linear.gain and not linear.n_start):
+        return False
+    return linear.state_space()[3] == 0.0
 
 
 @dataclass(frozen=True)
@@ -410,6 +439,31 @@ class LoadedForce:
         return found
 
 
+@dataclass(frozen=True)
+class LoadedMotion:
+    """Friction in the equation of motion that grows with the magnitude of a further column.
+
+    It is what another change adds, or what is there.
+    """
+
+    change: object
+
+    def trees(self, name, scene):
+        tree = scene.tree
+        if not tree.stages or tree.multi_input or _LEVELS.isdisjoint(_within_first(tree)):
+            return []
+        loads = [(c, float(np.abs(_column(scene, c)).mean())) for c in _moving_columns(scene)]
+        own = {"magnitude": True, "scales": _within_first(tree)}
+        edits = [ScaleEntries(tree.names[0], *load, **own) for load in loads]
+        slides = self.change.trees(name, scene) if edits else []
+        return [one.edited(name, edit) for one in slides or [tree] for edit in edits]
+
+
+def _within_first(tree):
+    """Return what the first stage scales within itself, sample by sample."""
+    return bare(tree.operators[0]).scaled_within if tree.stages else ()
+
+
 def _of_friction(operator):
     """Return the names of the entries of an operator that are levels of Coulomb friction."""
     names = [name for name, _ in operator.entries()]
@@ -422,7 +476,7 @@ class FollowedWidth:
 
     def trees(self, name, scene):
         tree = scene.tree
-        if not tree.stages or tree.multi_input or not hasattr(tree.operators[0], "widened"):
+        if tree.multi_input or "thresholds" not in _within_first(tree):
             return []
         return [
             tree.edited(name, ScaleEntries(tree.names[0], c, float(mean), ("thresholds",)))

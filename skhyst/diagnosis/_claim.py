@@ -65,7 +65,8 @@ class Claim:
     @property
     def kind(self):
         """The way in which the effect entered."""
-        return self.edits[0].kind if len(self.edits) == 1 else "scheduled stage"
+        kinds = {edit.kind for edit in self.edits}
+        return kinds.pop() if len(kinds) == 1 else "scheduled stage"
 
     @cached_property
     def at(self):

@@ -20,6 +20,7 @@ REWEIGHTED = 2  # fits before the first round: the first weights are of a fit wi
 # ---- what effects are. Where a name begins and ends is a convention; these are ours.
 FLAT = 0.25  # slope at an end of the motion, relative to that at the centre, of what saturates
 HARD = 5.0  # shape of a Bouc-Wen force beyond which it follows the motion like a spring
+LAST_PIECE = 0.1  # of the motion, at least: the piece behind a kink whose slope goes on beyond it
 REPEATS = 2.0  # periods of a sinusoid in the longest record; a slower one is a drift
 TANKS = 3  # in a row, at the most
 KNEE = 0.6  # of the largest response: levels of a knee start at least a tenth above it

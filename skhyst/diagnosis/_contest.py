@@ -128,9 +128,19 @@ class Contest:
 
     @property
     def _helpful(self):
-        """Names of the effects that have lowered the held-out error of some model."""
+        """Names of the effects that have lowered the held-out error of some model.
+
+        Or would have, as far as is known: those that fit better by what matters and were not held
+        out, since others fit better still, as curves do before a hysteresis that saturates.
+        """
         rows = [row for step in self._visited.values() for row in step["rows"]]
-        return {row["effect"] for row in rows if row["error_after"] < row["error_before"]}
+        least = 1.0 - (1.0 - self.criterion.min_improvement) ** 2
+        return {
+            row["effect"]
+            for row in rows
+            if row["error_after"] < row["error_before"]
+            or (np.isnan(row["error_after"]) and row["screen"] > least)
+        }
 
     @property
     def failed(self):
@@ -347,7 +357,13 @@ class Contest:
                 if rival is not None:
                     base = self.prune(rival)
                     break
-        return base, {name: self._contested(base, name)[1] for name in base.structure.effects}
+        ambiguous = {}
+        for name in base.structure.effects:
+            rival, others = self._contested(base, name)
+            if rival is not None:  # names go round in a circle
+                others = dict.fromkeys((*rival.effects, *others))
+            ambiguous[name] = tuple(own for own in others if own != name)
+        return base, ambiguous
 
     def _contested(self, base, name):
         """Return the rival that an effect is named by, if any, and the names of those like it.

@@ -114,7 +114,7 @@ def _of_parts(claim):
         spec = entries[index][1]
         if size > 6 or name in claim.not_new:  # the values of a longer vector are parameters
             continue
-        label, factor = _SPOKEN.get(name, (name.replace("_", " "), 1.0))
+        label, factor = _SPOKEN.get(name, (re.sub("_+", " ", name), 1.0))
         if number:
             label = re.sub("([^s])s$", r"\1", re.sub("ies$", "ys", label))
             label += f" {int(number) + 1}" if size > 1 else ""

@@ -12,7 +12,7 @@ from scipy.stats import norm
 
 from ..noise import largest_noise
 from ..records import near_period
-from ._constants import FLAT, HARD, NOTICEABLE, REPEATS
+from ._constants import FLAT, HARD, LAST_PIECE, NOTICEABLE, REPEATS
 from ._traits import n_ringing, presliding_displacement
 from ._turns import turns
 
@@ -192,6 +192,18 @@ def goes_on(operator, motion, records):
 def bends(operator, motion, records):
     """Return by how much a rounded curve is steeper than one that saturates."""
     return -levels_off(operator, motion, records) if hasattr(operator, "knee") else np.inf
+
+
+def shows_its_slopes(operator, motion, records):
+    """Return by how much more of the motion than required lies behind the outermost kinks.
+
+    Beyond the recorded motion a curve goes on with the slope that it has at the end. Over a small
+    part of the motion that follows how a loop closes, not how the device goes on.
+    """
+    kinks = operator.run(operator.thresholds, 1.0)[0]
+    behind = np.minimum(motion.max() - kinks, kinks - motion.min())
+    seen = behind[behind > 0.0]  # other kinks have no part in what was recorded
+    return seen.min(initial=np.inf) / np.ptp(motion) - LAST_PIECE
 
 
 def has_own_lines(operator, motion, records):

@@ -6,8 +6,8 @@ from functools import cached_property
 import numpy as np
 
 from ..operators import split_disturbances
-from ..optimize import distribute_poles, pole_starts
-from ._constants import FACTOR, NOTICEABLE
+from ..optimize import distribute_poles, pole_starts, variable_projection
+from ._constants import FACTOR, NOTICEABLE, TOLERANCE
 from ._edits import Beside, Insert
 
 
@@ -131,13 +131,32 @@ def inserted(name, model, scene):
     if at == 0 and tree.multi_input:
         return []
     candidates = [
-        tree.edited(name, Insert(model, operator))
+        _fed_as_before(tree.edited(name, Insert(model, operator)), at, scene)
         for operator in driven_starts(model, scene.records_at(at))
     ]
     dynamics = [i for i, operator in enumerate(tree.operators) if _has_poles(operator)]
     first = min([at, *dynamics])
     anew = _redistributed(candidates, at, scene, first) if candidates else []
     return scene.promising(anew if scene.has_lost_poles else candidates + anew, first)
+
+
+def _fed_as_before(tree, at, scene):
+    """Return a tree whose new stage gives the first curve behind it the signal that it had before.
+
+    A stage that carries the gain starts without any. Elsewhere its linear parameters are solved
+    for; through a curve that is no linear problem, and the curve has seen the signal as it was.
+    """
+    operators = tree.operators
+    bent = [i for i in range(at + 1, len(operators)) if not operators[i].signal_linear]
+    if not (bent and operators[at].owns_gain):
+        return tree
+    signals = scene.signals(bent[0] - 1)
+    records = [replace(r, y=u) for r, u in zip(scene.records, signals, strict=True)]
+    before = tree.with_stages(tree.stages[: bent[0]])
+    problem = before.problem(records)
+    solution = variable_projection(problem, problem.x0, tolerance=TOLERANCE, max_evaluations=FACTOR)
+    fed = before.at(problem, solution.x).stages
+    return tree.with_stages([*fed, *tree.stages[bent[0] :]])
 
 
 def _redistributed(candidates, at, scene, first):

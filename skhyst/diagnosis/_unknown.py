@@ -41,6 +41,7 @@ from ..operators import FEEDBACK_ARGUMENTS, has_velocity
 from ..optimize import coloured_covariance, predicted_cost
 from ..static import ARGUMENTS, UnknownTerm, UnknownTermOperator, smooth
 from ._candidates import Candidate, completed, held_out
+from ._changes import moves
 from ._constants import FACTOR
 from ._edits import Drive, Enrich, InsertAt
 from ._jobs import side_by_side
@@ -364,7 +365,7 @@ def _name(tree):
 def _motions(scene):
     """Yield the forces in the equations of motion of linear dynamics."""
     for at, (place, linear) in enumerate(scene.tree.stages):
-        if not _moves(linear):
+        if not moves(linear):
             continue
         for argument in FEEDBACK_ARGUMENTS[: 1 + has_velocity(linear)]:
             model = UnknownTerm(passes=argument == "displacement")
@@ -375,14 +376,6 @@ def _motions(scene):
             motion = _Motion(place, loop, around, _name(scene.tree))
             driven = motion.driven(motion.around, scene.records_at(at))
             yield Site(f"motion of {place}", argument, model, motion, driven)
-
-
-def _moves(linear):
-    """Whether an operator is linear dynamics whose output does not follow its input at once."""
-    is_linear = linear.signal_linear and linear.n_parameters and sum(linear.n_poles)
-    if not (is_linear and hasattr(linear, "hold") and linear.gain and not linear.n_start):
-        return False
-    return linear.state_space()[3] == 0.0
 
 
 def _in_words(argument, signal):

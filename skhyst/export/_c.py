@@ -11,17 +11,12 @@ from string import Template
 import numpy as np
 
 from .._files import replacing
-from .._validation import finite_numbers
-from ..operators import Signal, Stepper
-from ..records import chosen_interval
+from ._content import Source, answers, legend, watched_ends
 from ._fixed import MARGIN, Fixed, FixedPrinter, boundary
-from ._interpreter import Interpreter
 from ._model import model_step
 from ._printer import Dialect, Printer
 from ._ranges import Ranges, explore
-from ._rest import rest_rules
-from ._single import check_single
-from ._tunable import configuration, derived, entries_of
+from ._tunable import configuration
 from ._values import TAKEN
 
 DIALECTS = {
@@ -32,8 +27,6 @@ _OWN = (  # names of what is not of a model
     *("init", "step", "state", "status", "test", "refuses", "run", "init_at", "params", "defaults"),
     *("configure", "chebyshev"),
 )
-TOLERANCES = {"float64": 1e-12, "float32": 1e-6}  # as fractions of the response's range
-_N_TEST = 200
 
 _HEADER = Template("""\
 /* $name: $what, written by skhyst.
@@ -46,8 +39,8 @@ $legend
    One call is one sampling interval. Nothing is allocated and loops are bounded.
 
    MISRA C:2012, as checked by cppcheck, with deviations from at most these required rules: 2.2,
-   10.3, 10.6 (constants), 10.8 (index of a table), 15.7 ("else if" without "else")$misra;
-   advisory rules 2.5, 8.9, 12.1, 12.3, 15.4, 15.5, 17.8 and 18.4 are not kept. */
+   10.3, 10.6 (constants), 10.8 (index of a table); advisory rules 2.5, 8.9, 12.1, 12.3, 15.4,
+   15.5, 17.8 and 18.4 are not kept. */
 #ifndef ${name}_H
 #define ${name}_H
 
@@ -451,193 +444,40 @@ def program(
     model, name, dtype, dt, initial_state, u0, drive, units, tunable, form="table", tolerance=None
 ):
     """Return the :class:`Program` that :func:`to_c` writes; parameters are as there."""
-    what = type(model).__name__
-    if form not in ("table", "step"):
-        raise ValueError(
-            f"The 'form' parameter of to_c must be 'table' or 'step'. Got {form!r} instead."
-        )
-    if tolerance is not None and not (isinstance(tolerance, Real) and 0.0 < tolerance < np.inf):
-        raise ValueError(
-            "The 'tolerance' parameter of to_c must be a number above 0 or None. Got "
-            f"{tolerance!r} instead."
-        )
-
-    entries = None
-    if tunable:
-        if dtype == "int32" or hasattr(model, "bound") or isinstance(model, Stepper):
-            raise ValueError(
-                "The 'tunable' parameter of to_c must be empty for 'int32', whose numbers are "
-                "sized by their constants, and for steppers, whose model is not known. Got "
-                f"{tunable!r} instead."
-            )
-        entries, with_values = entries_of(model, tunable)
-        model = with_values([entry.value for entry in entries])
-
-    def at_rest(level, model=model):
-        stepper, own = _stepper(model, dt, initial_state, level)
-        return _compacted(stepper) if form == "step" else stepper, own
-
-    stepper, dt = at_rest(u0)
-    compiled_step = stepper.compiled_step
-    if compiled_step.double_only and not (dtype == "float64" or (dtype == "float32" and tolerance)):
-        raise ValueError(
-            f"The 'dtype' parameter of to_c must be 'float64' for {compiled_step.double_only}, or "
-            f"'float32' with a 'tolerance'. Got {dtype!r} instead."
-        )
-    n_inputs = compiled_step.n_inputs or 1
-    tuned = None
-    if tunable:
-        tuned = derived(entries, lambda x: at_rest(u0, with_values(x))[0].compiled_step)
-    step, double = model_step(compiled_step, tuned=tuned), DIALECTS["float64"]
+    own = Source(model, dtype, dt, initial_state, u0, tunable, form, tolerance)
     type_ = DIALECTS[dtype].type if dtype in DIALECTS else "int32_t"
-    digest = hashlib.sha256(_program(step, stepper.state, tuned).encode()).hexdigest()
+    digest = digest_of(own)
     common = dict.fromkeys(_ADDED, "") | {
         "name": name,
-        "what": what,
-        "dt": "NAN" if dt is None else double.literal(dt),
-        "n_inputs": n_inputs,
+        "what": own.what,
+        "dt": "NAN" if own.dt is None else DIALECTS["float64"].literal(own.dt),
+        "n_inputs": own.n_inputs,
         "covered": "",
-        "one": "" if compiled_step.n_inputs else "[0]",
-        "input": f"{type_} u" if compiled_step.n_inputs is None else f"const {type_} *u",
-        "preview": stepper.preview,
+        "one": "" if own.compiled_step.n_inputs else "[0]",
+        "input": f"const {type_} *u" if own.by_row else f"{type_} u",
+        "preview": own.stepper.preview,
         "needs": "#include <float.h>\n" if dtype == "float64" else "",
         "bits_of_double": _BITS_OF_DOUBLE if dtype == "float64" else "",
-        "n_states": max(len(compiled_step.state), 1),
+        "n_states": max(len(own.compiled_step.state), 1),
         "digest": digest,
-        "misra": ",\n   10.1 (shifts of signed numbers above zero)" if dtype == "int32" else "",
-        **_status(name, stepper, dtype),
+        **_status(name, own.stepper, dtype),
     }
-    if dtype == "int32":
+    is_whole = dtype == "int32"
+    signals, preview = legend(own.stepper, own.dt, (None, None) if is_whole else units)
+    places = [*([f"u[{k}]" for k in range(own.n_inputs)] if own.by_row else ["u"]), "returns"]
+    lines = [f"{place}: {signal}" for place, signal in zip(places, signals, strict=True)]
+    if is_whole:
         units = _units(drive, *units)
-        common["legend"] = _legend(stepper, dt, None, None)
-        drive = _inputs(drive, n_inputs)
-        common["legend"] += _deviation(model, stepper, drive, dt, initial_state, u0, form)
-        texts, rules = _in_integers(stepper, common, drive, units), None
+        drive, begins_at = own.inputs(drive), False
     else:
-        common["legend"] = _legend(stepper, dt, *units)
-        drive = _test_drive(u0, n_inputs) if drive is None else _inputs(drive, n_inputs)
-        drive = drive.astype(DIALECTS[dtype].number).astype(float)
-        common["legend"] += _deviation(model, stepper, drive, dt, initial_state, u0, form)
-        rules = ends = None
-        if not isinstance(model, Stepper) and not hasattr(model, "bound"):
-            rules, ends = rest_rules(lambda level: at_rest(_level(level, compiled_step))[0], drive)
-        runs = [_Run(stepper.copy(), tuned and tuned.first)]
-        if rules is not None:
-            level = (0.61 * drive.max(axis=0) + 0.39 * drive.min(axis=0)).astype(
-                DIALECTS[dtype].number
-            )
-            runs.append(_Run(at_rest(_level(level.astype(float), compiled_step))[0], runs[0].tuned))
-            common |= {"level": level, "ends": ends}
-        if tuned is not None:
-            low, high = np.transpose([(entry.low, entry.high) for entry in entries])
-            values = low + (high - low) * np.where(np.arange(len(low)) % 2, 0.3, 0.7)
-            values = values.astype(DIALECTS[dtype].number).astype(float)
-            other = Stepper(at_rest(u0, with_values(values))[0].compiled_step)
-            other.state = stepper.state
-            others, _ = rest_rules(
-                lambda level: at_rest(_level(level, compiled_step), with_values(values))[0], drive
-            )
-            pairs = zip(rules or (), others or (), strict=False)
-            if not (rules and others and all(a.agrees(b) for a, b in pairs)):
-                rules = None  # the rest depends on the parameters
-                del runs[1:]
-            runs.append(_Run(other, tuned.at(values)))
-            common |= configuration(name, entries, tuned, DIALECTS[dtype], values)
-        tolerance = TOLERANCES[dtype] if tolerance is None else float(tolerance)
-        texts = _in_reals(step, stepper, common, drive, u0, dtype, runs, tuned, rules, tolerance)
-    by_row = compiled_step.n_inputs is not None
-    return Program(texts, dt, digest, n_inputs, by_row, entries or (), rules is not None)
-
-
-@dataclass(frozen=True)
-class _Run:
-    """A device that the test runs: its stepper, and its constants that can be changed."""
-
-    stepper: Stepper
-    tuned: np.ndarray | None
-
-    def answers(self, drive):
-        """Return the response (n_samples,) to a drive (n_samples, n_inputs)."""
-        return _answers(self.stepper, drive)
-
-
-def _compacted(stepper):
-    """Return a stepper whose laws do without tables, in the same state."""
-    step = stepper.compiled_step.compacted()
-    if not np.array_equal(stepper.state, stepper.compiled_step.state):
-        raise ValueError(
-            "The 'form' parameter of to_c must be 'table' for a stepper under way. Got 'step' "
-            "instead."
-        )
-    signals = {"inputs": stepper.inputs, "result": stepper.result, "preview": stepper.preview}
-    return Stepper(step, stepper.dt, **signals)
-
-
-def _deviation(model, stepper, drive, dt, initial_state, u0, form):
-    """Return a line for the header: how far a program without tables is from its model."""
-    if form == "table":
-        return ""
-    expected = _answers(_stepper(model, dt, initial_state, u0)[0], drive)
-    error = np.abs(_answers(stepper, drive) - expected).max() / (np.ptp([0.0, *expected]) or 1.0)
-    return (
-        f"\n   Laws are integrated instead of looked up: within {1.05 * error:.1e} of the range\n"
-        "   of the model's response under the drive of the test."
-    )
-
-
-def _level(level, compiled_step):
-    """Return an input (n_inputs,) as a stepper takes its level of rest."""
-    return float(level[0]) if compiled_step.n_inputs is None else level
-
-
-def _stepper(model, dt, initial_state, u0):
-    """Return a model as a stepper, and the sampling interval, None where it is not known."""
-    dt = None if dt is None else chosen_interval((), dt, "to_c")
-    finite_numbers(u0, "to_c", "u0", "a finite number, or one for each input")
-    if hasattr(model, "stepper"):
-        more = {} if initial_state is None else {"initial_state": initial_state}
-        model = model.stepper(dt, *([u0] if np.any(u0) else []), **more)
-    elif hasattr(model, "init"):
-        if dt is None:
-            raise ValueError("The 'dt' parameter of to_c must be given, in s, for an operator.")
-        model = model.compiled_step(dt, model.init(u0, initial_state or "rest"))
-    if hasattr(model, "bound"):
-        model = Stepper(model)
-    if not isinstance(model, Stepper):
-        raise TypeError(
-            "The 'model' parameter of to_c must be a fitted model, or have a 'stepper' that "
-            f"is a Stepper, or an operator. Got {model!r} instead."
-        )
-    return model, model.dt if dt is None else dt
-
-
-def _legend(stepper, dt, input_unit, output_unit):
-    """Return the lines of the header that say what goes in and what comes out."""
-    n = stepper.compiled_step.n_inputs
-    signals = (*(stepper.inputs or (Signal("input"),) * (n or 1)), stepper.result)
-    signals = [*signals[:-1], signals[-1] or Signal("output")]
-    listed = isinstance(input_unit, list | tuple)
-    named = [*(input_unit if listed else [input_unit] * (n or 1)), output_unit]
-    if len(named) != len(signals) or not all(u is None or isinstance(u, str) for u in named):
-        raise ValueError(
-            "The 'input_unit' and 'output_unit' parameters of to_c must be names of units, of the "
-            f"inputs one name or {n or 1}. Got {input_unit!r} and {output_unit!r} instead."
-        )
-    places = [*(["u"] if n is None else [f"u[{k}]" for k in range(n)]), "returns"]
-    lines = []
-    for place, unit, signal in zip(places, named, signals, strict=True):
-        text = f"   {place}: {signal.name}" + (f" in {unit}" if unit else "")
-        if signal.is_limited:
-            text += f"; the fit has seen {signal.low:.9g} to {signal.high:.9g}"
-            text += f" and {signal.rate:.9g} per s" if np.isfinite(signal.rate) else ""
-        lines.append(" ".join(text.replace("*/", "* /").replace("/*", "/ *").split()))
-    if stepper.preview:
-        seconds = "" if dt is None else f", {stepper.preview * dt:.6g} s,"
-        lines.append(
-            f"What it returns belongs to the input {stepper.preview} samples{seconds} earlier: give"
-        )
-        lines.append("the reference early by this preview.")
-    return "\n".join(f"   {line}" for line in lines)
+        expected = own.tested(drive)
+        drive, begins_at = expected.drive, expected.rules is not None
+    common["legend"] = "\n".join(f"   {line}" for line in (*lines, *preview, *own.deviates(drive)))
+    if is_whole:
+        texts = _in_integers(own.stepper, common, drive, units)
+    else:
+        texts = _in_reals(own, expected, common, dtype)
+    return Program(texts, own.dt, digest, own.n_inputs, own.by_row, own.entries, begins_at)
 
 
 def _range_check(stepper, texts, literal, size, known, eps):
@@ -665,15 +505,14 @@ def _range_check(stepper, texts, literal, size, known, eps):
         The signals whose last value is needed.
     """
     conditions, lasts = [], []
-    for k, low, high, change in stepper.watched:
-        rounding = eps * max(abs(x) for x in (low, high, 0.0) if np.isfinite(x))
+    for k, low, high, change in watched_ends(stepper, eps):
         if np.isfinite(low):
-            conditions.append(f"{texts[k]} < {literal(k, low - rounding, False)}")
+            conditions.append(f"{texts[k]} < {literal(k, low, False)}")
         if np.isfinite(high):
-            conditions.append(f"{texts[k]} > {literal(k, high + rounding, True)}")
+            conditions.append(f"{texts[k]} > {literal(k, high, True)}")
         if np.isfinite(change):
             last = f"state->last[{len(lasts)}]"
-            moved = f"{size()}({texts[k]} - {last}) > {literal(k, change + 2.0 * rounding, True)}"
+            moved = f"{size()}({texts[k]} - {last}) > {literal(k, change, True)}"
             conditions.append(f"({known.format(last)}{moved})" if known else moved)
             lasts.append(texts[k])
     return " || ".join(conditions), lasts
@@ -723,24 +562,19 @@ def _units(drive, *units):
     return units
 
 
-def _program(step, state, tuned):
-    """Return the program in double precision without the prefix of its names, for the hash."""
+def digest_of(own):
+    """Return the SHA-256 of a program in double precision, without the prefix of its names."""
     dialect = DIALECTS["float64"]
     printer = Printer("", dialect)
-    printer.function(step)
+    printer.function(own.step)
     tables = (text for _, text in printer.tables.values())
-    tuned = [] if tuned is None else [_listed(tuned.first, dialect.literal)]
-    return "\n".join((*tables, *printer.texts, _listed(state, dialect.literal), *tuned))
+    tuned = [] if own.tuned is None else [_listed(own.tuned.first, dialect.literal)]
+    text = (*tables, *printer.texts, _listed(own.stepper.state, dialect.literal), *tuned)
+    return hashlib.sha256("\n".join(text).encode()).hexdigest()
 
 
 def _listed(values, literal):
     return ", ".join(map(literal, values)) or "0"
-
-
-def _answers(stepper, drive):
-    """Return the response (n_samples,) of the Python model to a drive (n_samples, n_inputs)."""
-    device, row = stepper.copy(), stepper.compiled_step.n_inputs
-    return np.array([device.step(u if row else u[0]) for u in drive])
 
 
 def _texts(common, printer, inputs, outputs):
@@ -768,34 +602,13 @@ def _reserve(printer):
     return printer
 
 
-def _in_reals(step, stepper, common, drive, u0, dtype, runs, tuned, rules, tolerance):
-    dialect = DIALECTS[dtype]
+def _in_reals(own, expected, common, dtype):
+    dialect, step, stepper, tuned = DIALECTS[dtype], own.step, own.stepper, own.tuned
+    double = DIALECTS["float64"].literal
     printer = _reserve(Printer(common["name"], dialect))
     call = f"{printer.function(step)}({', '.join(step.args(_ARGS[: len(step.taken)]))})"
-    outputs = [run.answers(drive) for run in runs]
-    span = np.ptp([0.0, *np.ravel(outputs)]) or 1.0
-    # change of the response under rounding errors of the input: alternating, and of one sign
-    rounding = 0.5 * np.finfo(dialect.number).eps * (1.0 - 2.0 * (np.arange(len(drive)) % 2))
-    moved = max(
-        np.abs(run.answers(drive * (1.0 + each[:, None])) - own).max()
-        for run, own in zip(runs, outputs, strict=True)
-        for each in (rounding, -rounding, abs(rounding), -abs(rounding))
-    )
-    if tuned is not None:  # and under those of the constants, which the program computes
-        alternating = 1.0 - 2.0 * (np.arange(len(tuned.first)) % 2)
-        for sign in (alternating, -alternating):
-            off = runs[-1].tuned * (1.0 + 2.0 * np.finfo(dialect.number).eps * sign)
-            device = Interpreter(step, stepper.state, off)
-            moved = max(moved, np.abs([device.answer(u) for u in drive] - outputs[-1]).max())
-    tolerance = max(tolerance, 2.0 * moved / span)
-    if dtype == "float32":
-        for run, own in zip(runs, outputs, strict=True):
-            given = drive, own, span, tolerance, () if run.tuned is None else run.tuned
-            check_single(step, run.stepper.state, *given)
-    name, n_inputs = common["name"], common["n_inputs"]
-    last = stepper.output
-    last = _answers(stepper, _at(u0, 1, n_inputs))[0] if last is None else last
-    inputs = ["u"] if common["one"] else [f"u[{k}]" for k in range(n_inputs)]
+    name, last = common["name"], expected.last
+    inputs = [f"u[{k}]" for k in range(own.n_inputs)] if own.by_row else ["u"]
     check = " && ".join(f"isfinite({u})" for u in inputs)
     condition, lasts = _range_check(
         stepper,
@@ -805,12 +618,12 @@ def _in_reals(step, stepper, common, drive, u0, dtype, runs, tuned, rules, toler
         "",
         np.finfo(dialect.number).eps,
     )
-    own = (
+    before = (
         f"    {dialect.type} output; /* of the last sample that was not refused */\n"
         "    uint32_t refused;\n",
         f", {dialect.literal(last)}, 0u",
     )
-    kept, lines = _kept(dialect.type, condition, lasts, dialect.literal(math.nan), own)
+    kept, lines = _kept(dialect.type, condition, lasts, dialect.literal(math.nan), before)
     lines = "".join(f"        {line}\n" for line in (f"state->output = {call};", *lines))
     common |= kept | {
         "type": dialect.type,
@@ -823,21 +636,23 @@ def _in_reals(step, stepper, common, drive, u0, dtype, runs, tuned, rules, toler
         "last": dialect.literal(last),
         "body": f"    state->refused = {check} ? 0u : 1u;\n    if (state->refused == 0u) {{\n"
         f"{lines}    }}\n    return state->output;\n",
-        "tolerance": DIALECTS["float64"].literal(tolerance),
+        "tolerance": double(expected.tolerance),
         "measure": "the range",
-        "span": DIALECTS["float64"].literal(span),
+        "span": double(expected.span),
         "refuses": _REFUSES.substitute(common, type=dialect.type),
         "refused": f"        failed |= !{name}_refuses(state, y);\n",
     }
-    lists = ["".join(f"    {DIALECTS['float64'].literal(y)},\n" for y in own) for own in outputs]
-    if rules is not None:
+    lists = ["".join(f"    {double(y)},\n" for y in one) for one in expected.outputs]
+    if expected.rules is not None:
         forgotten = ["state->extrapolated = 0u;"] * bool(condition)
         forgotten += [f"state->last[{k}] = {dialect.literal(math.nan)};" for k in range(len(lasts))]
         common["forgotten"] = "".join(f"        {line}\n" for line in forgotten)
-        _add(common, _INIT_AT, outputs=lists[1], **_rest(stepper, common, printer, rules, tuned))
+        _add(common, _INIT_AT, outputs=lists[1], **_rest(own, expected, printer))
     if tuned is not None:
+        common |= configuration(name, own.entries, tuned, dialect, expected.values)
         _add(common, _CONFIGURE, outputs=lists[-1])
-    return _texts(common, printer, [_listed(row, dialect.literal) for row in drive], outputs[0])
+    inputs = [_listed(row, dialect.literal) for row in expected.drive]
+    return _texts(common, printer, inputs, expected.outputs[0])
 
 
 def _add(common, templates, **more):
@@ -847,20 +662,20 @@ def _add(common, templates, **more):
         common[key] += text
 
 
-def _rest(stepper, common, printer, rules, tuned):
+def _rest(own, expected, printer):
     """Return what the templates take to begin at rest at another input."""
-    dialect, row = printer.dialect, not common["one"]
-    rest = model_step(stepper.compiled_step, tuned=tuned, rules=rules)
-    low, high = ([dialect.literal(x) for x in end] for end in common["ends"])
+    dialect, row = printer.dialect, own.by_row
+    rest = model_step(own.compiled_step, tuned=own.tuned, rules=expected.rules)
+    low, high = ([dialect.literal(x) for x in end] for end in expected.ends)
     given = [f"u[{k}]" for k in range(len(low))] if row else ["u"]
     holds = [
         f"{u} < {a} ? {a} : {u} > {b} ? {b} : {u}" for u, a, b in zip(given, low, high, strict=True)
     ]
     held = f"    const {dialect.type} held{f'[{len(low)}]' if row else ''} = "
     held += f"{{{', '.join(holds)}}};\n" if row else f"{holds[0]};\n"
-    level = [dialect.literal(x) for x in common["level"]]
+    level = [dialect.literal(x) for x in expected.level]
     kind = f"(const {dialect.type}[])"
-    ranges = ", ".join(f"{a:.6g} to {b:.6g}" for a, b in common["ends"].T)
+    ranges = ", ".join(f"{a:.6g} to {b:.6g}" for a, b in expected.ends.T)
     arguments = rest.args(("held", *_ARGS[1:])[: len(rest.taken)])
     return {
         "range": f"Beyond {ranges} it is held at these ends.",
@@ -875,7 +690,7 @@ def _in_integers(stepper, common, drive, units):
     step = model_step(stepper.compiled_step, with_numbers=True)
     counts = np.round(drive / units[0]).astype(np.int64)
     ranges = Ranges(step, stepper.state, counts * units[0])
-    counts, ends = explore(ranges, counts, units, MARGIN, lambda u: _answers(stepper, u))
+    counts, ends = explore(ranges, counts, units, MARGIN, lambda u: answers(stepper, u))
     printer = _reserve(FixedPrinter(common["name"], Fixed(), ranges=ranges))
     body, first = boundary(printer, step, stepper, ends, units)
     n_inputs = stepper.compiled_step.n_inputs
@@ -907,7 +722,7 @@ def _in_integers(stepper, common, drive, units):
             + (f", not {missed}" if missed else ""),
         }
     )
-    outputs = _answers(stepper, np.clip(counts, *ends) * units[0]) / units[1]
+    outputs = answers(stepper, np.clip(counts, *ends) * units[0]) / units[1]
     outputs = np.clip(outputs, 1 - 2.0**31, 2.0**31 - 1)
     return _texts(common, printer, [_listed(row, str) for row in counts], outputs)
 
@@ -919,27 +734,3 @@ def _count(value, unit, is_high, is_input):
     """
     count = (math.floor if is_high == is_input else math.ceil)(value / unit)
     return f"INT64_C({min(max(count, -(2**62)), 2**62)})"
-
-
-def _inputs(drive, n_inputs):
-    """Return a drive as an array (n_samples, n_inputs), without further columns."""
-    drive = np.asarray(drive, dtype=float)
-    drive = drive[:, None] if drive.ndim == 1 else drive
-    if drive.shape[1] < n_inputs:
-        raise ValueError(
-            f"The 'drive' parameter of to_c must have {n_inputs} columns. Got {drive.shape[1]} "
-            "instead."
-        )
-    return drive[:, :n_inputs]
-
-
-def _test_drive(u0, n_inputs):
-    """Return a drive with turning points at many levels, which starts smoothly from ``u0``."""
-    part = np.arange(_N_TEST) / _N_TEST
-    swing = np.sin(2 * np.pi * 5 * part) * (1.0 - part) + 0.3 * np.sin(2 * np.pi * 17 * part)
-    return _at(u0, _N_TEST, n_inputs) + swing[:, None] / 1.3
-
-
-def _at(u0, n_samples, n_inputs):
-    """Return an input that rests, (n_samples, n_inputs)."""
-    return np.zeros((n_samples, n_inputs)) + np.ravel(u0)[:n_inputs]

@@ -6,7 +6,7 @@ from operator import add, mul
 import numpy as np
 
 from ..operators import FrozenOperator, Series, Stepper, SumOperator, split_disturbances
-from ._c import _stepper
+from ._content import stepper_of
 
 _ROUNDING = 1e-9  # largest relative error of the matrices of a linear step
 _CHANGE = 2.0**-10  # step of differences: so small that integers in the state, as indices, stay
@@ -77,7 +77,7 @@ def to_control(model, dt=None, *, u0=0.0, initial_state=None):
         ) from error
     if hasattr(model, "init") and dt is None:
         raise ValueError("The 'dt' parameter of to_control must be given, in s, for an operator.")
-    stepper, dt = _stepper(model, dt, initial_state, u0)
+    stepper, dt = stepper_of(model, dt, initial_state, u0)
     operator = model if hasattr(model, "init") else getattr(model, "operator_", None)
     system = None if operator is None else _linear(split_disturbances(operator)[0], dt, control)
     return _stepped(stepper, dt, control) if system is None else system

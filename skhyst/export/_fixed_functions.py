@@ -14,15 +14,25 @@ CONSTANTS = {
     "LN2": "799144290325165979",
     "PI": "3622009729038561421",
     "TURN": "733972625820500307",
+    **{f"TWO_{k}": f"INT64_C({2**k})" for k in (58, 60, 61, 62)},  # powers of two
     "TERMS": "24",  # number of terms of a series, so that the last is below 2^-62
 }
 
 FUNCTIONS = {
+    "two_to": """\
+/* 2^n, for n from 0 to 62 */
+static int64_t {n}(int32_t n)
+{{
+    const uint32_t place = (uint32_t)n;
+    const uint64_t power = (uint64_t)1 << place;
+    return (int64_t)power;
+}}
+""",
     "sum": """\
 /* a + b */
 static int64_t {n}(int64_t a, int64_t b)
 {{
-    const int64_t most = (int64_t)1 << 62;
+    const int64_t most = {TWO_62};
     if (b > 0) {{
         return a > most - b ? most : a + b;
     }}
@@ -40,34 +50,42 @@ static int32_t {n}(int64_t a)
 /* the next whole number below a / 2^n */
 static int64_t {n}(int64_t a, int32_t n)
 {{
-    return a < 0 ? -((((int64_t)1 << n) - 1 - a) >> n) : a >> n;
+    const uint32_t down = (uint32_t)n;
+    uint64_t y = a < 0 ? ~(uint64_t)a + 1u : (uint64_t)a;
+    y += a < 0 ? (uint64_t){two_to}(n) - 1u : 0u;
+    y >>= down;
+    return a < 0 ? -(int64_t)y : (int64_t)y;
 }}
 """,
     "shift": """\
 /* a / 2^n, rounded */
 static int64_t {n}(int64_t a, int32_t n)
 {{
-    const int64_t half = (int64_t)1 << ((n - 1) % 62);
+    const uint32_t down = (uint32_t)n;
+    uint64_t y = a < 0 ? ~(uint64_t)a + 1u : (uint64_t)a;
     if (n > 62) {{
         return 0;
     }}
-    return a < 0 ? -((half - a) >> n) : (a + half) >> n;
+    y += (uint64_t){two_to}(n - 1);
+    y >>= down;
+    return a < 0 ? -(int64_t)y : (int64_t)y;
 }}
 """,
     "product": """\
 /* a b / 2^n, rounded, for n from 0 to 126 */
 static int64_t {n}(int64_t a, int64_t b, int32_t n)
 {{
-    const uint64_t most = (uint64_t)1 << 62;
+    const uint64_t most = (uint64_t)1 << 62u;
     const uint64_t x = a < 0 ? ~(uint64_t)a + 1u : (uint64_t)a;
     const uint64_t y = b < 0 ? ~(uint64_t)b + 1u : (uint64_t)b;
     const uint64_t least = (x & 0xffffffffu) * (y & 0xffffffffu);
-    const uint64_t cross = (x >> 32) * (y & 0xffffffffu) + (least >> 32);
-    const uint64_t other = (x & 0xffffffffu) * (y >> 32) + (cross & 0xffffffffu);
-    uint64_t low = other << 32 | (least & 0xffffffffu);
-    uint64_t high = (x >> 32) * (y >> 32) + (cross >> 32) + (other >> 32);
+    const uint64_t cross = (x >> 32u) * (y & 0xffffffffu) + (least >> 32u);
+    const uint64_t other = (x & 0xffffffffu) * (y >> 32u) + (cross & 0xffffffffu);
+    uint64_t low = other << 32u | (least & 0xffffffffu);
+    uint64_t high = (x >> 32u) * (y >> 32u) + (cross >> 32u) + (other >> 32u);
     if (n > 0) {{
-        const uint64_t half = (uint64_t)1 << ((n - 1) % 64);
+        const uint32_t place = ((uint32_t)n - 1u) % 64u;
+        const uint64_t half = (uint64_t)1 << place;
         const uint64_t before = low;
         low += n <= 64 ? half : 0u;
         high += (low < before ? 1u : 0u) + (n > 64 ? half : 0u);
@@ -76,8 +94,12 @@ static int64_t {n}(int64_t a, int64_t b, int32_t n)
             high = 0u;
             n -= 64;
         }}
-        low = n > 0 ? low >> n | high << (64 - n) : low;
-        high >>= n;
+        if (n > 0) {{
+            const uint32_t down = (uint32_t)n;
+            const uint32_t up = 64u - down;
+            low = low >> down | high << up;
+            high >>= down;
+        }}
     }}
     low = high > 0u || low > most ? most : low;
     return (a < 0) != (b < 0) ? -(int64_t)low : (int64_t)low;
@@ -87,7 +109,7 @@ static int64_t {n}(int64_t a, int64_t b, int32_t n)
 /* a 2^n / b, for n from 0 to 126; the largest number where b is zero */
 static int64_t {n}(int64_t a, int64_t b, int32_t n)
 {{
-    const uint64_t most = (uint64_t)1 << 62;
+    const uint64_t most = (uint64_t)1 << 62u;
     const uint64_t x = a < 0 ? ~(uint64_t)a + 1u : (uint64_t)a;
     const uint64_t y = b < 0 ? ~(uint64_t)b + 1u : (uint64_t)b;
     uint64_t whole = y > 0u ? x / y : most;
@@ -105,24 +127,24 @@ static int64_t {n}(int64_t a, int64_t b, int32_t n)
 /* a with f digits instead of fa; what is too large stays at 2^62 */
 static int64_t {n}(int64_t a, int32_t fa, int32_t f)
 {{
-    const int64_t most = (int64_t)1 << 62;
+    const int64_t most = {TWO_62};
     if (f <= fa) {{
         return f < fa ? {shift}(a, fa - f) : a;
     }}
     if (f - fa > 62) {{
         return a > 0 ? most : a < 0 ? -most : 0;
     }}
-    if (a > most >> (f - fa) || a < -(most >> (f - fa))) {{
+    if (a > {two_to}(62 - f + fa) || a < -{two_to}(62 - f + fa)) {{
         return a > 0 ? most : -most;
     }}
-    return a * ((int64_t)1 << (f - fa));
+    return a * {two_to}(f - fa);
 }}
 """,
     "kept": """\
 /* as moved; a number that represents infinity is unchanged */
 static int64_t {n}(int64_t a, int32_t fa, int32_t f)
 {{
-    const int64_t most = (int64_t)1 << 62;
+    const int64_t most = {TWO_62};
     return a >= most || a <= -most ? a : {moved}(a, fa, f);
 }}
 """,
@@ -130,7 +152,7 @@ static int64_t {n}(int64_t a, int32_t fa, int32_t f)
 /* e^a = 2^k e^r with |r| at most ln(2) / 2 and a series for e^r */
 static int64_t {n}(int64_t a, int32_t fa, int32_t f)
 {{
-    const int64_t one = (int64_t)1 << 60;
+    const int64_t one = {TWO_60};
     const int64_t limited = {moved}(a, fa, 55);
     const int64_t k = {product}(limited, {LOG2E}, 115);
     const int64_t rest = limited - {product}(k, {LN2}, 5);
@@ -146,14 +168,14 @@ static int64_t {n}(int64_t a, int32_t fa, int32_t f)
 static int64_t {n}(int64_t a, int32_t fa, int32_t f)
 {{
     const int32_t g = f > 60 ? 60 : f < 0 ? 0 : f;
-    return {moved}({exp}(a, fa, g) - ((int64_t)1 << g), g, f);
+    return {moved}({exp}(a, fa, g) - {two_to}(g), g, f);
 }}
 """,
     "tanh": """\
 /* (1 - e^-2|a|) / (1 + e^-2|a|) */
 static int64_t {n}(int64_t a, int32_t fa, int32_t f)
 {{
-    const int64_t one = (int64_t)1 << 60;
+    const int64_t one = {TWO_60};
     const int64_t decay = {exp}(a < 0 ? a : -a, fa - 1, 60);
     const int64_t size = {ratio}(one - decay, one + decay, 60);
     return {moved}(a < 0 ? -size : size, 60, f);
@@ -166,7 +188,7 @@ static int64_t {n}(int64_t z)
     const int64_t square = {product}(z, z, 60);
     int64_t y = 0;
     for (int32_t i = 2 * {TERMS} - 1; i > 0; i -= 2) {{
-        y = ((int64_t)1 << 60) / i + {product}(square, y, 60);
+        y = {TWO_60} / i + {product}(square, y, 60);
     }}
     return {product}(z, y, 59);
 }}
@@ -175,10 +197,10 @@ static int64_t {n}(int64_t z)
 /* log(m 2^k) with m from 1 to 2; the least number where a is not above zero */
 static int64_t {n}(int64_t a, int32_t fa, int32_t f)
 {{
-    const int64_t one = (int64_t)1 << 61;
+    const int64_t one = {TWO_61};
     int32_t k = 61 - fa;
     if (a <= 0) {{
-        return -((int64_t)1 << 62);
+        return -{TWO_62};
     }}
     while (a >= 2 * one - 1) {{
         a /= 2;
@@ -195,13 +217,13 @@ static int64_t {n}(int64_t a, int32_t fa, int32_t f)
     "log1p": """\
 static int64_t {n}(int64_t a, int32_t fa, int32_t f)
 {{
-    const int64_t one = (int64_t)1 << 60;
+    const int64_t one = {TWO_60};
     const int64_t x = {moved}(a, fa, 60);
     const int32_t g = fa > 60 ? 60 : fa < 0 ? 0 : fa;
     if (x > -one / 4 && x < one / 2) {{
         return {moved}({log_ratio}({ratio}(x, 2 * one + x, 60)), 60, f);
     }}
-    return {log}({moved}(a, fa, g) + ((int64_t)1 << g), g, f);
+    return {log}({moved}(a, fa, g) + {two_to}(g), g, f);
 }}
 """,
     "pow": """\
@@ -211,14 +233,14 @@ static int64_t {n}(int64_t a, int64_t b, int32_t fa, int32_t fb, int32_t f)
     if (a > 0) {{
         return {exp}({product}(b, {log}(a, fa, 55), fb), 55, f);
     }}
-    return b > 0 ? 0 : {moved}(b < 0 ? (int64_t)1 << 62 : 1, 0, f);
+    return b > 0 ? 0 : {moved}(b < 0 ? {TWO_62} : 1, 0, f);
 }}
 """,
     "cos": """\
 /* a series, after reduction by full periods */
 static int64_t {n}(int64_t a, int32_t fa, int32_t f)
 {{
-    const int64_t one = (int64_t)1 << 58;
+    const int64_t one = {TWO_58};
     const int32_t g = fa > 56 ? 56 : fa < 0 ? 0 : fa;
     const int64_t x = {moved}(a, fa, g);
     const int64_t r = {moved}(x - {product}({product}(x, {TURN}, g + 62), {PI}, 59 - g), g, 58);

@@ -77,16 +77,20 @@ class Dialect:
         cast = "(double)" if self.type == "double" else ""  # of what <math.h> has as a float
         if math.isnan(x):
             return f"{cast}NAN"
+        with np.errstate(over="ignore"):
+            if np.isinf(self.number(x)):
+                return f"{'-' if x < 0.0 else ''}{cast}INFINITY"
+        return self.digits(x) + self.suffix
+
+    def digits(self, x):
+        """Return the digits of a finite number."""
         least = float(np.finfo(self.number).tiny)
         x = math.copysign(max(abs(x), least), x) if x else x  # no number becomes zero
-        with np.errstate(over="ignore"):
-            value = self.number(x)
-        if np.isinf(value):
-            return f"{'-' if value < 0.0 else ''}{cast}INFINITY"
+        value = self.number(x)
         text = np.format_float_positional(value, trim="0")
         if len(text) > 12:
             text = min(text, np.format_float_scientific(value, trim="0", exp_digits=1), key=len)
-        return text + self.suffix
+        return text
 
 
 @dataclass
@@ -199,7 +203,7 @@ class FunctionText:
     def _place(self, body, path):
         """Note where variables are used: the path to a block is that of statements and parts."""
         for k, statement in enumerate(body):
-            names = {*_read(statement), *_assigned(statement), *getattr(statement, "carried", ())}
+            names = {*_read(statement), *assigned(statement), *getattr(statement, "carried", ())}
             for name in names & self._part.function.kinds.keys():
                 self._places.setdefault(name, []).append((*path, (k, "")))
             for part in _PARTS:
@@ -219,9 +223,9 @@ class FunctionText:
         for k, statement in enumerate(body):
             text = self._statement(statement, (*path, k))
             new = sorted(name for name, first in self._firsts.items() if first == (path, k))
-            assigned = _assigned(statement)
-            if new == assigned and len(new) == 1 and new[0] not in _read(statement):
-                once = [n for s in within(self._part.body) for n in _assigned(s)].count(new[0]) == 1
+            own = assigned(statement)
+            if new == own and len(new) == 1 and new[0] not in _read(statement):
+                once = [n for s in within(self._part.body) for n in assigned(s)].count(new[0]) == 1
                 kind = ("const " if once else "") + self._kind(new[0])
                 text = f"{pad}{kind} {text.lstrip()}"
             else:
@@ -299,7 +303,9 @@ class FunctionText:
         if not statement.orelse:
             return text
         other = self._block(statement.orelse, (*path[:-1], (path[-1], "orelse")))
-        if len(statement.orelse) == 1 and other.lstrip().startswith("if ("):
+        inner = statement.orelse[0]
+        ends = isinstance(inner, If) and inner.body and inner.orelse  # as MISRA wants "else if"
+        if ends and len(statement.orelse) == 1 and other.lstrip().startswith("if ("):
             other = other.strip().replace("\n    ", "\n")
             return f"{text} else {other}"
         return f"{text} else {{\n{other}{len(path) * '    '}}}"
@@ -342,7 +348,9 @@ class FunctionText:
             case "call":
                 return self._called(called(x), args[1:]), ATOM
             case "choice":
+                typed = "(int32_t)" if x.kind == "int" else ""  # constants alone are narrower
                 texts = [self._tight(a, CHOICE + 1) for a in args]
+                texts = [typed * (a.op == "const") + t for a, t in zip(args, texts, strict=True)]
                 return "{} ? {} : {}".format(*texts), CHOICE
             case "neg" | "not":
                 return ("-" if op == "neg" else "!") + self._tight(args[0], UNARY + 1), UNARY
@@ -367,7 +375,7 @@ class FunctionText:
         return str(value).lower()
 
 
-def _assigned(statement):
+def assigned(statement):
     """Return the variables that a statement itself writes."""
     if isinstance(statement, Assign):
         return [statement.target]

@@ -5,9 +5,11 @@ With the displacement x, the velocity v and the force u,
     m x'' + d(v) x' + F(v) + k_3 (x - x_0)^3 + S(x, v) = u + u_0 + r t,
 
 where F is Coulomb friction: ``F = s F_s`` in sliding, ``s = sgn(v)``, and what balances the other
-forces at rest, as long as these are below ``F_c + F_d``,
+forces at rest, as long as these are below ``q (F_c + F_d)``,
 
-    F_s = F_c (1 + s a) + F_d exp(-(v / v_s)^2),    d = d_0 (1 + s b).
+    F_s = q [F_c (1 + s a) + F_d exp(-(v / v_s)^2)],    d = d_0 (1 + s b),
+
+with a factor q that is 1, or follows a load from sample to sample.
 
 Over a substep h the other forces are replaced by a straight line. Mass and damper then move by
 
@@ -20,7 +22,8 @@ From a stick it breaks away when the force reaches the level. So motion under Co
 (``F_d = 0``) is exact for a force that is held, or a straight line, between samples, as is the
 linear part. The force of spring and stops, and the level of the Stribeck curve, are held at their
 values at the start of the substep for a first motion, then at the mean of both ends: second order,
-of first order where the damper of a stop begins to act at once.
+of first order where the damper of a stop begins to act at once. The factor q is a straight line
+between samples, and held at its mean over a substep: second order.
 
 Derivatives are carried along, with those of the times at which the mass stops and breaks away. At a
 stop the velocity is zero, and so are all its derivatives if the mass sticks.
@@ -296,17 +299,20 @@ def spring(x, v, cubic, center, stiffness, damping, lower, upper):
 
 
 @jit
-def resistance(law, curve):
+def resistance(law, curve, factor):
     """Return what :func:`move` takes as friction, for a value of the Stribeck curve."""
     mass, damping, b, coulomb, a, more = law[:6]
+    coulomb, more = factor * coulomb, factor * more
     ahead, back, now = coulomb * (1.0 + a), coulomb * (1.0 - a), more * curve
     damp_ahead, damp_back = damping * (1.0 + b), damping * (1.0 - b)
     return ahead + now, back + now, ahead + more, back + more, damp_ahead, damp_back, mass
 
 
 @jit
-def sample(law, h, n_substeps, held, before, u, time, x, v):
+def sample(law, h, n_substeps, held, before, u, loaded, load, time, x, v):
     """Return x and v after an interval in which the drive goes from ``before`` to ``u``.
+
+    The factor of the friction goes from ``loaded`` to ``load``.
 
     ``law`` is (m, d_0, b, F_c, a, F_d, v_s, k_3, x_0, k_s, d_s, lower, upper, u_0, r, whether
     forces are held over a substep); ``time`` is that since the first sample, ``held`` whether the
@@ -318,13 +324,14 @@ def sample(law, h, n_substeps, held, before, u, time, x, v):
     for i in range(n_substeps):
         start = before + way * (i / n_substeps) + offset + drift * (time + i * h)
         end = before + way * ((i + 1) / n_substeps) + offset + drift * (time + (i + 1) * h)
+        factor = loaded + (load - loaded) * ((i + 0.5) / n_substeps)
         x1, v1, force, curve = x, v, 0.0, 0.0
         for k in range(2 if bent > 0.0 else 1):
             own, _, _, _ = spring(x1, v1, cubic, center, stiffness, damping, lower, upper)
             level, _ = bell(v1, stribeck)
             force = own if k == 0 else 0.5 * (force + own)
             curve = level if k == 0 else 0.5 * (curve + level)
-            x1, v1 = move(h, start - force, end - force, resistance(law, curve), x, v)
+            x1, v1 = move(h, start - force, end - force, resistance(law, curve, factor), x, v)
         x, v = x1, v1
     if not abs(x) <= _LARGEST:
         return math.nan, math.nan
@@ -332,14 +339,14 @@ def sample(law, h, n_substeps, held, before, u, time, x, v):
 
 
 @jit
-def free_mass_run(law, h, n_substeps, held, u, before, time, begun, x, v, out):
+def free_mass_run(law, h, n_substeps, held, u, factor, before, loaded, time, begun, x, v, out):
     """Write x to ``out`` (n,), and return the last x, v and time; at the first sample it starts."""
     for k in range(u.size):
         if begun > 0.0:
-            x, v = sample(law, h, n_substeps, held, before, u[k], time, x, v)
+            x, v = sample(law, h, n_substeps, held, before, u[k], loaded, factor[k], time, x, v)
             time += h * n_substeps
         begun = 1.0
-        before = u[k]
+        before, loaded = u[k], factor[k]
         out[k] = x
     return x, v, time
 
@@ -352,10 +359,21 @@ def free_mass_step(u, c, s):
     (x, v, last drive, time, whether it has started).
     """
     if s[4] > 0.0:
-        x, v = sample(c[3:], c[0], int(c[1]), c[2], s[2], u, s[3], s[0], s[1])
+        x, v = sample(c[3:], c[0], int(c[1]), c[2], s[2], u, 1.0, 1.0, s[3], s[0], s[1])
         s[0], s[1] = x, v
         s[3] += c[0] * int(c[1])
     s[2], s[4] = u, 1.0
+    return s[0]
+
+
+@jit
+def loaded_mass_step(u, c, s):
+    """Do :func:`free_mass_step` for a drive and a factor of the friction, the last state."""
+    if s[4] > 0.0:
+        x, v = sample(c[3:], c[0], int(c[1]), c[2], s[2], u[0], s[5], u[1], s[3], s[0], s[1])
+        s[0], s[1] = x, v
+        s[3] += c[0] * int(c[1])
+    s[2], s[4], s[5] = u[0], 1.0, u[1]
     return s[0]
 
 
@@ -364,28 +382,30 @@ _M, _D, _B, _FC, _A, _FD, _VS, _K3, _X0, _KS, _DS, _LOWER, _UPPER, _U0, _R = ran
 
 
 @jit
-def friction_tangents(law, curve, dcurve, by):
+def friction_tangents(law, curve, dcurve, factor, dfactor, by):
     """Write the derivatives of what :func:`resistance` returns to ``by``.
 
-    ``dcurve`` (n,) are those of the value of the Stribeck curve; the own ones come last.
+    ``dcurve`` (n,) are those of the value of the Stribeck curve, ``dfactor`` (m,) those of the
+    factor; the own ones come last.
     """
     damping, b, coulomb, a, more = law[1], law[2], law[3], law[4], law[5]
     n = by.shape[1]
     first = n - 15
     for k in range(n):
-        change = more * dcurve[k]
+        change = factor * more * dcurve[k]
         by[_AHEAD, k] = by[_BACK, k] = change
         for row in range(_STUCK_AHEAD, _MASS + 1):
             by[row, k] = 0.0
-    by[_AHEAD, first + _FC] += 1.0 + a
-    by[_BACK, first + _FC] += 1.0 - a
-    by[_AHEAD, first + _A] += coulomb
-    by[_BACK, first + _A] -= coulomb
-    by[_AHEAD, first + _FD] += curve
-    by[_BACK, first + _FD] += curve
-    by[_STUCK_AHEAD, first + _FC], by[_STUCK_BACK, first + _FC] = 1.0 + a, 1.0 - a
-    by[_STUCK_AHEAD, first + _A], by[_STUCK_BACK, first + _A] = coulomb, -coulomb
-    by[_STUCK_AHEAD, first + _FD] = by[_STUCK_BACK, first + _FD] = 1.0
+    ahead, back = coulomb * (1.0 + a), coulomb * (1.0 - a)
+    for k in range(dfactor.size):
+        by[_AHEAD, k] += (ahead + more * curve) * dfactor[k]
+        by[_BACK, k] += (back + more * curve) * dfactor[k]
+        by[_STUCK_AHEAD, k] = (ahead + more) * dfactor[k]
+        by[_STUCK_BACK, k] = (back + more) * dfactor[k]
+    for row, sign in ((_AHEAD, 1.0), (_BACK, -1.0), (_STUCK_AHEAD, 1.0), (_STUCK_BACK, -1.0)):
+        by[row, first + _FC] += factor * (1.0 + sign * a)
+        by[row, first + _A] += factor * sign * coulomb
+        by[row, first + _FD] += factor * (curve if row in (_AHEAD, _BACK) else 1.0)
     by[_DAMP_AHEAD, first + _D], by[_DAMP_BACK, first + _D] = 1.0 + b, 1.0 - b
     by[_DAMP_AHEAD, first + _B], by[_DAMP_BACK, first + _B] = damping, -damping
     by[_MASS, first + _M] = 1.0
@@ -417,11 +437,13 @@ def force_tangents(law, x, v, d, share, dforce, dcurve):
 
 
 @jit
-def free_mass_tangents(law, h, n_substeps, held, u, du, before, time, begun, x, v, d, out, dout):
+def free_mass_tangents(
+    law, h, n_substeps, held, u, du, factor, dfactor, before, time, begun, x, v, d, out, dout
+):
     """Write x and its derivatives to ``out`` (n,) and ``dout`` (n, m + 15).
 
-    ``du`` (n, m) are those of the drive; those by the law come behind them. ``d`` (2, m + 15) are
-    those of x and v at the start.
+    ``du`` and ``dfactor`` (n, m) are those of the drive and of the factor of the friction; those by
+    the law come behind them. ``d`` (2, m + 15) are those of x and v at the start.
     """
     m, n = du.shape[1], d.shape[1]
     offset, drift, bent = law[13:]
@@ -429,6 +451,7 @@ def free_mass_tangents(law, h, n_substeps, held, u, du, before, time, begun, x, 
     dforce, dcurve, dnow = np.empty(n), np.empty(n), np.empty(n)
     dstart, dend = np.zeros(n), np.zeros(n)
     dstart[m + _U0] = dend[m + _U0] = 1.0
+    dmean = np.empty(m)
     for k in range(u.size):
         if begun > 0.0:
             way = 0.0 if held > 0.0 else u[k] - before
@@ -441,7 +464,10 @@ def free_mass_tangents(law, h, n_substeps, held, u, du, before, time, begun, x, 
                     change = 0.0 if held > 0.0 else du[k, q] - du[k - 1, q]
                     dstart[q] = du[k - 1, q] + change * first
                     dend[q] = du[k - 1, q] + change * last
+                    rise = dfactor[k, q] - dfactor[k - 1, q]
+                    dmean[q] = dfactor[k - 1, q] + rise * (0.5 * (first + last))
                 dstart[m + _R], dend[m + _R] = ramp
+                mean = factor[k - 1] + (factor[k] - factor[k - 1]) * (0.5 * (first + last))
                 old[:] = d
                 x1, v1, force, curve = x, v, 0.0, 0.0
                 dforce[:] = 0.0
@@ -454,11 +480,11 @@ def free_mass_tangents(law, h, n_substeps, held, u, du, before, time, begun, x, 
                     own, level = force_tangents(law, x1, v1, d, share, dforce, dcurve)
                     force = own if p == 0 else 0.5 * (force + own)
                     curve = level if p == 0 else 0.5 * (curve + level)
-                    friction_tangents(law, curve, dcurve, by)
+                    friction_tangents(law, curve, dcurve, mean, dmean, by)
                     for q in range(n):
                         by[_START, q], by[_END, q] = dstart[q] - dforce[q], dend[q] - dforce[q]
                     d[:] = old
-                    now = resistance(law, curve)
+                    now = resistance(law, curve, mean)
                     x1, v1 = move_tangents(h, start - force, end - force, now, x, v, by, d, dnow)
                 x, v = x1, v1
             if not abs(x) <= _LARGEST:
@@ -563,6 +589,7 @@ class FreeMassOperator(HeldInput):
     n_substeps: int = 1
 
     owns_gain = True
+    strictly_proper = True
     at_once = False
     stage_order = 10
     n_start = 2
@@ -594,6 +621,11 @@ class FreeMassOperator(HeldInput):
         return self._has_stops or math.isfinite(self.center)
 
     @property
+    def _is_bent(self):
+        """Whether a substep is not exact."""
+        return self._is_placed or math.isfinite(self.stribeck_velocity)
+
+    @property
     def signal_linear(self):
         """Whether nothing but mass, damper and constant forces acts."""
         forces = self.friction, self.stribeck_force, self.damping * self.damping_asymmetry
@@ -605,8 +637,10 @@ class FreeMassOperator(HeldInput):
         own = dict(zip(names, (float(getattr(self, name)) for name in names), strict=True))
         for name in ("stribeck_force", "cubic_stiffness", "center", "stop_stiffness"):
             own[name] = own[name] if name in known else 0.0
-        bent = self._is_placed or math.isfinite(self.stribeck_velocity)
-        return *own.values(), float(bent)
+        return *own.values(), float(self._is_bent)
+
+    def resampled(self, ratio):
+        return super().resampled(ratio) if self._is_bent else self
 
     def init(self, u0, initial_state="rest"):
         if isinstance(initial_state, str):
@@ -616,44 +650,74 @@ class FreeMassOperator(HeldInput):
         return x, v, float(u0), 0.0, 0.0
 
     def run(self, u, dt, state=None):
-        u = as_signal(u)
-        x, v, before, time, begun = self.init(u[0] if u.size else 0.0) if state is None else state
-        out, held = np.empty(u.size), float(self.hold == "zoh")
-        own = self._law(), float(dt) / self.n_substeps, self.n_substeps, held
-        x, v, time = free_mass_run(*own, u, before, time, begun, x, v, out)
-        return out, (x, v, float(u[-1]), time, 1.0) if u.size else state
+        state = self.init(u[0] if len(u) else 0.0) if state is None else state
+        y, state = self.scaled_run(u, np.ones(len(u)), dt, (*state, 1.0))
+        return y, state[:-1]
 
     def compiled_step(self, dt, state):
-        held = float(self.hold == "zoh")
-        constants = float(dt) / self.n_substeps, self.n_substeps, held, *self._law()
-        why = "a mass without a spring, which adds up what every sample is rounded by"
-        return CompiledLaw(free_mass_step, constants, state, double_only=why)
+        return CompiledLaw(free_mass_step, self._constants(dt), state, double_only=_ADDS_UP)
 
-    def _tangents(self, u, du, dt, state, d):
+    def _constants(self, dt):
+        held = float(self.hold == "zoh")
+        return float(dt) / self.n_substeps, self.n_substeps, held, *self._law()
+
+    def _tangents(self, signals, dt, state, d):
         """Return the displacement and its derivatives (n_samples, m + 15); ``d`` as the loop."""
-        u, du = as_signal(u), as_signal(du)
+        u, du, factor, dfactor = map(as_signal, signals)
         x, v, before, time, begun = state
         out, dout = np.empty(u.size), np.empty((u.size, d.shape[1]))
-        own = self._law(), float(dt) / self.n_substeps, self.n_substeps, float(self.hold == "zoh")
-        free_mass_tangents(*own, u, du, before, time, begun, x, v, d, out, dout)
+        own = self._law(), *self._constants(dt)[:3]
+        run = u, du, factor, dfactor, before, time, begun, x, v
+        free_mass_tangents(*own, *run, d, out, dout)
         return out, dout
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
-        m, state = du.shape[1], self.init(u[0] if len(u) else 0.0, initial_state)
-        # the start takes two columns of the input's: a start at the intercept is its displacement
-        d = np.zeros((2, m + 1 + 15))
-        d[0, m] = float(isinstance(initial_state, str))
-        y, dy = self._tangents(u, np.column_stack([du, np.zeros(len(u))]), dt, state, d)
-        law = [name for name, _ in Operator.parameter_specs(self).items() if name != "intercept"]
-        known = self.parameter_specs()
-        columns = [m + 1 + i for i, name in enumerate(law) if name in known]
-        return y, np.ascontiguousarray(dy[:, [*range(m), *columns, m]])
+        return self.scaled_sensitivities(u, du, np.ones(len(u)), 0.0 * du, dt, initial_state)
 
     def by_start(self, u, dt, start):
-        d = np.zeros((2, 2 + 15))
+        return self.scaled_by_start(u, np.ones(len(u)), dt, start)
+
+    # ------------------------------------------------------------ friction that follows a load
+
+    @property
+    def scaled_within(self):
+        """The friction, where the drive is not refined between samples."""
+        return ("friction",) if self.causal else ()
+
+    def scaled_init(self, u0, factor, initial_state="rest"):
+        return *self.init(u0, initial_state), float(factor)
+
+    def scaled_run(self, u, factor, dt, state):
+        u, (x, v, before, time, begun, loaded) = as_signal(u), state
+        if not u.size:
+            return np.empty(0), state
+        out, own = np.empty(u.size), (self._law(), *self._constants(dt)[:3])
+        run = u, as_signal(factor), before, loaded, time, begun, x, v
+        x, v, time = free_mass_run(*own, *run, out)
+        return out, (x, v, float(u[-1]), time, 1.0, float(factor[-1]))
+
+    def scaled_step(self, dt, state):
+        own = {"n_inputs": 2, "double_only": _ADDS_UP}
+        return CompiledLaw(loaded_mass_step, self._constants(dt), state, **own)
+
+    def scaled_sensitivities(self, u, du, factor, dfactor, dt, initial_state="rest"):
+        m, p = du.shape[1], dfactor.shape[1]
+        state = self.init(u[0] if len(u) else 0.0, initial_state)
+        # the start takes a column of the input's: a start at the intercept is its displacement
+        d, none = np.zeros((2, p + 1 + 15)), np.zeros((len(u), p + 1 - m))
+        d[0, p] = float(isinstance(initial_state, str))
+        signals = np.column_stack([du, none]), factor, np.column_stack([dfactor, none[:, :1]])
+        y, dy = self._tangents((u, *signals), dt, state, d)
+        law = [name for name, _ in Operator.parameter_specs(self).items() if name != "intercept"]
+        known = self.parameter_specs()
+        columns = [p + 1 + i for i, name in enumerate(law) if name in known]
+        return y, np.ascontiguousarray(dy[:, [*range(m), *columns, p, *range(m, p)]])
+
+    def scaled_by_start(self, u, factor, dt, start):
+        d, none = np.zeros((2, 2 + 15)), np.zeros((len(u), 2))
         d[0, 0] = d[1, 1] = 1.0
-        state = self.init(u[0], start)
-        return self._tangents(u, np.zeros((len(u), 2)), dt, state, d)[1][:, :2].copy()
+        signals, state = (u, none, factor, none), self.init(u[0], start)
+        return self._tangents(signals, dt, state, d)[1][:, :2].copy()
 
     def starts(self, u, y, dt):
         found = [np.array([y[0], 0.0])]
@@ -684,6 +748,7 @@ class FreeMassOperator(HeldInput):
         return float(max(math.sqrt(stiffness / m), *rates))
 
 
+_ADDS_UP = "a mass without a spring, which adds up what every sample is rounded by"
 _STARTING = (3, 10, 30, 100)  # samples from which a velocity at the start is estimated
 
 

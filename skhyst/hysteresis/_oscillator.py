@@ -102,10 +102,12 @@ def run(mode, law, h, n_substeps, u, before, q, p, f, out):
 def compiled_step(u, c, s):
     """Return the response; ``c`` is (mode, h, number of substeps, gain, intercept, *law).
 
-    ``s`` is (q, p, f, last drive); ``step`` is :func:`sample` here.
+    ``s`` is (q, p, f, last drive, whether there was one); ``step`` is :func:`sample` here.
     """
-    q, p, f = step(c[0], c[5:], c[1], int(c[2]), s[3], u, s[0], s[1], s[2])
-    s[0], s[1], s[2], s[3] = q, p, f, u
+    q, p, f = s[0], s[1], s[2]
+    if s[4] > 0.0:
+        q, p, f = step(c[0], c[5:], c[1], int(c[2]), s[3], u, q, p, f)
+    s[0], s[1], s[2], s[3], s[4] = q, p, f, u, 1.0
     return c[3] * q + c[4]
 
 
@@ -228,10 +230,10 @@ def propagate(step, k, du, dbefore, d, dout):
 class OscillatorOperator(HeldInput):
     r"""Mass, spring and damper with a hysteretic force; ``y = gain q + intercept``.
 
-    The state is the tuple (q, q'/w, hysteretic force, last drive), all in units of the drive; in
-    ``"rest"`` the stage has been loaded slowly from zero. Each substep solves the oscillator
-    exactly under the mean of the other forces: second order, exact without them, and passive if the
-    law is. Substeps should resolve the motion before sliding: with
+    The state is the tuple (q, q'/w, hysteretic force, last drive, whether there was one), all in
+    units of the drive; in ``"rest"`` the stage has been loaded slowly from zero. Each substep
+    solves the oscillator exactly under the mean of the other forces: second order, exact without
+    them, and passive if the law is. Substeps should resolve the motion before sliding: with
     ``dt fastest_rate() / n_substeps = 0.1`` about three digits are exact.
 
     A subclass passes its loops, ``class MyOperator(OscillatorOperator, loops=(run, compiled_step,
@@ -261,6 +263,7 @@ class OscillatorOperator(HeldInput):
     """
 
     holds = ("foh", "bandlimited")
+    strictly_proper = True
     owns_gain = True
     at_once = False
     stage_order = 10
@@ -394,20 +397,23 @@ class OscillatorOperator(HeldInput):
 
     def init(self, u0, initial_state="rest"):
         if initial_state == "zero":
-            return 0.0, 0.0, 0.0, 0.0
+            return 0.0, 0.0, 0.0, float(u0), 0.0
         q, force, _ = self._rest(float(u0))
-        return q, 0.0, force, float(u0)
+        return q, 0.0, force, float(u0), 1.0
 
     def run(self, u, dt, state=None):
         u = as_signal(u)
         if state is None:
             state = self.init(u[0] if u.size else 0.0)
-        *state, before = state
-        q = np.empty(u.size)
+        *state, before, begun = state
+        q, first = np.empty(u.size), _first(begun, u)
         mode, h = self._substep(dt)
         law = self._law(np.abs(u).max(initial=0.0))
-        state = self._loop(mode, law, h, self.n_substeps, u, before, *state, q)
-        return self.gain * q + self.intercept, (*state, float(u[-1]) if u.size else before)
+        q[:first] = state[0]
+        before = u[0] if first else before
+        state = self._loop(mode, law, h, self.n_substeps, u[first:], before, *state, q[first:])
+        after = (float(u[-1]), 1.0) if u.size else (before, begun)
+        return self.gain * q + self.intercept, (*state, *after)
 
     def compiled_step(self, dt, state):
         mode, h = self._substep(dt)
@@ -418,20 +424,21 @@ class OscillatorOperator(HeldInput):
         u, du = as_signal(u), as_signal(du)
         m, n_own = du.shape[1], self.n_parameters - 2
         u0 = float(u[0]) if u.size else 0.0
-        d, dbefore = np.zeros((3, m + n_own)), np.zeros(m)
+        d, dbefore = np.zeros((3, m + n_own)), du[0] if u.size else np.zeros(m)
         if initial_state == "zero" or not u.size:
-            *state, before = self.init(u0, initial_state)
+            *state, before, begun = self.init(u0, initial_state)
         else:  # as `init` gives it, with its derivatives
-            dbefore = du[0]
             q, force, by = self._rest(u0)
-            state, before = (q, 0.0, force), u0
+            state, before, begun = (q, 0.0, force), u0, 1.0
             d[::2, :m] = np.outer(by[:, 0], dbefore)
             d[::2, m:] = by[:, 1:]
-        q, dq = np.empty(u.size), np.empty((u.size, m + n_own))
+        q, dq, first = np.empty(u.size), np.empty((u.size, m + n_own)), _first(begun, u)
+        q[:first] = dq[:first] = 0.0
         mode, h = self._substep(dt)
         largest = np.abs(u).max(initial=0.0)
         head = mode, self._substep_tangents(h), self._law(largest), h, self.n_substeps
-        self._tangent_loop(*head, u, du, before, as_signal(dbefore), *state, d, q, dq)
+        drive = u[first:], du[first:], before, as_signal(dbefore)
+        self._tangent_loop(*head, *drive, *state, d, q[first:], dq[first:])
         dy = np.empty((u.size, m + n_own + 2))
         dy[:, :-2] = self.gain * dq
         dy[:, -2] = q
@@ -447,6 +454,11 @@ class OscillatorOperator(HeldInput):
             "largest hysteretic force": (level, "drive"),
             "presliding displacement": (way, "response"),
         }
+
+
+def _first(begun, u):
+    """Return the first sample that the stage moves to: before a start from zero is no drive."""
+    return 0 if begun else min(len(u), 1)
 
 
 _COARSE, FINE = 0.3, 0.1  # longest substep, in radians of the fastest motion

@@ -188,51 +188,21 @@ class PrandtlIshlinskiiOperator(PlaySum):
         sign = np.where((self.form == "stop") & (self.thresholds > 0.0), -1.0, 1.0)
         return self._moved_plays(as_signal(u) - self.drive_offset) * (sign * self.weights)
 
-    def widened_init(self, u0, factor, initial_state="rest"):
-        """Return the state of :meth:`widened` before the first sample.
+    scaled_within = ("thresholds",)
 
-        Parameters
-        ----------
-        u0 : float
-            Drive at the first sample.
-        factor : float
-            Of the thresholds at the first sample.
-        initial_state : {"rest", "zero"}, default="rest"
-            As in :meth:`init`.
-
-        Returns
-        -------
-        ndarray of shape (n_plays,)
-            The plays.
-        """
+    def scaled_init(self, u0, factor, initial_state="rest"):
         slacks = factor * self._play_form[0]
         if initial_state == "zero":
             return np.zeros(slacks.size)
         v = float(u0) - self.drive_offset
         return np.clip(0.0, v - slacks, v + slacks)
 
-    def widened(self, u, factor, state):
+    def scaled_run(self, u, factor, dt, state):
         """Return the output with all thresholds scaled by a factor that changes with time.
 
         ``F[k] = max(u[k] - q[k] r, min(u[k] + q[k] r, F[k - 1]))``: a play stays where it is, until
         an end of its slack, which the drive and the factor q move, takes it along. For a factor
         that does not change this is a sum of plays of other thresholds.
-
-        Parameters
-        ----------
-        u : ndarray of shape (n_samples,)
-            Drive.
-        factor : ndarray of shape (n_samples,)
-            The factor q, not negative.
-        state : ndarray of shape (n_plays,)
-            As :meth:`widened_init` and this method return it.
-
-        Returns
-        -------
-        y : ndarray of shape (n_samples,)
-            Output.
-        state : ndarray of shape (n_plays,)
-            State after the last sample.
         """
         thresholds, weights, _ = self._play_form
         zeros, plays, y = as_constant(np.zeros(weights.size)), np.array(state), np.empty(len(u))
@@ -240,44 +210,12 @@ class PrandtlIshlinskiiOperator(PlaySum):
         rate_play_run(*signals, zeros, thresholds, weights, zeros, plays, y)
         return y + self.intercept, plays
 
-    def widened_step(self, state):
-        """Return one step of :meth:`widened`.
-
-        Parameters
-        ----------
-        state : ndarray of shape (n_plays,)
-            Before the first sample.
-
-        Returns
-        -------
-        CompiledLaw
-            Of two inputs: the drive less its offset, and the factor.
-        """
+    def scaled_step(self, dt, state):
         thresholds, weights, _ = self._play_form
-        constants = thresholds, weights, self.intercept
+        constants = thresholds, weights, self.intercept, self.drive_offset
         return CompiledLaw(widened_play_step, constants, state, n_inputs=2)
 
-    def widened_sensitivities(self, u, du, factor, dfactor):
-        """Return the output of :meth:`widened` from rest and its tangents.
-
-        Parameters
-        ----------
-        u : ndarray of shape (n_samples,)
-            Drive.
-        du : ndarray of shape (n_samples, m)
-            Tangents of the drive.
-        factor : ndarray of shape (n_samples,)
-            As of :meth:`widened`.
-        dfactor : ndarray of shape (n_samples, m + p)
-            Those of the factor, and its derivatives by p parameters of its own.
-
-        Returns
-        -------
-        y : ndarray of shape (n_samples,)
-            Output.
-        dy : ndarray of shape (n_samples, m + n_parameters + p)
-            As :meth:`sensitivities` returns them, then those by the parameters of the factor.
-        """
+    def scaled_sensitivities(self, u, du, factor, dfactor, dt, initial_state="rest"):
         thresholds, weights, _ = self._play_form
         (n, m), n_own, n_plays = du.shape, dfactor.shape[1] - du.shape[1], thresholds.size
         v, zeros = as_signal(u - self.drive_offset), as_constant(np.zeros(n_plays))

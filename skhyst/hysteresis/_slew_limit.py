@@ -25,7 +25,7 @@ def slew_limit_step(y, u0, u1, dt, values):
         by = (0.0, 0.0, 1.0, 0.0)
     else:  # they meet within the interval, then the drive outruns the output on the other side
         met = lead / (limit - change)
-        y = u0 + side * (change * met - limit * (1.0 - met))
+        y += side * limit * (2.0 * met - 1.0)
         slowed = (limit + change) / (limit - change)
         remaining = 1.0 - met
         by = (

@@ -6,8 +6,10 @@ fold trains on; the whole record is simulated, so that the past of what is held 
 Of two models that predict equally well the simpler one is taken: one whose error is larger by less
 than 5 %, or its mean square by less than one standard error of the difference over the folds (the
 one standard error rule of Breiman et al., *Classification and Regression Trees*, 1984,
-section 3.4.3, for paired differences). Models that join two mechanisms show how far
-such a model can come. They are not taken: what a second mechanism adds is what a search tests.
+section 3.4.3, for paired differences). Models that join two mechanisms show how far such a
+model can come. They are not taken: what a second mechanism adds is what a search tests. But where
+one of them has an error three times smaller than any model of one mechanism, one of its parts is
+taken, since from another model the search would have to find both.
 """
 
 import math
@@ -56,7 +58,7 @@ _SINGLE = {  # the simplest first: what --model takes, the model, what it is
     "tank_chain": (TankChain(), "tanks: flow to level"),
     "transfer_function(n_poles=3)": (TransferFunction(n_poles=3), "linear, of order 3"),
 }
-_JOINED = {
+_JOINED = {  # the simplest first
     "prandtl_ishlinskii+first_order_lag": (
         Cascade([("prandtl_ishlinskii", _PLAYS), ("first_order_lag", _LAG)]),
         "hysteresis, then a lag",
@@ -67,6 +69,12 @@ _JOINED = {
     ),
     "friction_stage(stribeck=False)": (_FRICTION, "mass, spring and damper with friction"),
     "free_mass(friction=True)": (FreeMass(friction=True), "mass with friction, without a spring"),
+}
+_PARTS = {  # of those that are joined, what may be declared
+    "prandtl_ishlinskii+first_order_lag": ("prandtl_ishlinskii", "first_order_lag"),
+    "prandtl_ishlinskii+second_order_mode": ("prandtl_ishlinskii", "second_order_mode"),
+    "friction_stage(stribeck=False)": ("second_order_mode",),
+    "free_mass(friction=True)": ("free_mass",),
 }
 
 
@@ -148,8 +156,8 @@ def compare_models(X, y, models=None, *, cv=5, max_samples=5000) -> "ModelCompar
     table = pd.DataFrame(table, columns=names).set_index("model")
     if table["error"].isna().all():
         raise failure
-    taken, as_good = _taken(table, squares)
-    own = {"response_name": str(getattr(y, "name", None) or "response")}
+    whole, taken, as_good = _taken(table, squares)
+    own = {"whole": whole, "response_name": str(getattr(y, "name", None) or "response")}
     return ModelComparisonDisplay(table, taken, as_good, float(np.ptp(response)), **own)
 
 
@@ -181,12 +189,25 @@ def _held_out(model, X, y, masks):
 
 
 def _taken(table, squares):
-    """Return the model to declare, and the one of least error that it is as good as, or None."""
-    single = table[table["single"]]
-    best = single["error"].idxmin()
-    for name in single.index:
+    """Return the joined model to begin from, or None; the model to declare, and its equal."""
+    single, joined = (table.loc[table["single"] == own, "error"].dropna() for own in (True, False))
+    if joined.size and FAR * joined.min() < single.min():
+        whole, _ = _simplest(joined, squares)
+        parts = single[single.index.isin(_PARTS[whole])]
+        if parts.size:
+            return whole, *_simplest(parts, squares)
+    return None, *_simplest(single, squares)
+
+
+def _simplest(errors, squares):
+    """Return the first model that is as good as the best, and that one if it is another, or None.
+
+    ``errors`` are a Series by the name of the model, the simplest first.
+    """
+    best = errors.idxmin()
+    for name in errors.index:
         more = np.subtract(squares[name], squares[best])
-        near = single.loc[name, "error"] <= _MATTERS * single.loc[best, "error"]
+        near = errors[name] <= _MATTERS * errors[best]
         if near or np.mean(more) <= np.std(more, ddof=1) / np.sqrt(len(more)):
             return name, None if name == best else best
 
@@ -209,6 +230,9 @@ class ModelComparisonDisplay(Display):
         scatter between folds allows.
     response_range : float
         Range of the response.
+    whole : str or None, default=None
+        The model of two mechanisms that ``taken`` is a part of, where its error is three times
+        smaller than that of any model of one.
     response_name : str, default="response"
         Name for the axis.
 
@@ -223,11 +247,14 @@ class ModelComparisonDisplay(Display):
     8.0
     """
 
-    def __init__(self, table, taken, as_good, response_range, *, response_name="response"):
+    def __init__(
+        self, table, taken, as_good, response_range, *, whole=None, response_name="response"
+    ):
         self.table = table
         self.taken = taken
         self.as_good = as_good
         self.response_range = response_range
+        self.whole = whole
         self.response_name = response_name
 
     @property
@@ -242,13 +269,17 @@ class ModelComparisonDisplay(Display):
         why = "it has the least held-out error"
         if self.as_good:
             why = f"it is simpler than {self.as_good}, and as good within 5 % or the folds' scatter"
+        elif self.whole:
+            why += f" of the parts of {self.whole}"
         elif not table["single"].all():
             why += " of the models with one mechanism"
         if not self.worse(taken) > FAR:
             return f"{taken}: {why}."
+        best = self.whole or self.best
+        times = table.loc[taken, "error"] / table.loc[best, "error"]
         return (
-            f"{taken}: {why}. {self.best} ({table.loc[self.best, 'about']}) has an error "
-            f"{self.worse(taken):.2g} times smaller: the search tests what it adds."
+            f"{taken}: {why}. {best} ({table.loc[best, 'about']}) has an error {times:.2g} times "
+            "smaller: the search tests what it adds."
         )
 
     def worse(self, name) -> float:

@@ -15,14 +15,12 @@ same formulas, which is exact to rounding (Al-Mohy and Higham, *Numerical Algori
 """
 
 from abc import abstractmethod
-from typing import Self
 
 import numpy as np
 from scipy.linalg import expm
-from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import StrOptions
-from ..base import ParametricModel, with_params
+from ..base import ParametricModel
 from ..operators import (
     CompiledLaw,
     HeldInput,
@@ -37,7 +35,6 @@ from ..operators import (
     state_space_step,
     state_space_tangents,
 )
-from ..records import chosen_interval
 
 _STEP = 1e-30  # complex step; far below rounding, far above underflow
 _BLOCK = 16  # samples that are advanced at once
@@ -115,6 +112,12 @@ class LinearOperator(HeldInput):
     intercept = 0.0
     n_poles = (0, 0)
     integrators = 0  # poles at zero, whose states are the last ones
+
+    @property
+    def strictly_proper(self):
+        if "proper" not in self._memory:
+            self._memory["proper"] = not (self.state_space()[3] or np.any(self._stepped()[3]))
+        return self._memory["proper"]
 
     @abstractmethod
     def with_poles(self, rates, pairs):
@@ -395,41 +398,6 @@ class LinearModel(ParametricModel):
         self.dt = dt
         self.drive = drive
         self.method = method
-
-    def resampled(self, dt) -> Self:
-        """Return the fitted model at another sampling interval.
-
-        Its parameters are those of continuous time, so that it is exact for a drive that is between
-        the new samples as its ``hold`` says.
-
-        Parameters
-        ----------
-        dt : float
-            Sampling interval of the new model, in ``time_unit_``.
-
-        Returns
-        -------
-        estimator
-            Fitted; ``predict`` and ``stepper`` take data without a time to be at this interval.
-
-        Raises
-        ------
-        ValueError
-            If ``dt`` is not a positive number.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> from skhyst.linear import FirstOrderLag, FirstOrderLagOperator
-        >>> u = np.repeat(np.random.default_rng(0).normal(size=100), 2)
-        >>> y, _ = FirstOrderLagOperator(0.05, hold="zoh").run(u, 0.01)
-        >>> coarse = FirstOrderLag(hold="zoh", dt=0.02).fit(u[::2, None], y[::2])
-        >>> bool(np.allclose(coarse.resampled(0.01).predict(u[:, None]), y))
-        True
-        """
-        check_is_fitted(self)
-        dt = chosen_interval((), dt, f"{type(self).__name__}.resampled")
-        return with_params(self, dt_=dt, dt=None if self.dt is None else dt)
 
     @property
     def any_interval(self):

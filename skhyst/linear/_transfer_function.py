@@ -504,6 +504,10 @@ class MultiInputTransferFunctionOperator(HeldInput):
             for name, spec in super().entries()
         ]
 
+    @property
+    def strictly_proper(self):
+        return all(part.strictly_proper for part in self._parts())
+
     def part(self, i):
         """Return the transfer function of one input, without its delay and the intercept.
 

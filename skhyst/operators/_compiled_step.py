@@ -402,15 +402,7 @@ class CompiledProduct(CompiledParts):
 
 @dataclass(frozen=True)
 class CompiledFed(CompiledParts):
-    """A step of two inputs: column 0, minus an offset, and the output of the other step.
-
-    Parameters
-    ----------
-    parts : tuple of two CompiledStep
-    offset : float
-    """
-
-    offset: float
+    """A step of two inputs: column 0, and the output of the other step."""
 
     @property
     def n_inputs(self):
@@ -421,7 +413,7 @@ class CompiledFed(CompiledParts):
         function, other = functions
 
         def fed(u):
-            row = u[..., 0] - self.offset, other(u)
+            row = u[..., 0], other(u)
             return function(np.stack(row, axis=-1) if np.ndim(row[0]) else row)
 
         return fed

@@ -290,8 +290,8 @@ class Scaled(WrappedOperator):
     magnitude : bool, default=False
         Whether a is the magnitude of the column, or of what it becomes behind the lag.
     scales : tuple of str, default=()
-        What is scaled: entries in which the output is linear; ``("thresholds",)`` of an operator
-        with a method ``widened``, at a factor of zero or above; all of the output by default.
+        What is scaled: entries in which the output is linear; what the operator scales within
+        itself (``scaled_within``), at a factor of zero or above; all of the output by default.
 
     Examples
     --------
@@ -322,7 +322,7 @@ class Scaled(WrappedOperator):
 
     def __post_init__(self):
         super().__post_init__()
-        wanted = "be names of entries in which the output is linear, or thresholds that widen"
+        wanted = "be names of entries in which the output is linear, or what is scaled within"
         self._require("scales", not self.scales or can_scale(self.operator, self.scales), wanted)
 
     def inner(self, name=None):
@@ -354,6 +354,10 @@ class Scaled(WrappedOperator):
         ]
         return [*own, (f"sensitivity{suffix}", _SENSITIVITY), *curve, *lag]
 
+    def parameter_units(self):
+        known = self.operator.parameter_units()
+        return {name: known.get(name, spec.unit) for name, spec in self.entries()}
+
     def _of_lag(self):
         """Return the entries of the lag that are parameters: all but gain and intercept."""
         entries = [] if self.lag is None else self.lag.entries()
@@ -382,9 +386,9 @@ class Scaled(WrappedOperator):
         own = {"sensitivity": float(sensitivity), "curvature": tuple(map(float, curvature))}
         return replace(self, operator=self.operator.unpack(vector[:n]), lag=lag, **own)
 
-    @property
-    def _widens(self):
-        return self.scales == ("thresholds",)
+    @cached_property
+    def _is_within(self):
+        return _scales_within(self.operator, self.scales)
 
     def _scaled_entries(self):
         """Mark the entries that are scaled."""
@@ -397,10 +401,10 @@ class Scaled(WrappedOperator):
         return self.operator.unpack(np.where(self._scaled_entries(), 0.0, self.operator.pack()))
 
     def __getstate__(self):
-        return {k: v for k, v in self.__dict__.items() if k != "_others"}
+        return {k: v for k, v in self.__dict__.items() if k not in ("_others", "_is_within")}
 
     def _factor_law(self):
-        own = self._coefficients, self.reference, self.magnitude, self._widens
+        own = self._coefficients, self.reference, self.magnitude, self._is_within
         return CompiledLaw(factor_step, own, ())
 
     def _factor(self, a):
@@ -410,10 +414,10 @@ class Scaled(WrappedOperator):
     def init(self, u0, initial_state="rest"):
         # whatever the drive does, the column's lag has settled
         lag = None if self.lag is None else self.lag.init(_one(u0, self.column))
-        if self._widens:
+        if self._is_within:
             # at rest the output of the lag, of unit gain, is its input
             [factor] = self._factor(np.array([_one(u0, self.column)]))
-            own = bare(self.operator).widened_init(_one(u0, 0), factor, initial_state)
+            own = bare(self.operator).scaled_init(_one(u0, 0), factor, initial_state)
         else:
             own = self.operator.init(u0, initial_state)
             if self.scales:
@@ -428,8 +432,8 @@ class Scaled(WrappedOperator):
         if self.lag is not None:
             a, lag = self.lag.run(a, dt, lag)
         factor = self._factor(a)
-        if self._widens:
-            y, own = bare(self.operator).widened(_one(u, 0), factor, own)
+        if self._is_within:
+            y, own = bare(self.operator).scaled_run(_one(u, 0), factor, dt, own)
         elif self.scales:
             y, whole = self.operator.run(u, dt, own[0])
             rest, others = self._others.run(u, dt, own[1])
@@ -442,6 +446,8 @@ class Scaled(WrappedOperator):
     def by_start(self, u, dt, start):
         a = _one(u, self.column)
         a = a if self.lag is None else self.lag.run(a, dt)[0]
+        if self._is_within:
+            return bare(self.operator).scaled_by_start(_one(u, 0), self._factor(a), dt, start)
         dy = self.operator.by_start(u, dt, start)
         rest = self._others.by_start(u, dt, start) if self.scales else 0.0
         return rest + (dy - rest) * self._factor(a)[:, None]
@@ -452,9 +458,8 @@ class Scaled(WrappedOperator):
         if self.lag is not None:
             factor = CompiledSeries((self.lag.compiled_step(dt, lag), factor))
         factor = CompiledColumn((factor,), self.column, 0.0)
-        if self._widens:
-            plays = bare(self.operator)
-            return CompiledFed((plays.widened_step(own), factor), plays.drive_offset)
+        if self._is_within:
+            return CompiledFed((bare(self.operator).scaled_step(dt, own), factor))
         if not self.scales:
             return CompiledProduct((self.operator.compiled_step(dt, own), factor))
         parts = self.operator.compiled_step(dt, own[0]), self._others.compiled_step(dt, own[1])
@@ -473,16 +478,16 @@ class Scaled(WrappedOperator):
         slope = sign * (powers[:, :-1] @ (coefficients * np.arange(1, len(coefficients) + 1)))
         da = slope[:, None] * da
         found = np.column_stack([da[:, :m], powers[:, 1:], da[:, m:]])
-        if self._widens:
+        if self._is_within:
             found[factor <= 0.0] = 0.0
         return factor, found
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
         m = du.shape[-1]
         factor, dfactor = self._factor_sensitivities(u, du, dt)
-        if self._widens:
-            plays = bare(self.operator)
-            return plays.widened_sensitivities(_one(u, 0), _tangents_of(du, 0), factor, dfactor)
+        if self._is_within:
+            own = _one(u, 0), _tangents_of(du, 0), factor, dfactor
+            return bare(self.operator).scaled_sensitivities(*own, dt, initial_state)
         y, dy = self.operator.sensitivities(u, du, dt, initial_state)
         rest, drest = np.zeros_like(y), np.zeros_like(dy)
         if self.scales:
@@ -1276,10 +1281,15 @@ def bare(operator):
 
 def can_scale(operator, names):
     """Whether parameters of an operator can be scaled sample by sample, see :class:`Scaled`."""
-    if tuple(names) == ("thresholds",):
-        return hasattr(bare(operator), "widened")
+    if _scales_within(operator, names):
+        return True
     linear = {name for name, spec in operator.entries() if spec.linear}
     return bool(names) and (linear | {n.split("[")[0] for n in linear}).issuperset(names)
+
+
+def _scales_within(operator, names):
+    """Whether an operator scales these sample by sample within itself."""
+    return bool(names) and tuple(names) == bare(operator).scaled_within
 
 
 def of_columns(operator):

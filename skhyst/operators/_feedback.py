@@ -284,6 +284,10 @@ class FeedbackOperator(_Composition, HeldInput):
         self._require("stages", is_smooth, "have a velocity that does not jump with the drive")
 
     @property
+    def strictly_proper(self):
+        return self.linear.strictly_proper
+
+    @property
     def _of_velocity(self):
         return self.argument == "velocity"
 

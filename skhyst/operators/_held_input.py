@@ -5,15 +5,19 @@ the signal without any content above half the sampling rate that goes through th
 ("bandlimited"), as of a drive that an instrument has recorded behind its anti-aliasing filter. Such
 an input is read from the samples by
 
-    u(t) = sum_k u[k] sinc(t / dt - k) w(t / dt - k)
+    u(t) = sum_k u[k] h(t / dt - k) w(t / dt - k),   h(x) = int_0^1/2 2 cos(2 pi f x) g(f) df
 
-with a Kaiser window w that reaches over 32 samples to either side: to 1e-4 for content up to 0.92
-of half the sampling rate (Kaiser, *IEEE International Symposium on Circuits and Systems*, 1974).
-Beyond its ends a record goes on as its reflection in the point at the end, which keeps value and
-slope; what the truth departs from that reaches as far as the window. The operator is then run with
-a straight line between 16 times as many samples. That weakens content at the frequency f, in cycles
-per finer sample, by ``sinc(f)^2``: by 3e-3 at half the sampling rate. The factor is the same for
-any drive, so that what a record does depends on no spectrum of what came before it.
+where h is sinc(x) for g = 1, with a Kaiser window w that reaches over 32 samples to either side: to
+1e-4 for content up to 0.92 of half the sampling rate (Kaiser, *IEEE International Symposium on
+Circuits and Systems*, 1974). Beyond its ends a record goes on as its reflection in the point at the
+end, which keeps value and slope; what the truth departs from that reaches as far as the window. The
+operator is then run with a straight line between m times as many samples, which weakens content at
+f cycles per sample by ``sinc(f / m)^2``. Where no output depends on the input of the same instant,
+``g(f) = 1 / sinc(f / m)^2`` makes up for that, and m = 4: beside the content there remains its
+image at m - f cycles per sample, ``(f / (m - f))^2`` times as large, which dynamics hardly follow.
+The points are then a little beside the signal. Where an output shows the input itself, they may not
+be: g = 1 and m = 16, and 3e-3 is lost at half the sampling rate. Neither depends on the drive, so
+that what a record does depends on no spectrum of what came before it.
 """
 
 from dataclasses import replace
@@ -28,8 +32,10 @@ from ._protocol import Operator
 BANDLIMITED = "bandlimited"
 _REACH = 32  # samples to either side that a value between two samples is read from
 _SHAPE = 7.86  # of the window, for 80 dB: 0.1102 (80 - 8.7)
-_FACTOR = 16  # finer samples per sample
+_FACTOR = {True: 4, False: 16}  # finer samples per sample, where an operator is strictly proper
+_NODES = 256  # of the integral over the frequency, whose integrand has 32 periods at most
 _KEPT = 1 << 15  # samples of a drive whose finer ones are kept: 4 MB
+_SAME = 1e-9  # relative difference of two substeps that is rounding
 _ENOUGH = 1e-3  # of the standard deviation of the drive, that straight lines may miss
 
 
@@ -53,47 +59,55 @@ def is_straight(u):
     return bool(np.all(missing @ power <= _ENOUGH**2 * power.sum(axis=0)))
 
 
-def finer_samples(u):
-    """Return a band-limited signal at 16 times as many samples, from first to last.
+def finer_samples(u, proper):
+    """Return points that straight lines between make a band-limited signal, from first to last.
 
     Parameters
     ----------
-    u : ndarray of shape (n_samples,) or (n_samples, m)
+    u : ndarray of shape (n_samples,) or (n_samples, n_columns)
         Signal.
+    proper : bool
+        Whether it drives what is strictly proper: then there are m = 4 points per sample, that make
+        up for what the lines weaken, else 16 that are the signal itself.
 
     Returns
     -------
-    ndarray of shape (1 + 16 (n_samples - 1),) or (1 + 16 (n_samples - 1), m)
+    ndarray of shape (1 + m (n_samples - 1),) or (1 + m (n_samples - 1), n_columns)
     """
-    n, around = 1 + _FACTOR * (len(u) - 1), ((_REACH, _REACH), *((0, 0),) * (u.ndim - 1))
+    m = _FACTOR[proper]
+    n, around = 1 + m * (len(u) - 1), ((_REACH, _REACH), *((0, 0),) * (u.ndim - 1))
     if not u.size:
         return np.empty((n, *u.shape[1:]))
     padded = np.pad(u, around, mode="reflect", reflect_type="odd")
-    begin = 2 * _REACH * _FACTOR
-    return np.ascontiguousarray(upfirdn(_weights(), padded, up=_FACTOR, axis=0)[begin : begin + n])
+    begin = 2 * _REACH * m
+    return np.ascontiguousarray(upfirdn(_weights(proper), padded, up=m, axis=0)[begin : begin + n])
 
 
-def _finer_drive(u):
+def _finer_drive(u, proper):
     """Return :func:`finer_samples` of a drive, which every evaluation of a fit reads again."""
     if len(u) > _KEPT:
-        return finer_samples(u)
-    return _kept(np.ascontiguousarray(u).tobytes(), u.shape)
+        return finer_samples(u, proper)
+    return _kept(np.ascontiguousarray(u).tobytes(), u.shape, proper)
 
 
 @lru_cache(maxsize=16)
-def _kept(values, shape):
-    finer = finer_samples(np.frombuffer(values).reshape(shape))
+def _kept(values, shape, proper):
+    finer = finer_samples(np.frombuffer(values).reshape(shape), proper)
     finer.flags.writeable = False
     return finer
 
 
 @cache
-def _weights():
+def _weights(proper):
     """Return those that a finer sample is read with."""
-    places = np.arange(-_REACH * _FACTOR, _REACH * _FACTOR + 1)
-    weights = np.sinc(places / _FACTOR) * kaiser(len(places), _SHAPE)
-    for phase in range(_FACTOR):  # so that a constant stays one
-        weights[phase::_FACTOR] /= weights[phase::_FACTOR].sum()
+    m = _FACTOR[proper]
+    places = np.arange(-_REACH * m, _REACH * m + 1)
+    nodes, parts = np.polynomial.legendre.leggauss(_NODES)
+    f = 0.25 * (nodes + 1.0)  # from 0 to 1/2
+    parts = 0.5 * parts / (np.sinc(f / m) ** 2 if proper else 1.0)
+    weights = np.cos(2.0 * np.pi * np.outer(places / m, f)) @ parts * kaiser(len(places), _SHAPE)
+    for phase in range(m):  # so that a constant stays one
+        weights[phase::m] /= weights[phase::m].sum()
     return weights
 
 
@@ -107,6 +121,7 @@ class HeldInput(Operator):
 
     hold = "foh"
     holds = ("foh", "zoh", BANDLIMITED)
+    strictly_proper = False  # whether no output depends on the input of the same instant
 
     def __init_subclass__(cls, **options):
         super().__init_subclass__(**options)
@@ -128,6 +143,17 @@ class HeldInput(Operator):
 
     def __getstate__(self):
         return {k: v for k, v in self.__dict__.items() if k != "_memory"}
+
+    def resampled(self, ratio):
+        n = getattr(self, "n_substeps", None)
+        if n is None:
+            return self
+        unit = 1 if self.causal else _FACTOR[self.strictly_proper]
+        wanted = -(-n // unit) * ratio
+        whole = np.round(wanted)
+        if not (whole > 0.0 and abs(wanted - whole) < _SAME * whole):
+            return None
+        return replace(self, n_substeps=unit * int(whole))
 
     def _finer(self, factor):
         """Return the operator of an input that is straight between finer samples."""
@@ -158,24 +184,26 @@ def _run(self, u, dt, state=None):
     inner, past = _init(self, u[0]) if state is None else state
     if not len(u):
         return np.empty(0), (inner, past)
-    whole = np.concatenate([past, u])
-    begin = max(_FACTOR * (len(past) - 1) + 1, 0)
-    y, inner = self._finer(_FACTOR).run(_finer_drive(whole)[begin:], dt / _FACTOR, inner)
-    first = _FACTOR - 1 if len(past) else 0
-    return np.ascontiguousarray(y[first::_FACTOR]), (inner, whole[-_REACH:])
+    whole, m = np.concatenate([past, u]), _FACTOR[self.strictly_proper]
+    begin = max(m * (len(past) - 1) + 1, 0)
+    finer = _finer_drive(whole, self.strictly_proper)[begin:]
+    y, inner = self._finer(m).run(finer, dt / m, inner)
+    first = m - 1 if len(past) else 0
+    return np.ascontiguousarray(y[first::m]), (inner, whole[-_REACH:])
 
 
 def _sensitivities(self, u, du, dt, initial_state="rest"):
     u, du = np.asarray(u, dtype=float), np.asarray(du, dtype=float)
-    signals = _finer_drive(u), finer_samples(du)
-    y, dy = self._finer(_FACTOR).sensitivities(*signals, dt / _FACTOR, initial_state)
-    return np.ascontiguousarray(y[::_FACTOR]), np.ascontiguousarray(dy[::_FACTOR])
+    proper = self.strictly_proper
+    signals, m = (_finer_drive(u, proper), finer_samples(du, proper)), _FACTOR[proper]
+    y, dy = self._finer(m).sensitivities(*signals, dt / m, initial_state)
+    return np.ascontiguousarray(y[::m]), np.ascontiguousarray(dy[::m])
 
 
 def _by_start(self, u, dt, start):
-    u = np.asarray(u, dtype=float)
-    dy = self._finer(_FACTOR).by_start(_finer_drive(u), dt / _FACTOR, start)
-    return np.ascontiguousarray(dy[::_FACTOR])
+    u, m = np.asarray(u, dtype=float), _FACTOR[self.strictly_proper]
+    dy = self._finer(m).by_start(_finer_drive(u, self.strictly_proper), dt / m, start)
+    return np.ascontiguousarray(dy[::m])
 
 
 def _propagate(self, u, du, dt, initial_state="rest"):

@@ -110,6 +110,10 @@ class Part:
         another way, as the time constants of an unstable plant.
     schedule_range : (float, float) or None
         Least and largest schedule of the fit, where parameters depend on a schedule.
+    scaled_within : tuple of str
+        Parameters that it scales within itself by a factor that changes from sample to sample, all
+        together, such as the thresholds of plays: by the methods ``scaled_init`` to
+        ``scaled_sensitivities``, and ``scaled_by_start`` where there is an ``n_start``.
     children : tuple of Operator
         The parts that a node joins or wraps.
 
@@ -138,6 +142,7 @@ class Part:
     reads_columns = False
     signed = ()
     schedule_range = None
+    scaled_within = ()
     children = ()
     driving_column = 0  # of the input
     structure_of = None  # of a node: name of the estimator in skhyst.compose
@@ -211,6 +216,102 @@ class Part:
         -------
         list of ndarray of shape (n_start,)
             Of an operator with ``n_start`` above 0.
+        """
+        raise NotImplementedError
+
+    def scaled_init(self, u0, factor, initial_state="rest"):
+        """Return the state of :meth:`scaled_run` before the first sample.
+
+        Parameters
+        ----------
+        u0, factor : float
+            Input and factor at the first sample.
+        initial_state : {"rest", "zero"} or array-like of shape (n_start,), default="rest"
+            As in ``init``.
+
+        Returns
+        -------
+        object
+        """
+        raise NotImplementedError
+
+    def scaled_run(self, u, factor, dt, state):
+        """Return the output with what is ``scaled_within`` times a factor, and the state after it.
+
+        Parameters
+        ----------
+        u, factor : ndarray of shape (n_samples,)
+            Input, and the factor, not negative.
+        dt : float
+            Sampling interval in s.
+        state : object
+            As :meth:`scaled_init` and this method return it.
+
+        Returns
+        -------
+        y : ndarray of shape (n_samples,)
+        state : object
+        """
+        raise NotImplementedError
+
+    def scaled_step(self, dt, state):
+        """Return one step of :meth:`scaled_run`.
+
+        Parameters
+        ----------
+        dt : float
+            Sampling interval in s.
+        state : object
+            Before the first sample.
+
+        Returns
+        -------
+        CompiledStep
+            Of two inputs: that of the operator, and the factor.
+        """
+        raise NotImplementedError
+
+    def scaled_sensitivities(self, u, du, factor, dfactor, dt, initial_state="rest"):
+        """Return the output of :meth:`scaled_run` and its tangents.
+
+        Parameters
+        ----------
+        u : ndarray of shape (n_samples,)
+            Input.
+        du : ndarray of shape (n_samples, m)
+            Its tangents.
+        factor : ndarray of shape (n_samples,)
+            The factor.
+        dfactor : ndarray of shape (n_samples, m + p)
+            Its tangents, and its derivatives by p parameters of its own.
+        dt : float
+            Sampling interval in s.
+        initial_state : {"rest", "zero"} or array-like of shape (n_start,), default="rest"
+            As in ``init``.
+
+        Returns
+        -------
+        y : ndarray of shape (n_samples,)
+        dy : ndarray of shape (n_samples, m + n_parameters + p)
+            As ``sensitivities`` returns them, then those by the parameters of the factor.
+        """
+        raise NotImplementedError
+
+    def scaled_by_start(self, u, factor, dt, start):
+        """Return the derivatives of the output by the values that a record starts from.
+
+        Parameters
+        ----------
+        u, factor : ndarray of shape (n_samples,)
+            Input, and the factor.
+        dt : float
+            Sampling interval in s.
+        start : array-like of shape (n_start,)
+            The values.
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_start)
         """
         raise NotImplementedError
 

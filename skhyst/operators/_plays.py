@@ -214,11 +214,11 @@ def rate_play_tangents(u, du, rates, drates, thresholds, growth, weights, rate_w
 def widened_play_step(u, c, s):
     """Return a sum of plays, at one sample, whose thresholds all have grown by one factor.
 
-    ``u`` is the drive and the factor, ``c`` is (thresholds (K,), weights (K,), intercept), ``s``
-    (K,) are the plays.
+    ``u`` is the drive and the factor, ``c`` is (thresholds (K,), weights (K,), intercept, offset of
+    the drive), ``s`` (K,) are the plays.
     """
-    thresholds, weights, y = c
-    value, factor = u[0], u[1]
+    thresholds, weights, y, offset = c
+    value, factor = u[0] - offset, u[1]
     for k in range(s.size):
         slack = factor * thresholds[k]
         s[k] = clip_play(s[k], value - slack, value + slack)

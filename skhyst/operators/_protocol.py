@@ -329,6 +329,22 @@ class Operator(Part, ABC):
         y, dy = self.sensitivities(u, du, dt, initial_state)
         return y, np.ascontiguousarray(dy[:, :m])
 
+    def resampled(self, ratio: float) -> "Operator | None":
+        """Return the operator that does the same at another sampling interval.
+
+        Parameters
+        ----------
+        ratio : float
+            The new interval over that of the operator.
+
+        Returns
+        -------
+        Operator or None
+            None where no operator responds exactly alike to a drive that is between the new samples
+            as it is between the old ones.
+        """
+        return self if self.memoryless else None
+
     def by_start(self, u, dt: float, start) -> np.ndarray:
         """Return the derivatives of the output by the values of a start.
 

@@ -12,6 +12,7 @@ from urllib.request import urlopen
 import pytest
 from recordings import load_piezo_afm
 
+from skhyst.app._samples import SAMPLES
 from skhyst.persistence import load_model
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
@@ -85,6 +86,13 @@ def choose(page, widget, name):
     raise AssertionError(f"{name} cannot be chosen")
 
 
+def declare(page, name):
+    model = page.get_by_role("textbox", name="Model", exact=True)
+    model.fill(name)
+    model.press("Enter")
+    page.get_by_text("To declare one of your own").wait_for(state="detached")
+
+
 @pytest.mark.slow
 def test_other_names_and_frames_are_refused(address):
     """A page elsewhere that makes its own name mean this machine sends that name."""
@@ -121,10 +129,7 @@ def test_from_a_measured_recording_to_a_model_that_is_kept(page, address, record
     page.goto(address)
     page.locator("input[type=file]").set_input_files(recording)
     page.get_by_text("sampling rate unknown").wait_for()
-    model = page.get_by_role("textbox", name="Model", exact=True)
-    model.fill("prandtl_ishlinskii")
-    model.press("Enter")
-    page.get_by_text("To declare one of your own").wait_for(state="detached")
+    declare(page, "prandtl_ishlinskii")
     page.get_by_text("Options", exact=True).click()
     effects = page.get_by_role("combobox", name="Effects")
     for name in ("asymmetry", "lag"):
@@ -149,3 +154,28 @@ def test_from_a_measured_recording_to_a_model_that_is_kept(page, address, record
     page.wait_for_function(f"() => ({width})() <= 400")
     elsewhere = [url for url in asked if url.startswith("http") and not url.startswith(address)]
     assert elsewhere == []
+
+
+@pytest.mark.slow
+def test_a_search_goes_on_where_that_of_another_session_is_stopped(page, address):
+    other = page.context.browser.new_page()
+    other.set_default_timeout(1e3 * PATIENCE)
+    for session in (page, other):
+        session.goto(address)
+        session.get_by_role("combobox", name="Or a recording to try").click()
+        session.get_by_role("option", name=SAMPLES[0]).click()
+        session.get_by_text("1500 samples in 1 record").wait_for()
+        declare(session, "prandtl_ishlinskii")
+        session.get_by_text("Options", exact=True).click()
+        effects = session.get_by_role("combobox", name="Effects")
+        for name in ("creep", "resonance"):
+            choose(session, effects, name)
+        effects.press("Escape")
+    for session in (page, other):
+        session.get_by_role("button", name="Search").click()
+        session.get_by_role("button", name="Stop").wait_for()
+    page.get_by_role("button", name="Stop").click()
+    page.get_by_text("Stopped: the search of").wait_for()
+    other.get_by_role("heading", name="Missing: creep").first.wait_for()
+    assert other.get_by_text("Stopped:").count() == 0
+    assert page.get_by_role("heading", name="Missing: ").count() == 0

@@ -10,6 +10,7 @@ from skhyst.compose import (
     Modulated,
     OnColumn,
     ScheduledParameters,
+    SharedParameters,
     Sum,
 )
 from skhyst.control import InverseCompensator, Monitor, Observer
@@ -39,6 +40,7 @@ _EXAMPLES = {
     "Sum": lambda: Sum([("hysteresis", PrandtlIshlinskii(5)), ("offset", Offset())]),
     "Feedback": lambda: Feedback(FirstOrderLag(), SmoothCurve(2), n_substeps=1),
     "ScheduledParameters": lambda: ScheduledParameters(PrandtlIshlinskii(5)),
+    "SharedParameters": lambda: SharedParameters(PrandtlIshlinskii(5)),
     "InverseCompensator": lambda: InverseCompensator(  # at any drive: by default it is limited
         Ridge(), method="learned", drive_limits=(-1e300, 1e300), rate_limit=1e300
     ),

@@ -17,7 +17,7 @@ from sklearn.linear_model import Ridge
 from skhyst.cli import main
 from skhyst.control import InverseCompensator
 from skhyst.exceptions import ReachWarning
-from skhyst.export import to_c, to_fmu
+from skhyst.export import to_c, to_fmu, to_structured_text
 from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
 from skhyst.persistence import save_model
 from skhyst.records import read_records
@@ -125,6 +125,9 @@ def test_export_equals_python(model, model_file, reference, tmp_path):
         assert main([*call, "--force"]) == 0
         for path in to_c(model, tmp_path / "python", "stage", **same):
             assert (tmp_path / "c" / path.name).read_text() == path.read_text()
+    assert main(["export", str(model_file), "--st", str(tmp_path / "st"), "--u0", "0.5"]) == 0
+    for path in to_structured_text(model, tmp_path / "python", "stage", u0=0.5):
+        assert (tmp_path / "st" / path.name).read_text() == path.read_text()
 
 
 def test_an_fmu_equals_python(model, model_file, tmp_path, capsys):
@@ -172,6 +175,7 @@ def test_what_is_there_is_kept(model_file, tmp_path, capsys):
     [
         (["--fmu", "unit.fmu", "--dtype", "float32"], "--dtype is not an option of --fmu"),
         (["--c", "folder", "--fmi-version", "2.0"], "--fmi-version is not an option of --c"),
+        (["--st", "folder", "--sizes"], "--sizes is not an option of --st"),
         (["--fmu", "unit.zip"], r"must end in .fmu"),
         (
             ["--c", "folder", "--dtype", "int32", "--input-unit", "V"],

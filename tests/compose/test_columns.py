@@ -17,6 +17,8 @@ from skhyst.disturbance import Offset
 from skhyst.exceptions import ExtrapolationWarning
 from skhyst.hysteresis import (
     CoulombFrictionOperator,
+    FreeMass,
+    FreeMassOperator,
     PrandtlIshlinskii,
     PrandtlIshlinskiiOperator,
 )
@@ -43,6 +45,7 @@ DT, N = 0.01, 400
 
 LAG = FirstOrderLagOperator(0.05, gain=1.2)
 PLAYS = PrandtlIshlinskiiOperator([0.0, 0.3], [0.6, 0.4])
+MASS = FreeMassOperator(0.02, 0.1, 0.3, 0.5, 0.2, 0.1, force_offset=0.1, intercept=0.2)
 FRICTION = CoulombFrictionOperator(1.3, 0.8, 2.9, 0.3, 0.1, 0.3, 0.02, 0.1)
 
 
@@ -223,6 +226,18 @@ OPERATORS = {
     "widths along the drive, down to none": Scaled(
         OnColumnOperator(PLAYS, 0), 0, 0.4, 1.3, magnitude=True, scales=("thresholds",)
     ),
+    "friction of a load in motion": Scaled(
+        OnColumnOperator(MASS, 0), 1, 0.4, 0.3, magnitude=True, scales=("friction",)
+    ),
+    "friction in motion, down to none, behind a lag": Scaled(
+        OnColumnOperator(replace(MASS, stribeck_velocity=0.7, n_substeps=3), 0),
+        2,
+        0.4,
+        0.9,
+        LAG,
+        (0.1,),
+        scales=("friction",),
+    ),
     "sum": SumOperator(
         ("model", "load"),
         (
@@ -260,6 +275,12 @@ def test_derivatives_pieces_and_steps(name):
         np.testing.assert_allclose([*first, *stepper.run(U[30:])], y, atol=1e-12)
 
 
+@pytest.mark.parametrize("name", OPERATORS)
+def test_every_parameter_has_a_unit(name):
+    operator = OPERATORS[name]
+    assert list(operator.parameter_units()) == [entry for entry, _ in operator.entries()]
+
+
 @pytest.mark.parametrize("name", [name for name in OPERATORS if "along the drive" in name])
 def test_what_moves_the_drive_moves_the_column_that_it_is(name):
     operator, along, step = OPERATORS[name], np.cos(np.arange(len(U)) / 5), 1e-6
@@ -279,6 +300,54 @@ def test_friction_grows_with_the_magnitude_of_the_load():
     expected = 0.8 * (1.0 + 0.5 * np.abs(U[:, 1])) * np.tanh(v / 1.3)
     expected += 0.3 * U[:, 0] + 0.02 * v + 0.1
     np.testing.assert_allclose(operator.run(U, DT)[0], expected, rtol=1e-12)
+
+
+def loaded(mass, sensitivity, reference=0.0):
+    on_drive = OnColumnOperator(mass, 0)
+    return Scaled(on_drive, 1, reference, sensitivity, magnitude=True, scales=("friction",))
+
+
+def test_a_load_at_rest_makes_a_mass_of_another_friction():
+    """Of another Stribeck curve, too: all of the friction is that of the load."""
+    mass = replace(MASS, stribeck_velocity=0.7, n_substeps=2)
+    X = np.column_stack([U[:, 0], np.full(len(U), -5.0)])
+    other = replace(mass, friction=1.5 * mass.friction, stribeck_force=1.5 * mass.stribeck_force)
+    y = loaded(mass, 0.25, 3.0).run(X, DT)[0]
+    np.testing.assert_allclose(y, other.run(U[:, 0], DT)[0], atol=1e-12)
+
+
+def test_friction_in_motion_that_grows_steadily_is_of_second_order():
+    """A sliding mass whose load grows in proportion to time falls behind with its cube."""
+    time, errors = np.linspace(0.0, 1.0, 11), []
+    X = np.column_stack([np.full(11, 3.0), 4.0 * time])
+    expected = (3.0 - 0.5) * time**2 / 2.0 - 0.5 * 0.3 * 4.0 * time**3 / 6.0
+    for n_substeps in (1, 2):
+        mass = FreeMassOperator(1.0, 1e-9, friction=0.5, n_substeps=n_substeps)
+        errors.append(np.abs(loaded(mass, 0.3).run(X, 0.1)[0] - expected).max())
+    assert errors[0] < 1e-3
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.01)
+
+
+def test_a_mass_under_a_load_is_identified_from_where_it_starts():
+    """From a start in motion, too, whose derivatives are those of differences."""
+    rng = np.random.default_rng(0)
+    time = DT * np.arange(800)
+    u = 4.0 * np.sin(2.1 * time) + 3.0 * np.sin(6.3 * time + 1.0)
+    X = np.column_stack([u, 2.0 + 1.5 * np.sin(1.3 * time)])
+    plant = loaded(FreeMassOperator(0.5, 0.8, friction=0.4, n_substeps=4), 0.6)
+    start, step = np.array([0.3, -1.0]), 1e-6
+    y = plant.run(X, DT, plant.init(X[0], start))[0]
+    for k, slope in enumerate(plant.by_start(X, DT, start).T):
+        ends = [start + way * step * np.eye(2)[k] for way in (1.0, -1.0)]
+        ahead, behind = (plant.run(X, DT, plant.init(X[0], own))[0] for own in ends)
+        np.testing.assert_allclose(slope, (ahead - behind) / (2 * step), atol=1e-6)
+    y += 1e-3 * np.ptp(y) * rng.normal(size=800)
+    mass = FreeMass(friction=True, fit_force_offset=False, initial_state="estimate", dt=DT)
+    model = Modulated(mass, 1, scales=["friction"], magnitude=True, reference=0.0).fit(X, y)
+    expected = {"mass": 0.5, "damping": 0.8, "friction": 0.4, "sensitivity": 0.6}
+    for name, value in expected.items():
+        assert abs(model.params_[name] - value) < 4.0 * model.params_std_[name]
+    np.testing.assert_allclose(model.initial_values_, [start], atol=0.05)
 
 
 @pytest.mark.parametrize("form", ["play", "stop"])
@@ -306,6 +375,10 @@ def test_a_play_stays_until_its_slack_takes_it_along():
         (Modulated(Gain(), 1, scales="thresholds"), "'thresholds' of a PrandtlIshlinskii"),
         (Modulated(FirstOrderLag(), 1, scales=["time_constant"]), "response is linear: gain"),
         (Modulated(Gain(), 1, scales=[]), "'scales' parameter"),
+        (
+            Modulated(FreeMass(hold="bandlimited"), 1, scales=["friction"]),
+            r"\['friction'\] of a FreeMass",
+        ),
         (Modulated(Gain(), 1, degree=0), "'degree' parameter"),
     ],
 )

@@ -16,9 +16,11 @@ from skhyst.diagnosis._changes import (
     FollowedWidth,
     HeldDrive,
     InBetween,
+    InFeedback,
     InMotion,
     InStages,
     LoadedForce,
+    LoadedMotion,
     MoreTerms,
     MovedModes,
     PerRecord,
@@ -98,6 +100,7 @@ WITHOUT_COLUMNS = [
     (AtJoints(SmoothCurve(3), inner=True), {"plays, mode", "lags"}),
     (BesideForce(MaxwellSlip()), {"force"}),
     (MoreTerms(FreeMass(cubic_stiffness=True)), set()),
+    (InFeedback(SmoothCurve(3)), set()),
     (RateDependence("slope"), {"plays", "plays, mode"}),
     (InStages(False, False), {"lag", "lags"}),
     (PerRecord("amplitude", "dynamics"), DYNAMIC),
@@ -112,6 +115,7 @@ BY_A_COLUMN = [
     (FollowedWidth(), {"plays", "plays, mode"}),
     (PerRecord("column", "all"), EVERY),
     (LoadedForce(CoulombFriction()), {"force"}),
+    (LoadedMotion(MoreTerms(FreeMass(friction=True))), set()),
 ]
 
 
@@ -297,6 +301,46 @@ def test_forces_of_a_free_mass_are_added_that_it_has_not():
     assert found
     assert all(own.models[0].cubic_stiffness for own in found)
     assert cubic.trees("more", Scene(found[0], records)) == []
+
+
+def test_a_spring_bends_in_the_feedback_of_more_poles_than_those_of_a_mode():
+    """In front of all that has a gain of its own, and once; what feeds through at once has none."""
+    records, bent = recordings(), InFeedback(SmoothCurve(3))
+    poles = TransferFunctionOperator([0.05], [30.0], [0.2], [0.3, 0.1], 1.4)
+    tree = Tree.of(TransferFunction(3, n_zeros=2), poles)
+    found = bent.trees("effect", Scene(tree, records))
+    assert found
+    for own in found:
+        assert own.without("effect").operators[0].pack().tolist() == poles.pack().tolist()
+        assert own.operators[0].linear.pack().tolist() == poles.pack().tolist()
+        assert bent.trees("more", Scene(own, records)) == []
+    straight = replace(poles, numerator=np.append(poles.numerator, 0.01))
+    assert bent.trees("effect", Scene(Tree.of(TransferFunction(3), straight), records)) == []
+    behind = tree.edited(
+        "front", InsertAt(None, PrandtlIshlinskii(3), trees()["plays"].operators[0])
+    )
+    assert bent.trees("effect", Scene(behind, records)) == []
+
+
+def test_friction_of_a_mass_follows_each_load():
+    """Friction that is added, or that is there; not that of a mass behind another stage."""
+    u, rng = np.cumsum(np.random.default_rng(0).normal(size=150)), np.random.default_rng(1)
+    loads = np.column_stack([rng.normal(size=150), np.full(150, 2.0)])
+    y = np.cumsum(np.cumsum(u)) * DT**2
+    records = [RecordData(u, y, DT, auxiliary=loads)]
+    change = LoadedMotion(MoreTerms(FreeMass(friction=True)))
+    for model in (FreeMass(), FreeMass(friction=True)):
+        tree = Tree.from_result(model, model.identify(records))
+        found = change.trees("effect", Scene(tree, records))
+        assert found
+        for own in found:
+            assert own.models[0].estimator.friction
+            scaled = own.operators[0]
+            assert (scaled.column, scaled.magnitude, scaled.scales) == (1, True, ("friction",))
+            assert scaled.reference == pytest.approx(np.abs(loads[:, 0]).mean())
+            assert change.trees("more", Scene(own, records)) == []
+        behind = tree.edited("front", InsertAt(None, FirstOrderLag(), LAG))
+        assert change.trees("effect", Scene(behind, records)) == []
 
 
 def test_what_is_there_is_not_added_again():

@@ -141,6 +141,16 @@ def test_beside_other_effects_those_are_tried_that_have_helped_before(known):
     assert {own[:2] for own in rounds[4:]} == {(2, "a")}
 
 
+def test_what_fits_better_but_was_never_held_out_is_tried_beside_others(known):
+    """Others have fitted better still: nothing is known of it."""
+    contest = contest_of()
+    asked = screening(contest, {"a": 0.5, "b": 0.7, "c": 0.96, "ab": 0.4})
+    contest._fitted = lambda bases, found: [found[0][0][0]]  # the first of those in question
+    contest.extended(candidate("", 1.0))
+    contest.extended(candidate("a", 0.5), fully=False)
+    assert asked[1] == [("b", "a")]  # c fits hardly better
+
+
 def test_the_ranking_tells_what_each_effect_has_achieved(known):
     contest = contest_of()
     screening(contest, {"a": 0.5, "c": 2.0})
@@ -246,13 +256,14 @@ def test_names_are_contested_until_they_stay(known):
     contest.prune = lambda c: c
     contest._contested = lambda base, name: (
         rivals[name] and candidate(rivals[name], 0.5),
-        (f"not {name}",),
+        (f"not {name}", "a"),
     )
     base, others = contest.named(candidate("a", 0.5))
-    assert (base.structure.effects, others) == (("c",), {"c": ("not c",)})
+    assert (base.structure.effects, others) == (("c",), {"c": ("not c", "a")})
     rivals["c"] = "a"
-    base, _ = contest.named(candidate("a", 0.5))
-    assert base.structure.effects == ("a",)
+    base, others = contest.named(candidate("a", 0.5))
+    # in a circle no name is told from the one that would follow, nor is any ambiguous with itself
+    assert (base.structure.effects, others) == (("a",), {"a": ("b", "not a")})
 
 
 def test_a_rival_takes_the_place_of_what_the_noise_makes_where_something_is_needed(known):

@@ -21,6 +21,7 @@ from skhyst.diagnosis._plausibility import (
     levels_off,
     remembers,
     rings,
+    shows_its_slopes,
     slides,
     stops,
     varies_in_rate,
@@ -44,7 +45,7 @@ from skhyst.linear import (
 from skhyst.noise import largest_noise
 from skhyst.optimize import RecordData
 from skhyst.records import near_period
-from skhyst.static import DeadBandOperator, SoftSaturationOperator
+from skhyst.static import DeadBandOperator, DeadZoneOperator, SoftSaturationOperator
 
 MODE = SecondOrderModeOperator(30.0, 0.05)
 
@@ -211,6 +212,26 @@ def test_a_dead_zone_has_a_response_on_both_sides(center, stays):
     drive = np.linspace(-2.0, 2.0, 401)
     operator = DeadBandOperator(half_width=0.4, center=center)
     assert (goes_on(operator, operator.run(drive, 0.1)[0], []) > 0.0) == stays
+
+
+@pytest.mark.parametrize(
+    ("thresholds", "side", "stays"),
+    [
+        ([0.5], [1], True),
+        ([0.95], [1], False),  # 3 % of the motion
+        ([-0.95], [-1], False),
+        ([0.95], [-1], False),  # the piece behind it is that without it
+        ([0.5, 1.2], [1, 1], True),  # one that is never reached
+        ([-0.7, 0.3, 0.9], [-1, 1, 1], False),
+    ],
+)
+def test_the_slope_beyond_a_kink_is_seen_over_a_tenth_of_the_motion(thresholds, side, stays):
+    side = np.array(side)
+    zones = DeadZoneOperator(np.full(len(side), 0.1), np.array(thresholds), side)
+    motion = zones.run(np.linspace(-1.0, 1.0, 50), 0.1)[0]
+    for unit in (1e-9, 1.0, 1e6):
+        own = replace(zones, thresholds=unit * zones.thresholds)
+        assert (shows_its_slopes(own, unit * motion, []) >= 0.0) == stays
 
 
 @pytest.mark.parametrize(

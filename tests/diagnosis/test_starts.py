@@ -21,6 +21,7 @@ from skhyst.linear import (
     DynamicStiffness,
     FirstOrderLag,
     FirstOrderLagOperator,
+    Gain,
     LinearOperator,
     SecondOrderMode,
     SecondOrderModeOperator,
@@ -29,7 +30,7 @@ from skhyst.linear import (
 )
 from skhyst.operators import OnColumnOperator, Scaled, Series
 from skhyst.optimize import RecordData
-from skhyst.static import DeadBand, DeadBandOperator, SaturationOperator
+from skhyst.static import DeadBand, DeadBandOperator, SaturationOperator, SoftSaturation
 
 KINDS = plants.EFFECTS[:11]  # those that are a stage of their own, or beside the model
 SEED = 9000
@@ -101,6 +102,22 @@ def test_a_stage_behind_a_hysteresis_leaves_the_gain_to_it(name):
             np.testing.assert_allclose(settled, 3.0 * prompt, rtol=1e-9)
             gained = len(candidate.problem(records).x0) - own
             assert gained < stage.n_parameters + 1
+
+
+def test_a_hysteresis_before_a_curve_leaves_the_curve_what_it_has_seen():
+    """Without any weight it would respond nothing, and the curve would follow that."""
+    u = np.interp(np.arange(500), [0, 60, 180, 300, 420, 499], [0.0, 1.0, -1.0, 1.0, -1.0, 0.0])
+    play = PrandtlIshlinskiiOperator([0.3], [1.0])
+    y = np.tanh(2.0 * play.run(u, 0.01)[0])
+    records = [RecordData(u, y, 0.01)]
+    model = Cascade([("gain", Gain()), ("curve", SoftSaturation(fit_center=False))])
+    tree = Tree.from_result(model, model.identify(records))
+    ((start,),) = starting_trees(EFFECTS["hysteresis"], tree, records)
+    assert start.names == ("hysteresis", "gain", "curve")
+    np.testing.assert_allclose(start.respond(records)[0], tree.respond(records)[0], atol=1e-9)
+    base = Candidate((), tree, np.inf, np.inf, 0, np.empty(0))
+    with_curve, with_both = (refitted(base, own, records).cost for own in (tree, start))
+    assert with_both < 1e-3 * with_curve
 
 
 def nearest(found, name, parameter, truth):

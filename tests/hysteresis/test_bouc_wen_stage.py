@@ -57,7 +57,7 @@ def test_first_loading(shape, exponent):
         return slope / (1.0 + slope)
 
     expected = solve_ivp(rates, (0.0, 0.7), [0.0], rtol=1e-10, atol=1e-12).y[0, -1]
-    q, _, force, _ = stage.init(0.7)
+    q, _, force, *_ = stage.init(0.7)
     assert force == pytest.approx(expected, rel=1e-6)
     assert q + force == pytest.approx(0.7)
 
@@ -94,10 +94,10 @@ def test_no_law_with_positive_beta_is_a_source(shape, seed, dt):
     limit = 0.5 / (1.0 + shape) if shape > -1.0 else 0.5
     rng = np.random.default_rng(seed)
     drive = 0.3 * rng.normal()
-    state = (*(0.3 * rng.normal(size=2)), 0.99 * limit * rng.uniform(-1.0, 1.0), drive)
+    state = (*(0.3 * rng.normal(size=2)), 0.99 * limit * rng.uniform(-1.0, 1.0), drive, 1.0)
     energies = []
     for _ in range(30):
-        q, p, f, _ = state
+        q, p, f, *_ = state
         stored = quad(lambda x: x / (3.0 * (1.0 - shape * x / 0.5)), 0.0, abs(f))[0]
         energies.append(0.5 * (p * p + (q - drive) ** 2) + stored)
         state, _ = stage.step(state, drive, dt)

@@ -116,7 +116,7 @@ def reference(law, stage, u, dt, **options):
     """Integrate the equation of motion in its physical quantities, from sample to sample."""
     p = stage.physical(mass=3.0)
     rates = motion(law, p, getattr(stage, "exponent", 1.0))
-    x, _, z, _ = stage.init(u[0])
+    x, _, z, *_ = stage.init(u[0])
     s, found = [stage.gain * x, 0.0, p["drive_gain"] * z], [stage.gain * x]
     for before, after in pairwise(u):
 
@@ -209,7 +209,7 @@ def test_way_before_sliding(stage):
     """On it the force would reach its level if it kept its first slope."""
     level = 0.2 if stage is BILINEAR else 0.3
     moved = dataclasses.replace(stage, gain=-2.0)
-    q, _, force, _ = moved.init(1e-7)
+    q, _, force, *_ = moved.init(1e-7)
     assert moved.presliding_displacement == pytest.approx(2.0 * level * q / force, rel=1e-5)
     assert RestoringForceOperator(W, ZETA, [0.1], [], 0.0, 0.5).presliding_displacement is None
 
@@ -252,10 +252,10 @@ def test_energy_is_dissipated_at_any_step(make, logs, part, exponent, damping, s
         limit *= min((1.0 + part) ** (-1.0 / exponent) if part > -1.0 else np.inf, 1e3)
     rng = np.random.default_rng(seed)
     drive = rng.normal()
-    state = (*rng.normal(size=2), limit * rng.uniform(-1.0, 1.0), drive)
+    state = (*rng.normal(size=2), limit * rng.uniform(-1.0, 1.0), drive, 1.0)
     energies = []
     for _ in range(50):
-        q, p, f, _ = state
+        q, p, f, _, _ = state
         assert make is not some_bilinear or abs(f) <= level
         if make is some_stops:  # the spring of a stop
             beyond = max(abs(q) - level, 0.0)
@@ -280,6 +280,25 @@ def test_rest_is_reached_by_a_slow_first_loading(stage):
     for end in (0.05, 1.3, -0.8):
         _, state = stage.run(np.linspace(0.0, end, 20001), 0.01, stage.init(0.0))
         np.testing.assert_allclose(state, stage.init(end), atol=2e-4)
+
+
+@pytest.mark.parametrize("stage", [FRICTION, BOUC_WEN, BILINEAR, STOPS])
+def test_a_start_from_zero_begins_at_the_first_sample(stage):
+    """Nothing moves the stage before: a drive of straight lines is the same at any interval."""
+    u = 1.0 + 0.3 * walk(40)
+    fine = np.interp(np.arange(391) / 10, np.arange(40), u)
+    stage = dataclasses.replace(stage, gain=-2.0, intercept=1.0, n_substeps=10)
+    y, _ = stage.run(u, 0.02, stage.init(u[0], "zero"))
+    assert y[0] == 1.0
+    again = stage.resampled(0.1)
+    assert again.n_substeps == 1
+    np.testing.assert_allclose(again.run(fine, 0.002, again.init(u[0], "zero"))[0][::10], y)
+    parts = [u[:1], u[1:9], u[9:]]
+    state, found = stage.init(u[0], "zero"), []
+    for part in parts:
+        own, state = stage.run(part, 0.02, state)
+        found.append(own)
+    np.testing.assert_array_equal(np.concatenate(found), y)
 
 
 @pytest.mark.parametrize("upper", [0.1, 0.6743709337368877])

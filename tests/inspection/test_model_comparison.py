@@ -8,8 +8,13 @@ from skhyst.discovery import parse_model
 from skhyst.exceptions import RecordError
 from skhyst.hysteresis import BacklashOperator, PrandtlIshlinskii
 from skhyst.inspection import ModelComparisonDisplay, compare_models
-from skhyst.inspection._model_comparison import _JOINED, _SINGLE
-from skhyst.linear import FirstOrderLag, Gain, SecondOrderMode, SecondOrderModeOperator
+from skhyst.inspection._model_comparison import _JOINED, _PARTS, _SINGLE, _taken
+from skhyst.linear import (
+    FirstOrderLag,
+    Gain,
+    SecondOrderMode,
+    SecondOrderModeOperator,
+)
 from skhyst.records import stack_records
 
 QUICK = {
@@ -54,6 +59,8 @@ def test_every_default_model_is_one_that_can_be_declared_by_its_name():
     for name, (model, about) in (_SINGLE | _JOINED).items():
         assert repr(parse_model(name)) == repr(model)
         assert about
+    assert _PARTS.keys() == _JOINED.keys()
+    assert {part for parts in _PARTS.values() for part in parts} <= _SINGLE.keys()
 
 
 def test_a_model_of_two_mechanisms_is_shown_and_not_taken():
@@ -67,6 +74,26 @@ def test_a_model_of_two_mechanisms_is_shown_and_not_taken():
     assert "9 times smaller" in display.reason
     assert str(display).splitlines()[1].split() == [">", "one", "9", "%"]
     assert len(display.plot().ax_.lines) == 2
+
+
+@pytest.mark.parametrize(
+    ("tanks", "taken"),
+    [
+        (2.3, ("prandtl_ishlinskii+first_order_lag", "first_order_lag", None)),
+        (0.5, (None, "tank_chain", None)),
+    ],
+)
+def test_a_part_is_taken_of_two_mechanisms_that_explain_far_more(tanks, taken):
+    """From another model that comes nearer alone a search would have to find both."""
+    errors = dict.fromkeys(_SINGLE, 6.9) | dict.fromkeys(_JOINED, 0.6)
+    errors |= {"prandtl_ishlinskii": 3.2, "first_order_lag": 2.5, "tank_chain": tanks}
+    errors |= {
+        "prandtl_ishlinskii+first_order_lag": 0.2,
+        "prandtl_ishlinskii+second_order_mode": 0.199,
+    }
+    table = pd.Series(errors).to_frame("error")
+    table["single"] = table.index.isin(list(_SINGLE))
+    assert _taken(table, {name: 5 * [error**2] for name, error in errors.items()}) == taken
 
 
 def test_a_model_that_cannot_be_fitted_has_no_error():

@@ -335,3 +335,13 @@ def test_what_has_no_state_of_rest_begins_at_zero():
     """Two integrators: a fit may come by a mode of no frequency."""
     nowhere = TransferFunctionOperator(np.empty(0), np.zeros(1), np.array([0.3]), np.array([2.0]))
     np.testing.assert_array_equal(nowhere.run(np.ones(5), DT)[0], 0.0)
+
+
+def test_clocks_go_on_where_a_record_is_cut():
+    u, shift = np.random.default_rng(0).normal(size=60), TimeShiftOperator(0.05, skew=0.02)
+    whole, _ = shift.run(u, 0.01)
+    state, parts = None, []
+    for part in (u[:20], u[20:33], u[33:]):
+        y, state = shift.run(part, 0.01, state)
+        parts.append(y)
+    np.testing.assert_allclose(np.concatenate(parts), whole, atol=1e-12)

@@ -335,7 +335,7 @@ def _fault(case, outcome, found):
         frequencies = [
             own["value"] * (1.0 if own["unit"] == "Hz" else 0.5 / np.pi)
             for own in found["parameters"]["augmented"]
-            if own["name"].endswith("natural_frequency")
+            if "natural_frequenc" in own["name"]
         ]
         if not frequencies or abs(frequencies[0] / _MODE - 1.0) > _TOLERANCE:
             return f"frequencies {frequencies}"

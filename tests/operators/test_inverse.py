@@ -15,6 +15,7 @@ from skhyst.linear import (
 )
 from skhyst.operators import RootInverseOperator, Series, Stepper, SumOperator, inverse_of
 from skhyst.operators._root_inverse import _plain
+from skhyst.operators._window_inverse import solve
 
 TIME = DT * np.arange(300)
 WINDOW = np.clip(np.minimum(TIME - 0.5, 2.5 - TIME) / 0.5, 0.0, 1.0)
@@ -260,3 +261,14 @@ def test_a_root_takes_a_bounded_number_of_steps_whatever_the_law(law, limits, mo
         assert n_steps <= most
         digit = 2.0**-51 * max(abs(u), abs(u - before))
         assert sign * law(u - digit) <= sign * y <= sign * law(u + digit)
+
+
+@given(st.integers(2, 7), st.integers(0, 99))
+def test_equations_of_a_window_are_solved(p, seed):
+    """With one diagonal above the main one, and small entries on it, so that rows change places."""
+    rng = np.random.default_rng(seed)
+    m, e = np.tril(rng.normal(size=(p, p)), 1), rng.normal(size=p)
+    m[np.diag_indices(p)] *= 1e-3
+    found = np.empty(p)
+    solve(m.ravel().copy(), e.copy(), found)
+    np.testing.assert_allclose(m @ found, e, atol=1e-9 * np.abs(found).max())

@@ -119,6 +119,13 @@ def test_dead_band_and_clipping_add_up_to_the_drive(u):
     np.testing.assert_allclose(band.run(u, DT)[0] + np.clip(u, -0.3, 0.5), u, atol=1e-14)
 
 
+def test_a_slew_limit_holds_under_any_drive():
+    """However large the drive is: the output is no difference of large numbers."""
+    u = np.append(0.0, 1e12 * np.random.default_rng(0).uniform(-1.0, 1.0, 200))
+    y, _ = SlewLimitOperator(0.37).run(u, DT)
+    assert np.abs(np.diff(y)).max() <= 0.37 * DT * (1.0 + 1e-12)
+
+
 def test_slew_limit_of_a_slow_drive_is_the_drive(u):
     fastest = np.abs(np.diff(u)).max() / DT
     np.testing.assert_array_equal(SlewLimitOperator(fastest).run(u, DT)[0], u)

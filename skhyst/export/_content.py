@@ -1,0 +1,297 @@
+"""What a program computes, whatever its language: a step, its rest, and the drives of its test."""
+
+from dataclasses import dataclass
+from numbers import Real
+
+import numpy as np
+
+from .._validation import finite_numbers
+from ..operators import Signal, Stepper
+from ..records import chosen_interval
+from ._interpreter import Interpreter
+from ._model import model_step
+from ._rest import rest_rules
+from ._single import check_single
+from ._tunable import derived, entries_of
+
+TOLERANCES = {"float64": 1e-12, "float32": 1e-6}  # as fractions of the response's range
+_N_TEST = 200
+
+
+class Source:
+    """A model as a stepper, and how it is made again; parameters are those of :func:`to_c`.
+
+    Attributes
+    ----------
+    stepper : Stepper
+        In the state from which the program begins.
+    dt : float or None
+    step : Slice
+        The step of the whole model.
+    n_inputs : int
+    by_row : bool
+        Whether a step takes an array.
+    entries : tuple of Entry
+        Parameters that can be changed at run time.
+    tuned : Derived or None
+        The constants that follow from them.
+    """
+
+    def __init__(self, model, dtype, dt, initial_state, u0, tunable, form, tolerance):
+        if form not in ("table", "step"):
+            raise ValueError(
+                f"The 'form' parameter of to_c must be 'table' or 'step'. Got {form!r} instead."
+            )
+        if tolerance is not None and not (isinstance(tolerance, Real) and 0.0 < tolerance < np.inf):
+            raise ValueError(
+                "The 'tolerance' parameter of to_c must be a number above 0 or None. Got "
+                f"{tolerance!r} instead."
+            )
+        self.what, self.u0, self.entries, self.tuned = type(model).__name__, u0, (), None
+        self._tolerance = TOLERANCES.get(dtype) if tolerance is None else float(tolerance)
+        self._dtype, self._form, self._given = dtype, form, (dt, initial_state)
+        self._remembers = isinstance(model, Stepper) or hasattr(model, "bound")
+        if tunable:
+            if dtype == "int32" or self._remembers:
+                raise ValueError(
+                    "The 'tunable' parameter of to_c must be empty for 'int32', whose numbers are "
+                    "sized by their constants, and for steppers, whose model is not known. Got "
+                    f"{tunable!r} instead."
+                )
+            self.entries, self._with_values = entries_of(model, tunable)
+            model = self._with_values([entry.value for entry in self.entries])
+        self._model = model
+        self.stepper, self.dt = self._made(model, u0)
+        self.compiled_step = self.stepper.compiled_step
+        only = self.compiled_step.double_only
+        if only and not (dtype == "float64" or (dtype == "float32" and tolerance)):
+            raise ValueError(
+                f"The 'dtype' parameter of to_c must be 'float64' for {only}, or 'float32' with a "
+                f"'tolerance'. Got {dtype!r} instead."
+            )
+        self.by_row = self.compiled_step.n_inputs is not None
+        self.n_inputs = self.compiled_step.n_inputs or 1
+        if tunable:
+            self.tuned = derived(
+                self.entries, lambda x: self._at_rest(u0, self._with_values(x)).compiled_step
+            )
+        self.step = model_step(self.compiled_step, tuned=self.tuned)
+
+    def _made(self, model, level):
+        stepper, dt = stepper_of(model, *self._given, level)
+        return (_compacted(stepper) if self._form == "step" else stepper), dt
+
+    def _at_rest(self, level, model):
+        """Return the stepper of a model at rest at a level, (n_inputs,) or as ``u0``."""
+        if np.ndim(level) and not self.by_row:
+            level = float(level[0])
+        return self._made(model, level)[0]
+
+    def inputs(self, drive):
+        """Return a drive of the test (n_samples, n_inputs), the default where it is None."""
+        if drive is not None:
+            return _columns(drive, self.n_inputs)
+        part = np.arange(_N_TEST) / _N_TEST  # turning points at many levels, a smooth start
+        swing = np.sin(2 * np.pi * 5 * part) * (1.0 - part) + 0.3 * np.sin(2 * np.pi * 17 * part)
+        return _at(self.u0, _N_TEST, self.n_inputs) + swing[:, None] / 1.3
+
+    def deviates(self, drive):
+        """Return lines on how far the response without tables is from that of the model."""
+        if self._form == "table":
+            return []
+        expected = answers(stepper_of(self._model, *self._given, self.u0)[0], drive)
+        error = np.abs(answers(self.stepper, drive) - expected).max()
+        error /= np.ptp([0.0, *expected]) or 1.0
+        return [
+            f"Laws are integrated instead of looked up: within {1.05 * error:.1e} of the range",
+            "of the model's response under the drive of the test.",
+        ]
+
+    def tested(self, drive):
+        """Return the :class:`Expected` of the program in floating point under a drive."""
+        number = np.dtype(self._dtype).type
+        drive = self.inputs(drive).astype(number).astype(float)
+        rules = ends = level = values = None
+        if not self._remembers:
+            rules, ends = rest_rules(lambda at: self._at_rest(at, self._model), drive)
+        tuned = () if self.tuned is None else self.tuned.first
+        runs = [(self.stepper.copy(), tuned)]
+        if rules is not None:
+            level = (0.61 * drive.max(axis=0) + 0.39 * drive.min(axis=0)).astype(number)
+            runs.append((self._at_rest(level.astype(float), self._model), tuned))
+        if self.tuned is not None:
+            low, high = np.transpose([(entry.low, entry.high) for entry in self.entries])
+            values = low + (high - low) * np.where(np.arange(len(low)) % 2, 0.3, 0.7)
+            values = values.astype(number).astype(float)
+            changed = self._with_values(values)
+            other = Stepper(self._at_rest(self.u0, changed).compiled_step)
+            other.state = self.stepper.state
+            others, _ = rest_rules(lambda at: self._at_rest(at, changed), drive)
+            pairs = zip(rules or (), others or (), strict=False)
+            if not (rules and others and all(a.agrees(b) for a, b in pairs)):
+                rules = None  # the rest depends on the parameters
+                del runs[1:]
+            runs.append((other, self.tuned.at(values)))
+        outputs = [answers(stepper, drive) for stepper, _ in runs]
+        span = np.ptp([0.0, *np.ravel(outputs)]) or 1.0
+        tolerance = max(self._tolerance, 2.0 * self._rounded(drive, runs, outputs, number) / span)
+        if self._dtype == "float32":
+            for (stepper, own), y in zip(runs, outputs, strict=True):
+                check_single(self.step, stepper.state, drive, y, span, tolerance, own)
+        last = self.stepper.output
+        last = answers(self.stepper, _at(self.u0, 1, self.n_inputs))[0] if last is None else last
+        return Expected(drive, outputs, span, tolerance, last, rules, ends, level, values)
+
+    def _rounded(self, drive, runs, outputs, number):
+        """Return the largest change of the responses under rounding."""
+        # errors of the input: alternating, and of one sign
+        eps = np.finfo(number).eps
+        rounding = 0.5 * eps * (1.0 - 2.0 * (np.arange(len(drive)) % 2))
+        moved = max(
+            np.abs(answers(stepper, drive * (1.0 + each[:, None])) - own).max()
+            for (stepper, _), own in zip(runs, outputs, strict=True)
+            for each in (rounding, -rounding, abs(rounding), -abs(rounding))
+        )
+        if self.tuned is not None:  # and of the constants, which the program computes
+            alternating = 1.0 - 2.0 * (np.arange(len(self.tuned.first)) % 2)
+            for sign in (alternating, -alternating):
+                off = runs[-1][1] * (1.0 + 2.0 * eps * sign)
+                device = Interpreter(self.step, self.stepper.state, off)
+                moved = max(moved, np.abs([device.answer(u) for u in drive] - outputs[-1]).max())
+        return moved
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What the test of a program in floating point expects.
+
+    Parameters
+    ----------
+    drive : ndarray of shape (n_samples, n_inputs)
+    outputs : list of ndarray of shape (n_samples,)
+        From the first state; from rest at another level where that is known; with other parameters
+        where they can be changed.
+    span, tolerance : float
+        Range of the outputs, and the error that is allowed, relative to it.
+    last : float
+        Output before the first sample.
+    rules : list of Rule or None
+        How the parts are put to rest, None where that is not known.
+    ends : ndarray of shape (2, n_inputs) or None
+        Inputs for which the rules hold.
+    level : ndarray of shape (n_inputs,) or None
+        The other level.
+    values : ndarray of shape (n_entries,) or None
+        The other parameters.
+    """
+
+    drive: np.ndarray
+    outputs: list
+    span: float
+    tolerance: float
+    last: float
+    rules: list | None
+    ends: np.ndarray | None
+    level: np.ndarray | None
+    values: np.ndarray | None
+
+
+def answers(stepper, drive):
+    """Return the response (n_samples,) of the Python model to a drive (n_samples, n_inputs)."""
+    device, row = stepper.copy(), stepper.compiled_step.n_inputs
+    return np.array([device.step(u if row else u[0]) for u in drive])
+
+
+def _compacted(stepper):
+    """Return a stepper whose laws do without tables, in the same state."""
+    step = stepper.compiled_step.compacted()
+    if not np.array_equal(stepper.state, stepper.compiled_step.state):
+        raise ValueError(
+            "The 'form' parameter of to_c must be 'table' for a stepper under way. Got 'step' "
+            "instead."
+        )
+    signals = {"inputs": stepper.inputs, "result": stepper.result, "preview": stepper.preview}
+    return Stepper(step, stepper.dt, **signals)
+
+
+def stepper_of(model, dt, initial_state, u0):
+    """Return a model as a stepper, and the sampling interval, None where it is not known."""
+    dt = None if dt is None else chosen_interval((), dt, "to_c")
+    finite_numbers(u0, "to_c", "u0", "a finite number, or one for each input")
+    if hasattr(model, "stepper"):
+        more = {} if initial_state is None else {"initial_state": initial_state}
+        model = model.stepper(dt, *([u0] if np.any(u0) else []), **more)
+    elif hasattr(model, "init"):
+        if dt is None:
+            raise ValueError("The 'dt' parameter of to_c must be given, in s, for an operator.")
+        model = model.compiled_step(dt, model.init(u0, initial_state or "rest"))
+    if hasattr(model, "bound"):
+        model = Stepper(model)
+    if not isinstance(model, Stepper):
+        raise TypeError(
+            "The 'model' parameter of to_c must be a fitted model, or have a 'stepper' that "
+            f"is a Stepper, or an operator. Got {model!r} instead."
+        )
+    return model, model.dt if dt is None else dt
+
+
+def legend(stepper, dt, units):
+    """Return lines that say what goes in and what comes out, and those on the preview.
+
+    Returns
+    -------
+    signals : list of str
+        One for each input, and for the output.
+    preview : list of str
+    """
+    input_unit, output_unit = units
+    n = stepper.compiled_step.n_inputs
+    signals = (*(stepper.inputs or (Signal("input"),) * (n or 1)), stepper.result)
+    signals = [*signals[:-1], signals[-1] or Signal("output")]
+    listed = isinstance(input_unit, list | tuple)
+    named = [*(input_unit if listed else [input_unit] * (n or 1)), output_unit]
+    if len(named) != len(signals) or not all(u is None or isinstance(u, str) for u in named):
+        raise ValueError(
+            "The 'input_unit' and 'output_unit' parameters of to_c must be names of units, of the "
+            f"inputs one name or {n or 1}. Got {input_unit!r} and {output_unit!r} instead."
+        )
+    lines = []
+    for unit, signal in zip(named, signals, strict=True):
+        text = signal.name + (f" in {unit}" if unit else "")
+        if signal.is_limited:
+            text += f"; the fit has seen {signal.low:.9g} to {signal.high:.9g}"
+            text += f" and {signal.rate:.9g} per s" if np.isfinite(signal.rate) else ""
+        for mark in ("*/", "/*", "(*", "*)"):  # those of comments
+            text = text.replace(mark, " ".join(mark))
+        lines.append(" ".join(text.split()))
+    if not stepper.preview:
+        return lines, []
+    seconds = "" if dt is None else f", {stepper.preview * dt:.6g} s,"
+    return lines, [
+        f"What it returns belongs to the input {stepper.preview} samples{seconds} earlier: give",
+        "the reference early by this preview.",
+    ]
+
+
+def watched_ends(stepper, eps):
+    """Yield signal, ends of its range, and largest change, with the rounding of their type."""
+    for k, low, high, change in stepper.watched:
+        rounding = eps * max(abs(x) for x in (low, high, 0.0) if np.isfinite(x))
+        yield k, low - rounding, high + rounding, change + 2.0 * rounding
+
+
+def _columns(drive, n_inputs):
+    """Return a drive as an array (n_samples, n_inputs), without further columns."""
+    drive = np.asarray(drive, dtype=float)
+    drive = drive[:, None] if drive.ndim == 1 else drive
+    if drive.shape[1] < n_inputs:
+        raise ValueError(
+            f"The 'drive' parameter of to_c must have {n_inputs} columns. Got {drive.shape[1]} "
+            "instead."
+        )
+    return drive[:, :n_inputs]
+
+
+def _at(u0, n_samples, n_inputs):
+    """Return an input that rests, (n_samples, n_inputs)."""
+    return np.zeros((n_samples, n_inputs)) + np.ravel(u0)[:n_inputs]
