@@ -6,13 +6,18 @@ from scipy.signal import lfilter
 from sklearn.linear_model import Ridge
 
 from skhyst import diagnosis
+from skhyst.compose import Cascade
 from skhyst.diagnosis import EFFECTS, EffectSearchCV, LawAt, unregister_effect
 from skhyst.diagnosis._candidates import refitted, screened
-from skhyst.hysteresis import RestoringForceOperator
+from skhyst.hysteresis import (
+    PrandtlIshlinskii,
+    PrandtlIshlinskiiOperator,
+    RestoringForceOperator,
+)
 from skhyst.linear import SecondOrderMode, SecondOrderModeOperator
 
 N, DT, NOISE = 1500, 1e-3, 0.02
-MODE = SecondOrderModeOperator(100.0, 0.3)
+MODE, DECLARED = SecondOrderModeOperator(100.0, 0.3), SecondOrderMode(dt=DT)
 
 
 def smooth_noise(seed):
@@ -28,9 +33,9 @@ RATE = np.diff(U, prepend=U[0]) / DT
 DAMPING = 3e-6 * np.abs(RATE) * RATE
 
 
-def search(y, X=U[:, None], **params):
+def search(y, X=U[:, None], declared=DECLARED, **params):
     params = {"max_effects": 0, "cv": 3, "unknown": True, "random_state": 0} | params
-    return EffectSearchCV(SecondOrderMode(dt=DT), **params).fit(X, y)
+    return EffectSearchCV(declared, **params).fit(X, y)
 
 
 def noise(seed):
@@ -140,6 +145,22 @@ def test_what_a_black_box_predicts_beside_the_term_is_told():
     assert own["black box"] > 0.1 * (1.0 - own["declared model"])
     assert own["nothing"] < found.error_after**2 / np.var(y)
     assert "black box" in searched.report().to_text().split("in power: ")[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_force_in_the_motion_of_a_mode_before_or_behind_a_hysteresis(order):
+    mode = RestoringForceOperator(100.0, 0.2, [], [4e-4], 0.0, 1.0, scale=0.5)
+    plays = PrandtlIshlinskiiOperator([0.0, 0.3, 0.8], [1.0, 0.4, 0.3])
+    y = U
+    for operator in (mode, plays)[::order]:
+        y = operator.run(y, DT)[0]
+    hysteresis = PrandtlIshlinskii(thresholds=plays.thresholds)
+    stages = [("mode", SecondOrderMode()), ("plays", hysteresis)][::order]
+    found = search(y + noise(9), declared=Cascade(stages, dt=DT)).unknown_
+    assert (found.place, found.argument) == ("motion of mode", "velocity")
+    assert found.error_after < 1.2 * NOISE < found.error_before
+    assert "odd" in found.shape
 
 
 def test_report(notched):
