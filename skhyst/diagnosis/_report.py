@@ -267,7 +267,8 @@ class Report:
                 lines.append(f"    {_PROVISIONAL}")
         if self.unknown:
             less = _error(self, (self.unknown["second"] or self.unknown)["error_after"])
-            lines.append(f"unexplained: {self.unknown['text']}; with it the error is {less}")
+            them = "both" if self.unknown["second"] else "it"
+            lines.append(f"unexplained: {self.unknown['text']}; with {them} the error is {less}")
             lines += [f"  {self.unknown['code']}"] if self.unknown["code"] else []
         errors = [_error(self, value) for value in (self.error_before, self.error_after)]
         parts = ", ".join(f"{name} {share(value)}" for name, value in _parts(self).items())
