@@ -36,7 +36,7 @@ from ..metrics import closed_loops, figures_of
 from ..records import by_interval, record_names
 from ._constants import NOTICEABLE
 from ._effects import EFFECTS
-from ._location import locate
+from ._location import locate, strongest
 from ._next_experiment import next_experiment
 from ._pictures import Picture
 from ._reference import column_of
@@ -44,6 +44,7 @@ from ._report_text import chance, change, listed, number, percent, plus_minus, s
 
 _NO_SETTINGS = ("estimator", "effects", "n_jobs", "verbose")
 _WIDTH = 6.2  # inches, of a picture
+_MOVED = 3  # parameters that are said to move, those that do most
 _LOOPS = 24  # of the recording, those with the most cycles
 _PICTURES = {  # height in inches, what it is, and axes
     "course": (4.6, "Response over time, measured and modelled", (2, 1)),
@@ -145,6 +146,9 @@ class Report:
         :meth:`Unknown.to_dict` returns it; None where there is none.
     explained : dict of str to float
         What explains the response, as parts of its power, see ``explained_`` of the search.
+    parameters_without : list of dict
+        Parameters that move by more than their errors explain when the part of the samples at which
+        the residual is largest is left out of the fit, see ``parameters_without_``.
     dropped, next_steps : list of str
         Effects that were in the model for a time, and what to measure next.
 
@@ -262,8 +266,9 @@ class Report:
             if claim["provisional"]:
                 lines.append(f"    {_PROVISIONAL}")
         if self.unknown:
-            less = _error(self, self.unknown["error_after"])
-            lines.append(f"unexplained: {self.unknown['text']}; with it the error is {less}")
+            less = _error(self, (self.unknown["second"] or self.unknown)["error_after"])
+            them = "both" if self.unknown["second"] else "it"
+            lines.append(f"unexplained: {self.unknown['text']}; with {them} the error is {less}")
             lines += [f"  {self.unknown['code']}"] if self.unknown["code"] else []
         errors = [_error(self, value) for value in (self.error_before, self.error_after)]
         parts = ", ".join(f"{name} {share(value)}" for name, value in _parts(self).items())
@@ -399,6 +404,7 @@ def _collect(search, command, held_out, comparison, experiment):
         "suspects": search.suspects_.to_dict("records"),
         "unknown": None if search.unknown_ is None else search.unknown_.to_dict(),
         "explained": search.explained_,
+        "parameters_without": _moved(search),
         "warnings": search.warnings_,
     }
     return json.loads(json.dumps(entries, default=_plain), parse_constant=lambda _: None)
@@ -547,8 +553,15 @@ def _comparison(comparison):
 def _location(table, slices):
     """Return the strongest entry of each way to look at the residual."""
     labels = {name: str(name) for name in record_names(slices)}  # the table holds 1 as 1.0
-    strongest = table[table["concentration"] > 1.5].groupby("by", sort=False).head(1)
-    rows = strongest.to_dict("records")
+    rows = strongest(table).to_dict("records")
+    return [{**row, "record": labels.get(row["record"])} for row in rows]
+
+
+def _moved(search):
+    """Return the parameters that move when where the residual is strongest is left out."""
+    labels = {name: str(name) for name in record_names(search.records_)}
+    table = search.parameters_without_
+    rows = table[table["moved"].astype(bool)].to_dict("records")
     return [{**row, "record": labels.get(row["record"])} for row in rows]
 
 
@@ -758,6 +771,15 @@ def _remarks(report):
             for row in report.suspects[:2]
         )
         yield f"Most likely missing, but not sure: {most}."
+    for place in dict.fromkeys(map(_place, report.parameters_without)):
+        rows = [row for row in report.parameters_without if _place(row) == place]
+        rows.sort(key=lambda row: -abs(row["value_without"] - row["value"]) / row["std_without"])
+        moved = listed(
+            f"{row['parameter']} is {plus_minus(row['value_without'], row['std_without'])} instead "
+            f"of {plus_minus(row['value'], row['std'])}"
+            for row in rows[:_MOVED]
+        )
+        yield f"Without the samples {place}, where the residual is large, {moved}."
     if dropped:
         was, them = ("was", "it") if len(dropped) == 1 else ("were", "them")
         yield f"{listed(dropped)} {was} tried in the model: nothing is lost without {them}."
@@ -838,26 +860,36 @@ def _looks(location):
     Examples
     --------
     >>> row = {"by": "frequency", "record": None, "low": 10.0, "high": 20.0, "unit": "Hz"}
-    >>> _looks([row | {"concentration": 4.0}]), _looks([])
-    ('from 10.0 to 20.0 Hz (4.0 times the mean power)', '')
+    >>> row |= {"concentration": 4.0, "concentration_low": 3.0, "concentration_high": 5.0}
+    >>> _looks([row]), _looks([])
+    ('from 10.0 to 20.0 Hz (4.0 times the mean power, 3.0 to 5.0)', '')
     """
+    keys = "concentration", "concentration_low", "concentration_high"
+    rows = [(_place(row), *(number(row[key], 2) for key in keys)) for row in location]
+    return "; ".join(
+        f"{place} ({times} times the mean power, {low} to {high})"
+        for place, times, low, high in rows
+    )
+
+
+def _place(row):
+    """Say which part of the samples, or of the frequencies, a row is about."""
     places = {
         "record": "in record {record}",
         "time": "from {low} to {high} {unit} of record {record}",
         "drive": "where the drive is from {low} to {high}{known}",
+        "amplitude": "where the amplitude of the drive is from {low} to {high}{known}",
         "rate": "where the drive's rate is from {low} to {high}{known}",
+        "direction": "where the drive is {way}",
         "frequency": "from {low} to {high} {unit}",
     }
-    return "; ".join(
-        places[row["by"]].format(
-            record=row["record"],
-            low=number(row["low"]),
-            high=number(row["high"]),
-            unit=row["unit"],
-            known="" if row["unit"].startswith("drive") else f" {row['unit']}",
-        )
-        + f" ({number(row['concentration'], 2)} times the mean power)"
-        for row in location
+    return places[row["by"]].format(
+        record=row["record"],
+        low=number(row["low"]),
+        high=number(row["high"]),
+        unit=row["unit"],
+        known="" if row["unit"].startswith("drive") else f" {row['unit']}",
+        way="rising" if row["low"] > 0.0 else "falling",
     )
 
 
@@ -890,6 +922,8 @@ def _displays(search, comparison=None, experiment=None):
         displays[f"round {n}"] = EffectRankingDisplay.from_search(search, round=n, draw=False)
     if search.unknown_ is not None:
         displays["unknown"] = EvidenceDisplay(search.unknown_.picture())
+        if search.unknown_.second is not None:
+            displays["unknown second"] = EvidenceDisplay(search.unknown_.second.picture())
     if experiment is not None:
         drive, units = experiment.from_rest(), search.units_
         curve = "", drive.index.to_numpy(), drive.to_numpy(), "line"
@@ -914,7 +948,7 @@ def _drawn(name, display):
         height = 3.4 if display.picture.below is None else 5.4
     elif name == "next":
         label = "Drive to record next, over time"
-    elif name == "unknown":
+    elif name.startswith("unknown"):
         height, label = 5.4, "What is unexplained, as a curve with its band"
 
     def draw(figure):

@@ -47,12 +47,20 @@ from ._inputs import (
     units_of,
     with_others,
 )
-from ._location import locate
+from ._location import locate, parameters_without
 from ._outputs import response_columns, shared_claims
 from ._progress import watched
 from ._reference import column_of, reference_of, without_column
 from ._report import Report
-from ._tables import EXPLAINED, HISTORY, RANKING, SUSPECTS, WithTables, cv_results
+from ._tables import (
+    EXPLAINED,
+    HISTORY,
+    PARAMETERS_WITHOUT,
+    RANKING,
+    SUSPECTS,
+    WithTables,
+    cv_results,
+)
 from ._unknown import LAW_COLUMNS, Unknown, curve_of, find_unknown
 from ._verdict import Judgement, judge_residual
 
@@ -213,9 +221,17 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         augmented one is a :class:`~skhyst.compose.Corrected`.
     residual_location_ : DataFrame
         How the power of the residual is spread, one row per record, a tenth of its time, of the
-        drive or its rate, or an octave: ``by``, ``record``, ``low``, ``high``, ``unit``, ``share``
-        of the power, and ``concentration``, mean power there over that of the whole, 1 for white
-        noise. Of use where the verdict is ``"unexplained"``.
+        drive, its amplitude (half of each swing) or its rate, direction (-1 or 1), or an octave:
+        ``by``, ``record``, ``low``, ``high``, ``unit``, ``share`` of the power, and
+        ``concentration``, mean power there over that of the whole, 1 for white noise, with its 95 %
+        interval ``concentration_low``, ``concentration_high``, for all rows of a ``by`` at once. Of
+        use where the verdict is ``"unexplained"``.
+    parameters_without_ : DataFrame
+        Where the verdict is ``"unexplained"``, the parameters as they are when the strongest of
+        these places (of records, times, drive, amplitude, rate, direction) is left out of the fit:
+        ``by``, ``record``, ``low``, ``high``, ``unit``, ``parameter``, ``value`` and ``std`` with
+        everything, ``value_without``, ``std_without``, and whether it has ``moved`` by more than
+        its standard error explains, at the level ``alpha`` for all rows.
     residual_before_, residual_after_, prediction_before_, prediction_after_ : ndarray
         Held out, shape (n_samples,), NaN in the washout and where rows were lost.
     records_ : tuple of RecordSlice
@@ -528,6 +544,10 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         self.best_estimator_, result = self.declared_estimator_, None
         if self.effects_ or self.resolution_:
             self.best_estimator_, result = declared.augmented(base, records)
+        self.parameters_without_ = pd.DataFrame(columns=PARAMETERS_WITHOUT)
+        if self.verdict_ == "unexplained" and contest.renew is None:
+            own = slices, records, self.drive_, self.residual_location_, result or found
+            self.parameters_without_ = parameters_without(base.structure, *own, self.alpha)
         self._driver = declared.driver()
         fits = (self.declared_estimator_, found), (self.best_estimator_, result)
         self.warnings_ = self._warnings(first, fits, records)
@@ -561,7 +581,8 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         after, found = self.error_after_, self.unknown_
         ends = after, after * unpredicted**0.5
         if found is not None:
-            ends = found.error_after, found.noise_ceiling
+            last = found.second or found
+            ends = last.error_after, last.noise_ceiling
         power = np.append(whole, np.square([self.error_before_, after, *ends]))
         left = np.append(np.minimum.accumulate(power) / (whole or 1.0), 0.0)
         return dict(zip(EXPLAINED, (left[:-1] - left[1:]).tolist(), strict=True))
@@ -570,34 +591,44 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         """Return the term without a name that a candidate lacks; None where it lacks none."""
         if self.verdict_ == "noise" or self._reference is not None or contest.renew is not None:
             return None  # a black box has no places
-        begin, records = time.perf_counter(), contest.records_of(base)
-        how = contest.criterion, contest.n_tried, self.n_jobs
-        found = find_unknown(base, records, slices, contest.folds, *how)
-        if found is not None:
-            site, chosen, p_value, same, laws = found
-            if self.verdict_ == "undetermined":  # what is found is structure
-                self.verdict_, self.verdict_advice_ = "unexplained", ""
-                self.verdict_reason_ = "a smooth function of a signal explains it"
-            judged = contest.judgement(chosen)
-            (scored,) = self._by_records(slices, records, chosen)
-            estimator, _ = chosen.structure.fitted(records, slices)
-            rng = np.random.default_rng(check_random_state(self.random_state).randint(2**31 - 1))
-            found = Unknown(
-                site.place,
-                site.argument,
-                curve_of(site, chosen.structure, records, rng),
-                self.error_after_,
-                scored.error,
-                max(1.0 - (scored.error / self.error_after_) ** 2, 0.0),
-                p_value,
-                tuple(map(str, same)),
-                pd.DataFrame(laws, columns=LAW_COLUMNS),
-                judged.verdict != "noise",
-                scored.error * judged.unpredicted**0.5,
-                estimator,
-            )
+        begin = time.perf_counter()
+        found = self._term(slices, contest, base, self.error_after_, contest.n_tried)
+        if found is not None and self.verdict_ == "undetermined":  # what is found is structure
+            self.verdict_, self.verdict_advice_ = "unexplained", ""
+            self.verdict_reason_ = "a smooth function of a signal explains it"
         self.seconds_["unknown term"] = time.perf_counter() - begin
         return found
+
+    def _term(self, slices, contest, base, before, n_tried, may_follow=True):
+        """Return a smooth term beside a candidate, and a second one where that leaves structure."""
+        records = contest.records_of(base)
+        how = contest.criterion, n_tried, self.n_jobs
+        found = find_unknown(base, records, slices, contest.folds, *how)
+        if found is None:
+            return None
+        site, chosen, p_value, same, laws, n_tried = found
+        judged = contest.judgement(chosen)
+        (scored,) = self._by_records(slices, records, chosen)
+        second = None
+        if may_follow and judged.structured:
+            second = self._term(slices, contest, chosen, scored.error, n_tried, may_follow=False)
+        estimator, _ = chosen.structure.fitted(records, slices)
+        rng = np.random.default_rng(check_random_state(self.random_state).randint(2**31 - 1))
+        return Unknown(
+            site.place,
+            site.argument,
+            curve_of(site, chosen.structure, records, rng),
+            before,
+            scored.error,
+            max(1.0 - (scored.error / before) ** 2, 0.0),
+            p_value,
+            tuple(map(str, same)),
+            pd.DataFrame(laws, columns=LAW_COLUMNS),
+            judged.verdict != "noise",
+            scored.error * judged.unpredicted**0.5,
+            estimator,
+            second,
+        )
 
     def _warnings(self, first, fits, records):
         """Return what a user has to know of the fits, each once."""

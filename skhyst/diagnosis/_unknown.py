@@ -9,7 +9,9 @@ X, of its rate and plays. At each place only functions are
 left that the model's parameters cannot do themselves, as smooth as restricted maximum likelihood
 asks for; the whole is refitted jointly, held out, and the one of least held-out error is tested
 against the model without it by the search's own criterion, for all that the search and this step
-have tried. What that criterion does not tell from it is ``ambiguous_with``.
+have tried. What that criterion does not tell from it is ``ambiguous_with``. Where structure is left
+beside it, a second term is sought in the same way, of functions that neither the parameters nor the
+first term can do: the sum of two smooth functions.
 
 **The band.** Let C be the covariance of the weights in the joint fit under noise of any colour, and
 of the bias of the penalty: as the prior that it stands for, the weights have a covariance, and the
@@ -47,7 +49,7 @@ from ._pictures import Picture
 from ._shortened import are_long
 from ._starts import Scene
 
-NAME = "unknown_term"
+NAME, SECOND = "unknown_term", "second_unknown_term"
 _HALF_GAPS = (0.03, 0.1, 0.3)  # of plays, relative to the range of what goes in
 _TRIALS = 12  # of a scale or a half gap
 _FINE = 200  # intervals of a law's splines: its corners are as sharp as that
@@ -105,6 +107,11 @@ class Site:
     def __str__(self):
         return f"{self.place}: a function of the {self.argument}"
 
+    def put(self, tree, operator, model=None):
+        """Return a tree with an operator of the term, of its model or another."""
+        edit = self.make(self.model if model is None else model, operator)
+        return tree.edited(self.make.name, edit)
+
     def seen(self, term):
         """Return what a term is a function of, (n_samples,)."""
         return np.concatenate([term.arguments(r.u, r.dt)[0] for r in self.records])
@@ -157,6 +164,11 @@ class Unknown:
         response of the model with the term, and the past of both.
     estimator : estimator
         The augmented model with the term, fitted to all data.
+    second : Unknown or None
+        A second term beside it, where it leaves structure: of another argument or at another place,
+        tested as the first is against the model with that, without ``laws``. It has none of what
+        the first can do (no concurvity): where two arguments move together, there is no second
+        term. Beside a first one of the drive at the response it is sought at the response alone.
 
     Examples
     --------
@@ -179,6 +191,7 @@ class Unknown:
     structure_left: bool
     noise_ceiling: float
     estimator: Any
+    second: "Unknown | None" = None
 
     def __str__(self):
         """Return it in one sentence."""
@@ -189,6 +202,8 @@ class Unknown:
         text += f"; it explains {100.0 * self.share:.0f} % of the power that was left"
         if self.ambiguous_with:
             text += f"; the recording does not tell it from {', or '.join(self.ambiguous_with)}"
+        if self.second is not None:
+            return f"{text}; and beside it {self.second}"
         if self.structure_left:
             text += "; more than noise may be left beside it, so that the place is not sure"
         return text
@@ -257,6 +272,7 @@ class Unknown:
         names += ["structure_left", "noise_ceiling", "shape"]
         own = {name: getattr(self, name) for name in names}
         own |= {"ambiguous_with": list(self.ambiguous_with), "text": str(self), "code": self.code}
+        own["second"] = None if self.second is None else self.second.to_dict()
         own["curve"] = {name: values.tolist() for name, values in self.curve.items()}
         return own | {"laws": self.laws.to_dict("records")}
 
@@ -267,7 +283,8 @@ def find_unknown(base, records, slices, folds, criterion, n_tried, n_jobs):
     Returns
     -------
     tuple or None
-        Site, candidate, p-value, sites that it is not told from, and rows of ``Unknown.laws``.
+        Site, candidate, p-value, sites that it is not told from, rows of ``Unknown.laws`` (none of
+        a second term), and the number of all that was tried.
     """
     if base.structure.input_history:
         return None
@@ -296,18 +313,24 @@ def find_unknown(base, records, slices, folds, criterion, n_tried, n_jobs):
     same = [(s, c) for s, c in found if c is not chosen]
     same = [s for s, c in same if criterion.p_value(c, chosen) >= criterion.alpha]
     p_value = criterion.p_value(base, chosen, family)
-    data = records, slices, folds
-    return site, chosen, p_value, same, _laws(site, chosen, base, data, criterion)
+    data, laws = (records, slices, folds), []
+    if site.make.name == NAME:
+        laws = _laws(site, chosen, base, data, criterion)
+    return site, chosen, p_value, same, laws, family
 
 
 def _sites(scene):
     """Yield the places and arguments that there are."""
     yield from _motions(scene)
-    tree, records = scene.tree, scene.records
+    tree, records, name = scene.tree, scene.records, _name(scene.tree)
+    term = tree.label(NAME) if NAME in tree.effects else None
     last = len(tree.stages)
     for at in range(int(tree.multi_input), last + 1):
         before = tree.names[at - 1] if at else None
-        place = "response" if at == last else f"behind {before}" if at else "drive"
+        if before is not None and before == term:  # the joint before it is the same place
+            continue
+        is_last = all(name == term for name in tree.names[at:])
+        place = "response" if is_last else f"behind {before}" if at else "drive"
         signal = f"output of {before}" if at else "drive"
         seen = scene.records_at(at)
         for argument in ARGUMENTS:
@@ -315,7 +338,7 @@ def _sites(scene):
                 place,
                 _in_words(argument, signal),
                 UnknownTerm(argument, passes=True),
-                _Joint(before),
+                _Joint(before, name),
                 seen,
             )
     further = records[0].auxiliary
@@ -329,9 +352,14 @@ def _sites(scene):
                 "response",
                 _in_words(argument, signal),
                 UnknownTerm(argument),
-                _Column(column),
+                _Column(column, name),
                 seen,
             )
+
+
+def _name(tree):
+    """Return the name of the next term in a tree."""
+    return SECOND if NAME in tree.effects else NAME
 
 
 def _motions(scene):
@@ -344,7 +372,8 @@ def _motions(scene):
             loop = Feedback(scene.tree.models[at], model, argument=argument)
             own = {"passed": float(model.passes)}
             nothing = UnknownTermOperator(np.zeros(1), np.zeros((4, 1)), 0.0, 1.0, **own)
-            motion = _Motion(place, loop, loop.divided(linear, nothing, scene.records_at(at)))
+            around = loop.divided(linear, nothing, scene.records_at(at))
+            motion = _Motion(place, loop, around, _name(scene.tree))
             driven = motion.driven(motion.around, scene.records_at(at))
             yield Site(f"motion of {place}", argument, model, motion, driven)
 
@@ -354,21 +383,21 @@ def _in_words(argument, signal):
 
 
 class _Part:
-    """Base of what puts a term into a tree as a part of its own."""
+    """Base of what puts a term into a tree as a part of its own, of the name ``name``."""
 
     @staticmethod
     def unit(tree):
         return 1.0
 
     def part(self, tree):
-        label = tree.label(NAME)
+        label = tree.label(self.name)
         parts = [*tree.stages, *(tree.root.members() if hasattr(tree.root, "members") else [])]
         operator = next(part for name, part in parts if name == label)
         return getattr(operator, "operator", operator)
 
     def leads_to(self, name, tree):
         """Whether an entry is one of the term."""
-        return tree.label(NAME) in name.split("__")
+        return tree.label(self.name) in name.split("__")
 
 
 @dataclass(frozen=True)
@@ -376,6 +405,7 @@ class _Joint(_Part):
     """Makes the edit at a joint of the series."""
 
     behind: str | None
+    name: str
 
     def __call__(self, model, operator):
         return InsertAt(self.behind, model, operator)
@@ -388,6 +418,7 @@ class _Motion:
     place: str
     loop: Any
     around: Any
+    name: str
 
     def __call__(self, model, operator):
         stages = self.around.linear, operator
@@ -441,6 +472,7 @@ class _Column(_Part):
     """Makes the edit beside the response, of a column of X."""
 
     column: int
+    name: str
 
     def __call__(self, model, operator):
         return Drive(model, operator, self.column)
@@ -461,7 +493,7 @@ def _started(site, tree, records):
         flexible = model.flexible(site.records)
         operator = _smoothed(site, model, flexible, tree, records)
         if operator.weights.size:
-            found.append(_candidate(tree.edited(NAME, site.make(model, operator)), records))
+            found.append(_candidate(site.put(tree, operator, model), records))
     return found
 
 
@@ -490,7 +522,7 @@ def _minimized(cost, bounds):
 
 def _smoothed(site, model, flexible, tree, records, independent=1.0):
     """Return an operator with the functions that are needed beside a tree's parameters."""
-    full = tree.edited(NAME, site.make(model, flexible))
+    full = site.put(tree, flexible, model)
     problem = full.problem(records)
     gram = problem.total(problem.evaluate(problem.x0))
     own = np.array(site.weights(problem.names, tree))
@@ -501,7 +533,7 @@ def _candidate(tree, records):
     problem = tree.problem(records)
     cost = predicted_cost(problem, problem.x0)
     size = len(problem.x0) + tree.n_coefficients()
-    return Candidate((NAME,), tree, np.inf, cost, size, problem.x0)
+    return Candidate(tree.effects[-1:], tree, np.inf, cost, size, problem.x0)
 
 
 def _budget(records):
@@ -527,7 +559,7 @@ def _settled(candidate, site, base, records, folds):
                 model.set_params(half_gap=before.half_gap)
             own = model.flexible(site.records)
             own = _smoothed(site, model, own, base, records, independent)
-            tree = base.edited(NAME, site.make(model, own))
+            tree = site.put(base, own, model)
         after = site.make.part(tree)
         if not after.weights.size:
             return None
@@ -651,7 +683,7 @@ def _laws(site, chosen, base, data, criterion):
 
     def started(law, scale):
         operator, _ = _of_law(term, law, scale)
-        return _candidate(tree.edited(NAME, site.make(site.model, operator)), records)
+        return _candidate(site.put(tree, operator), records)
 
     most = (1.0 - criterion.min_improvement) ** 2 * base.cost
     budget = _budget(records)

@@ -1,13 +1,15 @@
 """Where a residual stands is found, and white noise stands everywhere."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skhyst.diagnosis import EffectSearchCV
-from skhyst.diagnosis._location import locate
+from skhyst.diagnosis._location import locate, strongest
 from skhyst.hysteresis import PrandtlIshlinskii
+from skhyst.linear import Gain
 from skhyst.records import RecordSlice, Units
 
 N, DT = 4000, 0.001
@@ -20,7 +22,7 @@ def noise(seed=0):
     return 0.01 * np.random.default_rng(seed).normal(size=2 * N)
 
 
-def strongest(residual, by):
+def strongest_by(residual, by):
     table = locate(SLICES, DRIVE, residual, Units())
     return table[table["by"] == by].iloc[0]
 
@@ -29,24 +31,67 @@ def test_white_noise_stands_everywhere():
     table = locate(SLICES, DRIVE, noise(), Units())
     wide = table[(table["by"] != "frequency") | (table["high"] > 30.0)]
     assert wide["concentration"].between(0.75, 1.25).all()
+    within = (table["concentration_low"] <= 1.0) & (table["concentration_high"] >= 1.0)
+    assert within.groupby(table["by"]).all().sum() >= 6  # of seven, 95 % each
+    assert strongest(table).empty
+
+
+def test_the_interval_of_a_share_is_that_of_independent_powers():
+    # half of n squares of normal noise, whose mean square is 3
+    rows = pd.DataFrame([strongest_by(noise(seed), "direction") for seed in range(12)])
+    half = 0.5 * (rows["concentration_high"] - rows["concentration_low"]).mean()
+    share = np.sqrt(3.0 * 2 * N * 0.25) / (2 * N)
+    assert half == pytest.approx(2.24 * 2.0 * share, rel=0.1)  # two rows at 95 %
+
+
+def test_the_larger_amplitude_and_the_falling_branch_are_found():
+    falling = np.tile(np.cos(2 * np.pi * 3.0 * TIME) < 0.0, 2)
+    residual = noise(4) + 0.05 * (falling & (np.arange(2 * N) >= N))
+    place = strongest_by(residual, "direction")
+    assert (place["low"], place["share"] > 0.9) == (-1.0, True)
+    place = strongest_by(residual, "amplitude")
+    assert (place["high"], place["share"] > 0.9) == (pytest.approx(2.0, rel=0.01), True)
+
+
+def test_parameters_without_the_place_of_the_misfit():
+    # a slope of 2, beyond a drive of 1.43 of 5
+    rng = np.random.default_rng(6)
+    drive = 1.5 * np.sin(np.linspace(0.0, 60.0, 900) + np.linspace(0.0, 4.0, 900) ** 2)
+    y = 2.0 * drive + 3.0 * np.maximum(drive - 1.43, 0.0) + 0.005 * rng.normal(size=900)
+    search = EffectSearchCV(Gain(), effects=["offset"], max_effects=0, cv=3, random_state=0)
+    search.fit(drive[:, None], y)
+    table = search.parameters_without_
+    row = table[(table["by"] == "drive") & (table["parameter"] == "gain")].iloc[0]
+    assert row["moved"]
+    assert row["high"] == drive.max()
+    assert abs(row["value_without"] - 2.0) < 0.3 * abs(row["value"] - 2.0)
+    said = [remark for remark in search.report().remarks if "where the drive is from" in remark]
+    assert "gain is" in said[0]
+
+
+def test_of_noise_no_parameter_moves():
+    drive = 1.5 * np.sin(np.linspace(0.0, 60.0, 900))
+    y = 2.0 * drive + noise(7)[:900]
+    search = EffectSearchCV(Gain(), effects=["offset"], max_effects=0, cv=3, random_state=0)
+    assert search.fit(drive[:, None], y).parameters_without_.empty
 
 
 def test_a_burst_is_found_by_record_and_time():
     residual = noise()
     residual[N:][(TIME > 1.3) & (TIME < 1.5)] += 0.1
-    assert strongest(residual, "record")["record"] == "b"
-    place = strongest(residual, "time")
+    assert strongest_by(residual, "record")["record"] == "b"
+    place = strongest_by(residual, "time")
     assert (place["record"], place["low"]) == ("b", pytest.approx(1.2, abs=0.01))
 
 
 def test_a_level_of_the_drive_is_found():
-    place = strongest(noise() + 0.1 * (DRIVE > 1.7), "drive")
+    place = strongest_by(noise() + 0.1 * (DRIVE > 1.7), "drive")
     assert place["high"] == pytest.approx(2.0)
     assert place["concentration"] > 3.0
 
 
 def test_a_line_is_found():
-    place = strongest(noise() + np.tile(0.1 * np.sin(2 * np.pi * 111.0 * TIME), 2), "frequency")
+    place = strongest_by(noise() + np.tile(0.1 * np.sin(2 * np.pi * 111.0 * TIME), 2), "frequency")
     assert place["low"] < 111.0 < place["high"]
     assert place["share"] > 0.9
 

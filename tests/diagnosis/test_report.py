@@ -323,7 +323,7 @@ def test_what_to_measure_next():
     claim = {"effect": "lag", "ambiguous_with": ["delay"], "experiment": "Sweep."}
     miss = {"effect": "creep", "p_value": 0.2, "change": -0.1, "claimed_instead": None}
     place = {"by": "frequency", "record": None, "low": 1.0, "high": 2.0, "unit": "Hz"}
-    place["concentration"] = 3.0
+    place |= {"concentration": 3.0, "concentration_low": 2.0, "concentration_high": 4.0}
 
     def steps(claims=(), not_it=(), location=(), verdict="noise", faults=(), experiment=None):
         settings = {"alpha": 0.01, "max_effects": 3}

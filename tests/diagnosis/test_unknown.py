@@ -6,13 +6,18 @@ from scipy.signal import lfilter
 from sklearn.linear_model import Ridge
 
 from skhyst import diagnosis
+from skhyst.compose import Cascade
 from skhyst.diagnosis import EFFECTS, EffectSearchCV, LawAt, unregister_effect
 from skhyst.diagnosis._candidates import refitted, screened
-from skhyst.hysteresis import RestoringForceOperator
+from skhyst.hysteresis import (
+    PrandtlIshlinskii,
+    PrandtlIshlinskiiOperator,
+    RestoringForceOperator,
+)
 from skhyst.linear import SecondOrderMode, SecondOrderModeOperator
 
 N, DT, NOISE = 1500, 1e-3, 0.02
-MODE = SecondOrderModeOperator(100.0, 0.3)
+MODE, DECLARED = SecondOrderModeOperator(100.0, 0.3), SecondOrderMode(dt=DT)
 
 
 def smooth_noise(seed):
@@ -28,9 +33,9 @@ RATE = np.diff(U, prepend=U[0]) / DT
 DAMPING = 3e-6 * np.abs(RATE) * RATE
 
 
-def search(y, X=U[:, None], **params):
+def search(y, X=U[:, None], declared=DECLARED, **params):
     params = {"max_effects": 0, "cv": 3, "unknown": True, "random_state": 0} | params
-    return EffectSearchCV(SecondOrderMode(dt=DT), **params).fit(X, y)
+    return EffectSearchCV(declared, **params).fit(X, y)
 
 
 def noise(seed):
@@ -48,6 +53,7 @@ def test_place_and_curve(notched):
     assert notched.effects_ == []
     assert (found.place, found.argument) == ("drive", "drive")
     assert not found.structure_left
+    assert found.second is None
     # a prediction at the floor, where the declared model's was more than twice that
     assert found.error_before == notched.error_after_ > 2.5 * NOISE
     assert found.error_after < 1.15 * NOISE
@@ -98,6 +104,25 @@ def test_a_force_of_the_velocity_is_found_in_the_equation_of_motion():
     assert refitted(named, named.structure, records).cost < 1.1 * N * NOISE**2
 
 
+@pytest.mark.slow
+def test_a_sum_of_two_functions_of_different_signals():
+    searched = search(MODE.run(U + 1.5 * NOTCH, DT)[0] + 0.3 * DAMPING + noise(3))
+    first = searched.unknown_
+    second = first.second
+    places = [(own.place, own.argument) for own in (first, second)]
+    assert places == [("drive", "drive"), ("response", "rate of the drive")]
+    assert second.second is None
+    assert not second.structure_left
+    assert second.error_before == first.error_after > 1.15 * NOISE > second.error_after
+    assert "; and beside it a term" in str(first)
+    report = searched.report()
+    assert report.unknown["second"]["argument"] == second.argument
+    assert "The second function" in report.to_html()
+    left = sum(searched.explained_[name] for name in ("black box", "nothing"))
+    scored = searched.response_[np.isfinite(searched.residual_before_)]
+    assert left == pytest.approx(second.error_after**2 / np.var(scored))
+
+
 def test_the_power_of_the_response_is_shared_out(notched):
     own, found, power = notched.explained_, notched.unknown_, np.var(notched.response_)
     assert sum(own.values()) == pytest.approx(1.0)
@@ -120,6 +145,22 @@ def test_what_a_black_box_predicts_beside_the_term_is_told():
     assert own["black box"] > 0.1 * (1.0 - own["declared model"])
     assert own["nothing"] < found.error_after**2 / np.var(y)
     assert "black box" in searched.report().to_text().split("in power: ")[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_force_in_the_motion_of_a_mode_before_or_behind_a_hysteresis(order):
+    mode = RestoringForceOperator(100.0, 0.2, [], [4e-4], 0.0, 1.0, scale=0.5)
+    plays = PrandtlIshlinskiiOperator([0.0, 0.3, 0.8], [1.0, 0.4, 0.3])
+    y = U
+    for operator in (mode, plays)[::order]:
+        y = operator.run(y, DT)[0]
+    hysteresis = PrandtlIshlinskii(thresholds=plays.thresholds)
+    stages = [("mode", SecondOrderMode()), ("plays", hysteresis)][::order]
+    found = search(y + noise(9), declared=Cascade(stages, dt=DT)).unknown_
+    assert (found.place, found.argument) == ("motion of mode", "velocity")
+    assert found.error_after < 1.2 * NOISE < found.error_before
+    assert "odd" in found.shape
 
 
 def test_report(notched):
