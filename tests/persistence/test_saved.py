@@ -13,6 +13,7 @@ from skhyst.persistence import from_json, load_model
 pytest.importorskip("skops.io")
 
 
+ROUNDED = {"SlewLimit"}  # its output was a difference of large numbers under a large drive
 # until a start from zero began at the first sample, a ramp from zero led to it
 ON_A_RAMP = {"BoucWenStage", "EndStops", "FrictionStage", "RestoringForce"}
 
@@ -53,7 +54,7 @@ def test_what_was_saved_is_read(files, written_on, data, tmp_path):
         X_own = X[list(model.feature_names_in_)]
         ramp = type(model).__name__ in ON_A_RAMP
         own = on_a_ramp(model, X_own) if ramp else answer(model, X_own, y)
-        if json.loads(written_on) == machine():  # whose the last bits are
+        if json.loads(written_on) == machine() and type(model).__name__ not in ROUNDED:
             np.testing.assert_array_equal(own, expected)
         else:
             np.testing.assert_allclose(own, expected, rtol=1e-9, atol=1e-9 * np.ptp(expected))
