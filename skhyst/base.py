@@ -965,7 +965,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
                 stacklevel=2,
             )
         if not self.operator_.signal_linear:
-            warn_beyond(self, X, read_columns(self.operator_))
+            warn_beyond(self, X, self.operator_.acting_columns)
         warn_schedules(self, self.operator_, schedules)
         y, rest = np.empty(len(signal)), [i for i in range(len(slices)) if i not in going]
         if rest:
@@ -1118,8 +1118,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         check_is_fitted(self)
         caller = f"{type(self).__name__}.resampled"
         dt = used_interval(self, chosen_interval((), dt, caller), caller)
-        own, operator = fitted_interval(self)[0], self.operator_
-        again = operator.resampled(np.nan if own is None else dt / own)
+        own, operator = fitted_interval(self)[0] or self.dt, self.operator_
+        again = operator.resampled(np.nan if own is None else own, dt)
         if again is None and (own is None or self.depends_on_interval(dt)):
             wanted = "that of the fit: its response between samples is not exact"
             if own is not None and hasattr(operator, "n_substeps"):
@@ -1266,12 +1266,6 @@ def _better_slope(drives, result, records):
         return 0.0
     left = max(power - product**2 / own, NOISELESS * power)
     return product if left < _MOST * min(power, error) else 0.0
-
-
-def read_columns(operator):
-    """Return the numbers of the columns that act by themselves in a tree of operators."""
-    own = getattr(operator, "column", -1)  # -1 is the amplitude, which is that of the drive
-    return {own} - {-1} | {i for child in operator.children for i in read_columns(child)}
 
 
 def _device(operator, dt, state, inputs, step=None):

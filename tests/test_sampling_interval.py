@@ -29,6 +29,7 @@ from skhyst.fluid import TankChain
 from skhyst.hysteresis import FreeMass, FreeMassOperator, PrandtlIshlinskii
 from skhyst.linear import (
     Delay,
+    DelayOperator,
     FirstOrderLag,
     FirstOrderLagOperator,
     Gain,
@@ -36,6 +37,7 @@ from skhyst.linear import (
     TransferFunction,
     frequency_response,
 )
+from skhyst.operators import Series
 from skhyst.optimize import VariableProjection
 from skhyst.preprocessing import GeneralizedInputGradient, LaggedFeatures
 from skhyst.records import Units, stack_records
@@ -309,6 +311,16 @@ def test_a_free_mass_is_exact_at_any_interval(hold):
     fine = between(WALK, 3) if hold == "foh" else np.repeat(WALK, 3)
     found = model.resampled(0.02).predict(fine[:, None])
     np.testing.assert_allclose(found[::3], model.predict(WALK[:, None]), atol=1e-9)
+
+
+def test_dynamics_behind_a_delay_by_whole_samples_are_exact():
+    delay, lag = DelayOperator(2.0 * DT), FirstOrderLagOperator(0.7 * DT)
+    u = np.random.default_rng(0).normal(size=50)
+    fine = between(u, 2)
+    series = Series(("delay", "lag"), (delay, lag))
+    again = series.resampled(DT, 0.5 * DT)
+    np.testing.assert_allclose(again.run(fine, 0.5 * DT)[0][::2], series.run(u, DT)[0], atol=1e-12)
+    assert series.resampled(DT, 1.5 * DT) is None  # between two samples
 
 
 def test_where_a_model_has_no_exact_one_at_another_interval_it_says_so(data):

@@ -637,8 +637,8 @@ class FreeMassOperator(HeldInput):
             own[name] = own[name] if name in known else 0.0
         return *own.values(), float(self._is_bent)
 
-    def resampled(self, ratio):
-        return super().resampled(ratio) if self._is_bent else self
+    def resampled(self, own, dt):
+        return super().resampled(own, dt) if self._is_bent else self
 
     def init(self, u0, initial_state="rest"):
         if isinstance(initial_state, str):

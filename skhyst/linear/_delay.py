@@ -17,6 +17,8 @@ from ._linear import log_grid, time_span
 from ._shift_inverse import InverseShiftOperator
 from ._time_shift import LONGEST, TimeShiftOperator
 
+_ROUNDING = 1e-9  # of a number of samples
+
 
 def _delayed(signal, past, delay):
     """Return a delayed signal, and its slope per sample.
@@ -66,6 +68,7 @@ class DelayOperator(Operator):
     delay: float = parameter(log=True, lower=0.0, unit="s")
     stage_order: int = 5
     signal_linear = True
+    keeps_lines = True
 
     def init(self, u0, initial_state="rest"):
         return np.array([u0 if initial_state == "rest" else 0.0], dtype=float)
@@ -86,6 +89,12 @@ class DelayOperator(Operator):
         past = np.concatenate([np.repeat(state[:1], max(back - len(state), 0)), state[-back:]])
         weights, _ = cubic_weights(back - delay)
         return CompiledLaw(delay_step, weights, [back, *past, 0.0], possible=in_ring)
+
+    def resampled(self, own, dt):
+        samples = self.delay / np.array([own, dt])
+        # a part of a sample is read between others, differently at each interval
+        whole = np.abs(samples - np.round(samples)) <= _ROUNDING * np.maximum(samples, 1.0)
+        return self if whole.all() else None
 
     def inverse(self):
         """Return the inverse of the interpolation; it is not causal."""

@@ -1003,6 +1003,14 @@ class Series(_Composition):
             u0 = stage.run(np.array([u0]), dt)[0][0]
         return CompiledSeries(tuple(compiled_step)), samples
 
+    def resampled(self, own, dt):
+        stages = [stage.resampled(own, dt) for stage in self.stages]
+        # behind others the input of a stage is no straight line between the samples
+        straight = all(stage.keeps_lines for stage in self.stages[:-1])
+        if not straight or any(stage is None for stage in stages):
+            return None
+        return replace(self, stages=tuple(stages))
+
     def inverse(self):
         """Return the series of the inverses, last stage first."""
         return Series(self.names[::-1], tuple(map(inverse_of, reversed(self.stages))))

@@ -150,12 +150,12 @@ class HeldInput(Operator):
     def __getstate__(self):
         return {k: v for k, v in self.__dict__.items() if k != "_memory"}
 
-    def resampled(self, ratio):
+    def resampled(self, own, dt):
         n = getattr(self, "n_substeps", None)
         if n is None:
             return self
         unit = 1 if self.causal else _FACTOR[self.strictly_proper]
-        wanted = -(-n // unit) * ratio
+        wanted = -(-n // unit) * dt / own
         whole = np.round(wanted)
         if not (whole > 0.0 and abs(wanted - whole) < _SAME * whole):
             return None

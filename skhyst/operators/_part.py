@@ -108,6 +108,9 @@ class Part:
     signed : tuple of str
         Parameters that are found on a logarithmic scale, and negative where they are found in
         another way, as the time constants of an unstable plant.
+    keeps_lines : bool
+        A straight line between two samples comes out as one: of delays by whole samples, where the
+        operator can be at another interval.
     schedule_range : (float, float) or None
         Least and largest schedule of the fit, where parameters depend on a schedule.
     scaled_within : tuple of str
@@ -141,6 +144,7 @@ class Part:
     is_disturbance = False
     reads_columns = False
     signed = ()
+    keeps_lines = False
     schedule_range = None
     scaled_within = ()
     children = ()
@@ -374,6 +378,12 @@ class Part:
         return JOIN["*"](self, factor) if isinstance(factor, Factor) else NotImplemented
 
     # ------------------------------------------------------------------ as an estimator
+
+    @property
+    def acting_columns(self) -> set[int]:
+        """Numbers of the columns that act by themselves."""
+        own = getattr(self, "column", -1)  # -1 is the amplitude, which is that of the drive
+        return {own} - {-1} | {i for child in self.children for i in child.acting_columns}
 
     @property
     def is_scheduled(self) -> bool:

@@ -332,13 +332,13 @@ class Operator(Part, ABC):
         y, dy = self.sensitivities(u, du, dt, initial_state)
         return y, np.ascontiguousarray(dy[:, :m])
 
-    def resampled(self, ratio: float) -> "Operator | None":
+    def resampled(self, own: float, dt: float) -> "Operator | None":
         """Return the operator that does the same at another sampling interval.
 
         Parameters
         ----------
-        ratio : float
-            The new interval over that of the operator.
+        own, dt : float
+            Sampling interval of the operator, NaN where it has none, and the new one, in s.
 
         Returns
         -------

@@ -20,7 +20,6 @@ from sklearn.base import BaseEstimator
 
 from .._sklearn import HasMethods, Interval, StrOptions, validate_parameter_constraints
 from .._validation import finite_numbers
-from ..base import read_columns
 from ..operators import Operator
 
 FORMAT = 1
@@ -247,7 +246,7 @@ def refuse_wrong(fitted, name):
             finite_numbers(fitted[attribute], name, attribute, "finite numbers")
     n, operator = fitted.get("n_features_in_"), fitted.get("operator_")
     columns = {fitted.get("_drive_number", 0)}
-    columns |= read_columns(operator) if isinstance(operator, Operator) else set()
+    columns |= operator.acting_columns if isinstance(operator, Operator) else set()
     if n is not None and not all(0 <= column < n for column in columns):
         raise ValueError(
             f"{name} must read columns of an X that has {n}, as that of its fit. Got the column(s) "
