@@ -13,7 +13,7 @@ stays only where the noise's own course does not make it (``_course``).
 
 **Name.** Each effect that is needed is contested by all others in its place. The name is that of
 the least held-out error. A simpler one replaces it where it is nested in it, as far as the
-recording shows, and not rejected.
+recording shows, and the larger one is not better by the criterion.
 
 A step is done once for a set of effects: what it finds is kept, and is what a checkpoint holds.
 """
@@ -404,7 +404,11 @@ class Contest:
         chosen = min(rivals, key=lambda c: c.error)
         same = [c for c in rivals if self.criterion.p_value(c, chosen) >= alpha]
         simpler = [
-            c for c in same if c.n_parameters < chosen.n_parameters and self._contains(chosen, c)
+            c
+            for c in rivals
+            if c.n_parameters < chosen.n_parameters
+            and not self.criterion.is_better(c, chosen)
+            and self._contains(chosen, c)
         ]
         chosen = min(simpler, key=lambda c: (c.n_parameters, c.error), default=chosen)
         same = [c for c in same if c is not chosen and c.effects != chosen.effects]
