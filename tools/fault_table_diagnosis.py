@@ -93,8 +93,8 @@ DIAGNOSIS = [
     ),
     (
         "the place of the residual: shares are not related to their size",
-        "concentration = share * count / max(size, 1)",
-        "concentration = share",
+        "share + half]) * len(power) / size",
+        "share + half])",
         "tests/diagnosis/test_location.py",
     ),
     (
