@@ -334,8 +334,11 @@ class Report:
 
 
 def _experiment(search):
-    """Return what to record next within the range and the rate of the drive; None if nothing."""
-    if search.verdict_ == "noise" and not search.history_["ambiguous_with"].map(len).any():
+    """Return what tells ambiguous names apart within the range and the rate of the drive, or None.
+
+    What else is open would have to be fitted first, which takes as long as a search.
+    """
+    if not search.history_["ambiguous_with"].map(len).any():
         return None
     driven = search.declared_estimator_
     if not hasattr(driven, "drive_rate_"):  # a black box, of which nobody knows what drives it
@@ -634,6 +637,11 @@ def next_steps(claims, not_it, location, verdict, faults, settings, advice="", e
             f"Record next, within the range and the rate of the drive so far: {experiment.reason} "
             "On the command line skhyst next, in Python skhyst.diagnosis.next_experiment, writes "
             "it as a file, from rest to rest, for these limits or others."
+        )
+    elif verdict != "noise":
+        steps.append(
+            "Record next, as a file: skhyst.diagnosis.next_experiment, or skhyst next on the "
+            "command line, proposes the drive within your limits that tells most of this."
         )
     if any(fault["fault"] != "lost_rows" for fault in faults):
         steps.append("Mend the faults of the recording listed under Data, and search again.")

@@ -339,7 +339,7 @@ def test_what_to_measure_next():
     assert "Step and rest" in step
     assert "from 1.00 to 2.00 Hz" in steps(location=[place], verdict="unexplained")[0]
     assert "repeat one record" in steps(verdict="unexplained")[0]
-    assert len(steps([claim], [miss], [place], "unexplained", [{"fault": "outliers"}])) == 4
+    assert len(steps([claim], [miss], [place], "unexplained", [{"fault": "outliers"}])) == 5
     assert "max_effects = 3" in steps(3 * [claim], verdict="unexplained")[3]
 
 
