@@ -56,8 +56,8 @@ class SharedParameters(MetaEstimatorMixin, MultiOutputMixin, RegressorMixin, Bas
         :math:`g_k`, relative to the first response.
     error_alone_ : ndarray of shape (n_responses,)
         Root mean square of the residual of each response with a model that shares nothing. Where
-        ``fit_error_`` of its model is clearly larger, the responses do not share what they are
-        told to.
+        ``fit_error_`` of its model is clearly larger, the responses do not have these parameters
+        in common.
     n_evaluations_ : int
         Simulations of all records and responses that the joint fit took.
 

@@ -77,7 +77,7 @@ def locate(slices, drive, residual, units):
 
 
 def strongest(table):
-    """Return the strongest row of each way to look at a residual that is told from the others."""
+    """Return the strongest row of each way to look at a residual, beyond chance."""
     strong = table["concentration"] > _STRONG
     return table[strong & (table["concentration_low"] > 1.0)].groupby("by", sort=False).head(1)
 

@@ -638,7 +638,7 @@ def next_steps(claims, not_it, location, verdict, faults, settings, advice="", e
             "On the command line skhyst next, in Python skhyst.diagnosis.next_experiment, writes "
             "it as a file, from rest to rest, for these limits or others."
         )
-    elif verdict != "noise":
+    elif verdict != "noise" or any(claim["ambiguous_with"] for claim in claims):
         steps.append(
             "Record next, as a file: skhyst.diagnosis.next_experiment, or skhyst next on the "
             "command line, proposes the drive within your limits that tells most of this."

@@ -86,11 +86,17 @@ def choose(page, widget, name):
     raise AssertionError(f"{name} cannot be chosen")
 
 
-def declare(page, name):
+def declare(page, name, *effects):
+    """Declare a model, and the effects to search for."""
     model = page.get_by_role("textbox", name="Model", exact=True)
     model.fill(name)
     model.press("Enter")
     page.get_by_text("To declare one of your own").wait_for(state="detached")
+    page.get_by_text("Options", exact=True).click()
+    list_of_effects = page.get_by_role("combobox", name="Effects")
+    for effect in effects:
+        choose(page, list_of_effects, effect)
+    list_of_effects.press("Escape")
 
 
 @pytest.mark.slow
@@ -129,12 +135,7 @@ def test_from_a_measured_recording_to_a_model_that_is_kept(page, address, record
     page.goto(address)
     page.locator("input[type=file]").set_input_files(recording)
     page.get_by_text("sampling rate unknown").wait_for()
-    declare(page, "prandtl_ishlinskii")
-    page.get_by_text("Options", exact=True).click()
-    effects = page.get_by_role("combobox", name="Effects")
-    for name in ("asymmetry", "lag"):
-        choose(page, effects, name)
-    effects.press("Escape")
+    declare(page, "prandtl_ishlinskii", "asymmetry", "lag")
     page.get_by_role("button", name="Search").click()
     page.get_by_role("button", name="Stop").click()
     page.get_by_text("Stopped: the search of scanner.csv. Nothing of it is kept.").wait_for()
@@ -165,12 +166,7 @@ def test_a_search_goes_on_where_that_of_another_session_is_stopped(page, address
         session.get_by_role("combobox", name="Or a recording to try").click()
         session.get_by_role("option", name=SAMPLES[0]).click()
         session.get_by_text("1500 samples in 1 record").wait_for()
-        declare(session, "prandtl_ishlinskii")
-        session.get_by_text("Options", exact=True).click()
-        effects = session.get_by_role("combobox", name="Effects")
-        for name in ("creep", "resonance"):
-            choose(session, effects, name)
-        effects.press("Escape")
+        declare(session, "prandtl_ishlinskii", "creep", "resonance")
     for session in (page, other):
         session.get_by_role("button", name="Search").click()
         session.get_by_role("button", name="Stop").wait_for()

@@ -262,7 +262,7 @@ def test_names_are_contested_until_they_stay(known):
     assert (base.structure.effects, others) == (("c",), {"c": ("not c", "a")})
     rivals["c"] = "a"
     base, others = contest.named(candidate("a", 0.5))
-    # in a circle no name is told from the one that would follow, nor is any ambiguous with itself
+    # in a circle each name is ambiguous with the one that would follow, and none with itself
     assert (base.structure.effects, others) == (("a",), {"a": ("b", "not a")})
 
 

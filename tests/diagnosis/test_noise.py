@@ -293,7 +293,9 @@ def coloured(law, rng, n):
     return lfilter([np.sqrt(1.0 - law**2)], [1.0, -law], rng.standard_normal(n + 200))[200:]
 
 
-@pytest.mark.parametrize("law", [pytest.param(0.6, marks=pytest.mark.slow), 0.9, "flicker"])
+@pytest.mark.parametrize(
+    "law", [*(pytest.param(own, marks=pytest.mark.slow) for own in (0.6, 0.97)), 0.9, "flicker"]
+)
 def test_coloured_noise_is_noise(law):
     """What has a past is no structure if it knows nothing of the drive.
 

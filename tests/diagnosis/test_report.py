@@ -330,7 +330,9 @@ def test_what_to_measure_next():
         return next_steps(claims, not_it, location, verdict, faults, settings, "", experiment)
 
     assert steps() == []
-    assert steps([claim]) == ["To tell lag from delay: Sweep."]
+    told, proposal = steps([claim])
+    assert told == "To tell lag from delay: Sweep."
+    assert "skhyst next" in proposal
     (proposal,) = steps(experiment=Experiment(None, "", "Triangle of 2 Hz: it tells.", 1.0))
     assert "so far: Triangle of 2 Hz: it tells. On the command line" in proposal
     assert steps([claim | {"ambiguous_with": []}]) == []

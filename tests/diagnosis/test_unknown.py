@@ -130,7 +130,7 @@ def test_the_power_of_the_response_is_shared_out(notched):
     left = 1.0 - own["declared model"]
     assert own["unknown term"] == pytest.approx(found.share * left)
     assert own["effects"] == own["black box"] == 0.0
-    # the noise is what is left
+    # the residual is the noise
     assert own["nothing"] == pytest.approx(NOISE**2 / power, rel=0.3)
 
 

@@ -104,7 +104,10 @@ def test_duffing_oscillator(gain, unit):
     assert found.fit(U[:, None], y).operator_.preload == 0.0
 
 
-@pytest.mark.parametrize(("degree", "size"), [(1, 0), (3, 1), (6, 2)])
+SLOW = [pytest.param(*own, marks=pytest.mark.slow) for own in ((2, 0), (5, 2))]
+
+
+@pytest.mark.parametrize(("degree", "size"), [*SLOW, (1, 0), (3, 1), (6, 2)])
 def test_degrees(degree, size):
     plant = RestoringForceOperator(20.0, 0.3, [0.4], [0.3], 4.0, 0.3, 0.2, scale=SCALE)
     y, _ = plant.run(U[:400], DT)
