@@ -107,6 +107,7 @@ class Contest:
     _best: dict = field(default_factory=dict)
     _judgements: dict = field(default_factory=dict)
     _contests: dict = field(default_factory=dict)
+    _anew: dict = field(default_factory=dict)
     _rounds: dict = field(default_factory=dict)
     _weighings: int = 0
 
@@ -222,9 +223,15 @@ class Contest:
         Also with the resolution that was declared: before an effect is in, another one may have
         been added to compensate for it. The one that predicts best is returned.
         """
-        records = self.records_of(base)
         if self.renew is not None:
-            return self.renew(base, base, records, thorough=True)
+            return self.renew(base, base, self.records_of(base), thorough=True)
+        key = self._set(base), base.structure.effects, base.error
+        if key not in self._anew:
+            self._anew[key] = self._identified_anew(base)
+        return self._least(self._anew[key])
+
+    def _identified_anew(self, base):
+        records = self.records_of(base)
         tree, anew = base.structure, []
         trees = [] if are_long(records) else [tree.identified(records)]
         # a tree from a checkpoint is another object
@@ -239,13 +246,13 @@ class Contest:
             trees = [t.with_input_history(records) for t in (tree, *trees)]
         for other in trees:
             candidate = refitted(base, other, records)
-            better = candidate.cost < base.cost or other is not trees[0]
-            if better and self._keeps_names(candidate, base):
+            same = candidate.cost >= (1.0 - TOLERANCE) * base.cost  # as far as it was sought
+            if not (same and other is trees[0]) and self._keeps_names(candidate, base):
                 anew.append(held_out(candidate, records, self.folds))
         best = self._least(min(map(self._finer, [base, *anew]), key=lambda c: c.error))
         if best.structure.root.n_parameters == tree.root.n_parameters or not base.effects:
             return best
-        return self._least(min([best, *self._variants_of(best)], key=lambda c: c.error))
+        return min([best, *self._variants_of(best)], key=lambda c: c.error)
 
     def _variants_of(self, base):
         """Return the variant of the last effect of a candidate that is better beside the others.

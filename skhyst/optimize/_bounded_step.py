@@ -1,7 +1,7 @@
 """The least of a quadratic function between bounds, by SciPy's non-negative least squares."""
 
 import numpy as np
-from scipy.linalg import eigvalsh, norm
+from scipy.linalg import eigvalsh
 from scipy.linalg.lapack import dposv, dpotrf, dtrtri
 from scipy.optimize import nnls
 
@@ -33,25 +33,25 @@ def bounded_step(hessian, gradient, lower, upper):
     ndarray of shape (n,)
         The step; zero where the column of an entry is zero.
     """
-    scale = np.sqrt(np.maximum(np.diag(hessian), 0.0))  # rounding may make it negative
+    scale = np.sqrt(np.maximum(hessian.diagonal(), 0.0))  # rounding may make it negative
     moves = scale > _LEAST
     if not moves.any():
         return np.zeros(len(scale))
     scale[~moves] = 1.0
     inverse = moves / scale
     h = hessian * inverse * inverse[:, None]
-    h[np.diag_indices_from(h)] += _RIDGE
+    h.ravel()[:: len(h) + 1] += _RIDGE
     g = gradient * inverse
     low, high = lower * scale, upper * scale
     s = -solve_definite(h, g)
-    if np.all((low <= s) & (s <= high)):
+    if ((low <= s) & (s <= high)).all():
         return s * inverse
     at = _held(h, s, low, high)
     while True:
         free = np.isnan(at)
         s = np.where(free, 0.0, at)
-        s[free] = -solve_definite(h[np.ix_(free, free)], (g + h @ s)[free])
-        inside = np.clip(s, low, high)
+        s[free] = -solve_definite(h[free][:, free], (g + h @ s)[free])
+        inside = np.minimum(np.maximum(s, low), high)
         # where columns are collinear, rounding may take a bound that holds for one that does not
         outside = free & (np.abs(inside - s) > _ROUNDING * np.abs(s).max())
         if not outside.any():
@@ -67,14 +67,19 @@ def _held(h, s0, low, high):
     back, _ = dtrtri(factor)
     beyond = np.concatenate([low - s0, s0 - high])
     finite = np.isfinite(beyond)
+    whole = factor @ s0
+    rows = np.empty((len(finite), len(h) + 1))
+    rows[: len(h), :-1], rows[len(h) :, :-1] = back, -back
     # in units of the way from s0 to the feasible zero, so that |z| is at most 1
-    beyond /= norm(factor @ s0)
-    rows = np.column_stack([np.concatenate([back, -back]), beyond])[finite]
-    rows /= np.linalg.norm(rows, axis=1)[:, None]
+    rows[:, -1] = beyond / np.sqrt(whole @ whole)
+    rows = rows[finite]
+    rows /= np.sqrt(np.einsum("ij,ij->i", rows, rows))[:, None]
+    unit = np.zeros(len(h) + 1)
+    unit[-1] = 1.0
     multipliers = np.zeros(len(finite))
-    multipliers[finite], _ = nnls(rows.T, np.eye(len(h) + 1)[-1], maxiter=10 * len(rows))
+    multipliers[finite], _ = nnls(rows.T, unit, maxiter=10 * len(rows))
     below, above = multipliers.reshape(2, -1) > 0.0
-    return np.select([below, above], [low, high], np.nan)
+    return np.where(below, low, np.where(above, high, np.nan))
 
 
 def solve_definite(h, g):

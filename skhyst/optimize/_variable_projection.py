@@ -197,8 +197,10 @@ def damped_step(problem, x, gram, damping=0.0):
     """Return the damped step from ``x`` and the predicted reduction of the sum of squares."""
     hessian, gradient = gram[:-1, :-1], gram[:-1, -1]
     reach = np.where(problem.log, _LARGEST_LOG_STEP, np.inf)
+    damped = hessian.copy()
+    damped.ravel()[:: len(damped) + 1] *= 1.0 + damping
     step = bounded_step(
-        hessian + damping * np.diag(np.diag(hessian)),
+        damped,
         gradient,
         np.maximum(problem.lower - x, -reach),
         np.minimum(problem.upper - x, reach),

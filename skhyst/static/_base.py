@@ -70,7 +70,11 @@ class StaticOperator(Operator):
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
         y, slope, own = self.evaluate(u)
-        return y, np.concatenate([du * slope[:, None], own], axis=1)
+        m = du.shape[1]
+        dy = np.empty((len(y), m + own.shape[1]))
+        np.multiply(du, slope[:, None], out=dy[:, :m])
+        dy[:, m:] = own
+        return y, dy
 
     def bend(self, seen):
         """Return how far the curve departs from a straight line over the range of its input.

@@ -14,7 +14,7 @@ import numpy as np
 
 from .._jit import jit
 from .._sklearn import Interval, StrOptions
-from ..operators import parameter
+from ..operators import as_signal, parameter
 from ._base import SIDES, StaticModel, StaticOperator, range_of_drive
 
 _FLATTEST = 1e-3  # smallest slope, response over response; that of the inverse is at most 1000
@@ -30,6 +30,20 @@ def dead_zones(u, c, s):
         if distance * sides[k] > 0.0:
             y += weights[k] * distance
     return y
+
+
+@jit
+def _dead_zone_tangents(v, weights, thresholds, sides, slope, own):
+    """Fill the slope, and the derivatives by weights, then thresholds, (n_samples, 2 n_zones)."""
+    n = weights.size
+    for i in range(v.size):
+        slope[i] = 1.0
+        for k in range(n):
+            distance = v[i] - thresholds[k]
+            acts = distance * sides[k] > 0.0
+            own[i, k] = distance if acts else 0.0
+            own[i, n + k] = -weights[k] if acts else 0.0
+            slope[i] -= own[i, n + k]
 
 
 @dataclass(frozen=True)
@@ -78,14 +92,11 @@ class DeadZoneOperator(StaticOperator):
         return self.weights, self.thresholds, self.side
 
     def evaluate(self, v):
-        distance = v[:, None] - self.thresholds
-        active = (distance * self.side > 0.0).astype(float)
-        zones = distance * active
-        return (
-            v + zones @ self.weights,
-            1.0 + active @ self.weights,
-            np.concatenate([zones, -active * self.weights], axis=1),
-        )
+        v, *constants = map(as_signal, (v, self.weights, self.thresholds, self.side))
+        n = constants[0].size
+        slope, own = np.empty(v.size), np.empty((v.size, 2 * n))
+        _dead_zone_tangents(v, *constants, slope, own)
+        return v + own[:, :n] @ self.weights, slope, own
 
 
 @dataclass(frozen=True)

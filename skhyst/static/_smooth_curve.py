@@ -9,7 +9,7 @@ import numpy as np
 from .._jit import jit
 from .._sklearn import Interval
 from ..base import with_params
-from ..operators import Resolution, parameter
+from ..operators import Resolution, as_signal, parameter
 from ._base import StaticModel, StaticOperator, range_of_drive
 
 _BEYOND = 3  # highest degree of the terms that are extrapolated beyond the data
@@ -34,6 +34,25 @@ def legendre_curve(u, c, s):
         if d <= _BEYOND:
             y += coefficients[k] * slope * beyond
     return u + scale * y
+
+
+@jit
+def _legendre_tangents(v, coefficients, center, scale, slope, own):
+    """Fill the slope, and the derivatives by the coefficients, (n_samples, n_coefficients)."""
+    for i in range(v.size):
+        z = (v[i] - center) / scale
+        inside = min(max(z, -1.0), 1.0)
+        beyond = z - inside
+        slope[i] = 1.0
+        before, value, slope_before, own_slope = 1.0, inside, 0.0, 1.0
+        for k in range(coefficients.size):
+            d = k + 2
+            following = (value * inside * (2 * d - 1) - before * (d - 1)) / d
+            slope_before, own_slope = own_slope, (2 * d - 1) * value + slope_before
+            before, value = value, following
+            goes_on = own_slope if d <= _BEYOND or beyond == 0.0 else 0.0
+            own[i, k] = scale * (value + goes_on * beyond)
+            slope[i] += coefficients[k] * goes_on
 
 
 @dataclass(frozen=True)
@@ -86,20 +105,11 @@ class PolynomialCurveOperator(StaticOperator):
         return self.coefficients, self.center, self.scale
 
     def evaluate(self, v):
-        z = (v - self.center) / self.scale
-        inside = np.clip(z, -1.0, 1.0)
-        beyond = z - inside
-        n = np.size(self.coefficients)
-        values = np.polynomial.legendre.legvander(inside, n + 1)
-        # P'_d = (2 d - 1) P_{d-1} + P'_{d-2}
-        slopes = np.zeros_like(values)
-        slopes[:, 1] = 1.0
-        for d in range(2, n + 2):
-            slopes[:, d] = (2 * d - 1) * values[:, d - 1] + slopes[:, d - 2]
-        slopes[beyond != 0.0, _BEYOND + 1 :] = 0.0
-        values, slopes = values[:, 2:], slopes[:, 2:]
-        own = self.scale * (values + slopes * beyond[:, None])
-        return v + own @ self.coefficients, 1.0 + slopes @ self.coefficients, own
+        v, coefficients = as_signal(v), as_signal(self.coefficients)
+        slope, own = np.empty(v.size), np.empty((coefficients.size, v.size)).T
+        constants = coefficients, float(self.center), float(self.scale)
+        _legendre_tangents(v, *constants, slope, own)
+        return v + own @ coefficients, slope, own
 
 
 class SmoothCurve(StaticModel):
