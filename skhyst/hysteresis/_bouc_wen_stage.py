@@ -391,7 +391,8 @@ def first_loading(load, rho, level, shape, exponent, by):
             break
     k = slope_at(f, rho, level, shape, exponent, slopes)
     by[0] = k / (1.0 + k)
-    by[1:] = values[1:]
+    for j in range(1, 5):
+        by[j] = values[j]
     return f
 
 

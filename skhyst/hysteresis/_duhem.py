@@ -150,7 +150,8 @@ def duhem_tangents(u, du, alpha, center, scale, out, dout):
                 dout[k, j, q] = decay * dh[j, q] + by_end * du[k, q] + by_start * dbefore[q]
             dout[k, j, m] = decay * dh[j, m] + by_x * abs(change)
         before, h = u[k], out[k]
-        dbefore[:] = du[k]
+        for q in range(m):
+            dbefore[q] = du[k, q]
         dh = dout[k]
 
 

@@ -468,10 +468,10 @@ def free_mass_tangents(
                     dmean[q] = dfactor[k - 1, q] + rise * (0.5 * (first + last))
                 dstart[m + _R], dend[m + _R] = ramp
                 mean = factor[k - 1] + (factor[k] - factor[k - 1]) * (0.5 * (first + last))
-                old[:] = d
                 x1, v1, force, curve = x, v, 0.0, 0.0
-                dforce[:] = 0.0
-                dcurve[:] = 0.0
+                for q in range(n):
+                    old[0, q], old[1, q] = d[0, q], d[1, q]
+                    dforce[q] = dcurve[q] = 0.0
                 for p in range(2 if bent > 0.0 else 1):
                     share = 1.0 if p == 0 else 0.5
                     for q in range(n):
@@ -483,7 +483,7 @@ def free_mass_tangents(
                     friction_tangents(law, curve, dcurve, mean, dmean, by)
                     for q in range(n):
                         by[_START, q], by[_END, q] = dstart[q] - dforce[q], dend[q] - dforce[q]
-                    d[:] = old
+                        d[0, q], d[1, q] = old[0, q], old[1, q]
                     now = resistance(law, curve, mean)
                     x1, v1 = move_tangents(h, start - force, end - force, now, x, v, by, d, dnow)
                 x, v = x1, v1

@@ -61,7 +61,8 @@ def ramp_run(u, levels, weights, kernels, y, rows, first):
             total += weights[c] * kernels[c]
         y[k] = total
         if rows.size > 0:
-            rows[k, first : first + kernels.size] = kernels
+            for c in range(kernels.size):
+                rows[k, first + c] = kernels[c]
 
 
 @jit

@@ -195,7 +195,8 @@ def restoring_tangents(
             dout[k:] = np.nan
             return
         # the preload is added to the drive both before and at the sample
-        step[:, -1] = step[:, 3] + step[:, 4]
+        for i in range(step.shape[0]):
+            step[i, -1] = step[i, 3] + step[i, 4]
         propagate(step, k, du, dbefore, d, dout)
         before = u[k]
         out[k] = q

@@ -88,8 +88,10 @@ def system_level(u, du, values, dt, printed, turning, base, last, direction, dla
         value = u[k]
         step = value - last
         if step * direction < 0.0 and k > 0 and dy.size:
-            dturning[:] = dlast
-            dbase[:] = dy[k - 1, : m + 3]
+            for q in range(m):
+                dturning[q] = dlast[q]
+            for q in range(m + 3):
+                dbase[q] = dy[k - 1, q]
         turning, base, direction = turn(
             step, turning, base, last, direction, slope, curvature, decay
         )

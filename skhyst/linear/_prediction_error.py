@@ -63,8 +63,10 @@ def predictor(ad, b0, b1, c, d, constant, gain, by, u, y, x, errors, tangents):
                         for j in range(n):
                             value += dad[q, i, j] * after[j]
                     dnew[i, q] = value
-            x[:] = new
-            dx[:] = dnew
+            for i in range(n):
+                x[i] = new[i]
+                for q in range(count):
+                    dx[i, q] = dnew[i, q]
         output = constant + d * u[k]
         for i in range(n):
             output += c[i] * x[i]

@@ -131,7 +131,8 @@ def block_run(table, u, x, u_previous):
     y = np.empty(n_blocks * length)
     given = np.empty(n_in)
     given[0] = u_previous
-    given[1 + length :] = x
+    for i in range(n_states):  # an assignment to a slice takes a second to compile
+        given[1 + length + i] = x[i]
     found = np.empty(n_out)
     n_fours = n_in // 4 * 4
     for block in range(n_blocks):
