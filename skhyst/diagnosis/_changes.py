@@ -189,15 +189,21 @@ class MoreTerms:
 
     def trees(self, name, scene):
         tree, found = scene.tree, []
-        for at, stage in enumerate(tree.stages):
-            if type(stage.model) is not type(self.model):
-                continue
-            more = both_models(stage.model, self.model)
-            if more.get_params() == stage.model.get_params():
-                continue
+        for at, more in self.places(tree):
+            stage = tree.stages[at]
             starts = driven_starts(more, scene.records_at(at), near=stage.operator)
             edits = [Enrich(stage.name, self.model, replace(own, model=None)) for own in starts]
             found += scene.promising([tree.edited(name, edit) for edit in edits], at)
+        return found
+
+    def places(self, tree):
+        """Return the stages of a tree that may have the force, and their models with it."""
+        found = []
+        for at, stage in enumerate(tree.stages):
+            if type(stage.model) is type(self.model):
+                more = both_models(stage.model, self.model)
+                if more.get_params() != stage.model.get_params():
+                    found.append((at, more))
         return found
 
 

@@ -510,8 +510,8 @@ class Contest:
         key = f"{self._set(base)} and {'an additive' if additive else 'a driven'} effect"
         if self._is_done(key):
             return self.steps[key]["candidates"]
-        effects = [e for e in self.effects if e.beside == additive]
-        effects = [e for e in effects if e.name not in base.structure.effects]
+        effects = (e.tried(base.structure, additive) for e in self.effects)
+        effects = [e for e in effects if e is not None and e.name not in base.structure.effects]
         if not fully:
             key += " that has helped"
             if self._is_done(key):

@@ -1,8 +1,9 @@
 """The effects: named physical mechanisms, each a model plus the place where it enters."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
+from functools import partial
 
 import numpy as np
 
@@ -117,6 +118,19 @@ class Effect:
     beside: bool = False
     picture: str | None = None
     plausible: Callable | None = None
+
+    def tried(self, tree, additive):
+        """Return the effect as it is tried in a tree, or None.
+
+        Of what may stand beside the response, or act as a force within the equation of motion, only
+        the former is additive: a function of time alone. The force is a parameter of the model.
+        """
+        if not self.beside:
+            return None if additive else self
+        forms = [v for v in self.variants() if hasattr(v, "trees") != additive]
+        if not additive:
+            forms = [v for v in forms if v.places(tree)]
+        return replace(self, variants=partial(list, forms), beside=additive) if forms else None
 
     def __reduce_ex__(self, protocol):
         if any(own is self for own in _BUILT_IN):  # to other processes by name, with any pickle

@@ -104,9 +104,11 @@ def has_no_peak(operator, motion, records):
 
 
 def rings(operator, motion, records):
-    """Return margins of a mode: below critical damping, height of its peak, resolved by sampling.
+    """Return margins of a mode: below critical damping, height of its peak, resolved.
 
-    It is resolved if the upper end of its half-power band is below half the sampling rate.
+    It is resolved by the sampling if the upper end of its half-power band is below half the
+    sampling rate, and by the records if it repeats in the longest of them: a slower one cannot be
+    distinguished from a drift.
     """
     ratios = np.ravel(getattr(operator, "damping_ratios", getattr(operator, "damping_ratio", ())))
     if not ratios.size:
@@ -115,7 +117,9 @@ def rings(operator, motion, records):
     least = np.argmin(ratios)
     mode, ratio = np.ravel(modes)[least], ratios[least]
     highest = np.pi / min(record.dt for record in records)
-    margin = min(np.log(np.sqrt(0.5) / ratio), np.log(highest / (mode * (1.0 + ratio))))
+    lowest = 2.0 * np.pi * REPEATS / max(len(record.u) * record.dt for record in records)
+    resolved = min(highest / (mode * (1.0 + ratio)), mode / lowest)
+    margin = np.log(min(np.sqrt(0.5) / ratio, resolved))
     if not np.size(getattr(operator, "numerator", ())):
         return margin
     around = np.r_[0.0, np.geomspace(0.1, 10.0, 200), 1e4]  # rest, near the mode, fast motion
@@ -190,8 +194,23 @@ def goes_on(operator, motion, records):
 
 
 def bends(operator, motion, records):
-    """Return by how much a rounded curve is steeper than one that saturates."""
-    return -levels_off(operator, motion, records) if hasattr(operator, "knee") else np.inf
+    """Return margins of a curve: it turns once at the most, and a rounded one does not saturate.
+
+    It rises or falls throughout, or does one after the other, as the strain of an electrostrictor
+    over its field. One that turns more often follows the record, not a device. The margin is its
+    slope where it is least, relative to the mean.
+    """
+    if hasattr(operator, "knee"):
+        return -levels_off(operator, motion, records)
+    if not hasattr(operator, "coefficients"):
+        return np.inf
+    slope = operator.evaluate(operator.center + operator.scale * np.linspace(-1.0, 1.0, 200))[1]
+    ways = np.array([slope, -slope])  # first this way, then the other
+    before = np.minimum.accumulate(ways, axis=1)
+    after = np.minimum.accumulate(-ways[:, ::-1], axis=1)[:, ::-1]
+    nowhere = np.full((2, 1), np.inf)
+    turned = np.minimum(np.hstack([nowhere, before]), np.hstack([after, nowhere]))
+    return turned.max() / np.abs(slope).mean()
 
 
 def shows_its_slopes(operator, motion, records):

@@ -1,5 +1,6 @@
 """Where an effect can enter a model, and what it starts from."""
 
+import pickle
 from dataclasses import replace
 from functools import cache
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 from skhyst.compose import amplitude
+from skhyst.diagnosis import EFFECTS
 from skhyst.diagnosis._changes import (
     AtJoints,
     BesideForce,
@@ -35,6 +37,7 @@ from skhyst.fluid import TankChain
 from skhyst.hysteresis import (
     CoulombFriction,
     FreeMass,
+    FreeMassOperator,
     MaxwellSlip,
     PrandtlIshlinskii,
     PrandtlIshlinskiiOperator,
@@ -301,6 +304,28 @@ def test_forces_of_a_free_mass_are_added_that_it_has_not():
     assert found
     assert all(own.models[0].cubic_stiffness for own in found)
     assert cubic.trees("more", Scene(found[0], records)) == []
+
+
+@pytest.mark.parametrize("name", ["offset", "drift"])
+def test_a_force_beside_the_drive_is_a_parameter_and_tried_as_one(name):
+    """It helps a new record, as a function of time beside the response does not."""
+    effect = EFFECTS[name]
+    mass, mode = (
+        Tree.of(model, operator)
+        for model, operator in (
+            (FreeMass(fit_force_offset=False), FreeMassOperator(1.0, 0.1)),
+            (SecondOrderMode(), SecondOrderModeOperator(30.0, 0.1)),
+        )
+    )
+    within, beside = effect.tried(mass, additive=False), effect.tried(mass, additive=True)
+    assert [within.beside, beside.beside] == [False, True]
+    forms = [*within.variants(), *beside.variants()]
+    assert sorted(map(repr, forms)) == sorted(map(repr, effect.variants()))
+    assert all(form.places(mass) for form in within.variants())
+    assert effect.tried(mode, additive=False) is None
+    again = effect.tried(mode, additive=True).variants()
+    assert list(map(repr, again)) == list(map(repr, beside.variants()))
+    assert pickle.loads(pickle.dumps(within)).variants()[0].places(mass)
 
 
 def test_a_spring_bends_in_the_feedback_of_more_poles_than_those_of_a_mode():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sklearn.exceptions import FitFailedWarning
 
-from skhyst.diagnosis import _contest
+from skhyst.diagnosis import Effect, _contest
 from skhyst.diagnosis._candidates import Candidate
 from skhyst.diagnosis._contest import Contest
 from skhyst.optimize import RecordData
@@ -48,7 +48,7 @@ class Margins:
 
 
 def effect(name, beside=False):
-    return SimpleNamespace(name=name, beside=beside, plausible=None, experiment=f"record {name}")
+    return Effect(name, lambda: [object()], "", f"record {name}", beside)
 
 
 DRIVEN, ADDITIVE = [effect(n) for n in "abcd"], [effect(n, True) for n in "op"]

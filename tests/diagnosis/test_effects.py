@@ -152,7 +152,7 @@ def test_a_mode_has_a_peak_or_a_notch():
         return TransferFunctionOperator(np.array([]), frequency, np.array([damping]), numerator)
 
     def rings(operator, dt=1e-3):
-        record = RecordData(np.zeros(2), np.zeros(2), dt)
+        record = RecordData(np.zeros(500), np.zeros(500), dt)
         return EFFECTS["resonance"].plausible(operator, np.ones(1), [record]) > 0.0
 
     assert rings(of(0.05, np.array([])))

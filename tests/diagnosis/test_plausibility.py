@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numpy.polynomial import Legendre, Polynomial
 from scipy.stats import norm
 
 from skhyst.diagnosis import EFFECTS, EffectSearchCV
@@ -45,7 +46,12 @@ from skhyst.linear import (
 from skhyst.noise import largest_noise
 from skhyst.optimize import RecordData
 from skhyst.records import near_period
-from skhyst.static import DeadBandOperator, DeadZoneOperator, SoftSaturationOperator
+from skhyst.static import (
+    DeadBandOperator,
+    DeadZoneOperator,
+    PolynomialCurveOperator,
+    SoftSaturationOperator,
+)
 
 MODE = SecondOrderModeOperator(30.0, 0.05)
 
@@ -190,11 +196,23 @@ def test_a_curve_that_does_not_level_off_bends():
     assert bends(GainOperator(), motion, []) == levels_off(GainOperator(), motion, []) == np.inf
 
 
+@pytest.mark.parametrize(
+    ("turns", "is_curve"),
+    [([-2.0], True), ([0.3], True), ([-0.2, 0.5], False), ([-0.2, 2.0, 0.5], False)],
+)
+def test_a_smooth_curve_turns_once_at_the_most(turns, is_curve):
+    """Over its input, from 3 to 7, which these are parts of."""
+    curve = Legendre.cast(Polynomial.fromroots(turns).integ())
+    coefficients = curve.coef[2:] / curve.coef[1]  # its straight part has the slope one
+    operator = PolynomialCurveOperator(coefficients, center=5.0, scale=2.0)
+    assert (bends(operator, None, []) > 0.0) == is_curve
+
+
 @pytest.mark.parametrize(("ratio", "peaks"), [(0.70, True), (0.71, False)])
 def test_a_mode_has_a_peak_below_the_root_of_a_half(ratio, peaks):
     """And is one that the samples resolve up to the end of its half-power band."""
     mode = SecondOrderModeOperator(30.0, ratio)
-    record = RecordData(np.zeros(9), np.zeros(9), 1e-3)
+    record = RecordData(np.zeros(500), np.zeros(500), 1e-3)
     assert (rings(mode, None, [record]) > 0.0) == peaks
     assert (has_no_peak(mode, None, [record]) > 0.0) == (not peaks)
     assert has_no_peak(GainOperator(), None, [record]) == np.inf
@@ -203,6 +221,14 @@ def test_a_mode_has_a_peak_below_the_root_of_a_half(ratio, peaks):
     for times, resolved in ((0.99, True), (1.01, False)):
         mode = SecondOrderModeOperator(times * np.pi / 1e-3 / 1.2, 0.2)
         assert (rings(mode, None, [slow, record]) > 0.0) == resolved
+
+
+@pytest.mark.parametrize(("periods", "repeats"), [(1.9, False), (2.1, True)])
+def test_a_mode_repeats_in_the_longest_record(periods, repeats):
+    """A slower one is as good as a drift."""
+    short, long = (RecordData(np.zeros(n), np.zeros(n), 1e-3) for n in (50, 500))
+    mode = SecondOrderModeOperator(2.0 * np.pi * periods / 0.5, 0.05)
+    assert (rings(mode, None, [long, short]) > 0.0) == repeats
 
 
 @pytest.mark.parametrize(
@@ -354,7 +380,7 @@ def test_a_mode_with_zeros_shows_a_peak_or_a_notch(frequency, peak, shows):
         return (1.0 + 0.6 * peak * s + s**2) / (1.0 + 0.6 * s + s**2)
 
     known = {"damping_ratio": 0.3, "natural_frequency": frequency, "frequency_response": response}
-    records = [RecordData(np.zeros(9), np.zeros(9), 1e-3)]
+    records = [RecordData(np.zeros(9), np.zeros(9), dt) for dt in (1e-3, 10.0)]
     assert (rings(SimpleNamespace(**known, numerator=np.ones(2)), None, records) > 0.0) == shows
     assert rings(SimpleNamespace(**known), None, records) > 0.0  # without zeros it is a peak
     low = {**known, "frequency_response": lambda f: (1.0 + 9.0 * (f == 0.0)) * response(f)}
