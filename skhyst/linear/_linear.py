@@ -18,6 +18,7 @@ from abc import abstractmethod
 
 import numpy as np
 from scipy.linalg import expm
+from scipy.special import factorial
 
 from .._sklearn import StrOptions
 from ..base import ParametricModel
@@ -36,6 +37,8 @@ from ..operators import (
     state_space_tangents,
 )
 
+_SQUARED = 4.25  # norm above which `expm` squares: Al-Mohy and Higham, SIAM J. Matrix Anal., 2009
+_SERIES = 1.0 / factorial(np.arange(20, 1, -1))  # of (exp(z) - 1 - z) / z^2, to rounding at 1
 _STEP = 1e-30  # complex step; far below rounding, far above underflow
 _BLOCK = 16  # samples that are advanced at once
 _LONG = 512  # samples from which on the table for blocks pays
@@ -51,10 +54,28 @@ def refuse_open_hold(hold, possible=("foh", "zoh")):
         )
 
 
+def _exponentials(z):
+    """Return ``exp(z)``, ``(exp(z) - 1) / z`` and ``(exp(z) - 1 - z) / z**2``, limits at zero."""
+    small = abs(z) < 1.0
+    inside, outside = np.where(small, z, 0.0), np.where(small, 1.0, z)
+    second = np.polyval(_SERIES, inside)
+    exponential = np.exp(z)
+    first = np.where(small, 1.0 + inside * second, (exponential - 1.0) / outside)
+    return exponential, first, np.where(small, second, (first - 1.0) / outside)
+
+
 def discretize(a, b, dt, hold):
     """Return Ad, B0, B1 for stacked matrices ``a`` (..., n, n) and ``b`` (..., n)."""
     refuse_open_hold(hold)
     n = a.shape[-1]
+    z = np.diagonal(a, axis1=-2, axis2=-1) * dt
+    # of triangular matrices `expm` squares in a loop of Python, and takes complex ones one by one
+    slow = np.iscomplexobj(a) or np.max(abs(z), initial=0.0) > _SQUARED
+    if slow and np.array_equal(z[..., None] * np.eye(n), a * dt):
+        e, phi1, phi2 = _exponentials(z)
+        g1, g2 = phi1 * b * dt, phi2 * b * dt
+        ad = e[..., None] * np.eye(n)
+        return (ad, g1 - g2, g2) if hold == "foh" else (ad, g1, np.zeros_like(g1))
     block = np.zeros((*a.shape[:-2], n + 2, n + 2), dtype=a.dtype)
     block[..., :n, :n] = a * dt
     block[..., :n, n] = b * dt

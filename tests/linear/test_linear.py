@@ -27,6 +27,7 @@ DT = 0.01
 LAG = FirstOrderLagOperator(0.03, gain=1.4, intercept=-0.2)
 OPERATORS = {
     "lag": LAG,
+    "fast lag": FirstOrderLagOperator(1e-3),
     "mode": SecondOrderModeOperator(90.0, 0.15, gain=0.8, intercept=0.1),
     "overdamped mode": SecondOrderModeOperator(90.0, 4.0),
     "stiff mode": SecondOrderModeOperator(5e4, 1e-3),
@@ -60,6 +61,25 @@ def test_agrees_with_scipy(held, u):
     _, expected, _ = lsim(system, u, time, X0=rest, interp=held.hold == "foh")
     y, _ = held.run(u, DT)
     np.testing.assert_allclose(y - held.intercept, expected, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("time_constant", [1e-4, 2e-3, 1e-2, 0.3, 1e4])
+@pytest.mark.parametrize("hold", ["foh", "zoh"])
+def test_derivatives_of_lags_and_creep_however_fast(time_constant, hold, u):
+    """In closed form, which is a series where the time constant is longer than the interval."""
+    times = time_constant * np.array([1.0, 3.0])
+    for operator in (
+        FirstOrderLagOperator(time_constant, 1.4, hold=hold),
+        KelvinVoigtOperator(np.array([0.2, 0.1]), times, hold=hold),
+    ):
+        _, dy = operator.sensitivities(u, np.empty((u.size, 0)), DT)
+        values = operator.pack()
+        for i, step in enumerate(1e-4 * np.maximum(np.abs(values), 1e-9 + (values == 0.0))):
+            ends = values + step * np.array([[-1.0], [1.0]]) * np.eye(len(values))[i]
+            low, high = (operator.unpack(end).run(u, DT)[0] for end in ends)
+            expected = (high - low) / (2.0 * step)
+            scale = np.abs(expected).max() + 1e-9 / step
+            np.testing.assert_allclose(dy[:, i], expected, rtol=0, atol=1e-6 * scale)
 
 
 @pytest.mark.parametrize("factor", [2, 7])
