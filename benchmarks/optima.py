@@ -1,7 +1,7 @@
 """How often a fit ends in a local optimum: `python benchmarks/optima.py`.
 
     python benchmarks/optima.py [--truths 30] [--cascade-truths 100] [--models "Dahl;Fold"]
-                                [--settling] [--jobs 2] [--out FILE] [--against FILE]
+                                [--first 1000000] [--jobs 2] [--out FILE] [--against FILE]
 
 Of every model and of ten cascades truths are drawn, and for each a drive: multisines, random steps,
 or a sweep that decays. Plays, backlash, lags, modes, transfer functions, limits and folds are
@@ -17,9 +17,9 @@ noise of 0.3 % of the response, a tenth of its power takes a difference of 0.1 %
 
 Printed are the failures of each model, whether each came with a `ConvergenceWarning`, how many fits
 without a failure warned too, and evaluations. The pooled bar is 6 failures of 1,900, each with its
-warning. Seeds of `--settling` are those that the starting values were made with; the others are for
-reports. `--against` compares with a file that `--out` has written, truth by truth: failures, and
-the evaluations of those that failed in neither.
+warning. Seeds from 0 on are those that the starting values were made with, those from 1,000,000 on
+are for reports: another `--first` is another sample. `--against` compares with a file that `--out`
+has written, truth by truth: failures, and the evaluations of those that failed in neither.
 """
 
 import argparse
@@ -89,7 +89,7 @@ from skhyst.static import (
 
 DT, N = 0.01, 1000  # s; samples of a record
 BAR = 1.1  # error over the noise's, above which a fit has failed
-REPORTING = 1_000_000  # first seed of a report; those below are for settling
+REPORTING = 1_000_000  # first seed of a report; the starting values were made with those below
 
 
 # ------------------------------------------------------------------------------------- drives
@@ -497,19 +497,18 @@ def main():
     parser.add_argument("--truths", type=int, default=30)
     parser.add_argument("--cascade-truths", type=int, default=None)
     parser.add_argument("--models", default="")
-    parser.add_argument("--settling", action="store_true")
+    parser.add_argument("--first", type=int, default=REPORTING, help="first seed")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--out")
     parser.add_argument("--against")
     given = parser.parse_args()
-    first = 0 if given.settling else REPORTING
     of_cascades = given.cascade_truths or round(given.truths * 100 / 30)
     wanted = [name.strip() for name in given.models.split(";") if name.strip()]
     rows = []
     for name in wanted or [*MODELS, *CASCADES]:
         n = of_cascades if name in CASCADES else given.truths
         found = Parallel(n_jobs=given.jobs)(
-            delayed(trial)(name, seed) for seed in range(first, first + n)
+            delayed(trial)(name, seed) for seed in range(given.first, given.first + n)
         )
         rows += found
         own = table(pd.DataFrame(found)).to_string(index_names=False).splitlines()
