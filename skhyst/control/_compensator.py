@@ -69,7 +69,7 @@ from ..operators import (
     inverse_of,
     split_disturbances,
 )
-from ..records import chosen_interval, record_names
+from ..records import chosen_interval, fill_lost_rows, record_names
 from ._drive_limits import DriveLimits
 
 _ORDER = 4  # of the low-pass, run forwards and backwards
@@ -270,6 +270,8 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
             If the reference is not finite, a stage has no stable inverse, or the residual of a
             learned inverse is asked for.
         """
+        X, _, read = fill_lost_rows(X)
+        read = slice(None) if read is None else read
         slices, references = self._model_references(X) if return_residual else self._references(X)
         if self.method == "learned":
             learned = self.model_.predict(_indexed(references, X))
@@ -279,13 +281,13 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
             drive, asked = (np.concatenate(part) for part in zip(*parts, strict=True))
             cut = np.abs(asked - drive) > limits.rounding
             _warn(self._limit_messages(slices, drive, cut))
-            return drive
+            return drive[read]
         parts = [self._compensated(references[s.rows], s.dt) for s in slices]
         *parts, short = zip(*parts, strict=True)
         drive, cut, residual = map(np.concatenate, parts)
         limited = self._limit_messages(slices, drive, cut)
         _warn([*short, *limited, self._missed(X, residual)])
-        return (drive, residual) if return_residual else drive
+        return (drive[read], residual[read]) if return_residual else drive[read]
 
     def largest_miss(self, X, residual) -> tuple[float, float, object]:
         """Return by how much a residual misses the reference, in the record where that is most.

@@ -40,6 +40,7 @@ from ..operators import (
     threshold_tangents,
     widened_play_step,
 )
+from ..records import with_lost_rows
 from ._common import as_fine_as_needed, in_direction, show
 
 # Thresholds of which a scan for further plays tries each. Between two of them the response of a
@@ -433,8 +434,10 @@ class PlayModel(ParametricModel):
             If the model is not strictly monotone: the threshold zero must have a positive weight.
         """
         check_is_fitted(self)
-        slices, X, _ = read_data(self, X, reset=False)
-        return run_records(self.operator_.inverse(), X[:, 0], slices, self.free_run_state)
+        slices, X, _ = read_data(self, X, reset=False, bridge=True)
+        slices, X, read = with_lost_rows(slices, X)
+        drive = run_records(self.operator_.inverse(), X[:, 0], slices, self.free_run_state)
+        return drive if read is None else drive[read]
 
 
 class PrandtlIshlinskii(PlayModel):

@@ -9,7 +9,7 @@ import numpy as np
 from .._documentation import documented_like, inherit_documentation
 from .._validation import interval_of
 from ..io import unit_of
-from ..records import Units, record_slices
+from ..records import Units, record_slices, with_lost_rows
 from ._drawing import MUTED, plain
 from ._plot_data import envelope, loop_spans, thin_path
 
@@ -144,11 +144,15 @@ class SignalDisplay(Display):
                     f"{response.size} samples. Got {signal.size} samples instead."
                 )
         columns = getattr(X, "columns", None)
+        records = record_slices(X, y, dt=dt, one_interval=False, bridge=True)
+        records, drive, response, *found, _ = with_lost_rows(
+            records, drive, response, *predictions.values()
+        )
         display = cls(
             drive=drive,
             response=response,
-            predictions=predictions,
-            records=record_slices(X, y, dt=dt, one_interval=False),
+            predictions=dict(zip(predictions, found, strict=True)),
+            records=records,
             drive_name="drive" if columns is None else str(columns[0]),
             response_name=str(getattr(y, "name", None) or "response"),
         )

@@ -23,7 +23,7 @@ from sklearn.base import clone
 
 from .._documentation import documented_like
 from .._validation import read_data, refuse_no_experiment
-from ..base import ParametricModel, identified
+from ..base import ParametricModel, identified, scored_where
 from ..compose import Cascade
 from ..fluid import TankChain
 from ..hysteresis import (
@@ -36,6 +36,7 @@ from ..hysteresis import (
 from ..linear import DynamicStiffness, FirstOrderLag, Gain, SecondOrderMode, TransferFunction
 from ..model_selection import segment_folds
 from ..optimize import VariableProjection
+from ..records import fill_lost_rows
 from ._base import Display
 from ._drawing import COLORS, INK, MUTED, new_axes, plain, tidy
 
@@ -125,6 +126,7 @@ def compare_models(X, y, models=None, *, cv=5, max_samples=5000) -> "ModelCompar
             "The 'models' parameter of compare_models must be a dict of name to parametric model "
             f"of skhyst. Got {models!r} instead."
         )
+    X, y, read = fill_lost_rows(X, y)
     slices, columns, response = read_data(Gain(), X, y, reset=True)
     refuse_no_experiment(columns, response, slices)
     n = len(response) if max_samples is None else max_samples
@@ -133,19 +135,20 @@ def compare_models(X, y, models=None, *, cv=5, max_samples=5000) -> "ModelCompar
     )
     X, y = (v.iloc[rows] if hasattr(v, "iloc") else np.asarray(v)[rows] for v in (X, y))
     slices, _, response = read_data(Gain(), X, y, reset=True)
+    read = np.ones(len(rows), dtype=bool) if read is None else read[rows]
     segments, folds = segment_folds(slices, cv, X, response)
     spans = [
         slice(s.rows.start + start, s.rows.start + stop)
         for s, own in zip(slices, segments, strict=True)
         for start, stop in own
     ]
-    masks = [[_rows(spans, part, len(rows)) for part in fold] for fold in folds]
+    masks = [[_rows(spans, part, len(rows)) & read for part in fold] for fold in folds]
     table, squares, failure = [], {}, None
     for name, (model, about) in known.items():
         try:
             with warnings.catch_warnings(), np.errstate(all="ignore"):
                 warnings.simplefilter("ignore")  # of fits that are only compared
-                count, e = _held_out(clone(model), X, y, masks)
+                count, e = _held_out(clone(model), X, y, read, masks)
         except (ValueError, ArithmeticError) as error:
             count, e, failure = 0, np.full(len(response), np.nan), failure or error
         squares[name] = [np.mean(np.square(e[test])) for _, test in masks]
@@ -172,10 +175,13 @@ def _rows(spans, chosen, n):
     return mask
 
 
-def _held_out(model, X, y, masks):
-    """Return the number of parameters, and what is left of each sample (n_samples,) held out."""
+def _held_out(model, X, y, read, masks):
+    """Return the number of parameters, and what is left of each sample (n_samples,) held out.
+
+    Samples that were not ``read`` (n_samples,) are not fitted.
+    """
     slices, array, response = read_data(model, X, y, reset=True)
-    records = model.record_data(slices, array, response)
+    records = scored_where(model.record_data(slices, array, response), slices, read)
     whole, result = identified(model, records)  # from its starts, without the further ones of a fit
     whole, left = whole.adopt(result), np.full(len(response), np.nan)
     for train, test in masks:

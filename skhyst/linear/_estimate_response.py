@@ -23,7 +23,7 @@ from sklearn.utils import check_X_y
 
 from .._sklearn import Interval, StrOptions, validate_params
 from ..exceptions import RecordError
-from ..records import record_slices
+from ..records import record_slices, with_lost_rows
 from ._frequency_response import FrequencyResponse
 from ._periodic import find_period, period_mismatch, periodic_estimate
 
@@ -204,7 +204,8 @@ def _read(X, y, inputs, dt):
         wanted = [inputs] if isinstance(inputs, str | Integral) else inputs
         chosen = chosen_columns(wanted, names, count, "frequency_response")
         values, names = values[:, chosen], [names[at] for at in chosen]
-    slices = record_slices(X, y, dt=dt)
+    slices = record_slices(X, y, dt=dt, bridge=True)
+    slices, values, response, _ = with_lost_rows(slices, values, response)
     for name, signal in zip(names, values.T, strict=True):
         if np.ptp(signal) == 0.0:
             raise ValueError(

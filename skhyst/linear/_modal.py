@@ -353,8 +353,9 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         refuse_extreme(array, response)
         self._one_response = response.ndim == 1
         response = response.reshape(len(array), -1)
-        self.records_ = slices = read_slices(self, X, y, reset=True)
+        self.records_ = slices = read_slices(self, X, y, reset=True, bridge=True)
         keep_seen(self, array[:, 0], slices)
+        slices, array, response, _ = with_lost_rows(slices, array, response)
         dt, scales = slices[0].dt, (_size(array), _size(response))
         records = [(array[s.rows] / scales[0], response[s.rows] / scales[1]) for s in slices]
         with one_thread():

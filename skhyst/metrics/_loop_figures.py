@@ -23,7 +23,7 @@ from scipy.ndimage import uniform_filter1d
 from sklearn.utils.validation import check_array, check_consistent_length
 
 from .._jit import jit
-from ..records import record_names, record_slices
+from ..records import record_names, record_slices, with_lost_rows
 
 _LEVELS = 1024  # of the drive, among which the widest opening is looked for
 _WINDOW = 1 / 32  # of the drive's range, over which it is a mean: of an ellipse it is 2e-4 less
@@ -122,7 +122,10 @@ def loop_figures(X, y, *, center="loop", tolerance=TOLERANCE, skip=0, dt=None) -
 
 
 def read_loops(X, y, *, center="loop", tolerance=TOLERANCE, skip=0, dt=None):
-    """Return drive (n,), response (n,) and the loops of a recording; see :func:`loop_figures`."""
+    """Return drive (n,), response (n,) and the loops of a recording; see :func:`loop_figures`.
+
+    Rows that the recording has lost are there too, interpolated.
+    """
     if center not in ("loop", "zero"):
         raise ValueError(
             "The 'center' parameter of loop_figures must be 'loop' or 'zero'. Got "
@@ -138,12 +141,13 @@ def read_loops(X, y, *, center="loop", tolerance=TOLERANCE, skip=0, dt=None):
             "The 'tolerance' parameter of loop_figures must be between 0 and 1. Got "
             f"{tolerance!r} instead."
         )
-    records = record_slices(X, y, dt=dt, one_interval=False)
+    records = record_slices(X, y, dt=dt, one_interval=False, bridge=True)
     drive = X.iloc[:, 0] if getattr(X, "ndim", 1) == 2 and hasattr(X, "iloc") else np.asarray(X)
     drive = drive[:, 0] if drive.ndim == 2 else drive
     u = check_array(drive, ensure_2d=False, dtype=float, input_name="X")
     y = check_array(y, ensure_2d=False, dtype=float, input_name="y").ravel()
     check_consistent_length(u, y)
+    records, u, y, _ = with_lost_rows(records, u, y)
     return u, y, closed_loops(u, records, tolerance, skip)
 
 
