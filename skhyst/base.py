@@ -78,7 +78,6 @@ _NO_REST = (
     "{} has found no state of rest, as of an integrator: start with initial_state='zero', or from "
     "a known response, 'y_start' of predict"
 )
-_NOTHING = 0.98  # of the variance of the response, which a constant leaves
 _MOST = 0.5  # of a squared error: what leaves less than that has removed more than it leaves
 _FEW = "Records this short tell like few independent samples, and params_std_ is too small for"
 
@@ -824,11 +823,11 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             )
         slope = _better_slope(drives, result, records) if driven else 0.0
         if slope:
-            remedy = (
-                "turn the sign of one of them"
-                if slope < 0.0
-                else "put a Gain beside it in a Cascade, or take other units"
-            )
+            remedy = "put a Gain beside it in a Cascade, or take other units"
+            if slope < 0.0:
+                remedy = "turn the sign of one of them"
+            elif result.operator.owns_gain:
+                remedy = "add a Gain to it in a Sum, or declare another model"
             yield (
                 f"A straight line, {'rising' if slope > 0.0 else 'falling'} with the drive, "
                 f"predicts the response clearly better than {name} does: {remedy}.",
@@ -1250,11 +1249,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
 
 
 def _better_slope(drives, result, records):
-    """Return a slope where a straight line explains most, also of what a fit leaves, or zero.
-
-    What has a gain of its own may still be no line, as a friction force: unless it explains nothing
-    it is as meant.
-    """
+    """Return a slope where a straight line explains most, also of what a fit leaves, or zero."""
     counts = np.concatenate([record.counts() for record in records])
     y = np.concatenate([record.y for record in records])
     if not (np.ptp(y) > 0.0 and np.ptp(drives) > 0.0):
@@ -1262,8 +1257,6 @@ def _better_slope(drives, result, records):
     both = y / np.ptp(y), drives / np.ptp(drives)
     (power, product), (_, own) = np.cov(*both, ddof=0, aweights=counts)
     error = (result.error / np.ptp(y)) ** 2
-    if result.operator.owns_gain and error < _NOTHING * power:
-        return 0.0
     left = max(power - product**2 / own, NOISELESS * power)
     return product if left < _MOST * min(power, error) else 0.0
 

@@ -139,6 +139,10 @@ class Composition(ParametricModel, BaseComposition):
         # with the amplitude of the records as a last column, where one reads it
         return max(found, key=np.size, default=signal), schedules
 
+    def _validate_params(self):
+        super()._validate_params()
+        self._check_steps()
+
     def record_data(self, slices, X, y):
         self._check_steps()
         return super().record_data(slices, X, y)

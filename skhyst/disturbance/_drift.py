@@ -50,6 +50,8 @@ class DriftOperator(DisturbanceOperator):
     def __post_init__(self):
         super().__post_init__()
         self._require("duration", self.duration > 0.0, "be above 0")
+        is_right = np.ndim(self.coefficients) == 1 and np.size(self.coefficients) > 0
+        self._require("coefficients", is_right, "be an array of one value at least")
 
     coefficients: np.ndarray = parameter(linear=True, unit="response")
     duration: float

@@ -63,6 +63,7 @@ from ._plays import stop_basis as stop_basis
 from ._plays import threshold_tangents as threshold_tangents
 from ._plays import widened_play_step as widened_play_step
 from ._products import sum_of_products as sum_of_products
+from ._protocol import MOST_STEPS as MOST_STEPS
 from ._protocol import Operator, ParameterSpec, parameter
 from ._protocol import as_constant as as_constant
 from ._protocol import as_signal as as_signal

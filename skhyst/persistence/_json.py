@@ -11,7 +11,7 @@ import importlib
 import json
 import math
 import pkgutil
-from functools import cache
+from functools import cache, partial
 from importlib.metadata import version
 from numbers import Integral, Real
 
@@ -38,9 +38,11 @@ _FIELDS = {  # and fields
 _ABOVE_ZERO = Interval(Real, 0, None, closed="neither")
 _FITTED = {  # what scikit-learn calls constraints
     "bound_": [_ABOVE_ZERO],
+    "columns_": [tuple],
     "drive_range_": [tuple],
     "drive_rate_": [Interval(Real, 0, None, closed="left")],
     "dt_": [_ABOVE_ZERO, None],
+    "has_rest_": ["boolean"],
     "n_features_in_": [Interval(Integral, 1, None, closed="left")],
     "operator_": [HasMethods(["run"])],
     "output_range_": [tuple],
@@ -245,13 +247,17 @@ def refuse_wrong(fitted, name):
         if attribute in fitted:
             finite_numbers(fitted[attribute], name, attribute, "finite numbers")
     n, operator = fitted.get("n_features_in_"), fitted.get("operator_")
-    columns = {fitted.get("_drive_number", 0)}
+    own, columns = fitted.get("columns_", (0,)), {fitted.get("_drive_number", 0)}
     columns |= operator.acting_columns if isinstance(operator, Operator) else set()
-    if n is not None and not all(0 <= column < n for column in columns):
+    if n is not None and not (own and all(map(partial(_is_position, n), (*own, *columns)))):
         raise ValueError(
             f"{name} must read columns of an X that has {n}, as that of its fit. Got the column(s) "
-            f"{sorted(columns)} instead."
+            f"{sorted({*own, *columns}, key=repr)} instead."
         )
+
+
+def _is_position(n, column):
+    return type(column) is not bool and isinstance(column, Integral) and 0 <= column < n
 
 
 def _tuple(items):
@@ -283,9 +289,9 @@ def _object(plain):
     made = kind(**parameters)  # a dataclass checks its fields
     if isinstance(made, Operator):
         made.check_values()
+    if hasattr(made, "_parameter_constraints"):
+        made._validate_params()  # as `fit` has done
     if fitted:
-        if hasattr(made, "_parameter_constraints"):
-            made._validate_params()  # as `fit` has done
         refuse_wrong(fitted, kind.__name__)
         made.__setstate__(fitted)
     return made

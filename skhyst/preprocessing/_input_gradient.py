@@ -5,6 +5,7 @@ from numbers import Integral, Real
 import numpy as np
 
 from .._sklearn import Interval, StrOptions
+from ..operators import MOST_STEPS
 from ._base import RecordTransformer
 
 
@@ -74,7 +75,7 @@ class GeneralizedInputGradient(RecordTransformer):
         "include_drive": ["boolean"],
         "include_rate": ["boolean"],
         "direction": ["boolean"],
-        "turning_points": ["boolean", Interval(Integral, 0, None, closed="left")],
+        "turning_points": ["boolean", Interval(Integral, 0, MOST_STEPS, closed="both")],
         "dt": [Interval(Real, 0, None, closed="neither"), None],
     }
 

@@ -29,6 +29,7 @@ from skhyst.linear import (
 )
 from skhyst.neural import GrayBoxOperator, SCNRegressor
 from skhyst.persistence import from_json, to_json
+from skhyst.preprocessing import LaggedFeatures
 from skhyst.static import FoldOperator, Saturation
 
 U = np.sin(0.1 * np.arange(200.0))[:, None]
@@ -183,6 +184,7 @@ def test_values_that_an_operator_has_by_default_or_sign_are_read():
             "exponent",
         ),
         (DriftOperator, {"coefficients": np.ones(2), "duration": 0.0}, "duration"),
+        (DriftOperator, {"coefficients": np.ones((2, 2)), "duration": 1.0}, "coefficients"),
         (LogCreepOperator, {"creep": 0.1, "time_constant": 1.0, "shortest": 0.0}, "shortest"),
         (LogCreepOperator, {"creep": 0.1, "time_constant": 1.0, "longest": np.nan}, "longest"),
         (FoldOperator, {"level": 0.0, "side": 2}, "side"),
@@ -207,9 +209,22 @@ def test_structure_that_no_operator_has_is_refused(kind, values, name):
 
 @pytest.mark.filterwarnings("ignore::skhyst.exceptions.ConvergenceWarning")
 def test_parameters_are_those_that_fit_takes(creep):
-    content = json.loads(to_json(creep))
-    content["model"]["parameters"]["hold"] = "second-order"
-    with pytest.raises(ValueError, match="'hold' parameter of KelvinVoigt must"):
+    """Also those of a model within another, which is not fitted by itself."""
+    for text in (to_json(creep), to_json(Cascade([("creep", creep)]))):
+        other = text.replace('"hold": "foh"', '"hold": "second-order"', 1)
+        with pytest.raises(ValueError, match="'hold' parameter of KelvinVoigt must"):
+            from_json(other)
+    content = json.loads(to_json(Cascade([("creep", creep)])))
+    content["model"]["parameters"]["steps"] = [1.0]
+    with pytest.raises(ValueError, match="cannot be read"):
+        from_json(json.dumps(content))
+
+
+@pytest.mark.parametrize("columns", [[], [1], [-1], [0.0], [True], ["u"]])
+def test_features_are_of_columns_that_are_there(columns):
+    content = json.loads(to_json(LaggedFeatures([0, 1]).fit(U)))
+    content["model"]["fitted"]["columns_"] = {"tuple": columns}
+    with pytest.raises(ValueError, match="LaggedFeatures must read columns of an X that has 1"):
         from_json(json.dumps(content))
 
 
@@ -302,7 +317,9 @@ def test_a_polynomial_that_no_fit_has_made_is_refused(name, value):
         from_json(json.dumps(content))
 
 
-@pytest.mark.parametrize(("name", "value"), [("dt_", -0.1), ("operator_", 3), ("time_unit_", "h")])
+@pytest.mark.parametrize(
+    ("name", "value"), [("dt_", -0.1), ("has_rest_", "no"), ("operator_", 3), ("time_unit_", "h")]
+)
 def test_fitted_attributes_are_what_a_fit_makes(name, value):
     content = json.loads(to_json(Gain(dt=0.1).fit(U, Y)))
     content["model"]["fitted"][name] = value
