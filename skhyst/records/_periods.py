@@ -5,8 +5,8 @@ import numpy as np
 # as parts of the power of the difference to the shifted drive
 _AWAY = 0.2  # it has moved on
 _BACK = 0.05  # it is there again
-_SAME = 1e-3  # two lags repeat it equally well
 _PROBES = 64  # samples that rule out most lags
+_FINE = 4  # lags per sample: a parabola then has the depth of a period of three samples to 1e-3
 
 
 def repeats(a, b):
@@ -32,10 +32,15 @@ def drive_period(u):
     return 0
 
 
-def _autocorrelation(u):
-    """Return the signal minus its mean, and its autocovariance sums by lag."""
-    v = u - u.mean()
-    return v, np.fft.irfft(np.abs(np.fft.rfft(v, 2 * len(u))) ** 2, 2 * len(u))[: len(u)]
+def _autocorrelation(u, fine=1):
+    """Return the signal minus its mean, and its autocovariance sums at ``fine`` lags per sample.
+
+    Those between the samples are of the band-limited signal.
+    """
+    v, n = u - u.mean(), len(u)
+    spectrum = np.square(np.abs(np.fft.rfft(v, 2 * n)))
+    spectrum[-1] /= 1.0 if fine == 1 else 2.0  # the line at half the rate is two of a finer one
+    return v, fine * np.fft.irfft(spectrum, 2 * n * fine)[: n * fine]
 
 
 def near_period(u):
@@ -46,11 +51,12 @@ def near_period(u):
     n = len(u)
     if n < 6 or not np.ptp(u) > 0.0:
         return 0
-    v, correlation = _autocorrelation(u)
-    lags = np.arange(n // 2 + 2)  # two turns, and what tells that the second one is the end
-    correlation = correlation[lags]
+    v, correlation = _autocorrelation(u, _FINE)
+    # two turns, and what tells that the second one is the end
+    lags = np.arange(_FINE * (n // 2 + 1) + 1) / _FINE
+    correlation, rows = correlation[: len(lags)], np.arange(n + 1)
     power = np.concatenate([[0.0], np.cumsum(v * v)])
-    both = power[n - lags] + power[n] - power[lags]
+    both = np.interp(n - lags, rows, power) + power[n] - np.interp(lags, rows, power)
     difference = 1.0 - 2.0 * correlation / np.maximum(both, np.finfo(float).tiny)
     low, least, high = difference[:-2], difference[1:-1], difference[2:]
     back = np.maximum.accumulate(difference)[1:-1] > _AWAY
@@ -61,12 +67,13 @@ def near_period(u):
     best = depths.min(initial=np.inf)
     if best > _BACK:
         return 0
-    lag = 1 + at[np.argmax(depths <= 2.0 * best + _SAME)]  # not a multiple of the period
-    return _between_samples(difference, int(lag))
+    # not a multiple of the period; an overlap that ends between samples is known but for these
+    lag = 1 + at[np.argmax(depths <= 2.0 * best + 2.0 / n)]
+    return _between_samples(difference, int(lag)) / _FINE
 
 
 def _between_samples(difference, lag):
-    """Return the lag of least difference near a lag, refined by means of its multiples."""
+    """Return the place of least difference near a lag, refined by means of its multiples."""
     period, multiple = float(lag), 1
     while True:
         at = round(multiple * period)

@@ -67,7 +67,7 @@ def test_a_rough_period_is_neither_a_multiple_nor_a_half_that_repeats_worse(odd,
     assert near_period(u) == pytest.approx(period, rel=0.01)
 
 
-@pytest.mark.parametrize("period", [20.5, 33.4])
+@pytest.mark.parametrize("period", [4.3, 6.5, 10.5, 20.5, 33.4])
 def test_a_period_is_found_between_the_samples(period):
     """Of a sinusoid, to a thousandth, though no sample comes back, or only after two turns."""
     u = np.sin(2.0 * np.pi * np.arange(300) / period + 0.3)
