@@ -17,9 +17,9 @@ from sklearn.utils import get_tags
 from sklearn.utils.validation import check_is_fitted
 
 from .._documentation import documented_like
-from .._sklearn import HasMethods, fit_context
+from .._sklearn import HasMethods, check_sample_weight, fit_context
 from .._validation import agreed, as_floats, read_slices
-from ..base import ParametricModel, one_thread, refine, scored_where
+from ..base import ParametricModel, one_thread, refine
 from ..operators import Operator, ParameterSpec, split_disturbances
 from ..optimize import NOISELESS
 from ..records import with_lost_rows
@@ -119,7 +119,7 @@ class SharedParameters(MetaEstimatorMixin, MultiOutputMixin, RegressorMixin, Bas
         return getattr(self.estimator, "one_interval", False)
 
     @fit_context(prefer_skip_nested_validation=False)
-    def fit(self, X, y) -> Self:
+    def fit(self, X, y, sample_weight=None) -> Self:
         """Identify the parameters of all responses.
 
         Parameters
@@ -128,6 +128,8 @@ class SharedParameters(MetaEstimatorMixin, MultiOutputMixin, RegressorMixin, Bas
             Inputs; the index carries records and time.
         y : array-like of shape (n_samples, n_outputs) or (n_samples,)
             Responses.
+        sample_weight : array-like of shape (n_samples,), default=None
+            As for :meth:`ParametricModel.fit`, of all responses.
 
         Returns
         -------
@@ -147,23 +149,28 @@ class SharedParameters(MetaEstimatorMixin, MultiOutputMixin, RegressorMixin, Bas
         self._one_response = response.ndim == 1
         response = response.reshape(len(array), -1)
         columns = [y] if self._one_response else _columns(y, response)
-        models = [clone(self.estimator).fit(X, column) for column in columns]
+        options = {"dtype": float, "ensure_non_negative": True}
+        weights = check_sample_weight(sample_weight, array, **options)
+        models = [clone(self.estimator).fit(X, column, sample_weight) for column in columns]
         slices = read_slices(models[0], X, y, reset=False, bridge=True)
-        slices, array, response, read = with_lost_rows(slices, array, response)
+        slices, array, response, weights, read = with_lost_rows(slices, array, response, weights)
+        weights = weights if read is None else np.where(read, weights, 0.0)
         self.error_alone_ = np.array([model.fit_error_ for model in models])
-        floor = np.sqrt(NOISELESS) * response.std(axis=0)
+        floor = np.sqrt(NOISELESS) * response[weights > 0.0].std(axis=0)
         scales = np.maximum(self.error_alone_, floor)
         scales[scales == 0.0] = 1.0
         data = []
         for k, model in enumerate(models):
             own = model.record_data(slices, array, response[:, k] / scales[k])
-            own = own if read is None else scored_where(own, slices, read)
             if any(record.schedule is not None for record in own):
                 raise ValueError(
                     "The model of SharedParameters must have parameters that do not depend on the "
                     f"record. Got {self.estimator!r} instead."
                 )
-            data.append([replace(record, schedule=float(k)) for record in own])
+            rows = [{} if weights.all() else {"weights": weights[s.rows]} for s in slices]
+            data.append(
+                [replace(r, schedule=float(k), **of) for r, of in zip(own, rows, strict=True)]
+            )
         starts = _starts(models, self.own, scales)
         with one_thread():
             result = refine(self.estimator, starts, [r for own in data for r in own])

@@ -19,6 +19,7 @@ from .._validation import agreed
 from ..base import ParametricModel, identified, read_data
 from ..compose import Backfitting, Corrected, ScheduledParameters, Turn
 from ..linear import Gain, TransferFunction
+from ..model_selection import predicted_from
 from ..operators import Operator
 from ..optimize import with_input_history
 from ._candidates import held_out, refitted
@@ -253,11 +254,15 @@ def _seeded(estimator, random_state):
     return estimator.set_params(**{key: random_state.randint(2**31 - 1) for key in free})
 
 
-def drive_of(driver, X, columns, slices):
-    """Return what drives the stages behind a fitted ``driver``, see :meth:`Declared.driver`."""
+def drive_of(driver, X, columns, known=None):
+    """Return what drives the stages behind a fitted ``driver``, see :meth:`Declared.driver`.
+
+    It goes on from a ``known`` response (n_samples,), NaN elsewhere, where it can.
+    """
     if _comes_apart(driver):
         return columns[:, 0]
-    return np.ravel(driver.predict(X)).astype(float)
+    found = None if known is None else predicted_from(driver, X, known)
+    return np.ravel(driver.predict(X) if found is None else found).astype(float)
 
 
 def effect_of(driver, effect):

@@ -54,12 +54,10 @@ def first_row(search, record):
     return min(unknown if search.washout is None else search.washout, record.n_samples - 1)
 
 
-def _under_way(search, structure, slices, records):
-    """Return a structure with what came before records that continue one of the fit."""
-    if all(operator.memoryless for operator in structure.operators):
-        return structure
+def _under_way(search, slices):
+    """Return for each record whether it continues one of the fit."""
     # within a record of the fit, or a gap behind it that would not separate two records
-    begun = [
+    return [
         any(
             own.label == s.label
             and 0.0 < s.start_time - own.start_time < (own.n_samples + 0.5) * own.dt
@@ -67,7 +65,11 @@ def _under_way(search, structure, slices, records):
         )
         for s in slices
     ]
-    if not any(begun):
+
+
+def _led(structure, records, begun):
+    """Return a structure with what came before the records that have ``begun`` before."""
+    if not any(begun) or all(operator.memoryless for operator in structure.operators):
         return structure
     led = iter(structure.led_by(list(compress(records, begun))).input_history)
     return replace(structure, input_history=tuple(next(led) if own else None for own in begun))
@@ -79,7 +81,12 @@ def held_out_error(search, X, y, declared):
     slices, columns, response = read_data(search, X, y, reset=False)
     X, columns = (without_column(own, column_of(search)) for own in (X, columns))
     driver = search.declared_estimator_ if declared else search._driver
-    inputs, records = with_others(drive_of(driver, X, columns, slices), columns), []
+    begun, known = _under_way(search, slices), np.full(len(response), np.nan)
+    for s, own in zip(slices, begun, strict=True):
+        counted = s.rows.start + first_row(search, s)
+        known[s.rows.start : counted] = response[s.rows.start : counted] if own else np.nan
+    drive = drive_of(driver, X, columns, known if np.isfinite(known).any() else None)
+    inputs, records = with_others(drive, columns), []
     for s in slices:
         segments = stretches(first_row(search, s), s.n_samples)
         records.append(record_data(s, *inputs, response, segments, read))
@@ -87,7 +94,7 @@ def held_out_error(search, X, y, declared):
     if structure.input_history:
         structure = structure.led_by(records)
     else:
-        structure = _under_way(search, structure, slices, records)
+        structure = _led(structure, records, begun)
     problem = structure.problem(records)
     nothing = np.zeros(len(problem.segment_record), dtype=bool)
     predictions = problem.predictions(problem.x0, nothing)

@@ -10,7 +10,7 @@ from sklearn.utils.validation import check_is_fitted
 from .._files import check_outputs, replacing
 from ..datasets import from_rest_to_rest, signals_within
 from ..optimize import RecordData
-from ..records import record_slices, stack_records
+from ..records import stack_records
 from ._black_box import drive_of
 from ._open_questions import question_of
 from ._reference import column_of
@@ -168,5 +168,5 @@ def _record(search, drive, dt):
     if names is not None and search.reference is not None:
         names = np.delete(names, column_of(search))
     X = stack_records([pd.DataFrame(columns, columns=names)], dt=dt)
-    u = drive_of(search._driver, X if names is not None else columns, columns, record_slices(X))
+    u = drive_of(search._driver, X if names is not None else columns, columns)
     return RecordData(u, np.zeros(len(u)), dt, auxiliary=auxiliary)

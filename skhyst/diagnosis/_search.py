@@ -744,7 +744,8 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         segment of it to predict the segments between, and the other way round. What came before a
         record is estimated from the record, where records begin under way (``initial_state``) or
         its time continues a record of the fit, and the error is larger than what that leaves by
-        Akaike's factor. The washout at each record's start is predicted but not scored.
+        Akaike's factor; any other regressor goes on from the washout of such a record, where its
+        ``predict`` takes ``y_start``. The washout at each record's start is not scored.
 
         Parameters
         ----------

@@ -9,8 +9,8 @@ from sklearn.utils import get_tags
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from .._documentation import documented_like
-from .._sklearn import HasMethods, fit_context
-from .._validation import in_native_order, take_rows
+from .._sklearn import HasMethods, check_sample_weight, fit_context
+from .._validation import fit_weighted, in_native_order, take_rows
 from ..base import ParametricModel
 from ._workers import workers
 
@@ -80,7 +80,7 @@ class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
 
     @fit_context(prefer_skip_nested_validation=False)
     @documented_like(ParametricModel.fit)
-    def fit(self, X, y) -> Self:
+    def fit(self, X, y, sample_weight=None) -> Self:
         """Fit one model per device.
 
         Raises
@@ -90,8 +90,9 @@ class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         """
         validate_data(self, X, reset=True, dtype=None, ensure_all_finite=False)
         devices, X, y = self._devices(X), in_native_order(X), in_native_order(y)
+        weights = check_sample_weight(sample_weight, X, dtype=float, ensure_non_negative=True)
         jobs = [
-            (clone(self.estimator), self._part(X, rows), self._part(y, rows))
+            (clone(self.estimator), *(self._part(own, rows) for own in (X, y, weights)))
             for rows in devices.values()
         ]
         with workers(self.n_jobs) as run:
@@ -194,9 +195,9 @@ class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
 _LACKS = "The 'level' parameter of PerDevice must name levels of the index of X, not {!r}."
 
 
-def _fitted(estimator, X, y):
+def _fitted(estimator, X, y, weights):
     """Return a fitted model and no error, or no model and the error."""
     try:
-        return estimator.fit(X, y), None
+        return fit_weighted(estimator, X, y, weights, "PerDevice"), None
     except Exception as error:  # an error of one device must not stop the others
         return None, error

@@ -109,6 +109,29 @@ def _high_is_good(metric):
     return False if name.endswith(BETTER_LOW) else None
 
 
+def predicted_from(estimator, X, known):
+    """Return the prediction that goes on from a known response; None for one that takes none.
+
+    Parameters
+    ----------
+    estimator : estimator
+        Fitted; of a pipeline the last step goes on.
+    X : array-like of shape (n_samples, n_inputs)
+    known : array-like of shape (n_samples,)
+        NaN where nothing is known.
+
+    Returns
+    -------
+    ndarray of shape (n_samples,) or None
+    """
+    while isinstance(estimator, Pipeline):
+        X = estimator[:-1].transform(X) if len(estimator) > 1 else X
+        estimator = estimator[-1]
+    if "y_start" not in signature(estimator.predict).parameters:
+        return None
+    return estimator.predict(X, y_start=known)
+
+
 @dataclass(frozen=True, repr=False)
 class _WashoutScorer:
     metric: Callable
@@ -139,16 +162,14 @@ class _WashoutScorer:
         """Return the prediction from rest, or from what is known of the response."""
         if self.initial_state is None:
             return np.asarray(estimator.predict(X))
-        while isinstance(estimator, Pipeline):
-            X = estimator[:-1].transform(X) if len(estimator) > 1 else X
-            estimator = estimator[-1]
-        if "y_start" not in signature(estimator.predict).parameters:
+        found = predicted_from(estimator, X, known)
+        if found is None:
             raise ValueError(
                 "The 'initial_state' parameter of washout_scorer must be None for an estimator "
                 "whose predict does not take 'y_start'. Got 'estimate' and "
                 f"{estimator!r} instead."
             )
-        return estimator.predict(X, y_start=known)
+        return found
 
     def __repr__(self):
         state = f", initial_state={self.initial_state!r}" if self.initial_state else ""

@@ -11,7 +11,14 @@ from skhyst.compose._shared_parameters import _factors, _power, _starts
 from skhyst.disturbance import Offset
 from skhyst.hysteresis import FreeMassOperator, PrandtlIshlinskii
 from skhyst.hysteresis import PrandtlIshlinskiiOperator as Plays
-from skhyst.linear import Gain, SecondOrderMode, TransferFunction, TransferFunctionOperator
+from skhyst.linear import (
+    FirstOrderLag,
+    FirstOrderLagOperator,
+    Gain,
+    SecondOrderMode,
+    TransferFunction,
+    TransferFunctionOperator,
+)
 from skhyst.linear import SecondOrderModeOperator as Mode
 from skhyst.operators import FeedbackOperator, Series, check_operator
 from skhyst.persistence import from_json, to_json
@@ -157,3 +164,18 @@ def test_a_silent_response_does_not_spoil_the_other(silent):
     np.testing.assert_allclose(shared.predict(X)[:, silent], 3.0, atol=1e-6)
     other = 1 - silent
     assert shared.estimators_[other].fit_error_ < (1.0 + 1e-6) * shared.error_alone_[other]
+
+
+def test_responses_of_weight_zero_are_not_read():
+    u = drive(200)
+    weights = np.repeat([1.0, 0.0, 1.0], [80, 40, 80])
+    lag = FirstOrderLagOperator(0.05).run(u, DT)[0] + 1e-3 * np.cos(np.arange(200.0))
+    y = np.column_stack([lag, -2.0 * lag])
+    spoilt = np.where(weights[:, None], y, 1e6)
+    found = [
+        SharedParameters(FirstOrderLag(dt=DT)).fit(u[:, None], own, sample_weight=weights)
+        for own in (y, spoilt)
+    ]
+    np.testing.assert_array_equal(found[1].predict(u[:, None]), found[0].predict(u[:, None]))
+    assert found[1].estimators_[0].params_["time_constant"] == pytest.approx(0.05, rel=0.02)
+    assert found[1].estimators_[0].fit_error_ < 1e-3

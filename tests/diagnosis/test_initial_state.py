@@ -5,9 +5,10 @@ import pandas as pd
 import pytest
 from sklearn.base import clone
 
+from skhyst.autoregressive import NARXRegressor
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
-from skhyst.linear import Gain, SecondOrderMode, SecondOrderModeOperator
+from skhyst.linear import FirstOrderLagOperator, Gain, SecondOrderMode, SecondOrderModeOperator
 
 NOISE, CUT, N = 2e-3, 500, 700
 PLAYS = PrandtlIshlinskiiOperator(np.array([0.0, 0.3, 0.8, 1.4]), np.array([1.0, 0.4, 0.3, 0.3]))
@@ -126,3 +127,16 @@ def test_a_record_that_continues_one_of_the_fit_is_under_way():
         assert found.held_out_error(X[400:], y[400:], declared=declared) < 1.3 * NOISE
         alone = found.held_out_error(own, y[400:].set_axis(own.index), declared=declared)
         assert alone > 5.0 * NOISE
+
+
+def test_a_black_box_goes_on_from_the_washout_of_a_record_that_continues_one_of_the_fit():
+    rng = np.random.default_rng(0)
+    u = rng.normal(size=600).cumsum()
+    y = FirstOrderLagOperator(0.5).run(u, 0.01)[0] + 0.01 * rng.normal(size=600)
+    time = pd.Index(0.01 * np.arange(600), name="time")
+    X, y = pd.DataFrame({"u": u}, time), pd.Series(y, time)
+    declared = NARXRegressor()
+    found = EffectSearchCV(declared, effects=["offset"], cv=2).fit(X[:400], y[:400])
+    late = X[400:].set_axis(X.index[400:] + 1.0)
+    assert found.held_out_error(X[400:], y[400:]) < 0.05
+    assert found.held_out_error(late, y[400:].set_axis(late.index)) > 0.5

@@ -35,11 +35,13 @@ def fleet(constants=(0.03, 0.05, 0.08), days=2):
 @pytest.mark.parametrize("n_jobs", [None, 2])
 def test_each_device_is_fitted_as_if_alone(n_jobs):
     X, y = fleet()
-    model = PerDevice(FirstOrderLag(), ["device", "day"], n_jobs=n_jobs).fit(X, y)
+    weights = pd.Series(np.random.default_rng(9).uniform(0.5, 2.0, len(y)), y.index)
+    model = PerDevice(FirstOrderLag(), ["device", "day"], n_jobs=n_jobs)
+    model.fit(X, y, sample_weight=weights)
     assert model.params_.index.names == ["device", "day"]
     response = pd.Series(model.predict(X), X.index)
     for label in model.labels_:
-        alone = FirstOrderLag().fit(X.loc[label], y.loc[label])
+        alone = FirstOrderLag().fit(X.loc[label], y.loc[label], weights.loc[label])
         assert dict(model.params_.loc[label]) == alone.params_
         assert dict(model.params_std_.loc[label]) == alone.params_std_
         np.testing.assert_array_equal(response.loc[label], alone.predict(X.loc[label]))
