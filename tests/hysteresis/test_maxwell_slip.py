@@ -38,7 +38,8 @@ U = np.sin(np.linspace(0, 20, 800)) * np.linspace(0, 1, 800)
 
 @pytest.mark.parametrize("spacing", ["grid", "quantile"])
 def test_thresholds_are_those_of_plays_less_the_zero(spacing):
-    model = MaxwellSlip(6, thresholds=spacing).fit(U[:, None], U)
+    force = MaxwellSlipOperator([0.1, 0.3], [3.0, 0.5]).run(U, DT)[0]
+    model = MaxwellSlip(6, thresholds=spacing).fit(U[:, None], force)
     np.testing.assert_array_equal(model.thresholds_, play_thresholds(U, 7, spacing)[1:])
 
 
