@@ -160,6 +160,10 @@ def read_slices(estimator, X, *y, reset, dt=None, bridge=False):
         intervals = {own.dt for own in slices}
         estimator.dt_ = intervals.pop() if len(intervals) == 1 else None
         estimator.time_unit_ = slices[0].time_unit
+        if estimator.time_unit_ == "s":
+            for part in _held_parts(estimator):
+                if fitted_interval(part)[1] == "sample":
+                    _refuse_seconds(part, slices[0].dt)
     elif slices:
         _refuse_other_interval(estimator, slices[0].dt, counted, known)
     return slices
@@ -267,6 +271,14 @@ def agreed(estimator, name):
             f"differ in theirs. Got {found} instead."
         )
     return next(iter(said.values()), None)
+
+
+def _held_parts(estimator):
+    """Yield the fitted models that an estimator is made of and that are not fitted again."""
+    for key, part in _parts(estimator).items():
+        if "__" in key or isinstance(part, type) or not hasattr(part, "get_params"):
+            continue
+        yield from [part.estimator] if isinstance(part, FrozenEstimator) else _held_parts(part)
 
 
 def drive_column(estimator):

@@ -399,6 +399,12 @@ def test_a_held_step_has_the_interval_of_its_fit(data):
     model = Cascade(steps).fit(X.to_numpy(), 3.0 * y.to_numpy())
     assert model.dt_ == DT
     assert model.params_["gain__gain"] == pytest.approx(3.0, rel=1e-9)
+    counted = FirstOrderLag().fit(X.to_numpy(), y.to_numpy())
+    for inner in (steps[:1], [("inner", Cascade(steps[:1]))]):
+        whole = Cascade([*inner, ("lag", FrozenEstimator(counted))])
+        with pytest.raises(RecordError, match="its constants are in samples"):
+            whole.fit(X, y)
+        assert whole.fit(X.to_numpy(), y.to_numpy()).fit_error_ < 1e-9
 
 
 # -------------------------------------------------------------------------------------- the drive
