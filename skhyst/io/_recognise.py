@@ -254,10 +254,15 @@ class _Candidate:
         return changes <= _MOST_RESTARTS * len(self.stored)
 
     @cached_property
+    def varies(self):
+        """Whether it holds numbers that are not constant."""
+        values = np.empty(0) if self.values is None else self.values[np.isfinite(self.values)]
+        return bool(values.size and np.ptp(values) > 0.0)
+
+    @cached_property
     def moves(self):
         """Whether it holds numbers that are neither constant nor increasing throughout."""
-        values = np.empty(0) if self.values is None else self.values[np.isfinite(self.values)]
-        return bool(values.size and np.ptp(values) > 0.0) and not self.rises
+        return self.varies and not self.rises
 
     @cached_property
     def is_blank(self):
@@ -279,7 +284,11 @@ def _time(free):
     if named:
         return ((named[0], _NAMED), []) if len(named) == 1 else (None, named)
     even = [c for c in free if (not c.role or c.has("x")) and c.rises_evenly]  # X_Value of LabVIEW
-    return (even[0], "it alone rises evenly") if len(even) == 1 else None, []
+    if len(even) == 1:
+        return (even[0], "it alone rises evenly"), []
+    # of rows that are out of order, or repeated, and no recording at the rate of its rows
+    names = [without_unit(c.name).lower() for c in free]
+    return None, [c for c, n in zip(free, names, strict=True) if re.fullmatch(_TIME, n) and c.varies]
 
 
 def _named(role, signals):

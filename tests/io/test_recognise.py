@@ -101,8 +101,13 @@ def test_what_is_given_is_no_candidate():
 
 
 def test_a_time_must_rise():
-    """A column of that name that does not is no time, and is not the response either."""
-    assert recognised({"time": Z, "voltage": U, "position": Y}) == (None, "voltage", "position")
+    """A column of that name that does not, as of rows out of order, is asked for."""
+    table = {"time [s]": Z, "voltage": U, "position": Y}
+    with pytest.raises(RecordError, match=r"known to be the time: .* 'time \[s\]'"):
+        recognised(table)
+    assert recognised(table, sampling_rate=1e3) == (None, "voltage", "position")
+    table = {"time [s]": 0.0 * Z, "settling time [s]": Z, "voltage": U, "position": Y}
+    assert recognised(table) == (None, "voltage", "position")
 
 
 def test_read_records_takes_what_is_recognised(tmp_path):
