@@ -287,8 +287,8 @@ def _time(free):
     if len(even) == 1:
         return (even[0], "it alone rises evenly"), []
     # of rows that are out of order, or repeated, and no recording at the rate of its rows
-    names = [without_unit(c.name).lower() for c in free]
-    return None, [c for c, n in zip(free, names, strict=True) if re.fullmatch(_TIME, n) and c.varies]
+    named = (c for c in free if re.fullmatch(_TIME, without_unit(c.name).lower()))
+    return None, [c for c in named if c.varies]
 
 
 def _named(role, signals):
