@@ -12,6 +12,7 @@ from .._documentation import documented_like
 from .._sklearn import HasMethods, check_sample_weight, fit_context
 from .._validation import fit_weighted, in_native_order, take_rows
 from ..base import ParametricModel
+from ..exceptions import RecordError
 from ._workers import workers
 
 
@@ -167,10 +168,10 @@ class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         index = getattr(X, "index", None)
         if not isinstance(index, pd.MultiIndex):
             if self.level != "record":
-                raise ValueError(_LACKS.format(self.level))
+                raise RecordError(_LACKS.format(self.level))
             return {0: slice(None)}
         if not set(self._levels) <= set(index.names):
-            raise ValueError(f"{_LACKS.format(self.level)} Got {list(index.names)} instead.")
+            raise RecordError(f"{_LACKS.format(self.level)} Got {list(index.names)} instead.")
         for level in self._levels:
             missing = index.get_level_values(level).isna()
             if missing.any():

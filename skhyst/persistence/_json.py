@@ -11,15 +11,19 @@ import importlib
 import json
 import math
 import pkgutil
+import warnings
+from contextlib import suppress
 from functools import cache, partial
 from importlib.metadata import version
 from numbers import Integral, Real
 
 import numpy as np
+import pandas as pd
 from sklearn.base import BaseEstimator
 
 from .._sklearn import HasMethods, Interval, StrOptions, validate_parameter_constraints
 from .._validation import finite_numbers
+from ..exceptions import RecordError
 from ..operators import Operator
 
 FORMAT = 1
@@ -130,7 +134,7 @@ def from_json(text) -> BaseEstimator:
             f"skhyst {_VERSION} reads skhyst.model/1 to {FORMAT}."
         )
     try:
-        return _object(content["model"])
+        return tried(_object(content["model"]))
     except Exception as error:  # a broken text may raise an exception of any type
         raise ValueError(
             f"The model, written by skhyst {written}, cannot be read by skhyst {_VERSION}: "
@@ -258,6 +262,23 @@ def refuse_wrong(fitted, name):
 
 def _is_position(n, column):
     return type(column) is not bool and isinstance(column, Integral) and 0 <= column < n
+
+
+def tried(model):
+    """Return a model, refused if it is fitted and raises for two rows of zeros.
+
+    What is in a file need not fit together. That rows are no records of the model's is another
+    matter.
+    """
+    use = getattr(model, "predict", getattr(model, "transform", None))
+    if use is None or not hasattr(model, "n_features_in_"):
+        return model
+    names = getattr(model, "feature_names_in_", None)
+    X = np.zeros((2, model.n_features_in_))
+    with warnings.catch_warnings(), np.errstate(all="ignore"), suppress(RecordError):
+        warnings.simplefilter("ignore")
+        use(X if names is None else pd.DataFrame(X, columns=names))
+    return model
 
 
 def _tuple(items):

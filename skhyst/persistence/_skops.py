@@ -18,7 +18,8 @@ from sklearn.exceptions import NotFittedError
 from sklearn.utils.validation import check_is_fitted
 
 from .._files import check_input, replacing
-from ._earlier import checked, is_known, is_own, with_present_names
+from ._earlier import checked, in_package, is_known, is_own, with_present_names
+from ._json import tried
 
 __all__ = ["load_model", "read_trusted", "save_model", "skops_io"]
 
@@ -189,7 +190,9 @@ def read_trusted(path, known=()):
             f"{path} holds {', '.join(foreign)}, which may run code when it is loaded. If you "
             "trust whoever made the file, add --trust (in Python trust=True)."
         )
-    return checked(skops.loads(data, trusted=named))
+    model = checked(skops.loads(data, trusted=named))
+    # what is within one of scikit-learn need not take numbers
+    return model if any(in_package(name, "sklearn") for name in names) else tried(model)
 
 
 def skops_io(path):

@@ -228,6 +228,14 @@ def test_features_are_of_columns_that_are_there(columns):
         from_json(json.dumps(content))
 
 
+@pytest.mark.parametrize("lags", [3, {"tuple": [0]}, {"tuple": [{"tuple": [0, "a"]}]}])
+def test_what_raises_for_any_rows_is_refused(lags):
+    content = json.loads(to_json(LaggedFeatures([0, 1]).fit(U)))
+    content["model"]["fitted"]["lags_"] = lags
+    with pytest.raises(ValueError, match="cannot be read"):
+        from_json(json.dumps(content))
+
+
 @pytest.mark.parametrize("value", [10**6, 2**40, 1.5, "1"])
 def test_steps_and_windows_that_take_for_ever_are_refused(value):
     model = DynamicStiffness(fit_mass=False, dt=0.1).fit(U, Y)
