@@ -16,7 +16,7 @@ from sklearn.utils import check_random_state
 from .._sklearn import HasMethods, Interval, validate_parameter_constraints
 from .._validation import finite_numbers
 from ..exceptions import DivergenceWarning
-from ..records import chosen_interval
+from ..records import MISMATCH, chosen_interval
 
 _CONSTRAINTS = {
     "device": [HasMethods("step")],
@@ -96,7 +96,8 @@ def simulate_loop(
     Raises
     ------
     ValueError
-        If the reference is not finite or an option is out of its range.
+        If the reference is not finite, an option is out of its range, or the device is a stepper
+        at another interval.
 
     Warns
     -----
@@ -127,6 +128,12 @@ def simulate_loop(
     wanted = "finite numbers, one per sample"
     reference = finite_numbers(reference, caller, "reference", wanted, ndim=1)
     dt = chosen_interval((), dt, caller)
+    own = getattr(device, "dt", None)  # of a stepper, which runs at its interval
+    if own is not None and abs(own - dt) > MISMATCH * dt:
+        raise ValueError(
+            f"The 'dt' parameter of simulate_loop must be that of the device, {own:g} s. Got "
+            f"{dt:g} s instead."
+        )
     n, control = len(reference), controller.controlling(reference, dt, u0)
     errors = (noise * check_random_state(random_state).standard_normal(n)).tolist()
     drive, response, reading = np.empty((3, n))

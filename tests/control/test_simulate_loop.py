@@ -140,3 +140,10 @@ def test_a_reading_beyond_the_numbers_ends_a_loop():
 def test_limits_must_be_in_their_order():
     with pytest.raises(ValueError, match="drive_limits"):
         simulate_loop(device(), FeedforwardPI(1.0, 1.0, drive_limits=(1.0, 0.0)), [0.0], DT)
+
+
+def test_a_stepper_runs_at_its_interval():
+    own = Stepper(STAGE.compiled_step(DT, STAGE.init(0.0)), DT)
+    simulate_loop(own, FeedforwardPI(0.1, 0.0), np.zeros(3), DT)
+    with pytest.raises(ValueError, match="'dt' .* must be that of the device, 0.001 s"):
+        simulate_loop(own, FeedforwardPI(0.1, 0.0), np.zeros(3), 2.0 * DT)
