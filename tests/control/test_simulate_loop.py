@@ -145,5 +145,5 @@ def test_limits_must_be_in_their_order():
 def test_a_stepper_runs_at_its_interval():
     own = Stepper(STAGE.compiled_step(DT, STAGE.init(0.0)), DT)
     simulate_loop(own, FeedforwardPI(0.1, 0.0), np.zeros(3), DT)
-    with pytest.raises(ValueError, match="'dt' .* must be that of the device, 0.001 s"):
+    with pytest.raises(ValueError, match=r"'dt' .* must be that of the device, 0\.001 s"):
         simulate_loop(own, FeedforwardPI(0.1, 0.0), np.zeros(3), 2.0 * DT)
