@@ -265,7 +265,7 @@ def _is_position(n, column):
 
 
 def tried(model):
-    """Return a model, refused if it is fitted and raises for two rows of zeros.
+    """Return a model, refused if it is fitted and raises for three rows of zeros.
 
     What is in a file need not fit together. That rows are no records of the model's is another
     matter.
@@ -274,7 +274,7 @@ def tried(model):
     if use is None or not hasattr(model, "n_features_in_"):
         return model
     names = getattr(model, "feature_names_in_", None)
-    X = np.zeros((2, model.n_features_in_))
+    X = np.zeros((3, model.n_features_in_))
     with warnings.catch_warnings(), np.errstate(all="ignore"), suppress(RecordError):
         warnings.simplefilter("ignore")
         use(X if names is None else pd.DataFrame(X, columns=names))

@@ -228,7 +228,7 @@ def test_features_are_of_columns_that_are_there(columns):
         from_json(json.dumps(content))
 
 
-@pytest.mark.parametrize("lags", [3, {"tuple": [0]}, {"tuple": [{"tuple": [0, "a"]}]}])
+@pytest.mark.parametrize("lags", [3, {"tuple": [0]}, {"tuple": [{"tuple": [0, -1]}]}])
 def test_what_raises_for_any_rows_is_refused(lags):
     content = json.loads(to_json(LaggedFeatures([0, 1]).fit(U)))
     content["model"]["fitted"]["lags_"] = lags
