@@ -41,6 +41,8 @@ def test_a_step_at_the_first_sample_moves():
     """Said to start from zero, it gives what the step response gives (warnings are errors)."""
     model = TransferFunction(1, initial_state="zero").fit(np.ones((N, 1)), 10.0 * RISE)
     assert model.params_["gain"] == pytest.approx(10.0)
+    assert model.params_["time_constants[0]"] == pytest.approx(20.0)
+    assert model.params_["intercept"] == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize("model", [Backlash(), SmoothCurve()], ids=name_of)

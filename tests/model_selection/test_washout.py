@@ -163,6 +163,11 @@ def test_what_is_scored_does_not_tell_the_state(recording):
     np.testing.assert_array_equal(*seen)
     known = np.r_[y[600:630], np.full(570, np.nan)]
     np.testing.assert_array_equal(seen[0], model.predict(X[600:], known)[30:])
+    rest, estimated = (
+        -washout_scorer(nrmse, washout=30, initial_state=own)(model, X[600:], y[600:])
+        for own in (None, "estimate")
+    )
+    assert estimated < 0.1 * rest
 
 
 def test_an_estimator_that_cannot_take_a_state(data):
