@@ -269,7 +269,8 @@ def _training_rows(X, fraction, uneven=False):
         labels = X.index.get_level_values("record") if X.index.nlevels > 1 else [0] * len(X)
         sizes = list(Counter(labels).values())
     else:
-        sizes = [record.n_samples for record in record_slices(X, one_interval=False)]
+        slices = record_slices(X, one_interval=False, bridge=True)
+        sizes = [record.n_samples for record in slices]
     single = len(sizes) == 1
     n = int(fraction * len(X)) if single else sum(sizes[: math.ceil(fraction * len(sizes))])
     if not 0 < n < len(X):

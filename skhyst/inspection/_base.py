@@ -118,7 +118,8 @@ class SignalDisplay(Display):
         Parameters
         ----------
         X : array-like of shape (n_samples, n_inputs)
-            Column 0 is the drive; an index carries records and time.
+            Column 0 is the drive; an index carries records and time. Rows that it has lost are
+            drawn, interpolated.
         y_pred : array-like of shape (n_samples,), or dict of str to such
             One prediction, or several by name.
         dt : float or None, default=None

@@ -18,6 +18,7 @@ import pytest
 import skhyst
 from skhyst.cli import main
 from skhyst.cli._demo_recording import SECRETS, make_demo_recording
+from skhyst.cli._diagnose import _training_rows
 from skhyst.compose import Cascade
 from skhyst.diagnosis import EffectSearchCV, next_experiment
 from skhyst.discovery import parse_model
@@ -212,6 +213,11 @@ def test_train_fraction_is_kept_away(recording, tmp_path):
     held_out = json.loads(path.read_text())["held_out"]
     assert search.held_out_error(X[n:], y[n:]) in held_out.values()
     assert search.held_out_error(X[n:], y[n:], declared=True) in held_out.values()
+
+
+def test_a_fraction_is_that_of_one_record_whatever_rows_it_has_lost():
+    X = pd.DataFrame({"volt": np.arange(200.0)}, 0.1 * np.arange(200)).drop(0.1 * 31)
+    assert _training_rows(X, 0.5) == 99
 
 
 @pytest.mark.slow
