@@ -15,9 +15,9 @@ DIAGNOSIS = [
     ),
     (
         "two turns of a drive are no period",
-        "lags = np.arange(n // 2 + 2)",
-        "lags = np.arange(n // 2)",
-        "tests/diagnosis/test_plausibility.py -k turns",
+        "lags = np.arange(_FINE * (n // 2 + 1) + 1) / _FINE",
+        "lags = np.arange(_FINE * (n // 2 - 1) + 1) / _FINE",
+        "tests/diagnosis/test_small_decisions.py -k 'two_turns'",
     ),
     (
         "what is held out is predicted from a fit that has seen it",
