@@ -340,7 +340,7 @@ def to_c(
         that depend on them; the state stays. Not for ``"int32"``.
     form : {"table", "step"}, default="table"
         ``"step"``: laws that are looked up in tables, as that of Bouc and Wen, are integrated
-        instead, in less than 2 kB; the header says how far the response is from that of the model
+        instead, in at most 1.5 kB; the header says how far the response is from that of the model
         under the drive of the test.
     tolerance : float, default=None
         Error that the test allows in floating point, as a fraction of the range of the response; by
