@@ -224,10 +224,16 @@ class FixedText(FunctionText):
         if x.op == "cast" and x.args[0].kind == "real":
             return self._whole(x.args[0]), ATOM
         if x.op in ("+", "-", "*") and not self._is_place(x):
-            symbol, binding = SYMBOLS[x.op]
-            a, b = self._tight(x.args[0], ATOM), self._tight(x.args[1], binding + 1)
-            return self._helper("whole", f"(int64_t){a} {symbol} {b}"), ATOM
+            a, b = map(self._wide, x.args)
+            return self._helper("whole", f"{a} {x.op} {b}"), ATOM
         return super()._bound(x)
+
+    def _wide(self, x):
+        """Return the text of an integer of 64 bits."""
+        if x.op in ("+", "-", "*") and self._is_place(x):
+            a, b = map(self._wide, x.args)
+            return f"({a} {x.op} {b})"
+        return f"(int64_t){self._tight(x, ATOM)}"
 
     def _is_place(self, x):
         """Whether an integer is computed from constants and loop variables only."""

@@ -50,8 +50,9 @@ _HELPERS = {
     "    return a % b != 0 && (a < 0) != (b < 0) ? whole - 1 : whole;\n}}",
     "cast": "{t} {n}(int32_t a)\n{{\n    return ({t})a;\n}}",
     "trunc": "int32_t {n}({t} a)\n{{\n    return (int32_t)a;\n}}",
-    "powi": "{t} {n}({t} a, int32_t n)\n{{\n    {t} power = 1;\n"
-    "    while (n > 0) {{\n        power *= n % 2 == 1 ? a : 1;\n        a *= a;\n        n /= 2;\n"
+    "powi": "{t} {n}({t} a, int32_t n)\n{{\n    {t} power = {one};\n"
+    "    while (n > 0) {{\n        power *= n % 2 == 1 ? a : {one};\n        a *= a;\n"
+    "        n /= 2;\n"
     "    }}\n    return power;\n}}",
 }
 _WORDS = {"%": "modulo", "//": "quotient", "powi": "power", "cast": "real_of", "trunc": "whole_of"}
@@ -147,7 +148,8 @@ class Printer:
         key = (op, kind)
         if key not in self.functions:
             self.functions[key] = name = self.name(_WORDS.get(op, op))
-            text = _HELPERS[op].format(t=self.type_of(kind), n=name)
+            one = self.dialect.literal(1.0) if op == "powi" else ""
+            text = _HELPERS[op].format(t=self.type_of(kind), n=name, one=one)
             self.texts.append(f"static {text}\n")
         return self.functions[key]
 
