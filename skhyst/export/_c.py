@@ -712,6 +712,7 @@ def _in_integers(stepper, common, drive, units):
     )
     kept, lines = _kept("int64_t", condition, lasts, "INT64_MIN")
     body += "".join(f"    {line}\n" for line in (*lines, "return output;"))
+    ranges.keep(printer.places)
     taken, there_are = ranges.branches
     missed = ", ".join(f"{n} of {name}" for name, n in sorted(ranges.passed_by.items()))
     common |= (
