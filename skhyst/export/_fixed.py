@@ -289,8 +289,8 @@ class FixedText(FunctionText):
 
     def _fitted(self, x, f, is_limit=False):
         """Return the text of a real number with ``f`` digits, and its precedence."""
-        if (known := _value_of(x)) is not None:
-            return scaled(float(known), f, is_limit), UNARY
+        if x.value is not None:
+            return scaled(float(x.value), f, is_limit), UNARY
         op, args = x.op, x.args
         match op:
             case "name" | "load":
@@ -349,7 +349,7 @@ class FixedText(FunctionText):
     def _decided(self, test):
         """Return the result of a test that is always the same, None for other tests.
 
-        That is a comparison of equals, of constants, and with a constant out of range.
+        That is a comparison of equals, and with a constant out of range.
         """
         if test.op in ("and", "or"):
             sides = [self._decided(side) for side in test.args]
@@ -360,14 +360,12 @@ class FixedText(FunctionText):
             return None if of is None else not of
         if test.op not in COMPARISONS or test.args[0].kind != "real":
             return None
-        values = [_value_of(x) for x in test.args]
-        numbers = [x for x, value in zip(test.args, values, strict=True) if value is None]
-        if not numbers or test.args[0] == test.args[1]:
-            same = [constant(0.0)] * 2 if numbers else map(constant, values)
-            return compared(test.op, *same).value
-        if len(numbers) == 2:
+        if test.args[0] == test.args[1]:
+            return compared(test.op, constant(0.0), constant(0.0)).value
+        numbers = [x for x in test.args if x.value is None]
+        if len(numbers) != 1:
             return None
-        (known,) = (float(value) for value in values if value is not None)
+        (known,) = (float(x.value) for x in test.args if x.value is not None)
         beyond = not (math.isnan(known) or is_within(known, self._common(*numbers)))
         if not beyond or (math.isinf(known) and self._endless(*numbers)):
             return None
@@ -405,13 +403,6 @@ class FixedText(FunctionText):
         fa, fb = self._common(a), min(max(self._common(b), 0), _BITS)
         texts = self._fitted(a, fa)[0], self._fitted(b, fb)[0]
         return self._helper("pow", *texts, fa, fb, f), ATOM
-
-
-def _value_of(x):
-    """Return the number that an expression always is, where that is known, else None."""
-    if x.op == "*" and 0.0 in [y.value for y in x.args]:
-        return 0.0
-    return x.value
 
 
 def boundary(printer, model, stepper, ends, units):
