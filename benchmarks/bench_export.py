@@ -10,20 +10,22 @@ is right, and of the last digit of the input or the drive in a response, as wher
 or jumps. Inverses have limits of the drive, since a rounded input may be out of reach. Programs
 that are refused are listed with the reason. cppcheck is run where it is found.
 
-Programs in integers are also run under the sanitizers of the compiler with drives that they have
-not been sized by: random ones, steps and full swings from sample to sample within the range, where
-operators have the same limits, and with inputs up to the ends of 32 bits, which are to be held.
-Programs in double and single precision are run so with random, stepped, tiny and huge drives and
-with input that is not finite: those of the operators, their inverses, and fitted models of several
-kinds, compensators, controllers and observers. Headers are compiled as C and C++ with warnings as
-errors, parameters are changed at run time, and programs run on an emulated Cortex-M4F. All of them
-are written in Structured Text, too, and run by the translator of the tests, which notes divisions
-by zero and overflow.
+All of these, and fitted models of several kinds, compensators, controllers and observers, are run
+under the sanitizers of the compiler. In integers with drives that they have not been sized by:
+random ones, steps and full swings from sample to sample within the range, where all but inverses
+have the same limits, and with inputs up to the ends of 32 bits, which are to be held. In double and
+single precision with random, stepped, tiny and huge drives and with input that is not finite.
+Headers are compiled as C and C++ with warnings as errors, cppcheck looks for required rules of
+MISRA C:2012 that are broken, each parameter of an operator that can be changed at run time is, and
+the program compared with the operator that has it, and programs run on emulated controllers, whose
+memory and time is told. All of them are written in Structured Text, too, and run by the translator
+of the tests, which notes divisions by zero and overflow. ``--every 8`` runs one system in eight.
 """
 
 import argparse
 import ctypes
 import importlib
+import itertools
 import re
 import shutil
 import subprocess
@@ -35,8 +37,10 @@ from pathlib import Path
 import numpy as np
 from bench_stepping import C_LIMIT, PLAYS, in_c, told
 
-from skhyst.export import EmulatedController, to_c, to_fmu, to_structured_text
-from skhyst.operators import Stepper, inverse_of
+from skhyst.control import FeedforwardPI
+from skhyst.export import EmulatedController, program_sizes, to_c, to_fmu, to_structured_text
+from skhyst.hysteresis import BoucWenOperator, PrandtlIshlinskiiOperator
+from skhyst.operators import RootInverseOperator, Stepper, inverse_of
 
 BARS = {"float64": 1e-12, "float32": 1e-6, "int32": 1.0}
 UNITS = {"float64": "of the range", "float32": "of the range", "int32": "units"}
@@ -44,13 +48,14 @@ C_TYPES = {"float64": "double", "float32": "float", "int32": "int32_t"}
 STRICT = ("-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-pedantic", "-Werror")
 NUMBERS = {"float64": ctypes.c_double, "float32": ctypes.c_float, "int32": ctypes.c_int32}
 COUNTS = 2.0**20  # units of the range of input and output, in integers
-CHECKS = ("--std=c99", "--enable=warning,performance,portability", "--error-exitcode=1", "-q")
+CHECKS = ("--std=c99", "--enable=warning,performance,portability", "--addon=misra", "-q")
 TOLD = r"return largest <= (\S+) \* (\S+) \?"  # in the test: what it allows, and the range
 SANITIZED = (
     "-fsanitize=address,undefined,float-cast-overflow",
     "-fno-sanitize-recover=all",
 )
-HELD = r"Input below (\S+) or above (\S+), and"  # in the header: where input is held
+UNKEPT = r"the advisory rules ([^*]+) are not kept"  # in the header
+HELD = r"Input below (.+) or above (.+), and output"  # in the header: where input is held
 CASES = Path(__file__).parents[1] / "tests" / "operators"  # of operator_cases
 
 
@@ -75,8 +80,12 @@ class System:
         return self.operator.run(drive, self.stepper.dt, self.operator.init(float(rest)))[0]
 
 
-def systems():
-    """Yield all that is exported."""
+def systems(every=1):
+    """Yield operators and inverses, or one in so many of them."""
+    return itertools.islice(_systems(), 0, None, every)
+
+
+def _systems():
     sys.path.insert(0, str(CASES))
     cases = importlib.import_module("operator_cases")
     u, dt = cases.make_drive(), cases.DT
@@ -138,9 +147,9 @@ def in_type(system, dtype, folder, name):
     return error, tolerance, effects[0], 2.0 * effects[1:].max()
 
 
-def fast_drives(low, high):
+def fast_drives(low, high, seed):
     """Return counts within a range: random, steps, swings, a walk."""
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(seed)
     swings = np.tile([high, low], 30)
     steps = np.repeat(rng.integers(low, high + 1, 12), 7)
     walk = np.clip(np.cumsum(rng.normal(size=60) * (high - low) / 100), low, high).astype(int)
@@ -183,24 +192,27 @@ def sanitized(folder, name, dtype, by_row=False):
     return run
 
 
-def in_integers(system, folder, name):
+def in_integers(stepper, u, folder, name):
     """Return the error within the range, its limit, whether input is held, and what is told."""
-    u, y = system.u, system.answers(system.u)
-    unit, of_y = (np.ptp(u) or 1.0) / COUNTS, (np.ptp(y) or 1.0) / COUNTS
-    header, *_ = to_c(
-        system.stepper, folder, name, "int32", drive=u, input_unit=unit, output_unit=of_y
-    )
-    ends = [int(x) for x in re.search(HELD, header.read_text()).groups()]
+    u = np.asarray(u, dtype=float).reshape(len(u), -1)
+    row = stepper.compiled_step.n_inputs is not None
+    respond = lambda u: stepper.copy().run(u if row else u[:, 0])  # noqa: E731
+    unit, of_y = ((np.ptp(x) or 1.0) / COUNTS for x in (u, respond(u)))
+    header, *_ = to_c(stepper, folder, name, "int32", drive=u, input_unit=unit, output_unit=of_y)
+    ends = [np.fromstring(x, int, sep=",") for x in re.search(HELD, header.read_text()).groups()]
     counts = np.round(u / unit).astype(int)
-    fast = fast_drives(counts.min(), counts.max())
+    ranges = zip(counts.min(axis=0), counts.max(axis=0), range(u.shape[1]), strict=True)
+    fast = np.stack([fast_drives(*own) for own in ranges], axis=1)
     rng = np.random.default_rng(1)
-    wild = np.concatenate([rng.integers(-(2**31), 2**31, 100), 30 * [2**31 - 1, -(2**31)], fast])
-    run = sanitized(folder, name, "int32")
-    found, told = run(np.append(fast, wild))
-    held, _ = run(np.append(fast, np.clip(wild, *ends)))
-    expected = system.stepper.copy().run(unit * fast)
-    rounding = 2.0**-40 * (1.0 - 2.0 * (np.arange(len(fast)) % 2))
-    moved = [system.stepper.copy().run(unit * fast * (1.0 + s * rounding)) for s in (1, -1)]
+    wild = rng.integers(-(2**31), 2**31, (100, u.shape[1]))
+    swings = np.tile([[2**31 - 1], [-(2**31)]], (30, u.shape[1]))
+    wild = np.concatenate([wild, swings, fast])
+    run = sanitized(folder, name, "int32", row)
+    found, told = run(np.append(fast, wild, axis=0))
+    held, _ = run(np.append(fast, np.clip(wild, *ends), axis=0))
+    expected = respond(unit * fast)
+    rounding = 2.0**-40 * (1.0 - 2.0 * (np.arange(len(fast)) % 2))[:, None]
+    moved = [respond(unit * fast * (1.0 + s * rounding)) for s in (1, -1)]
     allowed = 2.0 * np.abs(np.subtract(moved, expected)).max() / of_y
     expected = np.clip(expected / of_y, 1 - 2**31, 2**31 - 1)
     error = np.abs(found[: len(fast)] - expected).max() if len(found) >= len(fast) else np.inf
@@ -214,7 +226,7 @@ def devices():
 
     from skhyst.autoregressive import NARMAXRegressor, NARXRegressor
     from skhyst.compose import Cascade
-    from skhyst.control import FeedforwardPI, InverseCompensator, Observer
+    from skhyst.control import InverseCompensator, Observer
     from skhyst.hysteresis import BoucWen, Dahl, DahlOperator, PrandtlIshlinskii
     from skhyst.linear import FirstOrderLag, LogCreep, SecondOrderMode
     from skhyst.neural import GrayBoxHysteresis, SCNRegressor
@@ -317,7 +329,7 @@ def on_any_drive(stepper, u, folder, name, dtype):
     return errors, said
 
 
-def check_any_input():
+def check_any_input(every):
     """Run all programs in floating point with any input, under the sanitizers."""
     found = {}
     said, refused, n = [], [], 0
@@ -337,11 +349,8 @@ def check_any_input():
                 for kind, pair in errors.items():
                     found.setdefault((dtype, kind), {})[name] = pair
 
-        for system in systems():
-            inverse = ", inverse" * system.is_inverse
-            one(f"{system.name}{inverse}", system.stepper, system.u)
-        for name, device, u in devices():
-            one(name, device.stepper(1e-3), u)
+        for name, stepper, u, _ in everything(every):
+            one(name, stepper, u)
     for reason in refused:
         print(f"any input, refused: {reason}")
     print(f"any input, {n} programs, C with warnings: nothing found by sanitizers: {verdict(said)}")
@@ -349,11 +358,11 @@ def check_any_input():
         line(f"any input, {dtype}, {kind}", errors, dtype)
 
 
-def check_controllers():
+def check_controllers(every):
     """Run the programs of models, compensators and controllers on an emulated Cortex-M4F."""
     found = {}
     with tempfile.TemporaryDirectory() as place:
-        for k, (name, device, u) in enumerate(devices()):
+        for k, (name, device, u) in enumerate(itertools.islice(devices(), 0, None, every)):
             for dtype in ("float64", "float32"):
                 stepper, program = device.stepper(1e-3), f"e{k}_{dtype}"
                 u = np.asarray(u, dtype=dtype).astype(float)
@@ -380,16 +389,15 @@ def check_controllers():
         line(f"Cortex-M4F, {dtype}", errors, dtype)
 
 
-def check_structured_text():
+def check_structured_text(every):
     """Run the function blocks of all programs by the translator of the tests."""
     sys.path.insert(0, str(CASES.parent / "export"))
     translator = importlib.import_module("structured_text")
-    stepped = [(f"{s.name}{', inverse' * s.is_inverse}", s.stepper, s.u) for s in systems()]
-    stepped += [(name, device.stepper(1e-3), u) for name, device, u in devices()]
+    stepped = [*everything(every)]
     for dtype in ("float64", "float32"):
         errors, stops, refused = {}, [], 0
         with tempfile.TemporaryDirectory() as place:
-            for name, stepper, u in stepped:
+            for name, stepper, u, _ in stepped:
                 try:
                     files = to_structured_text(stepper, place, "own", dtype, drive=u[:60])
                 except ValueError:
@@ -425,38 +433,22 @@ def as_units(system, folder, name):
         yield np.array_equal(found["output"][1:], expected), validate_fmu(str(path))
 
 
+CHECKED = (
+    *("sizes", "types", "integers", "tunable", "any-input", "emulated", "structured-text", "speed"),
+)
+
+
 def verdict(missed):
     """Say whether a bar was kept, and by whom it was not."""
     return "kept" if not missed else f"MISSED by {', '.join(missed)}"
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--samples", type=int, default=200_000, help="of the timing")
-    parser.add_argument("--no-fmu", action="store_true", help="leave units out")
-    parser.add_argument("--integers", action="store_true", help="programs in integers alone")
-    parser.add_argument("--any-input", action="store_true", help="floating point, any input alone")
-    parser.add_argument("--emulated", action="store_true", help="emulated controllers alone")
-    parser.add_argument("--structured-text", action="store_true", help="function blocks alone")
-    options = parser.parse_args()
-    if shutil.which("cc") is None:
-        sys.exit("There is no C compiler.")
-    if options.any_input or options.emulated:
-        (check_any_input if options.any_input else check_controllers)()
-        return
-    if options.structured_text:
-        check_structured_text()
-        return
-    check_integers()
-    if options.integers:
-        return
-    check_any_input()
-    check_controllers()
-    check_structured_text()
+def check_types(every, is_simulated):
+    """Compare programs in all types with Python, and functional mock-up units with them."""
     errors, unlike, findings, n_units = {}, [], [], 0
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        for k, system in enumerate(systems()):
+        for k, system in enumerate(systems(every)):
             group = "inverses" if system.is_inverse else "operators"
             for dtype in BARS:
                 try:
@@ -465,42 +457,149 @@ def main():
                     print(f"{group}, {system.name}, {dtype}: refused: {reason}", flush=True)
                 else:
                     errors.setdefault((group, dtype), {})[system.name] = error
-            if not (system.is_inverse or options.no_fmu):
+            if is_simulated and not system.is_inverse:
                 for same, found in as_units(system, folder, f"c{k}"):
                     n_units += 1
                     unlike += [] if same else [system.name]
                     findings += [f"{system.name}: {text}" for text in found]
         report(errors)
-        if not options.no_fmu:
+        if is_simulated:
             print(f"FMU, {n_units} units: equal to C to the last bit: {verdict(unlike)}")
             print(f"FMU, {n_units} units: FMPy's validation without a finding: {verdict(findings)}")
-        if shutil.which("cppcheck"):
-            sources = sorted(path.name for path in folder.glob("*.c") if "_test" not in path.name)
-            command = ["cppcheck", *CHECKS, *sources]
-            done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
-            said = done.stderr.strip().splitlines()[:3]
-            print(f"cppcheck, {len(sources)} programs without a finding: {verdict(said)}")
-    print(f"20 plays in C: {told(in_c(PLAYS, options.samples, 7), 'ns', C_LIMIT)} a sample")
+        check_rules(folder)
 
 
-def check_integers():
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--samples", type=int, default=200_000, help="of the timing")
+    parser.add_argument("--no-fmu", action="store_true", help="leave units out")
+    parser.add_argument("--every", type=int, default=1, help="run one system in so many")
+    parser.add_argument("--only", choices=CHECKED, help="one of the checks alone")
+    options = parser.parse_args()
+    if shutil.which("cc") is None:
+        sys.exit("There is no C compiler.")
+    every = options.every
+    checks = {
+        "sizes": check_sizes,
+        "types": lambda: check_types(every, not options.no_fmu),
+        "integers": lambda: check_integers(every),
+        "tunable": lambda: check_tunable(every),
+        "any-input": lambda: check_any_input(every),
+        "emulated": lambda: check_controllers(every),
+        "structured-text": lambda: check_structured_text(every),
+        "speed": lambda: print(
+            f"20 plays in C: {told(in_c(PLAYS, options.samples, 7), 'ns', C_LIMIT)} a sample"
+        ),
+    }
+    for check in [options.only] if options.only else CHECKED:
+        checks[check]()
+
+
+def everything(every):
+    """Yield the name, the stepper and an input of all programs, and whether it is of an inverse."""
+    for system in systems(every):
+        name = f"{system.name}{', inverse' * system.is_inverse}"
+        yield name, system.stepper, system.u, system.is_inverse
+    for name, device, u in itertools.islice(devices(), 0, None, every):
+        yield name, device.stepper(1e-3), u, "compensator" in name
+
+
+def check_integers(every):
     """Run all programs in integers with any input."""
     errors, not_held, findings, n = {}, [], [], 0
     with tempfile.TemporaryDirectory() as place:
-        for k, system in enumerate(systems()):
-            name = f"{system.name}{', inverse' if system.is_inverse else ''}"
+        for k, (name, stepper, u, is_inverse) in enumerate(everything(every)):
             try:
-                *error, held, told = in_integers(system, Path(place), f"i{k}")
-            except ValueError:
-                continue  # refused, and told of elsewhere
+                *error, held, told = in_integers(stepper, u, Path(place), f"i{k}")
+            except ValueError as reason:
+                print(f"integers, {name}: refused: {str(reason)[:90]}", flush=True)
+                continue
             n += 1
             not_held += [] if held else [name]
             findings += [f"{name}: {told[:200]}"] if told else []
-            if not system.is_inverse:  # which need not reach what is asked
+            if not is_inverse:  # which need not reach what is asked
                 errors[name] = error
     print(f"integers, any input, {n} programs: nothing found by sanitizers: {verdict(findings)}")
     print(f"integers, any input, {n} programs: input beyond is held: {verdict(not_held)}")
     line("integers, fast drives within the range", errors, "int32")
+
+
+def check_tunable(every):
+    """Change each parameter of each operator at run time and compare with the operator that has it.
+
+    The test of a program does: it is compared with the response of the changed operator in Python.
+    """
+    missed, refused, n = [], {}, 0
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        for k, system in enumerate(systems(every)):
+            names = dict.fromkeys(name.partition("[")[0] for name, _ in system.operator.entries())
+            for name in names if not system.is_inverse else ():
+                options = {"dt": system.stepper.dt, "drive": system.u[:100], "tunable": [name]}
+                try:
+                    to_c(system.operator, folder, f"t{k}_{name}", **options)
+                except ValueError as reason:
+                    refused.setdefault(str(reason)[:70], []).append(name)
+                    continue
+                n += 1
+                sources = [f"t{k}_{name}.c", f"t{k}_{name}_test.c", "-o", "tuned", "-lm"]
+                command = ["cc", "-std=c99", *STRICT, *SANITIZED, *sources]
+                subprocess.run(command, cwd=folder, check=True)
+                done = subprocess.run(folder / "tuned", capture_output=True, text=True)
+                missed += [f"{system.name}, {name}"] * (done.returncode or bool(done.stderr))
+        check_rules(folder)
+    for reason, names in refused.items():
+        print(f"changed at run time, {len(names)} refused: {reason}")
+    print(
+        f"changed at run time, {n} parameters, equal to the operator with them: {verdict(missed)}"
+    )
+
+
+def check_rules(folder):
+    """Run cppcheck over the programs in a folder."""
+    if shutil.which("cppcheck") is None:
+        return
+    sources = sorted(path.name for path in folder.glob("*.c") if "_test" not in path.name)
+    sources.remove("main.c") if "main.c" in sources else None
+    unkept = re.search(UNKEPT, (folder / sources[0]).with_suffix(".h").read_text())[1]
+    unkept = {f"misra-c2012-{rule}" for rule in re.findall(r"\d+\.\d+", unkept)}
+    command = ["cppcheck", *CHECKS, *sources]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+    said = re.findall(r"^\S+: .* \[\S+\]$", done.stderr, re.M)
+    said = [text for text in said if text.split("[")[-1][:-1] not in unkept]
+    said = [*said[:3], f"{len(said)} findings"] if said else []
+    print(f"cppcheck, {len(sources)} programs, no required rule of MISRA broken: {verdict(said)}")
+
+
+def check_sizes():
+    """Tell the memory and the time of programs on controllers, and whether they are small."""
+    sys.path.insert(0, str(CASES))
+    cases = importlib.import_module("operator_cases")
+    plays = PrandtlIshlinskiiOperator([0.0, 0.3, 0.5], [1.0, 0.5, 0.2])
+    wires = BoucWenOperator(0.4, 0.7, 0.31, 1.3, 0.7, 0.2, 0.1)
+    friction = RootInverseOperator(cases.OPERATORS["Dahl friction"], -2.0, 2.0)
+    units = {"input_unit": 2.0**-20, "output_unit": 2.0**-20}
+    programs = [
+        *(("3 plays", plays, dtype, {}) for dtype in BARS),
+        ("Bouc-Wen, table", wires, "float64", {}),
+        *(("Bouc-Wen, step", wires, d, {"form": "step"}) for d in ("float64", "float32")),
+        *(("inverse of Dahl friction", friction, d, {}) for d in ("float64", "float32")),
+        ("PI feedback", FeedforwardPI(0.3, 20.0, drive_limits=(-1.0, 1.0)), "float32", {}),
+    ]
+    u = cases.make_drive()[:100]
+    with tempfile.TemporaryDirectory() as place:
+        for k, (name, own, dtype, more) in enumerate(programs):
+            more = more | (units if dtype == "int32" else {})
+            drive = np.stack([u, 0.9 * u], axis=1) if name == "PI feedback" else u
+            to_c(own, place, f"s{k}", dtype, dt=cases.DT, drive=drive, **more)
+            sizes = program_sizes(place, f"s{k}")
+            print(f"{name}, {dtype}:\n{sizes.to_string()}", flush=True)
+            if "form" in more:
+                print(f"{name}, {dtype}, at most 1500 bytes: {verdict(_larger(sizes, 1500))}")
+
+
+def _larger(sizes, most):
+    return [f"{target} ({size:.0f})" for target, size in sizes["flash"].items() if size > most]
 
 
 def report(errors):

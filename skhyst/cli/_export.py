@@ -24,7 +24,7 @@ def export(options):
         sizes = program_sizes(options.c, options.name or options.model.stem)
         sizes.to_csv(table := _sizes_file(options))
         print(f"written: {table}")
-        print("bytes and instructions on controllers, as far as compilers and emulators are found:")
+        print("bytes, instructions, cycles on controllers whose compiler and emulator are found:")
         print(sizes.to_string())
 
 

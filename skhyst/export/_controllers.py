@@ -2,8 +2,9 @@
 
 Each target has a compiler and an emulator. The firmware takes one sample from the host, makes one
 step and returns the output, the status and the instructions that the step has taken. QEMU counts
-instructions (``-icount``): each takes 2^6 ns of the time that the controller's timer shows. On
-x86-64 the processor's trap flag counts them, and nothing is emulated.
+instructions (``-icount``): each takes 2^6 ns of the time that the controller's timer shows. For AVR
+simavr counts them and their cycles, in a program that is built for the firmware (``avr.c``). On
+x86-64 the processor's trap flag counts instructions, and nothing is emulated.
 """
 
 import re
@@ -27,21 +28,28 @@ _BARE = (
 )
 _QEMU = (
     *("-nographic", "-monitor", "none", "-chardev", "stdio,id=host,signal=off"),
-    *("-serial", "chardev:host"),
+    *("-serial", "chardev:host", "-icount", "shift=6,sleep=off", "-kernel"),
 )
-_COUNTED = (*_QEMU, "-icount", "shift=6,sleep=off", "-kernel")
+_SIMAVR = (
+    *("cc", "-O2", "-o", "emulator", str(Path(__file__).with_name("avr.c"))),
+    *("-lsimavr", "-lelf"),
+)
 _NUMBERS = {"double": np.float64, "float": np.float32, "int32_t": np.int32}
 
 
 @dataclass(frozen=True)
 class _Target:
-    """A controller: its compiler, how to link for it, what runs it, ticks of an instruction."""
+    """A controller: its compiler, how to link for it, what runs it, ticks of an instruction.
+
+    The emulator is built first where ``built`` is the command for it.
+    """
 
     compiler: str
     options: tuple
     linked: tuple
     runs: tuple
     ticks: float
+    built: tuple = ()
 
     def compile(self, folder, source, *more):
         """Compile a source in a folder; return whether it was accepted, and what was said."""
@@ -55,22 +63,23 @@ TARGETS = {
         "arm-none-eabi-gcc",
         ("-mcpu=cortex-m0", "-mthumb"),
         _BARE,
-        ("qemu-system-arm", "-M", "microbit", *_COUNTED),
+        ("qemu-system-arm", "-M", "microbit", *_QEMU),
         0.064 * 16,  # us of an instruction, MHz of its timer
     ),
     "Cortex-M4F": _Target(
         "arm-none-eabi-gcc",
         ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"),
         _BARE,
-        ("qemu-system-arm", "-M", "mps2-an386", *_COUNTED),
+        ("qemu-system-arm", "-M", "mps2-an386", *_QEMU),
         0.064 * 25,
     ),
     "AVR": _Target(
         "avr-gcc",
         ("-mmcu=atmega2560",),
         ("-Wl,--gc-sections",),
-        ("qemu-system-avr", "-M", "mega2560", *_QEMU, "-bios"),
-        np.nan,  # its timers cannot be read while QEMU counts
+        ("./emulator",),
+        1.0,
+        _SIMAVR,
     ),
     "x86-64": _Target("x86_64-linux-gnu-gcc", ("-m64", "-mno-red-zone"), (), (), 1.0),
 }
@@ -100,24 +109,28 @@ static void put(uint8_t byte)
 }
 #define FLAGS(what) __asm__ volatile("pushfq; " what ", (%%rsp); popfq" ::: "cc", "memory")
 #define BEGIN count = 0; FLAGS("orq $$0x100")
-#define END(n) FLAGS("andq $$~0x100"); n = count
+#define END(n) FLAGS("andq $$~0x100"); n[0] = count; n[1] = 0
 #elif defined(__AVR__)
 #include <avr/io.h>
-static void start(void) { UCSR0B = (1 << RXEN0) | (1 << TXEN0); }
-static uint8_t get(void)
+static void start(void) {}
+static uint8_t asked(uint8_t what)
 {
-    while (!(UCSR0A & (1 << RXC0))) {
-    }
-    return UDR0;
+    GPIOR1 = what;
+    return GPIOR2;
 }
-static void put(uint8_t byte)
+static uint8_t get(void) { return asked(0); }
+static void put(uint8_t byte) { GPIOR0 = byte; }
+static uint32_t word(uint8_t first)
 {
-    while (!(UCSR0A & (1 << UDRE0))) {
+    uint32_t word = 0;
+    uint8_t i;
+    for (i = 0; i < 4; i++) {
+        word |= (uint32_t)asked(first + i) << 8 * i;
     }
-    UDR0 = byte;
+    return word;
 }
-#define BEGIN
-#define END(n) n = 0
+#define BEGIN GPIOR1 = 1
+#define END(n) n[0] = word(2); n[1] = word(6)
 #else /* Cortex-M */
 #define REGISTER(at) (*(volatile uint32_t *)(at))
 int main(void);
@@ -179,7 +192,7 @@ static void start(void)
     REGISTER(0xe000e010) = 5; /* by the clock of the processor */
 }
 #define BEGIN uint32_t first = REGISTER(0xe000e018)
-#define END(n) n = (first - REGISTER(0xe000e018)) & 0xffffff
+#define END(n) n[0] = (first - REGISTER(0xe000e018)) & 0xffffff; n[1] = 0
 #endif
 #include "$name.h"
 
@@ -201,7 +214,7 @@ int main(void)
     static ${name}_state state;
     static $number u[${name}_N_INPUTS];
     $number y;
-    uint32_t words[2], empty;
+    uint32_t words[3], empty[2];
     start();
     ${name}_init(&state);
     while (get() != $sync) {
@@ -215,10 +228,11 @@ int main(void)
         {
             BEGIN;
             y = ${name}_step(&state, $input);
-            END(words[0]);
+            END(words);
         }
-        words[0] -= empty;
-        words[1] = ${name}_status(&state);
+        words[0] -= empty[0];
+        words[1] -= empty[1];
+        words[2] = ${name}_status(&state);
         exchange(&y, sizeof y, 1);
         exchange(words, sizeof words, 1);
     }
@@ -231,9 +245,9 @@ class EmulatedController:
 
     It takes the place of the stepper of the model, as in
     :func:`~skhyst.control.simulate_loop`: the processor in the loop is another one. Use it in a
-    ``with`` statement, or close it. It needs a compiler and QEMU: ``apt-get install
+    ``with`` statement, or close it. It needs a compiler and an emulator: ``apt-get install
     gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm`` for Cortex-M, ``gcc-avr avr-libc
-    qemu-system-misc`` for AVR; programs for x86-64 run on the processor itself.
+    simavr libsimavr-dev libelf-dev`` for AVR; programs for x86-64 run on the processor itself.
 
     Parameters
     ----------
@@ -242,14 +256,17 @@ class EmulatedController:
     name : str
         Of the program.
     target : {"Cortex-M4F", "Cortex-M0", "AVR", "x86-64"}, default="Cortex-M4F"
-        The controllers that are emulated: ARM MPS2 with AN386, micro:bit, Arduino Mega 2560.
+        The controllers that are emulated: ARM MPS2 with AN386, micro:bit, ATmega2560.
 
     Attributes
     ----------
     status : int
         That of the last sample, see :func:`to_c`.
     instructions : float
-        That the last step has taken, to about one; NaN on AVR.
+        That the last step has taken, to about one.
+    cycles : float
+        Of the clock, that the last step has taken; NaN where the emulator does not know them: it
+        does on AVR.
 
     Raises
     ------
@@ -277,10 +294,11 @@ class EmulatedController:
                 f"The 'target' parameter of EmulatedController must be one of {sorted(TARGETS)}. "
                 f"Got {target!r} instead."
             )
-        self.status, self.instructions, self._target = 0, np.nan, TARGETS[target]
+        self.status, self.instructions, self.cycles = 0, np.nan, np.nan
+        self._target = TARGETS[target]
         self._process, own = None, self._target
         source = program_source(folder, name)
-        for tool in (own.compiler, *own.runs[:1]):
+        for tool in (own.compiler, *(own.built or own.runs)[:1]):
             if shutil.which(tool) is None:
                 raise FileNotFoundError(f"There is no {tool}, which {target} needs.")
         header = source.with_suffix(".h").read_text()
@@ -298,8 +316,14 @@ class EmulatedController:
         if not done:
             self.close()
             raise RuntimeError(f"The program cannot be compiled for {target}: {said.strip()}")
+        if own.built:
+            made = subprocess.run(own.built, cwd=place, capture_output=True, text=True)
+            if made.returncode:
+                self.close()
+                raise FileNotFoundError(f"There is no emulator for {target}: {made.stderr.strip()}")
         self._process = subprocess.Popen(
             [*own.runs, str(place / "firmware")],
+            cwd=place,
             **dict.fromkeys(("stdin", "stdout"), subprocess.PIPE),
             stderr=subprocess.DEVNULL,
             bufsize=0,
@@ -328,15 +352,16 @@ class EmulatedController:
         answer = b""
         try:
             self._process.stdin.write(u.tobytes())
-            while len(answer) < self._number.itemsize + 8:
-                if not (more := self._process.stdout.read(self._number.itemsize + 8 - len(answer))):
+            while (left := self._number.itemsize + 12 - len(answer)) > 0:
+                if not (more := self._process.stdout.read(left)):
                     raise BrokenPipeError
                 answer += more
         except BrokenPipeError:
             raise RuntimeError("The program on the emulated controller has stopped.") from None
-        words = np.frombuffer(answer[-8:], dtype="<u4")
-        self.instructions, self.status = words[0] / self._target.ticks, int(words[1])
-        return float(np.frombuffer(answer[:-8], dtype=self._number)[0])
+        ticks, cycles, status = np.frombuffer(answer[-12:], dtype="<u4")
+        self.instructions, self.status = ticks / self._target.ticks, int(status)
+        self.cycles = float(cycles) if cycles else np.nan
+        return float(np.frombuffer(answer[:-12], dtype=self._number)[0])
 
     def close(self):
         """Stop the controller."""
@@ -377,13 +402,14 @@ def program_sizes(folder, name) -> pd.DataFrame:
 
     Returns
     -------
-    DataFrame of shape (n_targets, 5)
+    DataFrame of shape (n_targets, 6)
         By target: ``flash``, code and tables, without the functions of the math library and of
         floating point in software; ``state``, RAM of one device; ``stack``, of the deepest function
         alone, all in bytes; ``instructions`` and ``most_instructions`` of a step, the mean and the
-        largest over the samples, with those of the library. Most instructions take one cycle
-        on a Cortex-M. NaN where the compiler or the emulator is not found or
-        refuses the program, as one whose ``double`` has 32 bits does.
+        largest over the samples, with those of the library; ``most_cycles``, the largest number of
+        clock cycles, of AVR alone: on a Cortex-M most instructions take one. NaN where the compiler
+        or the emulator is not found or refuses the program, as one whose ``double`` has 32 bits
+        does.
 
     Raises
     ------
@@ -399,7 +425,7 @@ def program_sizes(folder, name) -> pd.DataFrame:
     ...     files = to_c(BacklashOperator(0.2), folder, "gear", "float32", dt=1e-3)
     ...     sizes = program_sizes(folder, "gear")
     >>> list(sizes.columns)
-    ['flash', 'state', 'stack', 'instructions', 'most_instructions']
+    ['flash', 'state', 'stack', 'instructions', 'most_instructions', 'most_cycles']
     """
     source = program_source(folder, name)
     rows = [
@@ -409,16 +435,18 @@ def program_sizes(folder, name) -> pd.DataFrame:
 
 
 def _time(source, target):
-    """Return the instructions of a step, None where they are not known."""
+    """Return the instructions and cycles of a step, None where they are not known."""
     counts = []
     try:
         with EmulatedController(source.parent, source.stem, target) as controller:
             for u in _test_inputs(source):
                 controller.step(u)
-                counts.append(controller.instructions)
+                counts.append((controller.instructions, controller.cycles))
     except (FileNotFoundError, RuntimeError):
-        return {"instructions": None, "most_instructions": None}
-    return {"instructions": np.round(np.mean(counts)), "most_instructions": np.round(max(counts))}
+        return dict.fromkeys(("instructions", "most_instructions", "most_cycles"))
+    most, cycles = np.round(np.max(counts, axis=0))
+    mean = np.round(np.mean(counts, axis=0)[0])
+    return {"instructions": mean, "most_instructions": most, "most_cycles": cycles}
 
 
 def _test_inputs(source):

@@ -117,6 +117,8 @@ def _folded(op, a, b):
         return constant(_FOLDED[op](a.value, b.value))
     if exact and op in ("+", "-") and 0 in (a.value, b.value) and (op == "+" or b.value == 0):
         return a if b.value == 0 else b
+    if exact and op == "*" and {0, 1} & {a.value, b.value}:
+        return constant(0) if 0 in (a.value, b.value) else a if b.value == 1 else b
     if op in ("+", "-") and "real" in (a.kind, b.kind):  # infinity plus anything is infinity
         infinite = [x.value is not None and math.isinf(x.value) for x in (a, b)]
         if infinite == [True, False]:

@@ -6,7 +6,7 @@ and quotients have 128 bits.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from string import Formatter
 
 from ._expressions import COMPARISONS, Array, Call, If, compared, constant
@@ -56,9 +56,15 @@ class FixedPrinter(Printer):
     Parameters
     ----------
     ranges : Ranges
+
+    Attributes
+    ----------
+    places : set
+        Branches of the program, as the interpreter names them.
     """
 
     ranges: object = None
+    places: set = field(default_factory=set)
 
     def literal(self, array):
         """Return the function that writes the numbers of a constant array."""
@@ -168,10 +174,16 @@ class FixedText(FunctionText):
     def _statement(self, statement, path):
         known = self._decided(statement.test) if isinstance(statement, If) else None
         if known is None:
+            if isinstance(statement, If):
+                self._has(statement, False, True)
             return super()._statement(statement, path)
         part = "body" if known else "orelse"
         pad = len(path) * "    "
         return f"{pad}{self._braced(statement, path, part)}\n" if getattr(statement, part) else ""
+
+    def _has(self, x, *sides):
+        """Note the branches of a statement or an expression that is written."""
+        self._printer.places |= {((self._step, self._part), id(x), side) for side in sides}
 
     def _put(self, x, place):
         return self._fitted(x, self._digits(place))[0] if x.kind == "real" else self._text(x)
@@ -216,6 +228,8 @@ class FixedText(FunctionText):
 
     def _bound(self, x):
         """Return the text of an integer or a condition, and its precedence."""
+        if x.op in ("and", "or", "choice"):
+            self._has(x, *range(1, len(x.args)))
         if x.op in COMPARISONS and x.args[0].kind == "real":
             f = self._common(*x.args)
             symbol, binding = SYMBOLS[x.op]
@@ -224,10 +238,16 @@ class FixedText(FunctionText):
         if x.op == "cast" and x.args[0].kind == "real":
             return self._whole(x.args[0]), ATOM
         if x.op in ("+", "-", "*") and not self._is_place(x):
-            symbol, binding = SYMBOLS[x.op]
-            a, b = self._tight(x.args[0], ATOM), self._tight(x.args[1], binding + 1)
-            return self._helper("whole", f"(int64_t){a} {symbol} {b}"), ATOM
+            a, b = map(self._wide, x.args)
+            return self._helper("whole", f"{a} {x.op} {b}"), ATOM
         return super()._bound(x)
+
+    def _wide(self, x):
+        """Return the text of an integer of 64 bits."""
+        if x.op in ("+", "-", "*") and self._is_place(x):
+            a, b = map(self._wide, x.args)
+            return f"({a} {x.op} {b})"
+        return f"(int64_t){self._tight(x, ATOM)}"
 
     def _is_place(self, x):
         """Whether an integer is computed from constants and loop variables only."""
@@ -294,7 +314,7 @@ class FixedText(FunctionText):
             case "neg":
                 return f"-{self._bracketed(args[0], f, ATOM)}", UNARY
             case "choice":
-                return self._choice(*args, f)
+                return self._choice(x, f)
             case "min" | "max" | "abs" | "math.fabs":
                 own = self._common(*args)
                 texts = [self._fitted(y, own, True)[0] for y in args]
@@ -317,15 +337,20 @@ class FixedText(FunctionText):
             "integers: the 'dtype' must be 'float32' or 'float64'."
         )
 
-    def _choice(self, test, a, b, f):
+    def _choice(self, x, f):
+        test, a, b = x.args
         known = self._decided(test)
         if known is not None:
             return self._fitted(a if known else b, f)
+        self._has(x, 1, 2)
         a, b = (self._bracketed(y, f, CHOICE + 1) for y in (a, b))
         return f"{self._tight(test, CHOICE + 1)} ? {a} : {b}", CHOICE
 
     def _decided(self, test):
-        """Return the result of a comparison with a constant out of range, None for other tests."""
+        """Return the result of a test that is always the same, None for other tests.
+
+        That is a comparison of equals, and with a constant out of range.
+        """
         if test.op in ("and", "or"):
             sides = [self._decided(side) for side in test.args]
             end = test.op == "or"
@@ -333,8 +358,12 @@ class FixedText(FunctionText):
         if test.op == "not":
             of = self._decided(*test.args)
             return None if of is None else not of
-        numbers = [x for x in test.args if x.value is None] if test.op in COMPARISONS else []
-        if len(numbers) != 1 or test.args[0].kind != "real":
+        if test.op not in COMPARISONS or test.args[0].kind != "real":
+            return None
+        if test.args[0] == test.args[1]:
+            return compared(test.op, constant(0.0), constant(0.0)).value
+        numbers = [x for x in test.args if x.value is None]
+        if len(numbers) != 1:
             return None
         (known,) = (float(x.value) for x in test.args if x.value is not None)
         beyond = not (math.isnan(known) or is_within(known, self._common(*numbers)))

@@ -49,11 +49,13 @@ _HELPERS = {
     "//": "{t} {n}({t} a, {t} b)\n{{\n    const {t} whole = a / b;\n"
     "    return a % b != 0 && (a < 0) != (b < 0) ? whole - 1 : whole;\n}}",
     "cast": "{t} {n}(int32_t a)\n{{\n    return ({t})a;\n}}",
-    "powi": "{t} {n}({t} a, int32_t n)\n{{\n    {t} power = 1;\n"
-    "    while (n > 0) {{\n        power *= n % 2 == 1 ? a : 1;\n        a *= a;\n        n /= 2;\n"
+    "trunc": "int32_t {n}({t} a)\n{{\n    return (int32_t)a;\n}}",
+    "powi": "{t} {n}({t} a, int32_t n)\n{{\n    {t} power = {one};\n"
+    "    while (n > 0) {{\n        power *= n % 2 == 1 ? a : {one};\n        a *= a;\n"
+    "        n /= 2;\n"
     "    }}\n    return power;\n}}",
 }
-_WORDS = {"%": "modulo", "//": "quotient", "powi": "power", "cast": "real_of"}
+_WORDS = {"%": "modulo", "//": "quotient", "powi": "power", "cast": "real_of", "trunc": "whole_of"}
 
 
 @dataclass(frozen=True)
@@ -146,7 +148,8 @@ class Printer:
         key = (op, kind)
         if key not in self.functions:
             self.functions[key] = name = self.name(_WORDS.get(op, op))
-            text = _HELPERS[op].format(t=self.type_of(kind), n=name)
+            one = self.dialect.literal(1.0) if op == "powi" else ""
+            text = _HELPERS[op].format(t=self.type_of(kind), n=name, one=one)
             self.texts.append(f"static {text}\n")
         return self.functions[key]
 
@@ -229,9 +232,7 @@ class FunctionText:
                 kind = ("const " if once else "") + self._kind(new[0])
                 text = f"{pad}{kind} {text.lstrip()}"
             else:
-                for kind in sorted({self._kind(name) for name in new}):
-                    names = ", ".join(name for name in new if self._kind(name) == kind)
-                    lines.append(f"{pad}{kind} {names};\n")
+                lines += [f"{pad}{self._kind(name)} {name};\n" for name in new]
             lines.append(text)
         return "".join(lines)
 
@@ -354,8 +355,10 @@ class FunctionText:
                 return "{} ? {} : {}".format(*texts), CHOICE
             case "neg" | "not":
                 return ("-" if op == "neg" else "!") + self._tight(args[0], UNARY + 1), UNARY
-            case "cast" if x.kind != "real" or self._bound(args[0])[1] >= UNARY:
+            case "cast" if self._bound(args[0])[1] >= UNARY or args[0].kind == "bool":
                 return f"({self._type(x.kind)}){self._tight(args[0], UNARY + 1)}", UNARY
+            case "cast" if x.kind == "int":  # as MISRA wants: no cast of a sum or product
+                return f"{self._printer.helper('trunc', 'real')}({self._text(args[0])})", ATOM
             case "abs" if x.kind == "real":
                 op = "math.fabs"
             case "**":

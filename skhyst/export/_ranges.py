@@ -122,6 +122,11 @@ class Ranges(Interpreter):
         self._sizes = self._seen
         return fits
 
+    def keep(self, places):
+        """Forget all branches but these, which the program has."""
+        self._led &= places
+        self._passed &= places
+
     def take_back(self, led):
         """Reset the branches that are taken to an earlier set; the others count as not taken."""
         self._passed |= self._led - led

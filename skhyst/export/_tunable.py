@@ -507,7 +507,8 @@ def _series_text(name, dialect, ats, which, table):
         "    {\n"
         + _table("uint16_t", "at", ats)
         + _table(dialect.type, "series", [dialect.literal(x) for x in table.ravel()])
-        + f"        {dialect.type} x[{n}], y[{m}];\n        int32_t j, l;\n"
+        + f"        {dialect.type} x[{n}];\n        {dialect.type} y[{m}];\n"
+        "        int32_t j;\n        int32_t l;\n"
         f"        {name}_chebyshev(p[{first}], {n}, x);\n"
         f"        {name}_chebyshev(p[{second}], {m}, y);\n"
         f"        for (i = 0; i < {len(ats)}; i++) {{\n"

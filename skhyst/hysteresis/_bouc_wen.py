@@ -353,28 +353,17 @@ def curve_step(u, c, s):
 
 
 @jit
-def rate_of(z, direction, exponent, loading, unloading, scale):
-    """Return the change of z per change of the input, of a law in :func:`integrated_step`."""
-    share = loading if z * direction > 0.0 else unloading
-    return 1.0 - share * (abs(z) * scale) ** exponent
-
-
-@jit
-def runge_kutta(z, h, exponent, loading, unloading, scale):
+def runge_kutta(z, h, exponent, share, scale):
     """Return z after the input has moved by ``h``, by a step of the classical Runge-Kutta method.
 
-    In it z keeps its sign.
+    Its change per change of the input is ``1 - share (scale |z|)^exponent``: z keeps its sign.
     """
-    d = 1.0 if h > 0.0 else -1.0
-    side = z if z != 0.0 else h
-    a = rate_of(z, d if side * z >= 0.0 else -d, exponent, loading, unloading, scale)
-    b = z + 0.5 * h * a
-    b = rate_of(b, d if side * b >= 0.0 else -d, exponent, loading, unloading, scale)
-    c = z + 0.5 * h * b
-    c = rate_of(c, d if side * c >= 0.0 else -d, exponent, loading, unloading, scale)
-    e = z + h * c
-    e = rate_of(e, d if side * e >= 0.0 else -d, exponent, loading, unloading, scale)
-    return z + h * (a + 2.0 * (b + c) + e) / 6.0
+    at, total = z, 0.0
+    for stage in range(4):
+        rate = 1.0 - share * (abs(at) * scale) ** exponent
+        at = z + (h if stage == 2 else 0.5 * h) * rate
+        total += rate if stage % 3 == 0 else 2.0 * rate
+    return z + h * total / 6.0
 
 
 @jit
@@ -394,11 +383,12 @@ def integrated_step(u, c, s):
         if left == 0.0:
             break
         h = d * min(longest, abs(left))
-        moved = runge_kutta(z, h, exponent, loading, unloading, scale)
+        share = unloading if z * d < 0.0 else loading
+        moved = runge_kutta(z, h, exponent, share, scale)
         if z * d < 0.0 and moved * d > 0.0:
             h = h * z / (z - moved)
             for _newton in range(3):
-                h -= runge_kutta(z, h, exponent, loading, unloading, scale)
+                h -= runge_kutta(z, h, exponent, share, scale)
             moved = 0.0
         z = moved
         left -= h

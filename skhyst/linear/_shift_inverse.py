@@ -16,7 +16,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import lsmr
 
-from ..operators import CompiledLaw, InverseOperator, as_signal, in_weights, preview_step
+from ..operators import InverseOperator, as_signal, previewed
 
 _ROUNDING = 1e-15
 _PASSES = 400  # largest number of iterations
@@ -84,7 +84,5 @@ class InverseShiftOperator(InverseOperator):
         begin, end = (int(np.argmax(part > 0.5 * tol)) for part in left_out)
         begin = min(begin, half)  # the preview is not negative
         weights = answer[begin : len(answer) - end][::-1]
-        nothing = np.zeros((0, 0)), np.zeros(0), np.zeros(0), 0.0
-        state = [0.0, *np.full(len(weights), u0)]
-        constants = weights / weights.sum(), *nothing
-        return CompiledLaw(preview_step, constants, state, possible=in_weights), half - begin
+        nothing = np.zeros((0, 0)), np.zeros(0), np.zeros(0)
+        return previewed(weights / weights.sum(), nothing, 0.0, u0), half - begin

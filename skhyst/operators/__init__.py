@@ -42,8 +42,7 @@ from ._feedback import has_velocity as has_velocity
 from ._held_input import HeldInput as HeldInput
 from ._held_input import is_straight as is_straight
 from ._linear_inverse import InverseLinearOperator
-from ._linear_inverse import in_weights as in_weights
-from ._linear_inverse import preview_step as preview_step
+from ._linear_inverse import previewed as previewed
 from ._one_state import OneStateOperator
 from ._part import Factor
 from ._part import Stage as Stage

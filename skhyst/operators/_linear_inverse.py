@@ -122,11 +122,7 @@ class InverseLinearOperator(InverseOperator):
             given = back @ given
         weights[-1] = _at_rest(back, given, read)
         weights[0] += direct
-        y = u0 - self.operator.intercept
-        x = np.linalg.solve(np.eye(len(b)) - a, b) * y
-        constants = weights, a, b, c, self.operator.intercept
-        state = [0.0, *np.full(length + 1, y), *x, *x]
-        return CompiledLaw(preview_step, constants, state, possible=in_weights), length + late
+        return previewed(weights, (a, b, c), self.operator.intercept, u0), length + late
 
     def decay(self, dt):
         """Return the rate, per sample, at which the effect of the later response decays.
@@ -164,37 +160,69 @@ class InverseLinearOperator(InverseOperator):
         return 1.0 / d, late, *_both_ways(ad - np.outer(b, c) / d, b / d, -c / d)
 
 
+def previewed(weights, forth, intercept, u0):
+    """Return the step whose output is a sum over responses, and of a part that runs forwards.
+
+    Parameters
+    ----------
+    weights : ndarray of shape (n_responses,)
+        Of the responses less the intercept, oldest first.
+    forth : tuple of (a, b, c)
+        The part that the oldest response drives, with ``x[k+1] = a x[k] + b y[k]``.
+    intercept : float
+    u0 : float
+        Response at which it has rested.
+
+    Returns
+    -------
+    CompiledLaw
+    """
+    a, b, c = forth
+    at_rest = np.linalg.solve(np.eye(len(b)) - a, b)
+    by_change = np.cumsum(weights[:0:-1])[::-1]
+    constants = weights.sum() + c @ at_rest, by_change, a, at_rest, c, intercept
+    state = [0.0, *np.full(len(weights), u0 - intercept), *np.zeros(2 * len(b))]
+    return CompiledLaw(preview_step, constants, state, possible=_in_ring)
+
+
 @jit
 def preview_step(u, c, s):
     """Return the drive some samples before the response ``u``.
 
-    ``c`` is (weights of the responses, oldest first, a, b, c of the part that runs forwards,
-    intercept). ``s`` is the index of the oldest response, a ring of responses, the state of that
-    part, and workspace.
+    It is that at rest at the oldest response, and what changes add, of the responses after it, and
+    of those before it by the part that runs forwards: a drive is a small difference of large
+    multiples of the response, but not of its changes, which are exact. ``c`` is (inverse of the
+    static gain, weights of the changes, oldest first, a, state at rest under one, c of the part
+    that runs forwards, intercept). ``s`` is the index of the oldest response, a ring of responses,
+    by how much the state of that part differs from rest, and workspace.
     """
-    weights, a, b, output, intercept = c
-    length, n = weights.size, b.size
+    rest, by_change, a, at_rest, output, intercept = c
+    length, n = by_change.size + 1, at_rest.size
     at = int(s[0])
+    before = s[1 + at]
     s[1 + at] = u - intercept
     at = (at + 1) % length
     s[0] = at
-    y = 0.0
-    for k in range(length):
-        y += weights[k] * s[1 + (at + k) % length]
+    y, first = 0.0, s[1 + at]
     for i in range(n):
-        y += output[i] * s[1 + length + i]
-        value = b[i] * s[1 + at]
+        value = at_rest[i] * (before - first)
         for j in range(n):
             value += a[i, j] * s[1 + length + j]
         s[1 + length + n + i] = value
+        y += output[i] * value
     for i in range(n):
         s[1 + length + i] = s[1 + length + n + i]
-    return y
+    before = first
+    for k in range(length - 1):
+        after = s[1 + (at + k + 1) % length]
+        y += by_change[k] * (after - before)
+        before = after
+    return rest * first + y
 
 
-def in_weights(s, c):
+def _in_ring(s, c):
     """Whether the index in a state of :func:`preview_step` is valid: ``CompiledLaw.possible``."""
-    return s[0] in range(len(c[0]))
+    return s[0] in range(len(c[1]) + 1)
 
 
 def _both_ways(a, b, c):

@@ -46,6 +46,14 @@ def fitted():
     return InverseCompensator(model, drive_limits=(-0.1, 0.6)).fit(u, y), y
 
 
+def test_a_fast_inverse_keeps_its_digits_in_single_precision(tmp_path):
+    """It is made of changes of the reference: its multiples would cancel to 3e-5 of the drive."""
+    law, _ = SecondOrderModeOperator(2.0 * np.pi * 4e3, 0.02).inverse().ahead(4e-6, 0.0)
+    reference = np.sin(2.0 * np.pi * 500.0 * 4e-6 * np.arange(500)).astype(np.float32)
+    to_c(Stepper(law, 4e-6), tmp_path, "fast", "float32", drive=reference)
+    assert error_of(tmp_path, "fast") < 1e-6
+
+
 def test_a_compensator_keeps_its_limits(tmp_path):
     compensator, y = fitted()
     header, *_ = to_c(compensator, tmp_path, "inverse", drive=y, u0=y[0])
