@@ -234,9 +234,27 @@ CRITERION = [  # of this way to decide
     ),
     (
         "a mode above half the sampling rate is let through",
-        "np.log(highest / (mode * (1.0 + ratio)))",
-        "np.inf",
+        "min(highest / (mode * (1.0 + ratio)), mode / lowest)",
+        "mode / lowest",
         "tests/diagnosis/test_effects.py -k peak",
+    ),
+    (
+        "a mode slower than the records is let through",
+        ", mode / lowest)",
+        ", np.inf)",
+        "tests/diagnosis/test_plausibility.py -k repeats",
+    ),
+    (
+        "a curve may turn as often as it likes",
+        "return turned.max() / np.abs(slope).mean()",
+        "return np.inf",
+        "tests/diagnosis/test_plausibility.py -k turns",
+    ),
+    (
+        "a force beside the drive of a mass comes after all that is driven",
+        "        if not self.beside:\n            return None if additive else self\n",
+        "        if True:\n            return self if self.beside == additive else None\n",
+        "tests/diagnosis/test_changes.py -k force",
     ),
     (
         "pairs are tried although only noise is left",

@@ -73,16 +73,15 @@ def discretize(a, b, dt, hold):
     slow = np.iscomplexobj(a) or np.max(abs(z), initial=0.0) > _SQUARED
     if slow and np.array_equal(z[..., None] * np.eye(n), a * dt):
         e, phi1, phi2 = _exponentials(z)
-        g1, g2 = phi1 * b * dt, phi2 * b * dt
-        ad = e[..., None] * np.eye(n)
-        return (ad, g1 - g2, g2) if hold == "foh" else (ad, g1, np.zeros_like(g1))
-    block = np.zeros((*a.shape[:-2], n + 2, n + 2), dtype=a.dtype)
-    block[..., :n, :n] = a * dt
-    block[..., :n, n] = b * dt
-    block[..., n, n + 1] = 1.0
-    e = expm(block)
-    # kernels are compiled once for each layout of their arrays
-    ad, g1, g2 = map(np.ascontiguousarray, (e[..., :n, :n], e[..., :n, n], e[..., :n, n + 1]))
+        ad, g1, g2 = e[..., None] * np.eye(n), phi1 * b * dt, phi2 * b * dt
+    else:
+        block = np.zeros((*a.shape[:-2], n + 2, n + 2), dtype=a.dtype)
+        block[..., :n, :n] = a * dt
+        block[..., :n, n] = b * dt
+        block[..., n, n + 1] = 1.0
+        e = expm(block)
+        parts = e[..., :n, :n], e[..., :n, n], e[..., :n, n + 1]
+        ad, g1, g2 = map(np.ascontiguousarray, parts)  # kernels are compiled once for each layout
     return (ad, g1 - g2, g2) if hold == "foh" else (ad, g1, np.zeros_like(g1))
 
 
