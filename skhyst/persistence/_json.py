@@ -24,7 +24,7 @@ from sklearn.base import BaseEstimator
 from .._sklearn import HasMethods, Interval, StrOptions, validate_parameter_constraints
 from .._validation import finite_numbers
 from ..exceptions import RecordError
-from ..operators import Operator
+from ..operators import MOST_STEPS, Operator
 
 FORMAT = 1
 _VERSION = version("skhyst")
@@ -271,8 +271,8 @@ def tried(model):
     matter.
     """
     use = getattr(model, "predict", getattr(model, "transform", None))
-    if use is None or not hasattr(model, "n_features_in_"):
-        return model
+    if use is None or getattr(model, "n_features_in_", 0) not in range(1, MOST_STEPS):
+        return model  # columns that nobody has may take all memory
     names = getattr(model, "feature_names_in_", None)
     X = np.zeros((3, model.n_features_in_))
     with warnings.catch_warnings(), np.errstate(all="ignore"), suppress(RecordError):

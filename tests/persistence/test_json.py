@@ -228,6 +228,14 @@ def test_features_are_of_columns_that_are_there(columns):
         from_json(json.dumps(content))
 
 
+def test_columns_that_are_not_there_take_no_memory():
+    text = to_json(Gain(dt=0.1).fit(U, Y)).replace(
+        '"n_features_in_": 1', '"n_features_in_": 10000000000'
+    )
+    with pytest.raises(ValueError, match="10000000000 features"):
+        from_json(text).predict(U)
+
+
 @pytest.mark.parametrize("lags", [3, {"tuple": [0]}, {"tuple": [{"tuple": [0, -1]}]}])
 def test_what_raises_for_any_rows_is_refused(lags):
     content = json.loads(to_json(LaggedFeatures([0, 1]).fit(U)))
