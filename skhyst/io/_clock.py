@@ -12,6 +12,13 @@ from ._formats import reading
 
 # Largest deviation of one interval, as a fraction of it: both ends rounded by a tenth, with margin.
 JITTER = 0.25
+_NATIONAL = (  # dates that pandas does not take by itself, or in one way of several
+    {"dayfirst": True},
+    {"dayfirst": False},
+    {"format": "%m/%d/%Y %I:%M:%S.%f %p"},
+    {"format": "%m/%d/%Y %I:%M:%S %p"},
+)
+_SINCE_1970 = (1e9, 1e10)  # s, from 2001 to 2286: a count of ms, us or ns is not within
 
 
 def evenly(path, columns, rows, sampling_rate):
@@ -42,6 +49,8 @@ def _seconds(path, name, values, unit):
                 f"that is known: pass 'time_unit', one of {', '.join(SECONDS)}, or 'sampling_rate' "
                 "instead of 'time'."
             ) from None
+    if not unit:
+        unit = next((own for own in ("ms", "us", "ns") if _is_since_1970(values, own)), "")
     steps = np.abs(np.diff(values))
     step = np.median(steps[np.isfinite(steps)]) if np.isfinite(steps).any() else 0.0
     if not unit and step >= 1.0:
@@ -53,6 +62,12 @@ def _seconds(path, name, values, unit):
             stacklevel=6,
         )
     return values * SECONDS[unit or "s"]
+
+
+def _is_since_1970(values, unit):
+    """Whether all times are of this century or the next two if they count ``unit`` since 1970."""
+    finite = values[np.isfinite(values)] * SECONDS[unit]
+    return bool(finite.size and np.all((_SINCE_1970[0] <= finite) & (finite < _SINCE_1970[1])))
 
 
 def times(path, column, unit):
@@ -73,12 +88,30 @@ def times(path, column, unit):
         try:
             dates = pd.to_datetime(column, format="ISO8601", utc=True)
         except (ValueError, TypeError) as error:
-            first = str(column.dropna().iloc[0])[:40] if column.notna().any() else ""
-            raise RecordError(
-                f"the time {name!r} must be numbers, ISO 8601 dates (2024-05-31T12:00:00.5) or "
-                f"clock times (hh:mm:ss.fff). It starts with {first!r} instead"
-            ) from error
+            dates = _national_dates(column)
+            if dates is None:
+                first = str(column.dropna().iloc[0])[:40] if column.notna().any() else ""
+                raise RecordError(
+                    f"the time {name!r} must be numbers, ISO 8601 dates (2024-05-31T12:00:00.5), "
+                    "others that have one meaning (31.05.2024 12:00:00.5) or clock times "
+                    f"(hh:mm:ss.fff). It starts with {first!r} instead"
+                ) from error
     return pd.DatetimeIndex(dates).tz_localize(None)
+
+
+def _national_dates(column):
+    """Return dates with the day or the month first, None where this changes what lies between."""
+    text, read = column.astype("string").str.replace(",", ".").astype(object), []
+    for how in _NATIONAL:
+        with warnings.catch_warnings(record=True) as doubts:  # of a guess, row by row
+            warnings.simplefilter("always")
+            try:
+                dates = pd.to_datetime(text, **how)
+            except (ValueError, TypeError):
+                continue
+        read += [] if doubts else [dates]
+    same = read and all(read[0].diff().equals(other.diff()) for other in read[1:])
+    return read[0] if same else None
 
 
 def record_labels(values):

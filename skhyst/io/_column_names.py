@@ -2,12 +2,19 @@
 
 import re
 
+_SYMBOL = (
+    r"(?:%|°[CF]?|deg[CF]?|(?:[YZEPTGMkhdcmuµμnpfazy]|da)?"
+    r"(?:m|s|g|A|K|V|N|Pa|J|W|Hz|C|F|Ω|[Oo]hm|T|H|L|l|Wb|S|rad|bar|Nm|eV|mol)"
+    r"|sec|min|hr?|psi|dB|rpm|a\.u\.|counts)(?:\^?-?[1-9]|[²³])?"
+)
+SYMBOLS = rf"(?:1/)?{_SYMBOL}(?:[/*·]{_SYMBOL})*"  # of a unit, without brackets
 _BRACKETED = re.compile(r"[(\[](?![\d\s:,.-]+[)\]])([^()\[\]]{1,12})[)\]]\s*$")
+_BEHIND = re.compile(rf"(?<=\S)\s+(?:/|in)\s+({SYMBOLS})\s*$")  # "Force / N", "Kraft in N"
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
 _SPELLED = {  # other spellings
     "s": ("sec", "secs", "second", "seconds"),
-    "ms": ("msec", "millisecond", "milliseconds"),
-    "us": ("µs", "μs", "usec", "microsecond", "microseconds"),
+    "ms": ("msec", "millis", "millisecond", "milliseconds"),
+    "us": ("µs", "μs", "usec", "micros", "microsecond", "microseconds"),
     "ns": ("nsec", "nanosecond", "nanoseconds"),
     "min": ("minute", "minutes"),
     "h": ("hr", "hrs", "hour", "hours"),
@@ -16,7 +23,7 @@ _TIMES = {word: unit for unit, words in _SPELLED.items() for word in (unit, *wor
 
 
 def unit_of(name) -> str:
-    """Return the unit in brackets at the end of a column's name, or "".
+    """Return the unit at the end of a column's name, in brackets or behind "/" or "in", or "".
 
     Parameters
     ----------
@@ -30,16 +37,16 @@ def unit_of(name) -> str:
     Examples
     --------
     >>> from skhyst.io import unit_of
-    >>> unit_of("voltage (V)"), unit_of("x [um]"), unit_of("speed"), unit_of("gauge[0]")
+    >>> unit_of("voltage (V)"), unit_of("x / um"), unit_of("speed"), unit_of("gauge[0]")
     ('V', 'um', '', '')
     """
-    found = _BRACKETED.search(str(name))
+    found = _BRACKETED.search(str(name)) or _BEHIND.search(str(name))
     return found.group(1).strip() if found else ""
 
 
 def without_unit(name):
-    """Return a column's name without the unit in brackets."""
-    return _BRACKETED.sub("", name).strip()
+    """Return a column's name without its unit."""
+    return _BEHIND.sub("", _BRACKETED.sub("", name)).strip()
 
 
 def time_unit_of(name):

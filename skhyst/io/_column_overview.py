@@ -110,7 +110,7 @@ def _faults_of_columns(source, signals):
                 yield str(error)
     for name, values in readings.items():
         role, known = signals[name][0], values[np.isfinite(values)]
-        if known.size < values.size and role not in ("drive", "response"):
+        if 0 < known.size < values.size and role not in ("drive", "response"):
             yield f"{name!r} misses {values.size - known.size} of {values.size} readings."
         if known.size and not np.ptp(known):
             yield f"{name!r} does not move: it is {known[0]:g} throughout."

@@ -15,7 +15,7 @@ from ._formats import reading
 
 _INDEXED = re.compile(r"(?P<name>.*)\[(?P<index>[^\[\]]+)\]", re.DOTALL)
 _POSITION = re.compile(r"\s*([+-]?\d+|:|\.\.\.)\s*")
-_SHOWN = 20  # variables that an error message lists
+_SHOWN = 20  # variables that an error message lists, signals that a matrix may have
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,24 @@ def _is_vector(shape):
 
 
 def _length(shape):
-    return 0 if not shape else max(shape) if _is_vector(shape) else shape[0]
+    return 0 if not shape else max(shape) if _is_vector(shape) else shape[_has_rows(shape)]
+
+
+def _has_rows(shape):
+    """Whether the signals of a matrix are its rows, few and long, and not its columns."""
+    return len(shape) == 2 and 1 < shape[0] <= _SHOWN < shape[1]
+
+
+def _part(variable, number):
+    """Return the name of a signal of a matrix by its number."""
+    index = (
+        f"[{number}, :]"
+        if _has_rows(variable.shape)
+        else f"[{number}]"
+        if variable.name
+        else number
+    )
+    return replace(variable, name=f"{variable.name}{index}").label
 
 
 def _at_position(path, variables, position):
@@ -127,7 +144,7 @@ def _at_position(path, variables, position):
     usable = [v for v in variables if v.shape and len(v.shape) <= 2 and not v.refused]
     longest = max((_length(v.shape) for v in usable), default=0)
     usable = [v for v in usable if _length(v.shape) == longest]
-    widths = [1 if _is_vector(v.shape) else v.shape[1] for v in usable]
+    widths = [1 if _is_vector(v.shape) else v.shape[not _has_rows(v.shape)] for v in usable]
     if not 0 <= position < sum(widths):
         raise RecordError(
             f"{path.name} has no column at position {position}: it has {sum(widths)} columns, "
@@ -139,9 +156,9 @@ def _at_position(path, variables, position):
     if _is_vector(variable.shape):
         name = variable.label or str(position)
         return Column(name, _load(path, variable).reshape(-1), variable.interval)
-    name = f"{variable.name}[{column}]" if variable.name else str(column)
-    name = replace(variable, name=name).label
-    return Column(name, _load(path, variable)[:, column], variable.interval)
+    values = _load(path, variable)
+    own = values[column] if _has_rows(variable.shape) else values[:, column]
+    return Column(_part(variable, column), own, variable.interval)
 
 
 @dataclass(frozen=True)
@@ -157,24 +174,26 @@ class Place:
 def long_columns(variables):
     """Return the places of all columns that have the length of the longest column.
 
-    If several groups have a column of the same name, the first is returned, addressed by the name.
+    If several groups have a column of the same name, the first is returned, addressed by the name,
+    unless each of them is one column alone: then the groups are channels, not records.
     """
     usable = [v for v in variables if v.shape and len(v.shape) <= 2 and not v.refused]
     longest = max((_length(v.shape) for v in usable), default=0)
-    repeats = Counter(v.bare for v in usable)
+    sizes = Counter(v.group for v in usable)
+    repeats = Counter(v.bare for v in usable if sizes[v.group] > 1)
     found, position = {}, 0
     for variable in (v for v in usable if _length(v.shape) == longest):
         if _is_vector(variable.shape):
             own = variable.bare if variable.group else position
             address = own if repeats[variable.bare] > 1 else variable.name or position
-            names = (name or str(position) for name in (variable.bare_label, variable.label))
+            shown = variable.bare_label if sizes[variable.group] > 1 else variable.label
+            names = (name or str(position) for name in (shown, variable.label))
             found.setdefault(address, Place(position, address, *names))
             position += 1
             continue
-        width = variable.shape[1]
+        width = variable.shape[not _has_rows(variable.shape)]
         for k in range(position, position + width if width <= _SHOWN else 0):
-            name = f"{variable.name}[{k - position}]" if variable.name else str(k)
-            found[k] = Place(k, k, *[replace(variable, name=name).label] * 2)
+            found[k] = Place(k, k, *[_part(variable, k - position)] * 2)
         position += width
     return list(found.values())
 

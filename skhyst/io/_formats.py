@@ -33,6 +33,7 @@ _HDF5 = b"\x89HDF\r\n\x1a\n"
 _OPAQUE = ("s0", "s1", "s2", "arr")  # name, type system, class, content of a MATLAB object
 _INTERVALS = ("dt", "ts", "sampling_interval", "sample_interval", "wf_increment")  # attributes, s
 _UNIT_FIELDS = ("unit", "units")
+_NAME_FIELDS = ("name", "label")  # the latter of Simulink
 _RATES = ("fs", "sampling_rate", "sample_rate", "samplerate", "sampling_frequency")  # Hz
 
 
@@ -103,7 +104,7 @@ def _with_scalars(variables):
             kept.append(v)
         elif v.group.lower().endswith(_UNIT_FIELDS):
             said[re.split(r"[./]?\w+$", v.group)[0], "unit of", v.bare] = v.load()
-        elif kind in (*_UNIT_FIELDS, "name"):
+        elif kind in (*_UNIT_FIELDS, *_NAME_FIELDS):
             said[v.group, kind] = v.load()
         else:
             said |= {(v.group, kind): v.load()} if kind in (*_RATES, *_INTERVALS) else {}
@@ -134,8 +135,9 @@ def _told(variable, said, alone):
     unit = next((text for key in own if (text := _word(said.get(key)))), "")
     if unit and not variable.unit:
         changes["unit"] = unit
-    if alone and variable.group and (name := _word(said.get((variable.group, "name")))):
-        changes |= {"name": name, "group": ""}
+    names = [_word(said.get((variable.group, kind))) for kind in _NAME_FIELDS]
+    if alone and variable.group and any(names):
+        changes |= {"name": next(filter(None, names)), "group": ""}
     return replace(variable, **changes) if changes else variable
 
 

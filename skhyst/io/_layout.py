@@ -10,9 +10,10 @@ import csv
 import re
 from collections import Counter
 from dataclasses import dataclass
-from itertools import groupby, pairwise
+from itertools import dropwhile, groupby, pairwise
 
 from ..exceptions import RecordError
+from ._column_names import SECONDS, SYMBOLS, unit_of, without_unit
 
 _DELIMITERS = (";", "\t", ",", " ", None)  # " ": any white space; None: there is one column
 _FORMS = 20  # forms of rows that are tried, the most frequent ones
@@ -22,13 +23,9 @@ _INTEGER = re.compile(r"[+-]?\d+")
 _FRACTION = re.compile(r"0\d+([eE][+-]?\d+)?")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 _STAMP = re.compile(r"(\d{4}-\d\d-\d\d[T ]?)?(\d+:\d\d(:\d\d([.,]\d+)?)?)?(Z|[+-]\d\d:?\d\d)?")
-_BLANK = {"", "nan", "-nan", "na", "n/a", "#n/a", "null", "none", "<na>", "inf", "-inf", "+inf"}
-_SYMBOL = (
-    r"(%|°[CF]?|deg[CF]?|([YZEPTGMkhdcmuµμnpfazy]|da)?"
-    r"(m|s|g|A|K|V|N|Pa|J|W|Hz|C|F|Ω|[Oo]hm|T|H|L|l|Wb|S|rad|bar|Nm|eV|mol)"
-    r"|sec|min|hr?|psi|dB|rpm|a\.u\.|counts)(\^?-?[1-9]|[²³])?"
-)
-_UNIT = re.compile(rf"[(\[<{{].*[)\]>}}]|[-–]+|(1/)?{_SYMBOL}([/*·]{_SYMBOL})*")
+BEYOND = {"inf", "-inf", "+inf", "∞", "-∞"}  # of the instrument's range
+_BLANK = {"", "nan", "-nan", "na", "n/a", "#n/a", "null", "none", "<na>", *BEYOND}
+_UNIT = re.compile(rf"[(\[<{{].*[)\]>}}]|[-–]+|{SYMBOLS}")
 _SPELLED = {  # as instruments write them
     **dict.fromkeys(("second", "seconds", "sec"), "s"),
     **dict.fromkeys(("volt", "volts"), "V"),
@@ -36,11 +33,18 @@ _SPELLED = {  # as instruments write them
     **dict.fromkeys(("watt", "watts"), "W"),
     "newton": "N",
     "sequence": "",  # the number of the row
+    "value": "",
 }
-_UNITS_OF = re.compile(r"((vertical|y_?)[ _]?)?units?([ _]label)?", re.IGNORECASE)
-_UNIT_OF_TIME = re.compile(r"(horizontal|x_?)[ _]?units?([ _]label)?", re.IGNORECASE)
+_NAMES_OF = re.compile(r"(trace|signal|channel|column)?[ _]?names?|signal", re.IGNORECASE)
+_MARK = re.compile(r"\W*(data|end[ _]?(of[ _]?)?header)\W*", re.IGNORECASE)
+_NUMBERED = re.compile(r"name[ _]?(\d+)\s*[=:]\s*(.+)", re.IGNORECASE)
+_UNITS_OF = re.compile(r"((vert(ical)?|[vy]_?)[ _]?)?units?([ _]label)?", re.IGNORECASE)
+_UNIT_OF_TIME = re.compile(r"(horizontal|[hx]_?)[ _]?units?([ _]label)?", re.IGNORECASE)
 _NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
-_INTERVAL = re.compile(r"sample[ _]interval|sampling[ _]interval|delta_x|t_?inc|increment", re.I)
+_INTERVAL = re.compile(
+    r"(sampl(e|ing)[ _]?)?interval|sampl(e|ing)[ _]?time|delta_x|hresolution|t_?inc|increment",
+    re.IGNORECASE,
+)
 _RATE = re.compile(r"(sample|sampling)[ _](rate|frequency)( ?[(\[]Hz[)\]])?", re.I)
 _ASSIGNED = re.compile(rf"([^=:]+?)\s*[=:]\s*({_NUMBER})\s*(s|Hz)?")
 _NO_UNIT = re.compile(r"[-–]*|1")
@@ -85,16 +89,28 @@ class Layout:
     def head(self):
         """Names and units of the columns, "" where there is none.
 
-        Names are in the line above the table, or above the line of units.
+        Names are in the line above the table, or above the line of units; else in lines that say
+        what they hold, or above all that is said of each column.
         """
-        fitting, width = [], len(self.form)
-        for row in reversed(self.rows[max(self.first - 2, 0) : self.first]):
+        if self._said:
+            return self._said
+        fitting, width, above, known = [], len(self.form), self.first, None
+        while above and _MARK.fullmatch("".join(self.rows[above - 1])):
+            above -= 1
+        for row in reversed(self.rows[max(above - 2, 0) : above]):
             row = _uncommented(row, width)
+            row = row[:known]
             while len(row) > width and row[-1].lower() in ("", "comment"):
                 row = row[:-1]  # of a column that no row has
+            if len(row) > width:  # values of the head are beside the units, their keys above
+                row = [*dropwhile(_is_number, reversed(row))][::-1]
+                known = len(row)
             if not width - 1 <= len(row) <= width or not any(map(_is_text, row)):
                 break
             fitting.append([*row, ""][:width])
+        named = fitting and all(map(_is_text, fitting[0])) and len({*fitting[0]}) == width
+        if not named and self._above:
+            return self._above
         if not fitting:
             return [""] * width, [""] * width
         last, above = fitting[0], fitting[-1]
@@ -105,34 +121,84 @@ class Layout:
     @property
     def names_at(self):
         """Number of the row of names, None where there is none."""
-        if not any(self.head[0]):
+        names = {*self.head[0]} - {""}
+        rows = [_uncommented(row, len(self.form)) for row in self.rows[: self.first]]
+        return max((i for i, row in enumerate(rows) if names and names <= {*row}), default=None)
+
+    @property
+    def _said(self):
+        """Names and units of lines that say what they hold, None where no line does.
+
+        A line has its key in a column that is blank in the table ("trace_names,time,Out1"), or
+        before each of its values ("Name,u,Name,x"), or it tells one name ("NAME0 = command").
+        """
+        width, rows = len(self.form), self.rows[: self.first]
+        numbered = [_NUMBERED.fullmatch(_assignment(row)) for row in rows]
+        by_number = {int(found[1]): found[2].strip() for found in numbered if found}
+        if by_number:
+            return [by_number.get(i, "") for i in range(width)], [""] * width
+        pairs = [row for row in rows if 2 < len(row) == width and len({*row[::2]}) == 1]
+        keyed = {row[0].lower(): ["sample", *row[1:]] for row in pairs}
+        if not keyed:
+            blank = self.form[0] == "b"
+            rows = [row for row in rows if len(row) == width + (not blank)]
+            keyed = {row[0].lower(): [""] * blank + row[1:] for row in rows}
+        names = next((own for key, own in keyed.items() if _NAMES_OF.fullmatch(key)), None)
+        if not names:
             return None
-        above = self.rows[self.first - 1]
-        return self.first - 1 - (_uncommented(above, len(self.form))[0] != self.head[0][0])
+        units = next((own for key, own in keyed.items() if _UNITS_OF.fullmatch(key)), [""] * width)
+        units = [_bare_unit(unit) for unit in units]
+        if pairs:
+            odd = range(0, width, 2)
+            return [
+                [filler if i in odd else field for i, field in enumerate(own)]
+                for own, filler in ((names, "sample"), (units, ""))
+            ]
+        paths = keyed.get("path", [""] * width)
+        names = [
+            f"{path}/{name}" if path else name for path, name in zip(paths, names, strict=True)
+        ]
+        return names, units
+
+    @property
+    def _above(self):
+        """Names and units above all that lines say of each column, None where lines do not."""
+        width, first = len(self.form), self.first
+        while first and len(self.rows[first - 1]) == width:
+            first -= 1
+        block = self.rows[first : self.first]
+        if len(block) < 3 or not all(block[0]) or not _are_names(block[0]):
+            return None
+        units = block[1] if _are_units(block[1]) else [""] * width
+        return block[0], [_bare_unit(field) for field in units]
 
     def _units_said(self, width):
         """Return the units in lines above the names, such as "Vertical Units,V,V"."""
         units = [""] * width
         for row in self.rows[: self.first]:
             said = [field for field in row[1:] if field]
+            own = row[1:width] if len(row) >= width else said
             if _UNIT_OF_TIME.fullmatch(row[0]) and said and _are_units(said[:1]):
                 units[0] = _bare_unit(said[0])
-            elif _UNITS_OF.fullmatch(row[0]) and len(said) == width - 1 and _are_units(said):
-                units[1:] = map(_bare_unit, said)
+            elif _UNITS_OF.fullmatch(row[0]) and len(said) == width and _are_units(said):
+                units = list(map(_bare_unit, said))
+            elif _UNITS_OF.fullmatch(row[0]) and len(own) == width - 1 and _are_units(own):
+                units[1:] = map(_bare_unit, own)
         return units
 
     @property
     def interval(self):
         """Sampling interval in s that the lines above the table tell, None where they do not."""
         for row, below in pairwise([*self.rows[: self.first], []]):
-            for i, field in enumerate(row):
+            for i, field in enumerate([*row, _assignment(row)]):
                 own = _ASSIGNED.fullmatch(field)
                 name, value = own.groups()[:2] if own else (field, "")
                 for beside in (value, *row[i + 1 : i + 2], *below[i : i + 1]):
+                    beside = beside.replace(",", ".") if self.commas else beside
                     if not re.fullmatch(_NUMBER, beside) or not float(beside) > 0.0:
                         continue
-                    if _INTERVAL.fullmatch(name):
-                        return float(beside)
+                    if _INTERVAL.fullmatch(without_unit(name)):
+                        return float(beside) * SECONDS.get(unit_of(name), 1.0)
                     if _RATE.fullmatch(name):
                         return 1.0 / float(beside)
         return None
@@ -229,17 +295,34 @@ def _under(lines, delimiter, decimal):
     if not known:
         return None
     form = max(known, key=lambda form: _longest(form, forms) * _numeric_fraction(form))
-    fitting = [i for i, kinds in enumerate(forms) if fits(form, kinds)]
-    first = fitting[0]
+    runs = _runs(form, forms)
+    (start, n_rows), (first, _) = max(runs, key=lambda run: run[1]), runs[0]
+    last = sum(runs[-1]) - 1
+    blank = [i for i, kind in enumerate(form) if kind == "b"]
+    same = [i for i in range(first, start) if fits(form, forms[i])]
+    same = [i for i in same if all(forms[i][k] == "b" for k in blank)]
+    if first < start and 2 * len(same) < start - first:
+        # mostly no rows of the table: a head, if names are in it, that has a value for each column
+        below = Layout(delimiter, decimal, rows, form, start, last, n_rows)
+        first = start if below._said or all(below.head[0]) else first
     while first and "n" in forms[first - 1] and not set(forms[first - 1]) & {"t", "x"}:
         first -= 1  # rows of numbers of another width are refused later, not taken for a header
-    return Layout(delimiter, decimal, rows, form, first, fitting[-1], _longest(form, forms))
+    return Layout(delimiter, decimal, rows, form, first, last, n_rows)
+
+
+def _runs(form, forms):
+    """Return the first row and the length of each run of rows that fit."""
+    ends = [0]
+    found = []
+    for fit, run in groupby(forms, key=lambda kinds: fits(form, kinds)):
+        ends.append(ends[-1] + len(list(run)))
+        found += [(ends[-2], ends[-1] - ends[-2])] if fit else []
+    return found
 
 
 def _longest(form, forms):
     """Return the length of the longest run of rows that fit."""
-    runs = groupby(forms, key=lambda kinds: fits(form, kinds))
-    return max(len(list(run)) for fit, run in runs if fit)
+    return max(length for _, length in _runs(form, forms))
 
 
 def _numeric_fraction(form):
@@ -290,6 +373,16 @@ def _are_spelled(row):
 def _bare_unit(field):
     unit = _SPELLED.get(field.lower(), "" if _is_number(field) else field.strip("()[]<>{}"))
     return "" if _NO_UNIT.fullmatch(unit) or unit.lower() in _BLANK else unit
+
+
+def is_assignment(field):
+    """Whether a field tells a value in place of a name, such as "tInc = 1e-3"."""
+    return bool(_ASSIGNED.fullmatch(field))
+
+
+def _assignment(row):
+    """Return a row as one text, without what marks a comment."""
+    return " ".join(row).lstrip("#% ")
 
 
 def _uncommented(row, width):

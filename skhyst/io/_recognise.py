@@ -31,22 +31,30 @@ ROLES = ("drive", "response", "time", "record")
 _ALONE = {"drive": {"drive", "input", "u"}, "response": {"response", "output", "y"}}
 _WORDS = (  # what a column does, and what quantity it is; the former comes first
     {
-        "drive": "drive|driving|input|in|u|command|commanded|cmd|excitation|stimulus|ao|dac",
-        "response": "response|output|out|y|measured|actual|sensor|sensed|feedback|fbk|readout|"
-        "ai|adc",
+        "drive": "drive|driving|input|in|u|command|commanded|cmd|excitation|stimulus|ao|dac"
+        "|stellgröße|eingang|entrée|commande|entrada|ingresso",
+        "response": "response|output|out|y|measured|meas|actual|act|sensor|sensed|feedback|fbk"
+        "|readout|ai|adc|istwert|ausgang|sortie|mesure|salida|uscita",
     },
     {
-        "drive": "voltage|volts?|current|spannung|strom",
-        "response": "position|pos|displacement|disp|stroke|path|weg|deflection|deformation|"
-        "extension|elongation|strain|angle|rotation|gauge|encoder|interferometer|lvdt|x|z",
+        "drive": "voltage|volts?|current|spannung|strom|courant|voltaje|tensione|corriente"
+        "|corrente|电压|电流|電圧|電流",
+        "response": "position|pos|displacement|disp|stroke|path|deflection|deformation|extension"
+        "|elongation|strain|angle|rotation|gauge|encoder|interferometer|lvdt|x|z|weg|déplacement"
+        "|posici[oó]n|desplazamiento|posizione|spostamento|位移|変位|位置",
     },
 )
-_UNITS = {"drive": "[mk]?V|m?A", "response": "[munpµμ]?m|[muµμ]?rad|deg|°"}
-_NEITHER = (  # signals of a controller, of the environment, of book-keeping
-    "reference|ref|target|setpoint|desired|error|velocity|speed|acceleration|temperature|temp|"
-    "humidity|status|flag|mode|index|samples?|number|count|counter|ticks?|id"
+_UNITS = {"drive": "[mk]?V|m?A|[kM]?A/m|k?Oe", "response": "[munpµμ]?m|[muµμ]?rad|deg|°|[muµμ]?T"}
+_LAST = {  # what a column is if nothing else is left for it
+    "drive": "reference|ref|target|setpoint|desired|soll|sollwert|consigne",
+    "response": "velocity|vel|speed|acceleration|acc|temperature?|temp|humidity",
+}
+_NEITHER = "|".join(  # signals of a controller, of the environment, of book-keeping
+    (*_LAST.values(), "error|err|status|flag|mode|index|samples?|number|count|counter|ticks?|id")
 )
-_TIME = "t|times?|timestamp|elapsed|zeit|temps"
+_TIME = "t|times?|timestamp|elapsed|zeit|zeitstempel|temps|tiempo|tempo|时间|時間"
+_AT_PRESENT = re.compile(r"current(?=[ _]?(position|value|angle))", re.IGNORECASE)
+_CLOCK = re.compile(r"(\d+[./-]\d+[./-]\d+[T ])?\d+:\d\d(:\d\d([.,]\d+)?)?Z?( [AP]M)?")
 _RECORD = "record|run|recording|trial|segment"
 _MOST_RESTARTS = 0.1  # largest fraction of rows at which time restarts, or a record label changes
 _SHOWN = 20  # candidates that an error message lists
@@ -158,7 +166,7 @@ def roles_and_questions(path, variables, roles, others=(), *, timed):
     signals = [c for c in free if not any(c is one for one in used)]
     asked = [role for role in ("drive", "response") if role in missing]
     for role in asked:
-        found[role], open_[role] = _named(role, signals)
+        found[role], open_[role] = _named(role, signals, len(asked))
     for role in asked:
         if found[role] is None and not open_[role]:
             found[role], open_[role] = _left_over(role, signals, found)
@@ -190,7 +198,8 @@ class _Candidate:
     @cached_property
     def words(self):
         """Words of the name in lower case, without digits."""
-        parts = re.findall(r"[A-ZÄÖÜ]?[a-zäöüµμ°]+|[A-ZÄÖÜ]+", without_unit(self.name))
+        name = _AT_PRESENT.sub("", without_unit(self.name))
+        parts = re.findall(r"[A-ZÄÖÜ]?[^\W\d_A-ZÄÖÜ]+|[A-ZÄÖÜ]+", name)
         return [part.lower() for part in parts]
 
     @cached_property
@@ -229,7 +238,9 @@ class _Candidate:
     def rises(self):
         """Whether it increases from row to row, except at a few restarts."""
         if self.values is None:
-            return self.stored.dtype.kind in "Mm" or bool(re.match(r"\d+[:-]", str(self.stored[0])))
+            return self.stored.dtype.kind in "Mm" or bool(
+                re.match(r"\d+[:./-]", str(self.stored[0]))
+            )
         steps = np.diff(self.values)
         return bool(steps.size and np.mean(~(steps > 0)) <= _MOST_RESTARTS)
 
@@ -279,16 +290,24 @@ def _time(free):
     if named:
         return ((named[0], _NAMED), []) if len(named) == 1 else (None, named)
     even = [c for c in free if (not c.role or c.has("x")) and c.rises_evenly]  # X_Value of LabVIEW
-    return (even[0], "it alone rises evenly") if len(even) == 1 else None, []
+    if len(even) == 1:
+        return (even[0], "it alone rises evenly"), []
+    clock = [c for c in free if c.values is None and _CLOCK.fullmatch(str(c.stored[0]))]
+    return (clock[0], "it alone holds times") if len(clock) == 1 else None, []
 
 
-def _named(role, signals):
+def _named(role, signals, n_roles):
     """Return the signal whose name has the role, and the reason, None if there is none.
 
-    Several that may have it are returned beside None.
+    Several that may have it are returned beside None. ``n_roles`` signals are looked for in all.
     """
     alone = [c for c in signals if without_unit(c.name).lower() in _ALONE[role]]
     named = alone if len(alone) == 1 else [c for c in signals if c.role == role]
+    moving = [c for c in signals if c.moves]
+    if len(moving) > 1 and named != alone:
+        named = [c for c in named if c.moves]
+    if not named and len(moving) == n_roles:
+        named = [c for c in moving if c.has(_LAST[role])]
     if len(named) > 1:
         named = [c for c in named if c.values is not None] or named
     return ((named[0], _NAMED), []) if len(named) == 1 else (None, named)
@@ -304,6 +323,7 @@ def _left_over(role, signals, found):
     if len(possible) == 1 and found.get(other, possible) and (given or not possible[0].role):
         return (possible[0], _LEFT), []
     free = [c for c in free if not c.counts and not c.is_blank]
+    free = [c for c in free if c.values is not None] or free
     return None, [c for c in free if c.role != "neither"] or free
 
 

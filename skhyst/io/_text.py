@@ -8,13 +8,14 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import RecordError
-from ._layout import fields, find_layout
+from ._layout import BEYOND, fields, find_layout, is_assignment
 
 _SAMPLE = 65_536  # characters at the beginning and the end from which the layout is determined
 _BINARY = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
 _NAMES = re.compile(r"[\"'#%(\[\s]*[^\W\d]")  # of a line that may hold names
 _HEADS = 8  # lines that come again and are tried as names
 _LINE = re.compile(r"[^\r\n]+")
+_ARRIVED = re.compile(r"^(\d\d:\d\d:\d\d[.,]\d+) -> (?=.*?([;\t,]|$))", re.MULTILINE)
 _NOWHERE = "\x1f"  # a delimiter that no text has
 
 
@@ -32,6 +33,8 @@ def parse_table(text, delimiter=None, decimal=None):
     where the line of names comes again, below its rows or beside itself. Columns are floats or
     objects (text).
     """
+    # a serial monitor writes "12:00:00.123 -> " before each line
+    text = _ARRIVED.sub(lambda found: found[1] + (delimiter or found[2] or " "), text)
     head = _head_of(text, delimiter, decimal)
     begins = [found.start() for found in re.finditer(head, text, re.MULTILINE)] if head else []
     ends = [*begins[1:], len(text)]
@@ -66,7 +69,7 @@ def _side_by_side(names, units, columns, interval):
     widths = (n for n in range(2, len(shown) // 2 + 1) if len(shown) % n == 0)
     width = next((n for n in widths if shown == shown[:n] * (len(shown) // n)), None)
     if width is None or len(set(shown[:width])) < width:
-        return [(names, units, columns, interval)]
+        return [(*_without_copies(names, units, columns), interval)]
     tables = []
     for k in range(0, len(used), width):
         own = used[k : k + width]
@@ -75,6 +78,21 @@ def _side_by_side(names, units, columns, interval):
         parts = ([part[i] for i in own] for part in (names, units))
         tables.append((*parts, [columns[i][:stop] for i in own], interval))
     return tables
+
+
+def _without_copies(names, units, columns):
+    """Return the columns but those of the name and the values of one before, as a time of each."""
+    kept = [
+        i
+        for i, name in enumerate(names)
+        if not any(
+            names[k] == name
+            and units[k] == units[i]
+            and pd.Series(columns[k]).equals(pd.Series(columns[i]))
+            for k in range(i)
+        )
+    ]
+    return tuple([own[i] for i in kept] for own in (names, units, columns))
 
 
 def _parsed(text, delimiter, decimal):
@@ -87,14 +105,19 @@ def _parsed(text, delimiter, decimal):
         decimal="," if layout.commas else ".",
         skipinitialspace=True,
         low_memory=False,
+        na_values=sorted(BEYOND),
     )
     names, units = layout.head
     columns = [frame[column].to_numpy() for column in frame.columns]
-    while len(columns) > 1 and not names[-1].strip() and pd.isna(columns[-1]).all():
+    while len(columns) > 1 and _is_unnamed(names[-1]) and pd.isna(columns[-1]).all():
         for own in (names, units, columns):  # a delimiter at the end of every line
             own.pop()
     names = [name or str(i) for i, name in enumerate(names)]
     return names, units, columns, layout.interval
+
+
+def _is_unnamed(name):
+    return not name.strip() or is_assignment(name)
 
 
 def _table(text, delimiter, decimal):

@@ -18,9 +18,16 @@ NAMES = {  # of the first and the second channel, with their units
     "rigol_mso": ("CH1V", "CH2V"),
     "picoscope": ("Channel A [V]", "Channel B [mV]"),
     "labview": ("Voltage_0 [V]", "Voltage_1 [V]"),
-    "labview_without_time": ("Voltage_0 [V]", "Voltage_1 [V]"),
+    "labview_without_time": ("Voltage_0", "Voltage_1"),
     "catman": ("Kraft [N]", "Weg [mm]"),
-    "dspace": ("Amp/Out1 [V]", "Gauge/Out1 [um]"),
+    "dspace": ("Model Root/Amp/Out1 [V]", "Model Root/Gauge/Out1 [um]"),
+    "siglent": ("CH1", "CH2"),
+    "rohde_schwarz": ("C1 in V", "C2 in V"),
+    "yokogawa": ("CH1 [V]", "CH2 [V]"),
+    "hioki": ("ACH1 [V]", "ACH2 [V]"),
+    "labview_with_times": ("Voltage_0 [V]", "Voltage_1 [V]"),
+    "twincat": ("uDrive [V]", "xPos [mm]"),
+    "pi_recorder": ("Target Position axis 1", "Current Position axis 1"),
 }
 
 

@@ -1,4 +1,4 @@
-"""A newcomer with thirty files of laboratories: each is read or searched, and the truth is found.
+"""A newcomer with fifty files of laboratories: each is read or searched, and the truth is found.
 
     python tests/newcomer/newcomer.py [--fresh] [--files NAME,...] [--folder DIR] [--jobs N]
 

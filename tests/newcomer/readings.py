@@ -119,20 +119,82 @@ def measurement_data_format(folder):
     return [folder / "bench.mf4"]
 
 
+def simulink_structure(folder):
+    """What "To Workspace" saves as a structure with time."""
+    from scipy.io import savemat
+
+    kinds = [("values", object), ("label", object)]
+    signals = np.array([(U[:, None], "command"), (Y[:, None], "position")], dtype=kinds)
+    savemat(folder / "sim.mat", {"out": {"time": T[:, None], "signals": signals}})
+    return [folder / "sim.mat"]
+
+
+def signals_in_rows(folder):
+    """What "To File" of Simulink saves."""
+    from scipy.io import savemat
+
+    savemat(folder / "sim.mat", {"ans": np.vstack([T, U, Y])})
+    return [folder / "sim.mat"]
+
+
+def channel_groups(folder):
+    """HDF5 with a group for each channel."""
+    import h5py
+
+    with h5py.File(folder / "daq.h5", "w") as file:
+        file.attrs["sample_rate"] = 1000.0
+        for name, values, unit in (("command", U, "V"), ("position", Y, "um")):
+            file[f"daq/{name}/data"] = values
+            file[f"daq/{name}/data"].attrs["unit"] = unit
+    return [folder / "daq.h5"]
+
+
+def serial_monitor(folder):
+    """What a microcontroller prints, with the time at which it arrived."""
+    rows = zip(_stamps("%H:%M:%S.%f"), U, Y, strict=True)
+    text = "".join(f"{stamp[:-3]} -> {u},{y}\n" for stamp, u, y in rows)
+    (folder / "log.txt").write_text(text)
+    return [folder / "log.txt"]
+
+
+def _stamps(form):
+    start = pd.Timestamp("2024-05-31 13:00:00")
+    return [(start + pd.Timedelta(t, unit="s")).strftime(form) for t in T]
+
+
 READINGS = {
     "tektronix.csv": Reading(of_maker("tektronix"), "CH1 [V]", "CH2 [V]", ("--drive", "CH1")),
     "keysight.csv": Reading(of_maker("keysight"), "1 [V]", "2 [V]", ("--drive", "1 [V]")),
     "rigol.csv": Reading(of_maker("rigol"), "CH1 [V]", "CH2 [V]", ("--drive", "CH1")),
+    "siglent.csv": Reading(of_maker("siglent"), "CH1", "CH2", ("--drive", "CH1")),
+    "rohde_schwarz.csv": Reading(
+        of_maker("rohde_schwarz"), "C1 in V", "C2 in V", ("--drive", "C1")
+    ),
     "lecroy_two_files": Reading(of_maker("lecroy", files=2), "drive Ampl", "sensor Ampl"),
     "picoscope.csv": Reading(
         of_maker("picoscope"), "Channel A [V]", "Channel B [mV]", ("--drive", "Channel A"), 1e3
     ),
+    "hioki.txt": Reading(of_maker("hioki"), "ACH1 [V]", "ACH2 [V]", ("--drive", "ACH1")),
+    "yokogawa.csv": Reading(of_maker("yokogawa"), "CH1 [V]", "CH2 [V]", ("--drive", "CH1")),
     "labview.lvm": Reading(
         of_maker("labview"), "Voltage_0 [V]", "Voltage_1 [V]", ("--drive", "Voltage_0")
     ),
+    "labview_times.lvm": Reading(
+        of_maker("labview_with_times"),
+        "Voltage_0 [V]",
+        "Voltage_1 [V]",
+        ("--drive", "Voltage_0"),
+    ),
     "catman.asc": Reading(of_maker("catman"), "Kraft [N]", "Weg [mm]"),
+    "pi_recorder.dat": Reading(
+        of_maker("pi_recorder"), "Target Position axis 1", "Current Position axis 1"
+    ),
+    "twincat.csv": Reading(of_maker("twincat"), "uDrive [V]", "xPos [mm]"),
     "dspace.csv": Reading(
-        of_maker("dspace"), "Amp/Out1 [V]", "Gauge/Out1 [um]", ("--drive", "Amp/Out1")
+        of_maker("dspace"),
+        "Model Root/Amp/Out1 [V]",
+        "Model Root/Gauge/Out1 [um]",
+        ("--drive", "Model Root/Amp/Out1"),
     ),
     "dspace.mat": Reading(
         control_desk,
@@ -145,16 +207,67 @@ READINGS = {
         "force [N]",
         "displacement [mm]",
     ),
+    "german.csv": Reading(
+        table(
+            {"Zeit in ms": 1e3 * T, "Kraft in N": U, "Weg in mm": Y},
+            sep=";",
+            decimal=",",
+            encoding="cp1252",
+        ),
+        "Kraft in N",
+        "Weg in mm",
+    ),
+    "spanish.csv": Reading(
+        table({"posición": Y, "voltaje": U, "tiempo": T}), "voltaje", "posición"
+    ),
+    "no_header.txt": Reading(
+        table({0: T, 1: U, 2: Y}, sep="\t", header=False), "1", "2", ("--drive", "1")
+    ),
+    "german_dates.csv": Reading(
+        table({"Zeitstempel": _stamps("%d.%m.%Y %H:%M:%S,%f"), "U": U, "x": Y}, sep=";"), "U", "x"
+    ),
+    "american_dates.csv": Reading(
+        table({"Date": _stamps("%m/%d/%Y %I:%M:%S.%f %p"), "volts": U, "stroke": Y}),
+        "volts",
+        "stroke",
+    ),
+    "since_1970.csv": Reading(
+        table({"timestamp": 1717156800000 + np.round(1e3 * T).astype(int), "cmd": U, "pos": Y}),
+        "cmd",
+        "pos",
+    ),
+    "millis.csv": Reading(
+        table({"millis": np.arange(400), "pwm": U, "angle_deg": Y}), "pwm", "angle_deg"
+    ),
+    "serial_monitor.txt": Reading(serial_monitor, "1", "2", ("--drive", "1")),
+    "two_indexes.csv": Reading(
+        table({"": np.arange(400), "time": T, "setpoint": U, "measured": Y}),
+        "setpoint",
+        "measured",
+    ),
+    "magnetic.csv": Reading(table({"t (s)": T, "H (A/m)": U, "B (T)": Y}), "H (A/m)", "B (T)"),
+    "heater.csv": Reading(
+        table({"t [s]": T, "power [W]": U, "temperature [°C]": Y}), "power [W]", "temperature [°C]"
+    ),
+    "damper.csv": Reading(
+        table({"t": T, "disp": U, "vel": np.gradient(U), "current": 0.0 * U, "force": Y}),
+        "disp",
+        "force",
+        ("--drive", "disp"),
+    ),
     "counted.csv": Reading(
         table({"Tick": np.arange(400), "Ref": U, "Fbk": Y}),
         "Ref",
         "Fbk",
-        ("--drive", "Ref", "--sampling-rate", "1000"),
+        ("--sampling-rate", "1000"),
     ),
     "repeated_header.csv": Reading(repeated_header, "voltage", "position", records=2),
     "side_by_side.csv": Reading(side_by_side, "voltage", "position", records=2),
     "field_and_flux": Reading(field_and_flux, "H", "B", ("--drive", "H")),
     "rate_and_units.mat": Reading(matlab_rate_and_units, "u [V]", "y [um]"),
+    "simulink.mat": Reading(simulink_structure, "command", "position"),
+    "to_file.mat": Reading(signals_in_rows, "ans[1, :]", "ans[2, :]", ("--drive", "ans[1, :]")),
+    "channel_groups.h5": Reading(channel_groups, "daq/command/data [V]", "daq/position/data [um]"),
     "four_dimensions.npy": Reading(four_dimensions, refused="(2, 3, 4, 5)"),
     "bench.mf4": Reading(measurement_data_format, refused="asammdf"),
 }
