@@ -76,6 +76,15 @@ def refuse_no_experiment(columns, response, slices):
         )
 
 
+def refuse_still(drive):
+    """Refuse a drive that does not move: nothing follows it."""
+    if not np.ptp(drive):
+        raise RecordError(
+            f"The drive must move. Got {drive[0]:g} in every sample instead: is it the column that "
+            "was meant, and was the amplifier on?"
+        )
+
+
 def _is_time(drive, slices):
     """Whether a signal rises as the time of each record does, in any unit, or as row numbers."""
     starts = [drive[s.rows.start] for s in slices]

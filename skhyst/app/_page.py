@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 import streamlit as st
 
-from skhyst._validation import refuse_no_experiment
+from skhyst._validation import refuse_no_experiment, refuse_still
 from skhyst.app._processes import own_processes
 from skhyst.app._samples import SAMPLES, sample_recording
 from skhyst.app._suggestion import DEVICES, suggest_model
@@ -152,6 +152,7 @@ def _signals(files, reading, even):
         if even:
             X, y = resample_records(X, y, dt="auto")
         slices = record_slices(X, y, one_interval=False, bridge=True)
+        refuse_still(X.iloc[:, 0].to_numpy())
         refuse_no_experiment(X.to_numpy(), y.to_numpy(), slices)
     return X, y, slices, [str(one.message) for one in caught]
 
@@ -187,6 +188,7 @@ def _columns(files):
     with _sentences():
         columns, faults = _overview(files, layout, given)
     roles = {column.name: chosen.get(column.name, column.role) for column in columns}
+    asked = st.container()  # above a table that may be long
     units = _table(files, columns, roles)
     reading = {role: name for name, role in roles.items() if role in _SINGLE}
     reading["auxiliary"] = [name for name, role in roles.items() if role == "auxiliary"]
@@ -203,11 +205,11 @@ def _columns(files):
     open_ = [role for role in ("drive", "response") if role not in reading]
     for fault in faults:
         if "pass time=" in fault and "time" not in chosen.values():
-            st.info("More than one column may be the time: pick it in the table.")
+            asked.info("More than one column may be the time: pick it in the table.")
         elif "=NAME" not in fault and not fault.startswith("Recognised"):
             st.warning(_told(fault))
     if open_:
-        st.info(f"Pick the {' and the '.join(open_)} in the table.")
+        asked.info(f"Pick the {' and the '.join(open_)} in the table.")
         st.stop()
     return reading, even
 

@@ -8,6 +8,7 @@ from collections import Counter
 from concurrent.futures import BrokenExecutor
 
 from .._files import check_outputs
+from .._validation import refuse_still
 from ..diagnosis import EffectSearchCV, Report, next_experiment
 from ..discovery import parse_model
 from ..exceptions import RecordError
@@ -58,6 +59,7 @@ def _diagnose_one(options):
     if options.rows:
         rows = _rows(options.rows)
         X, y = X.iloc[rows], y.iloc[rows]
+    refuse_still(X.iloc[:, 0].to_numpy())
     held_out = None
     if options.train_fraction is not None:
         n = _training_rows(X, options.train_fraction, uneven=options.resample is not None)

@@ -22,7 +22,7 @@ import pandas as pd
 from sklearn.base import clone
 
 from .._documentation import documented_like
-from .._validation import read_data, refuse_no_experiment
+from .._validation import read_data, refuse_no_experiment, refuse_still
 from ..base import ParametricModel, identified
 from ..compose import Cascade
 from ..fluid import TankChain
@@ -104,8 +104,8 @@ def compare_models(X, y, models=None, *, cv=5, max_samples=5000) -> "ModelCompar
     Raises
     ------
     RecordError
-        If the samples are not evenly spaced in time, the response is constant or a column of X, the
-        drive is the time, or no model can be fitted.
+        If the samples are not evenly spaced in time, drive or response is constant, the response is
+        a column of X, the drive is the time, or no model can be fitted.
 
     Examples
     --------
@@ -126,6 +126,7 @@ def compare_models(X, y, models=None, *, cv=5, max_samples=5000) -> "ModelCompar
             f"of skhyst. Got {models!r} instead."
         )
     slices, columns, response = read_data(Gain(), X, y, reset=True)
+    refuse_still(columns[:, 0])
     refuse_no_experiment(columns, response, slices)
     n = len(response) if max_samples is None else max_samples
     rows = np.concatenate(

@@ -92,7 +92,7 @@ def declare(page, name, *effects):
     model.fill(name)
     model.press("Enter")
     page.get_by_text("To declare one of your own").wait_for(state="detached")
-    page.get_by_text("Options", exact=True).click()
+    page.get_by_text("Options", exact=True).last.click()  # of two while it is drawn anew
     list_of_effects = page.get_by_role("combobox", name="Effects")
     for effect in effects:
         choose(page, list_of_effects, effect)

@@ -158,6 +158,7 @@ def test_from_a_file_to_the_effect_the_next_drive_and_a_board(page, tmp_path, mo
         ("stage.csv", b"", "empty"),
         ("stage.npy", b"\x93NUMPY no array", "stage.npy"),
         ("stage.exe", b"MZ", "exe"),
+        ("stage.csv", b"t,u,y\n" + b"".join(b"%d,3,%d\n" % (k, k % 7) for k in range(60)), "move"),
     ],
 )
 def test_a_bad_file_is_told_in_a_sentence(page, name, content, sentence):

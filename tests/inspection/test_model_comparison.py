@@ -121,6 +121,8 @@ def test_several_records_and_a_limit_of_samples():
 def test_a_constant_response_is_refused_and_an_exact_one_is_not():
     with pytest.raises(RecordError, match="response must move"):
         compare_models(DRIVE[:, None], np.ones(800), QUICK)
+    with pytest.raises(RecordError, match="drive must move"):
+        compare_models(np.ones((800, 1)), DRIVE, QUICK)
     with pytest.raises(RecordError, match="must be another signal"):
         compare_models(DRIVE[:, None], DRIVE, QUICK)
     found = compare_models(DRIVE[:, None], 2.0 * DRIVE, {"line": Gain(), "lag": FirstOrderLag()})
