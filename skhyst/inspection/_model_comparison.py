@@ -58,6 +58,24 @@ _SINGLE = {  # the simplest first: what --model takes, the model, what it is
     "tank_chain": (TankChain(), "tanks: flow to level"),
     "transfer_function(n_poles=3)": (TransferFunction(n_poles=3), "linear, of order 3"),
 }
+_FROM_ZERO = {  # of a device that is switched on with the drive's first value
+    "first_order_lag(initial_state='zero')": (
+        FirstOrderLag(initial_state="zero"),
+        "lag, from zero",
+    ),
+    "second_order_mode(initial_state='zero')": (
+        SecondOrderMode(initial_state="zero"),
+        "mass, spring and damper: force to motion, from zero",
+    ),
+    "tank_chain(initial_state='zero')": (
+        TankChain(initial_state="zero"),
+        "tanks: flow to level, from empty",
+    ),
+    "transfer_function(n_poles=3, initial_state='zero')": (
+        TransferFunction(n_poles=3, initial_state="zero"),
+        "linear, of order 3, from zero",
+    ),
+}
 _JOINED = {  # the simplest first
     "prandtl_ishlinskii+first_order_lag": (
         Cascade([("prandtl_ishlinskii", _PLAYS), ("first_order_lag", _LAG)]),
@@ -90,7 +108,9 @@ def compare_models(X, y, models=None, *, cv=5, max_samples=5000) -> "ModelCompar
     models : dict of str to ParametricModel, default=None
         Models by name, the simplest first. None: a straight line, a lag, hysteresis, an oscillating
         and a free mass, the forces that go with a motion, tanks and a linear model, by the names
-        that ``skhyst diagnose --model`` takes, and four that join two of these mechanisms.
+        that ``skhyst diagnose --model`` takes, and four that join two of these mechanisms; where
+        the drive of a record does not begin near zero, the lag, the mode, the tanks and the linear
+        model from zero, too.
     cv : int, default=5
         Folds of contiguous blocks, as in :func:`skhyst.model_selection.segment_folds`.
     max_samples : int or None, default=5000
@@ -128,6 +148,8 @@ def compare_models(X, y, models=None, *, cv=5, max_samples=5000) -> "ModelCompar
     slices, columns, response = read_data(Gain(), X, y, reset=True)
     refuse_still(columns[:, 0])
     refuse_no_experiment(columns, response, slices)
+    if models is None and _begins_driven(columns[:, 0], slices):
+        known = _SINGLE | _FROM_ZERO | _JOINED
     n = len(response) if max_samples is None else max_samples
     rows = np.concatenate(
         [np.arange(s.rows.start, s.rows.start + _part(s, n / len(response))) for s in slices]
@@ -160,6 +182,12 @@ def compare_models(X, y, models=None, *, cv=5, max_samples=5000) -> "ModelCompar
     whole, taken, as_good = _taken(table, squares)
     own = {"whole": whole, "response_name": str(getattr(y, "name", None) or "response")}
     return ModelComparisonDisplay(table, taken, as_good, float(np.ptp(response)), **own)
+
+
+def _begins_driven(drive, slices):
+    """Whether a record begins at a drive that is more than a small part of the range."""
+    first = [drive[s.rows.start] for s in slices]
+    return np.max(np.abs(first)) > (_MATTERS - 1.0) * np.ptp(drive)
 
 
 def _part(record, share):
