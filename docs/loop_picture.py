@@ -3,9 +3,11 @@
 A simulated plant with hysteresis and creep, which shares no code with the models, and a search that
 is given the recording and the declared model. The build of the pages calls :func:`draw_loop` and
 :func:`write_report`. `PYTHONPATH=benchmarks python docs/loop_picture.py` writes what the README
-shows: `docs/pictures/loop.png` and `docs/sample_report.md`.
+shows: `docs/pictures/loop.png`, `docs/sample_report.md`, and in `docs/reports` what the command
+line reports of the other recordings to try.
 """
 
+from contextlib import chdir
 from functools import cache, partial
 from pathlib import Path
 
@@ -13,6 +15,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from signatures import BOTH, DOWN, GREY, STYLE, UP
 
+from skhyst.app._samples import SAMPLES, sample_recording
+from skhyst.cli import main
 from skhyst.datasets import steps, triangle
 from skhyst.datasets.simulation import Plant, PlantEffect, kelvin_voigt, plays
 from skhyst.diagnosis import EffectSearchCV
@@ -107,3 +111,10 @@ if __name__ == "__main__":
     docs = Path(__file__).parent
     draw_loop(docs / "pictures" / "loop.png")
     write_report(docs / "sample_report.md")
+    with chdir(docs / "reports"):
+        for device in SAMPLES[1:]:
+            file, table = sample_recording(device)
+            table.to_csv(file, index=False)
+            report = str(Path(file).with_suffix(".md"))
+            main(["diagnose", file, "--quiet", "--force", "--report", report])
+            Path(file).unlink()

@@ -243,9 +243,10 @@ class FrictionStageOperator(OscillatorOperator, loops=(*loops(friction), frictio
 
     def characteristics(self, seen):
         velocity = abs(self.gain) * self.stribeck_velocity
+        falls = {"stribeck velocity": (velocity, "response/s")} if self.coulomb_ratio < 1.0 else {}
         return {
             "Coulomb force": (self.static_level * self.coulomb_ratio, "drive"),
-            "stribeck velocity": (velocity, "response/s"),
+            **falls,
             "presliding displacement": (self.presliding_displacement, "response"),
         }
 

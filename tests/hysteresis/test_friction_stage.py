@@ -37,6 +37,12 @@ def test_slow_sliding_takes_the_static_force_and_fast_sliding_the_coulomb_force(
     assert state[2] == pytest.approx(level, rel=1e-3)
 
 
+def test_friction_that_does_not_fall_has_no_stribeck_velocity():
+    level = dataclasses.replace(STAGE, coulomb_ratio=1.0)
+    told = STAGE.characteristics(None).keys() - level.characteristics(None).keys()
+    assert told == {"stribeck velocity"}
+
+
 def test_slow_motion_is_independent_of_the_rate():
     stage = dataclasses.replace(STAGE, coulomb_ratio=1.0, bristle_damping=0.0)
     u = np.interp(np.arange(4001) / 1000.0, [0, 1, 2, 3, 4], [0.0, 1.0, -0.5, 0.7, 0.2])
