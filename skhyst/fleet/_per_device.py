@@ -121,7 +121,7 @@ class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
 
         Raises
         ------
-        ValueError
+        RecordError
             If a device was not among those of the fit.
         """
         check_is_fitted(self)
@@ -133,7 +133,7 @@ class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         found = np.full((1 + return_std, len(array)), np.nan)
         for label, rows in self._devices(X).items():
             if label not in known:
-                raise ValueError(f"PerDevice was not fitted to the device {label!r}.")
+                raise RecordError(f"PerDevice was not fitted to the device {label!r}.")
             if known[label] is not None:
                 if y_start is not None:
                     options["y_start"] = self._part(y_start, rows)
