@@ -40,22 +40,22 @@ def actuator(drive):
 def record():
     """Return drive and response of a record; its first quarter is cut off."""
     turns = np.r_[0.0, rng.uniform(0.2, 1.0, 14) * (-1.0) ** np.arange(14)]
-    drive = np.interp(np.linspace(0, 14, 1400), np.arange(15), turns)
-    response = actuator(drive) + 0.002 * rng.normal(size=1400)
-    return drive[350:], response[350:]
+    drive = np.interp(np.linspace(0, 14, 700), np.arange(15), turns)
+    response = actuator(drive) + 0.002 * rng.normal(size=700)
+    return drive[175:], response[175:]
 
 
-X, y = stack_records([record() for _ in range(6)], dt=1e-3)
+X, y = stack_records([record() for _ in range(6)], dt=2e-3)
 
 # %%
 # How many plays?
 # ---------------
 # `GridSearchCV` works as for any estimator: the index of `X` tells the model where records end, and
-# tells the splitter which rows belong together. The scorer leaves out the first 400 samples of each
+# tells the splitter which rows belong together. The scorer leaves out the first 200 samples of each
 # record: they are simulated, not scored.
 
-scorer = washout_scorer(root_mean_squared_error, washout=400)
-grid = {"n_operators": [1, 2, 4, 8, 16, 32], "thresholds": ["grid", "quantile"]}
+scorer = washout_scorer(root_mean_squared_error, washout=200)
+grid = {"n_operators": [1, 3, 10, 30], "thresholds": ["grid", "quantile"]}
 model = PrandtlIshlinskii(initial_state="estimate")
 search = GridSearchCV(model, grid, cv=RecordKFold(3), scoring=scorer).fit(X, y)
 print("best:", search.best_params_)

@@ -1,4 +1,4 @@
-"""Every example runs on its own, in an empty folder, without a screen and without a warning.
+"""Every example runs in an empty folder, without a screen and without a warning.
 
 Those of the papers take longer: building the documentation runs them, and fails where they do.
 Those of measured recordings take some ten to forty seconds each, and run where SKHYST_DATA names
@@ -6,6 +6,7 @@ the folder of these.
 """
 
 import os
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -15,7 +16,7 @@ from measured_recordings import CASES
 
 pytestmark = pytest.mark.slow
 
-pytest.importorskip("matplotlib", reason="the examples draw")
+plt = pytest.importorskip("matplotlib.pyplot", reason="the examples draw")
 
 FOLDER = Path(__file__).parents[1] / "examples"
 EXAMPLES = sorted(FOLDER.glob("plot_*.py"))
@@ -27,8 +28,23 @@ def test_there_are_examples():
     assert RECORDINGS
 
 
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_example_runs(path, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    plt.switch_backend("agg")
+    with plt.rc_context():
+        try:
+            runpy.run_path(str(path), run_name="__main__")
+        except SystemExit as ended:
+            if ended.code:
+                raise
+    plt.close("all")
+    assert capsys.readouterr().out
+    assert not list(tmp_path.iterdir())
+
+
 def run(path, tmp_path, **environment):
-    """Run an example in an empty folder and return what it prints."""
+    """Run an example in a process of its own and return what it prints."""
     done = subprocess.run(
         [sys.executable, "-W", "error", str(path)],
         cwd=tmp_path,
@@ -42,11 +58,6 @@ def run(path, tmp_path, **environment):
     assert done.stdout
     assert not list(tmp_path.iterdir())
     return done.stdout
-
-
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
-def test_example_runs(path, tmp_path):
-    run(path, tmp_path)
 
 
 def recording(path):
