@@ -52,7 +52,7 @@ def test_threads_share_a_fitted_model(fitted):
 
 def test_fits_in_threads(fitted):
     expected = fitted.predict(X)
-    for model in in_threads(lambda k: clone(fitted).fit(X, Y)):
+    for model in in_threads(lambda k: clone(fitted).fit(X, Y), THREADS):
         np.testing.assert_array_equal(model.predict(X), expected)
 
 
