@@ -28,7 +28,7 @@ ELSEWHERE = {"TZ": "Asia/Kathmandu", "LC_ALL": "de_DE.UTF-8", "PYTHONHASHSEED": 
 def results(tmp_path_factory):
     """What was printed and found in two surroundings, both at once."""
     folder = tmp_path_factory.mktemp("rig")
-    u = np.sin(0.003 * np.arange(600.0) ** 1.3)
+    u = np.sin(0.003 * np.arange(300.0) ** 1.3)
     y = 2.0 * u + 0.4 * u**2 + 0.01 * np.random.default_rng(3).normal(size=u.size)
     times = pd.date_range("2024-03-10T01:30", periods=u.size, freq="10ms")  # clocks change at 2
     table = pd.DataFrame({"time": times.strftime("%Y-%m-%dT%H:%M:%S.%f"), "u": u, "y": y})
