@@ -307,7 +307,7 @@ class Plant:
 )
 def test_recovery_of_random_plants(variant, smoothing, assert_recovered):
     def plant(seed):
-        p = Plant(seed, variant, smoothing)
+        p = Plant(seed, variant, smoothing, n=1500)
         return p.u, p.y, p.y + p.noise, np.sqrt(np.mean(p.noise**2)), p.truth
 
     model = RateDependentPrandtlIshlinskii(
