@@ -317,14 +317,14 @@ def test_rate_dependence_needs_more_than_one_rate():
 @pytest.mark.slow
 def test_a_hum_in_a_loop_and_a_half_is_named():
     """However few the turns of the drive: its lines are told from it by what stands beside."""
-    time = np.arange(1500) * 1e-3
+    time = np.arange(750) * 2e-3
     drive = -5.0 * np.cos(3.0 * np.pi * time / time[-1])
-    model = PrandtlIshlinskiiOperator(np.linspace(0.0, 4.0, 20), np.full(20, 0.05))
+    model = PrandtlIshlinskiiOperator(np.linspace(0.0, 4.0, 10), np.full(10, 0.1))
     rng = np.random.default_rng(0)
     hum = 0.02 * np.sin(2.0 * np.pi * 50.0 * time)
-    response = model.run(drive, 1e-3)[0] + hum + 0.005 * rng.standard_normal(time.size)
+    response = model.run(drive, 2e-3)[0] + hum + 0.005 * rng.standard_normal(time.size)
     search = EffectSearchCV(
-        PrandtlIshlinskii(20, dt=1e-3),
+        PrandtlIshlinskii(10, dt=2e-3),
         effects=["resonance", "periodic_disturbance", "initial_state"],
         random_state=0,
     )

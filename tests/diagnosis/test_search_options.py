@@ -16,11 +16,10 @@ from skhyst.records import stack_records
 
 SEED = 9000
 FEW = ["lag", "delay", "offset", "output_saturation"]
-SMALL = {"lag": 2500, "output_saturation": 2500}
 
 
-def small(effect):
-    return make_recording(effect, "prandtl_ishlinskii", SEED, n_samples=SMALL[effect])
+def small(effect, n_samples=1250):
+    return make_recording(effect, "prandtl_ishlinskii", SEED, n_samples=n_samples)
 
 
 def few(**options):
@@ -31,7 +30,7 @@ def few(**options):
 # ------------------------------------------------------------------------------------- one record
 
 
-def one_record(effect="lag", n_samples=12500):
+def one_record(effect="lag", n_samples=6000):
     """Return the first record alone: arrays of the drive and the response, and the interval."""
     recording = make_recording(effect, "prandtl_ishlinskii", SEED, n_samples=n_samples)
     X, y = recording.X_train.loc[0], recording.y_train.loc[0]
@@ -53,18 +52,16 @@ def test_what_is_washed_out_counts_nowhere(washout):
         scored = np.flatnonzero(~washed)
         error = np.sqrt(np.average(residual[scored] ** 2, weights=search.weights_[scored]))
         assert getattr(search, f"error_{stage}_") == pytest.approx(error, rel=1e-9)
-    assert search.error_after_ < 1.3 * recording.noise_std  # blocks of 600 samples
+    assert search.error_after_ < 1.3 * recording.noise_std  # blocks of 300 samples
 
 
 @pytest.mark.slow
 def test_arrays_with_an_interval_are_frames_with_a_time_index():
     X, y, recording = one_record()
     dt = recording.sampling_interval
-    array = EffectSearchCV(PrandtlIshlinskii(dt=dt), effects=FEW, random_state=0).fit(X, y)
+    array = few(estimator=PrandtlIshlinskii(dt=dt), effects=["lag"]).fit(X, y)
     index = pd.Index(dt * np.arange(len(y)), name="time")
-    frame = EffectSearchCV(PrandtlIshlinskii(), effects=FEW, random_state=0).fit(
-        pd.DataFrame(X, index=index), pd.Series(y, index)
-    )
+    frame = few(effects=["lag"]).fit(pd.DataFrame(X, index=index), pd.Series(y, index))
     assert array.effects_ == frame.effects_ == ["lag"]
     assert array.records_[0].dt == pytest.approx(frame.records_[0].dt)
     assert array.error_after_ == pytest.approx(frame.error_after_, rel=1e-6)
@@ -85,7 +82,7 @@ def test_repeated_periods_give_the_noise_floor():
 
 
 def test_repeated_records_give_the_noise_floor():
-    recording, rng = small("lag"), np.random.default_rng(SEED)
+    recording, rng = small("lag", 2500), np.random.default_rng(SEED)
     X, y = recording.X_train, recording.y_train_clean
     pairs = [(X.loc[k].to_numpy(), y.loc[k].to_numpy()) for k in (0, 1, 2, 0, 1, 2)]
     X, y = stack_records(pairs, dt=recording.sampling_interval)
@@ -96,7 +93,7 @@ def test_repeated_records_give_the_noise_floor():
 
 @pytest.mark.slow
 def test_data_without_noise_end_the_search():
-    recording = make_recording("lag", "prandtl_ishlinskii", SEED, n_samples=2500, noise=0.0)
+    recording = make_recording("lag", "prandtl_ishlinskii", SEED, n_samples=1250, noise=0.0)
     search = few().fit(recording.X_train, recording.y_train)
     assert search.effects_[0] == "lag"
     assert search.error_after_ < 0.05 * search.error_before_
@@ -122,7 +119,7 @@ def test_blocks_of_records_that_foretell_nothing_of_each_other():
 
 @pytest.mark.slow
 def test_budget_of_effects():
-    recording = small("output_saturation")
+    recording = small("output_saturation", 2500)
     none = few(max_effects=0).fit(recording.X_train, recording.y_train)
     assert none.effects_ == []
     assert len(none.ranking_) == 0
@@ -227,8 +224,8 @@ def test_progress_goes_to_the_standard_error_stream(capsys):
 def test_folds_of_records_are_taken_as_a_splitter_gives_them():
     recording = small("lag")
     X, y = recording.X_train, recording.y_train
-    search = few(cv=RecordKFold(3)).fit(X, y)
-    given = few(cv=list(RecordKFold(3).split(X))).fit(X, y)
+    search = few(cv=RecordKFold(3), effects=["lag"]).fit(X, y)
+    given = few(cv=list(RecordKFold(3).split(X)), effects=["lag"]).fit(X, y)
     assert search.effects_ == given.effects_ == ["lag"]
     assert search.error_after_ == given.error_after_
 
