@@ -26,7 +26,7 @@ from skhyst.inspection import (
 )
 from skhyst.records import stack_records
 
-DT, N, FINE = 5e-3, 1500, 20  # s, samples per record, steps per sample
+DT, N, FINE = 5e-3, 800, 20  # s, samples per record, steps per sample
 TIME_CONSTANT, COMPLIANCE = 0.5, 0.15
 rng = np.random.default_rng(2)
 time = DT * np.arange(N)
