@@ -1,5 +1,7 @@
 """The noise floor: from repetitions, else from a black box that must not see noise as structure."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -194,14 +196,18 @@ def test_what_the_drive_explains_is_structure(law):
     assert 0.9 * NOISE < found.floor < 1.3 * NOISE
 
 
+@cache
+def judged_in_units(scale):
+    law = lambda u, rng: scale * (np.sin(u) + rng.standard_normal(u.size))  # noqa: E731
+    return judged(law, 9001, 2, 600)[0]
+
+
 @pytest.mark.slow
 @settings(deadline=None, max_examples=3)
 @given(exponent=st.integers(-20, 20))
 def test_units_of_the_response_do_not_matter(exponent):
     scale = 2.0**exponent
-    plain, _ = judged(lambda u, rng: np.sin(u) + rng.standard_normal(u.size), 9001, 2, 600)
-    law = lambda u, rng: scale * (np.sin(u) + rng.standard_normal(u.size))  # noqa: E731
-    other, _ = judged(law, 9001, 2, 600)
+    plain, other = judged_in_units(1.0), judged_in_units(scale)
     assert other.ceiling / scale == pytest.approx(plain.ceiling, rel=0.02)
     assert other.floor / scale == pytest.approx(plain.floor, rel=0.02)
 
