@@ -31,10 +31,10 @@ def bounded_step(hessian, gradient, lower, upper):
     Returns
     -------
     ndarray of shape (n,)
-        The step; zero where the column of an entry is zero.
+        The step; zero where the column of an entry is zero or overflows.
     """
     scale = np.sqrt(np.maximum(hessian.diagonal(), 0.0))  # rounding may make it negative
-    moves = scale > _LEAST
+    moves = (scale > _LEAST) & np.isfinite(scale)  # what overflows has no step
     if not moves.any():
         return np.zeros(len(scale))
     scale[~moves] = 1.0
@@ -67,6 +67,8 @@ def _held(h, s0, low, high):
     back, _ = dtrtri(factor)
     beyond = np.concatenate([low - s0, s0 - high])
     finite = np.isfinite(beyond)
+    if not finite.any():  # SciPy ends the process on a problem without unknowns
+        return np.full(len(h), np.nan)
     whole = factor @ s0
     rows = np.empty((len(finite), len(h) + 1))
     rows[: len(h), :-1], rows[len(h) :, :-1] = back, -back
