@@ -120,10 +120,22 @@ class Effect:
     plausible: Callable | None = None
 
     def tried(self, tree, additive):
-        """Return the effect as it is tried in a tree, or None.
+        """Return the effect as it is tried in a model, or None.
 
         Of what may stand beside the response, or act as a force within the equation of motion, only
         the former is additive: a function of time alone. The force is a parameter of the model.
+
+        Parameters
+        ----------
+        tree : Tree
+            Of the model.
+        additive : bool
+            Whether functions of time alone are tried, or all else.
+
+        Returns
+        -------
+        Effect or None
+            With the variants that are tried; None if there are none.
         """
         if not self.beside:
             return None if additive else self

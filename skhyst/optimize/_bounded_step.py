@@ -37,7 +37,9 @@ def bounded_step(hessian, gradient, lower, upper):
     moves = (scale > _LEAST) & np.isfinite(scale)  # what overflows has no step
     if not moves.any():
         return np.zeros(len(scale))
-    scale[~moves] = 1.0
+    if not moves.all():
+        hessian = np.where(moves & moves[:, None], hessian, 0.0)
+        gradient, scale = np.where(moves, gradient, 0.0), np.where(moves, scale, 1.0)
     inverse = moves / scale
     h = hessian * inverse * inverse[:, None]
     h.ravel()[:: len(h) + 1] += _RIDGE

@@ -170,3 +170,14 @@ def test_free_unknowns():
     assert free[~bounded].all()
     x, _ = nonnegative_minimum(a.T @ a, -a.T @ b, np.zeros(6, dtype=bool))
     np.testing.assert_allclose(x, np.linalg.lstsq(a, b)[0], rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("largest", [1e304, np.inf])
+def test_a_column_that_overflows_has_no_step(largest):
+    """And the others have theirs; SciPy would end the process on what is left of such a problem."""
+    step = bounded_step(np.diag([largest, 4.0]), np.array([0.0, -8.0]), np.zeros(2), np.ones(2))
+    assert step.tolist() == [0.0, 1.0]
+    step = bounded_step(np.full((2, 2), np.inf), np.ones(2), np.zeros(2), np.ones(2))
+    assert step.tolist() == [0.0, 0.0]
+    unknown = bounded_step(np.eye(2), np.array([np.nan, 0.0]), -np.ones(2), np.ones(2))
+    assert np.isnan(unknown[0])
