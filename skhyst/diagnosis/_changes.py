@@ -36,7 +36,7 @@ from ._edits import (
     Schedule,
     both_models,
 )
-from ._starts import Scene, driven_starts, inserted
+from ._starts import Scene, driven_starts, fed_as_before, inserted
 from ._traits import lag_rates
 from ._tree import BRIEFLY
 
@@ -89,14 +89,27 @@ class UnderWay:
 
 @dataclass(frozen=True)
 class FirstHysteresis:
-    """A model with memory in the series, where none is yet."""
+    """A model with memory in the series, where none is yet.
+
+    Or behind linear dynamics (``behind``), as a core's behind the lag of its coil.
+    """
 
     model: object
+    behind: bool = False
 
     def trees(self, name, scene):
-        if any(operator.owns_gain for operator in scene.tree.operators):
+        tree = scene.tree
+        if any(operator.owns_gain for operator in tree.operators):
             return []
-        return inserted(name, self.model, scene)
+        if not self.behind:
+            return inserted(name, self.model, scene)
+        found = []
+        for at, (place, linear) in enumerate(tree.stages, 1):
+            if linear.signal_linear and not linear.memoryless:
+                starts = driven_starts(self.model, scene.records_at(at))
+                edits = [InsertAt(place, self.model, start) for start in starts]
+                found += [fed_as_before(tree.edited(name, edit), at, scene) for edit in edits]
+        return found
 
 
 @dataclass(frozen=True)

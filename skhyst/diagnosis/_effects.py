@@ -169,6 +169,7 @@ _BUILT_IN = (
             BesideForce(BoucWen(fit_gain=False, fit_intercept=False)),
             BesideForce(MaxwellSlip(10)),
             FirstHysteresis(PrandtlIshlinskii(10)),
+            FirstHysteresis(PrandtlIshlinskii(10), behind=True),
         ],
         "The response depends on where the drive, or the motion, has turned round before.",
         "Sweep slowly up and down with several turning points: the branches stay apart, however "

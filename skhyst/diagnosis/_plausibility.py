@@ -11,6 +11,7 @@ import numpy as np
 from scipy.stats import norm
 
 from ..noise import largest_noise
+from ..operators import parts_with_resolution
 from ..records import near_period
 from ._constants import FLAT, HARD, LAST_PIECE, NOTICEABLE, REPEATS
 from ._traits import n_ringing, presliding_displacement
@@ -33,7 +34,7 @@ def is_plausible(margin, candidate, before, records, alpha):
         Level of the confidence interval.
     """
     name, tree = candidate.effects[-1], candidate.structure
-    if _have_changed_places(before.structure, tree, name):
+    if _have_changed_places(before.structure, tree, name) or _are_not_told(tree, records):
         return False
     return has_its_name(name, margin, tree, records, alpha)
 
@@ -90,6 +91,23 @@ def _have_changed_places(before, tree, name):
         return False
     ringing = [sum(map(n_ringing, own.operators)) for own in (tree, before)]
     return ringing[0] <= ringing[1]
+
+
+def _are_not_told(tree, records):
+    """Whether an effect is linear dynamics beside plays, on a drive that repeats one loop.
+
+    A loop that is always gone through in the same time has one course, which a free set of plays
+    with a curve describes as well as any dynamics: nothing tells memory from a response in time.
+    """
+    added = [tree.part(name) for name in tree.effects if tree.label(name) in tree.names]
+    parts = [part for own in tree.operators for _, part, _ in parts_with_resolution(own)]
+    plays = any(part.owns_gain for part in parts)
+    moving = any(own.signal_linear and not own.memoryless for own in added)
+    if tree.multi_input or not (moving and plays):
+        return False
+    drive = np.concatenate([record.drive for record in records])
+    period = near_period(drive)
+    return bool(period) and round(len(turns(drive)) * period / len(drive)) <= 2
 
 
 # ------------------------------------------------------------------------------------ margins
@@ -188,8 +206,10 @@ def levels_off(operator, motion, records):
 def goes_on(operator, motion, records):
     """Return how far the input of a dead zone goes beyond its nearer end.
 
-    If it does not, the band is where the drive saturates.
+    If it does not, the band is where the drive saturates; a band that no sample is in, a shift.
     """
+    if not np.any(motion == 0.0):
+        return -np.inf
     return min(motion.max(), -motion.min()) / np.ptp(motion) - NOTICEABLE
 
 

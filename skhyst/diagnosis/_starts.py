@@ -131,7 +131,7 @@ def inserted(name, model, scene):
     if at == 0 and tree.multi_input:
         return []
     candidates = [
-        _fed_as_before(tree.edited(name, Insert(model, operator)), at, scene)
+        fed_as_before(tree.edited(name, Insert(model, operator)), at, scene)
         for operator in driven_starts(model, scene.records_at(at))
     ]
     dynamics = [i for i, operator in enumerate(tree.operators) if _has_poles(operator)]
@@ -140,7 +140,7 @@ def inserted(name, model, scene):
     return scene.promising(anew if scene.has_lost_poles else candidates + anew, first)
 
 
-def _fed_as_before(tree, at, scene):
+def fed_as_before(tree, at, scene):
     """Return a tree whose new stage gives the first curve behind it the signal that it had before.
 
     A stage that carries the gain starts without any. Elsewhere its linear parameters are solved

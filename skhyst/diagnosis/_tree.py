@@ -288,14 +288,22 @@ class Tree:
     def without(self, effect):
         """Return the declared tree with the edits of all other effects, at the present values.
 
-        What was done to a stage that the effect had added goes with it.
+        What was done to a stage that the effect had added goes with it. What stands behind one
+        moves up to where that stood.
         """
         tree = self.declared
         for name in self.effects:
-            edits = self.edits_of(name)
+            edits = [tree._moved_up(edit, self.names) for edit in self.edits_of(name)]
             if name != effect and all(edit.place in (None, *tree.names) for edit in edits):
                 tree = tree.edited(name, *edits)
         return tree._at_values_of(self)
+
+    def _moved_up(self, edit, names):
+        """Return an edit whose joint is behind the last of some stages before it that is here."""
+        if not isinstance(edit, InsertAt) or edit.place in (None, *self.names):
+            return edit
+        here = [name for name in names[: names.index(edit.place)] if name in self.names]
+        return replace(edit, place=here[-1] if here else None)
 
     def _at_values_of(self, other):
         """Return the tree with the values of another where both have them, by name."""

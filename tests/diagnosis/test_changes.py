@@ -98,6 +98,7 @@ WITHOUT_COLUMNS = [
     (HeldDrive("bandlimited"), DYNAMIC),
     (HeldDrive("foh"), set()),  # it is declared
     (FirstHysteresis(PrandtlIshlinskii(3)), EVERY - {"plays", "plays, mode", "force"}),
+    (FirstHysteresis(PrandtlIshlinskii(3), behind=True), DYNAMIC - {"plays, mode"}),
     (InMotion(RestoringForce(fit_hysteresis=False, stiffness_degree=3)), {"mode", "poles"}),
     (AtJoints(SmoothCurve(3)), EVERY),
     (AtJoints(SmoothCurve(3), inner=True), {"plays, mode", "lags"}),

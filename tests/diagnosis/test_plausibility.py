@@ -36,6 +36,8 @@ from skhyst.hysteresis import (
     PrandtlIshlinskiiOperator,
 )
 from skhyst.linear import (
+    FirstOrderLag,
+    FirstOrderLagOperator,
     Gain,
     GainOperator,
     KelvinVoigt,
@@ -50,6 +52,7 @@ from skhyst.static import (
     DeadBandOperator,
     DeadZoneOperator,
     PolynomialCurveOperator,
+    SmoothCurve,
     SoftSaturationOperator,
 )
 
@@ -77,6 +80,32 @@ def test_a_mode_behind_what_does_not_ring_is_a_further_mode():
     declared = Tree.of(KelvinVoigt(1), KelvinVoigtOperator(np.array([0.2]), np.array([1.0])))
     found = declared.edited("resonance", Insert(SecondOrderMode(), MODE))
     assert is_plausible(None, candidate(found, "resonance"), candidate(declared), [], 0.01)
+
+
+@pytest.mark.parametrize(
+    ("drive", "told"),
+    [
+        (lambda t: np.sin(t), False),
+        (lambda t: np.sin(t) + 0.1 * np.sin(3.0 * t + 1.0), False),  # two turns a period, too
+        (lambda t: np.sin(t) + np.sin(2.7 * t), True),
+        (lambda t: t * np.sin(t), True),
+        (lambda t: (t > 3.0) + 0.0, True),
+    ],
+)
+def test_one_loop_does_not_tell_dynamics_from_plays(drive, told):
+    u = drive(np.arange(1000) * 0.03)
+    records = [RecordData(u, u, 0.03)]
+    plays = Tree.of(
+        PrandtlIshlinskii(thresholds=[0.0, 0.3]), PrandtlIshlinskiiOperator([0.0, 0.3], [1.0, 0.2])
+    )
+    lag = Insert(FirstOrderLag(), FirstOrderLagOperator(0.2))
+    curve = Insert(SmoothCurve(3), PolynomialCurveOperator(np.zeros(1), center=0.0, scale=1.0))
+    for declared in (plays, Tree.of(Gain(), GainOperator(1.0))):
+        found = candidate(declared.edited("lag", lag), "lag")
+        as_named = is_plausible(None, found, candidate(declared), records, 0.01)
+        assert as_named == (told or declared is not plays)
+    found = candidate(plays.edited("static_nonlinearity", curve), "static_nonlinearity")
+    assert is_plausible(None, found, candidate(plays), records, 0.01)
 
 
 @pytest.mark.parametrize("unit", [1e-6, 1.0])
@@ -363,8 +392,9 @@ def test_a_delay_is_longer_than_the_shortest_interval(times, later):
 @pytest.mark.parametrize("unit", [1e-6, 1e6])
 @pytest.mark.parametrize(("end", "both"), [(0.04, False), (0.06, True)])
 def test_a_dead_zone_is_left_at_both_ends_by_a_twentieth_of_the_motion(unit, end, both):
-    motion = unit * np.array([-end, 1.0 - end, 0.3])
+    motion = unit * np.array([-end, 0.0, 1.0 - end, 0.3])
     assert (goes_on(None, motion, []) > 0.0) == both
+    assert goes_on(None, motion[motion != 0.0], []) < 0.0  # no sample is in the band
     assert (goes_on(None, -motion, []) > 0.0) == both
 
 

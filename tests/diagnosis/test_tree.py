@@ -15,6 +15,7 @@ from skhyst.diagnosis._edits import (
     Enrich,
     Hold,
     Insert,
+    InsertAt,
     Modulate,
     Schedule,
 )
@@ -44,7 +45,13 @@ from skhyst.linear import (
 from skhyst.operators import snake_case, split_disturbances
 from skhyst.optimize import RecordData
 from skhyst.records import stack_records
-from skhyst.static import Saturation, SaturationOperator, SmoothCurve
+from skhyst.static import (
+    DeadBand,
+    DeadBandOperator,
+    Saturation,
+    SaturationOperator,
+    SmoothCurve,
+)
 
 DT = 0.01
 
@@ -382,3 +389,12 @@ def test_what_was_done_to_an_added_stage_goes_with_it():
     assert tree.without("timing").effects == ("lag",)
     assert tree.without("timing").part("lag").hold == "foh"
     assert tree.without("lag").effects == ()
+
+
+def test_what_stands_behind_an_added_stage_moves_up_without_it():
+    tree = Tree.of(Gain(), GainOperator(1.0))
+    tree = tree.edited("lag", Insert(FirstOrderLag(), FirstOrderLagOperator(0.1)))
+    band = InsertAt("lag", DeadBand(), DeadBandOperator(0.2, 0.0))
+    less = tree.edited("dead_zone", band).without("lag")
+    assert less.names == ("gain", "dead_zone")
+    assert less.part("dead_zone").half_width == 0.2
