@@ -429,9 +429,11 @@ class TankChainOperator(HeldInput):
         k, *rest = self._structure(dt)
         constants = k, self.exponents, *self._limits(), *rest, self.gain, self.intercept
         constants = *constants, self._most()
-        *levels, before = state
-        if before is None:
-            return CompiledLaw(tank_begin, constants, (*levels, 0.0, 0.0))
+        if self.hold == "foh":
+            *levels, before = state
+            begun = before is not None
+            state = (*levels, before if begun else 0.0, float(begun))
+            return CompiledLaw(tank_begin, constants, state)
         return CompiledLaw(tank_step, constants, state)
 
     def sensitivities(self, u, du, dt, initial_state="rest"):

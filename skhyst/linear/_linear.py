@@ -328,8 +328,10 @@ class LinearOperator(HeldInput):
     def compiled_step(self, dt, state):
         x, previous = state
         constants = *self.discrete(dt), self.intercept
-        if previous is None:
-            return CompiledLaw(state_space_begin, constants, [*x, 0.0, *x, 0.0])
+        if self.hold == "foh" or self.integrators:
+            begun = previous is not None
+            state = [*x, previous if begun else 0.0, *x, float(begun)]
+            return CompiledLaw(state_space_begin, constants, state)
         return CompiledLaw(state_space_step, constants, [*x, previous, *x])
 
     def _advance(self, u, dt, x, previous):

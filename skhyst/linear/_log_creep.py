@@ -203,8 +203,10 @@ class LogCreepOperator(HeldInput):
         v, level, previous = state
         weights = self.creep * _DECADE * self._weights()[0]
         constants = *self._discrete(dt), weights, self.gain, self.intercept
-        if previous is None:
-            return CompiledLaw(creep_begin, constants, [*v, 0.0, level, 0.0])
+        if self.hold == "foh":
+            begun = previous is not None
+            state = [*v, previous if begun else 0.0, level, float(begun)]
+            return CompiledLaw(creep_begin, constants, state)
         return CompiledLaw(creep_step, constants, [*v, previous, level])
 
     def _sums(self, dt, weights, u, v, previous):

@@ -666,8 +666,10 @@ class MultiInputTransferFunctionOperator(HeldInput):
         for i in range(self.n_inputs):
             constants = ad, b0[:, i], b1[:, i], c, d[i], self.intercept if i == 0 else 0.0
             own = x if i == 0 else np.zeros_like(x)
-            if previous is None:
-                law = CompiledLaw(state_space_begin, constants, [*own, 0.0, *own, 0.0])
+            if self.hold == "foh":
+                begun = previous is not None
+                state = [*own, previous[i] if begun else 0.0, *own, float(begun)]
+                law = CompiledLaw(state_space_begin, constants, state)
             else:
                 law = CompiledLaw(state_space_step, constants, [*own, previous[i], *own])
             stages = (law,)
