@@ -505,9 +505,9 @@ def runge_kutta(rates, p, start, dt, u, n_steps=16):
 @pytest.mark.parametrize(
     ("model", "law", "n", "n_samples"),
     [
-        (BoucWenStage(), bouc_wen, 5, 600),
-        (FrictionStage(), friction, 7, 700),
-        (RestoringForce(3, damping_degree=3), bilinear, 6, 700),
+        (BoucWenStage(), bouc_wen, 5, 1000),
+        (FrictionStage(), friction, 7, 1200),
+        (RestoringForce(3, damping_degree=3), bilinear, 6, 1200),
     ],
 )
 def test_recovery_from_noise(model, law, n, n_samples):
