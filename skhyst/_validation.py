@@ -16,7 +16,7 @@ from sklearn.utils.validation import (
     validate_data,
 )
 
-from ._sklearn import StrOptions, validate_parameter_constraints
+from ._sklearn import StrOptions, check_sample_weight, validate_parameter_constraints
 from .exceptions import ExtrapolationWarning, RecordError
 from .records import MISMATCH, chosen_interval, record_slices, refuse_lost_index
 
@@ -290,6 +290,12 @@ def _held_parts(estimator):
         yield from [part.estimator] if isinstance(part, FrozenEstimator) else _held_parts(part)
 
 
+def read_weights(sample_weight, X):
+    """Return the weights of the samples, (n_samples,), of the rows of X; ones for None."""
+    refuse_lost_index(X, sample_weight, "sample_weight")
+    return check_sample_weight(sample_weight, X, dtype=float, ensure_non_negative=True)
+
+
 def drive_column(estimator):
     """Return the position of the drive among the columns of X.
 
@@ -301,6 +307,11 @@ def drive_column(estimator):
     drive = agreed(estimator, "drive")
     if drive is None:
         return 0
+    if isinstance(drive, bool):  # which is a number in Python
+        raise ValueError(
+            f"The 'drive' parameter of {type(estimator).__name__} must be a name or a position. "
+            f"Got {drive!r} instead."
+        )
     position = find_column(estimator, drive, "drive")
     if position and (not hasattr(estimator, "drive") or getattr(estimator, "reads_columns", False)):
         names = list(getattr(estimator, "feature_names_in_", range(estimator.n_features_in_)))

@@ -18,7 +18,7 @@ from threadpoolctl import ThreadpoolController
 
 from ._documentation import inherit_documentation
 from ._signals import input_signals
-from ._sklearn import Interval, StrOptions, check_sample_weight, fit_context
+from ._sklearn import Interval, StrOptions, fit_context
 from ._validation import (
     agreed,
     as_floats,
@@ -27,6 +27,7 @@ from ._validation import (
     fitted_interval,
     known_response,
     read_data,
+    read_weights,
     refuse_several,
     rest_of,
     used_interval,
@@ -457,13 +458,11 @@ class ParametricModel(RegressorMixin, BaseEstimator):
 
     def _read_records(self, X, y, sample_weight=None):
         """Validate X and y, store the records, and return them as identification uses them."""
+        given = X
         slices, X, y = read_data(self, X, y, reset=True, bridge=True)
         self.records_, self.has_rest_ = slices, True
         self.input_range_ = np.array([X.min(axis=0), X.max(axis=0)])
-        weights = np.ones(len(y))
-        if sample_weight is not None:
-            options = {"dtype": float, "ensure_non_negative": True}
-            weights = check_sample_weight(sample_weight, X, **options)
+        weights = read_weights(sample_weight, given)
         even, X, y, weights, read = with_lost_rows(slices, X, y, weights)
         data = self.record_data(even, X, y)
         data = data if read is None else scored_where(data, even, read)

@@ -641,6 +641,16 @@ def test_weights_count_as_repetitions_do(model):
     assert weighted.fit_error_ == pytest.approx(repeated.fit_error_)
 
 
+def test_weights_of_other_rows_are_refused():
+    """As a response of other rows is."""
+    time = pd.Index(0.01 * np.arange(50), name="time")
+    X = pd.DataFrame({"u": np.sin(np.arange(50.0))}, index=time)
+    weights = pd.Series(np.arange(50.0), index=time)
+    Gain().fit(X, X["u"], sample_weight=weights)
+    with pytest.raises(RecordError, match="that of sample_weight must be equal"):
+        Gain().fit(X, X["u"], sample_weight=weights[::-1])
+
+
 def test_a_response_of_weight_zero_is_not_read(model):
     """The drive goes on below it, so that what follows is simulated as before."""
     weights = np.ones(N)

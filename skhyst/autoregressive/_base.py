@@ -19,12 +19,12 @@ from .._sklearn import (
     Interval,
     StrOptions,
     check_feature_names_in,
-    check_sample_weight,
     fit_context,
 )
 from .._validation import (
     fitted_interval,
     known_response,
+    read_weights,
     refuse_large,
     refuse_several,
     refuse_std,
@@ -162,6 +162,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         -------
         self
         """
+        given = X
         self.records_, X, y = read_data(self, X, y, reset=True, bridge=self._bridges)
         if not np.ptp(X, axis=0).any():
             warnings.warn(
@@ -170,10 +171,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
                 ConvergenceWarning,
                 stacklevel=3,
             )
-        weights = np.ones(len(y))
-        if sample_weight is not None:
-            options = {"dtype": float, "ensure_non_negative": True}
-            weights = check_sample_weight(sample_weight, X, **options)
+        weights = read_weights(sample_weight, given)
         records, X, y, weights, read = with_lost_rows(self.records_, X, y, weights)
         read = np.ones(len(y), dtype=bool) if read is None else read
         weights = np.where(read, weights, 0.0)

@@ -14,10 +14,11 @@ from sklearn.utils.validation import check_is_fitted
 
 from .._documentation import documented_like
 from .._signals import input_signals
-from .._sklearn import HasMethods, Interval, check_sample_weight, fit_context
+from .._sklearn import HasMethods, Interval, fit_context
 from .._validation import (
     in_native_order,
     known_response,
+    read_weights,
     refuse_std,
     rest_of,
     used_interval,
@@ -155,8 +156,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             )
         weights = None
         if sample_weight is not None:
-            options = {"dtype": float, "ensure_non_negative": True}
-            weights = check_sample_weight(sample_weight, X, **options)
+            weights = read_weights(sample_weight, X)
         X, y, read = fill_lost_rows(X, y)
         if weights is not None and read is not None:
             given, weights = weights, np.zeros(len(read))

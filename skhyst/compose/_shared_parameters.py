@@ -17,8 +17,8 @@ from sklearn.utils import get_tags
 from sklearn.utils.validation import check_is_fitted
 
 from .._documentation import documented_like
-from .._sklearn import HasMethods, check_sample_weight, fit_context
-from .._validation import agreed, as_floats, read_slices
+from .._sklearn import HasMethods, fit_context
+from .._validation import agreed, as_floats, read_slices, read_weights
 from ..base import ParametricModel, one_thread, refine
 from ..operators import Operator, ParameterSpec, split_disturbances
 from ..optimize import NOISELESS
@@ -149,8 +149,7 @@ class SharedParameters(MetaEstimatorMixin, MultiOutputMixin, RegressorMixin, Bas
         self._one_response = response.ndim == 1
         response = response.reshape(len(array), -1)
         columns = [y] if self._one_response else _columns(y, response)
-        options = {"dtype": float, "ensure_non_negative": True}
-        weights = check_sample_weight(sample_weight, array, **options)
+        weights = read_weights(sample_weight, X)
         models = [clone(self.estimator).fit(X, column, sample_weight) for column in columns]
         slices = read_slices(models[0], X, y, reset=False, bridge=True)
         slices, array, response, weights, read = with_lost_rows(slices, array, response, weights)

@@ -633,6 +633,11 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
     def _warnings(self, first, fits, records):
         """Return what a user has to know of the fits, each once."""
         found = []
+        if not np.ptp(self.drive_):
+            found.append(
+                f"The drive does not move: it is {self.drive_[0]:g} in every sample. Of what "
+                "responds to it nothing can be missed or found."
+            )
         # of a straight line over the drive, as far as it counts
         known = np.isfinite(self.residual_before_)
         line = np.stack([self.drive_, np.ones(len(self.drive_))], axis=1)[known]

@@ -9,8 +9,8 @@ from sklearn.utils import get_tags
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from .._documentation import documented_like
-from .._sklearn import HasMethods, check_sample_weight, fit_context
-from .._validation import fit_weighted, in_native_order, take_rows
+from .._sklearn import HasMethods, fit_context
+from .._validation import fit_weighted, in_native_order, read_weights, take_rows
 from ..base import ParametricModel
 from ..exceptions import RecordError
 from ._workers import workers
@@ -91,7 +91,7 @@ class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         """
         validate_data(self, X, reset=True, dtype=None, ensure_all_finite=False)
         devices, X, y = self._devices(X), in_native_order(X), in_native_order(y)
-        weights = check_sample_weight(sample_weight, X, dtype=float, ensure_non_negative=True)
+        weights = read_weights(sample_weight, X)
         jobs = [
             (clone(self.estimator), *(self._part(own, rows) for own in (X, y, weights)))
             for rows in devices.values()

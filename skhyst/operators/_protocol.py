@@ -158,6 +158,8 @@ class Operator(Part, ABC):
         for field in dataclasses.fields(self):
             name, value = field.name, getattr(self, field.name)
             number = isinstance(value, Real) and not isinstance(value, bool)
+            is_right = number or value is None or name not in specs or np.ndim(value)
+            self._require(name, is_right, "be a number")
             if not (number or (name in specs and value is not None) or _is_array(value)):
                 continue
             usual = field.default

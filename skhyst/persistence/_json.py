@@ -250,6 +250,15 @@ def refuse_wrong(fitted, name):
     for attribute in _NUMBERS:
         if attribute in fitted:
             finite_numbers(fitted[attribute], name, attribute, "finite numbers")
+    for attribute in ("drive_range_", "output_range_"):
+        low, high = fitted.get(attribute, (0.0, 0.0))
+        if not low <= high:
+            raise ValueError(f"The '{attribute}' of {name} must ascend. Got {low}, {high} instead.")
+    own = {record.dt for record in fitted.get("records_", ())}
+    if own and "dt_" in fitted and fitted["dt_"] != (own.pop() if len(own) == 1 else None):
+        raise ValueError(
+            f"The 'dt_' of {name} must be that of its records. Got {fitted['dt_']!r} instead."
+        )
     n, operator = fitted.get("n_features_in_"), fitted.get("operator_")
     own, columns = fitted.get("columns_", (0,)), {fitted.get("_drive_number", 0)}
     columns |= operator.acting_columns if isinstance(operator, Operator) else set()

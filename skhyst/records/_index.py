@@ -279,23 +279,26 @@ def chosen_interval(records, dt, caller) -> float:
     return intervals[0]
 
 
-def refuse_lost_index(X, y):
-    """Raise a RecordError if the index of y has records or times that the index of X lacks."""
+def refuse_lost_index(X, y, name="y"):
+    """Raise a RecordError if the index of y has records or times that the index of X lacks.
+
+    ``name`` is what the message calls y.
+    """
     own, index = getattr(X, "index", None), getattr(y, "index", None)
     if not isinstance(index, pd.Index) or _has_no_time(index):
         return
     if isinstance(own, pd.Index) and not isinstance(own, pd.RangeIndex):
         if len(own) == len(index) and not own.equals(index):
             raise RecordError(
-                "The index of X and that of y must be equal. Got rows in another order or of "
-                "another recording instead; align them (y.loc[X.index])."
+                f"The index of X and that of {name} must be equal. Got rows in another order or "
+                f"of another recording instead; align them ({name}.loc[X.index])."
             )
     elif not index.equals(own):
         raise RecordError(
-            "The index of X must carry the records and times that the index of y carries. Got an "
-            "X without them instead: a step before this one has returned an array. Call "
-            'set_output(transform="pandas") on that step or on the pipeline, or pass y.to_numpy() '
-            "if the rows are one record."
+            f"The index of X must carry the records and times that the index of {name} carries. "
+            "Got an X without them instead: a step before this one has returned an array. Call "
+            'set_output(transform="pandas") on that step or on the pipeline, or pass '
+            f"{name}.to_numpy() if the rows are one record."
         )
 
 

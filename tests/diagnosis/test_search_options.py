@@ -197,6 +197,8 @@ def test_a_constant_drive_claims_nothing():
     search.fit(np.ones((400, 1)), y)
     assert search.effects_ == []
     assert search.error_before_ == pytest.approx(0.1, rel=0.15)
+    said, *_ = search.warnings_
+    assert said.startswith("The drive does not move: it is 1 in every sample.")
 
 
 def test_an_unfitted_search_says_so():

@@ -114,6 +114,7 @@ def creep():
         ("compliances", {"array": ["a", "b"], "dtype": "str", "shape": [2]}),
         ("gain", "1.0"),
         ("gain", None),
+        ("gain", True),
         ("hold", 3),
     ],
 )
@@ -340,4 +341,15 @@ def test_fitted_attributes_are_what_a_fit_makes(name, value):
     content = json.loads(to_json(Gain(dt=0.1).fit(U, Y)))
     content["model"]["fitted"][name] = value
     with pytest.raises(ValueError, match=f"'{name}' parameter of Gain must"):
+        from_json(json.dumps(content))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("dt_", 2.0), ("dt_", True), ("drive_range_", {"tuple": [1.0, -1.0]})]
+)
+def test_fitted_attributes_do_not_contradict_each_other(name, value):
+    content = json.loads(to_json(Gain(dt=0.1).fit(U, Y)))
+    assert type(content["model"]["fitted"][name]) is type(value) or value is True
+    content["model"]["fitted"][name] = value
+    with pytest.raises(ValueError, match=f"'{name}' of Gain must"):
         from_json(json.dumps(content))
