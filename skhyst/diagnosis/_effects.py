@@ -122,15 +122,15 @@ class Effect:
     def tried(self, tree, additive):
         """Return the effect as it is tried in a model, or None.
 
-        Of what may stand beside the response, or act as a force within the equation of motion, only
-        the former is additive: a function of time alone. The force is a parameter of the model.
+        An effect may be an additive disturbance of the response, a function of time alone, or a
+        force within the equation of motion, which is a parameter of the model.
 
         Parameters
         ----------
         tree : Tree
             Of the model.
         additive : bool
-            Whether functions of time alone are tried, or all else.
+            Whether additive disturbances are tried, or all else.
 
         Returns
         -------

@@ -34,7 +34,7 @@ def is_plausible(margin, candidate, before, records, alpha):
         Level of the confidence interval.
     """
     name, tree = candidate.effects[-1], candidate.structure
-    if _have_changed_places(before.structure, tree, name) or _are_not_told(tree, records):
+    if _have_changed_places(before.structure, tree, name) or _are_indistinguishable(tree, records):
         return False
     return has_its_name(name, margin, tree, records, alpha)
 
@@ -93,7 +93,7 @@ def _have_changed_places(before, tree, name):
     return ringing[0] <= ringing[1]
 
 
-def _are_not_told(tree, records):
+def _are_indistinguishable(tree, records):
     """Whether an effect is linear dynamics beside plays, on a drive that repeats one loop.
 
     A loop that is always gone through in the same time has one course, which a free set of plays

@@ -205,7 +205,7 @@ def _rows(spans, chosen, n):
 
 
 def _held_out(model, X, y, read, masks):
-    """Return the number of parameters, and what is left of each sample (n_samples,) held out.
+    """Return the number of parameters, and the residual of each sample (n_samples,) held out.
 
     Samples that were not ``read`` (n_samples,) are not fitted.
     """

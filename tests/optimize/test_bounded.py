@@ -174,7 +174,7 @@ def test_free_unknowns():
 
 @pytest.mark.parametrize("largest", [1e304, np.inf])
 def test_a_column_that_overflows_has_no_step(largest):
-    """And the others have theirs; SciPy would end the process on what is left of such a problem."""
+    """And the others have theirs; SciPy would end the process on the rest of such a problem."""
     step = bounded_step(np.diag([largest, 4.0]), np.array([0.0, -8.0]), np.zeros(2), np.ones(2))
     assert step.tolist() == [0.0, 1.0]
     step = bounded_step(np.full((2, 2), np.inf), np.ones(2), np.zeros(2), np.ones(2))
