@@ -18,8 +18,9 @@ single precision with random, stepped, tiny and huge drives and with input that 
 Headers are compiled as C and C++ with warnings as errors, cppcheck looks for required rules of
 MISRA C:2012 that are broken, each parameter of an operator that can be changed at run time is, and
 the program compared with the operator that has it, and programs run on emulated controllers, whose
-memory and time are reported. All of them are written in Structured Text, too, and run by the translator
-of the tests, which notes divisions by zero and overflow. ``--every 8`` runs one system in eight.
+memory and time are reported. All of them are written in Structured Text, too, and run by the
+translator of the tests, which notes divisions by zero and overflow. ``--every 8`` runs one system
+in eight.
 """
 
 import argparse
