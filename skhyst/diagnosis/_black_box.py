@@ -1,11 +1,11 @@
-"""What a search does with the declared model: one of parameters, or any other regressor.
+"""How a search treats the declared model: as a parametric model or as a black-box regressor.
 
-A parametric model is taken apart into stages. Any other regressor is a black box f: its prediction
-p takes the place of the drive, a gain is the first stage, and effects go behind it or beside it.
-Every record's p comes from a fit to the other folds, so that what is scored was never learned.
-Since f has compensated for what is missing, it is fitted again, to the response with the
-effects taken out, once an effect is in or out: in turns, until the error no longer falls (see
-``compose.Backfitting``).
+A parametric model is split into its stages. Any other regressor is a black box f: its prediction p
+replaces the drive, a gain is the first stage, and effects enter behind the gain or in parallel with
+it. The p of each record is predicted by a fit to the other folds, so that no sample that is scored
+was used by the fit. Since f has compensated for the missing effects, it is fitted again, to the
+response minus the contribution of the effects, after an effect is added or removed. The two fits
+alternate until the held-out error no longer falls (see ``compose.Backfitting``).
 """
 
 from dataclasses import dataclass, replace
@@ -28,7 +28,7 @@ from ._tree import Tree, as_read
 
 
 def declare(estimator, X, columns, y, slices, random_state, reference=None):
-    """Return what stands for a declared estimator, unfitted, in a search on these data."""
+    """Return the unfitted Declared or BlackBox that represents an estimator in a search."""
     if getattr(estimator, "operator_class", Operator).is_disturbance:
         raise ValueError(
             "The 'estimator' parameter of EffectSearchCV must respond to a drive: declare a Sum of "
@@ -37,14 +37,14 @@ def declare(estimator, X, columns, y, slices, random_state, reference=None):
     if _comes_apart(estimator):
         read_data(estimator, X, y, reset=True)
         if isinstance(estimator, TransferFunction) and not isinstance(estimator.inputs, str):
-            # the names of columns are not known to a step of a composition
+            # a stage of a composition does not know the names of the columns
             estimator.set_params(inputs=list(estimator._columns(columns.shape[1])))
         return Declared(estimator, columns, slices)
     return BlackBox(estimator, X, columns, y, slices, random_state, reference)
 
 
 def _comes_apart(estimator):
-    """Whether a search can put effects into an estimator."""
+    """Whether a search can split an estimator into stages and add effects to them."""
     if not isinstance(estimator, ScheduledParameters):
         return isinstance(estimator, ParametricModel)
     return estimator.degree == 1 and estimator.by != 0
@@ -52,16 +52,17 @@ def _comes_apart(estimator):
 
 @dataclass(frozen=True)
 class Box:
-    """What the black box of a contestant has learned, and predicts.
+    """What the black box of a contestant was fitted to, and its predictions.
 
     Attributes
     ----------
     records : tuple of RecordData
-        Driven by the predictions out of fold.
+        With the out-of-fold predictions as the drive.
     predictions, targets : ndarray of shape (n_folds, n_samples)
-        Of the clone of each fold, for all rows; and what each was fitted to.
+        Predictions of the clone fitted without each fold, for all rows; and the targets of each
+        fit.
     turns : int
-        How often it was fitted again.
+        Number of times the black box was fitted again.
     """
 
     records: tuple
@@ -78,21 +79,21 @@ class Declared:
         self._columns, self._slices = columns, slices
 
     def drive(self):
-        """Return what the records are driven by before :meth:`begin`."""
+        """Return the drive of the records before :meth:`begin`."""
         return self._columns[:, 0]
 
     def effects(self, effects):
-        """Return the effects that apply."""
+        """Return the effects that can be added to this model."""
         return effects
 
     def begin(self, records, folds):
-        """Return the records with what drives the model, and the folds that it is held out in."""
+        """Return the records with the drive of the model, and the folds in which it is held out."""
         return records, folds
 
     def identified(self, records):
-        """Return what identification found, and the tree of that.
+        """Return the identification result, and the tree of the identified model.
 
-        What came before the records is estimated where the declared model asks for it.
+        The input history of the records is estimated where the declared model asks for it.
         """
         read, input_history = as_read(self.model, records), ()
         model, result = identified(self.model, read)
@@ -102,7 +103,7 @@ class Declared:
         return result, Tree.from_result(model, result, input_history)
 
     def fitted(self, result):
-        """Return the declared model with what identification found."""
+        """Return the declared model with the parameters of an identification result."""
         self.model.records_ = self._slices
         return self.model.adopt(result)
 
@@ -110,14 +111,14 @@ class Declared:
         """Return the fitted estimator that drives the stages of the augmented model."""
         return self.model
 
-    renew = None  # nothing is left to fit again
+    renew = None  # there is no black box to fit again
 
     def measured(self, records):
         """Return the records with the measured drive, the first column of X."""
         return records
 
     def augmented(self, contestant, records):
-        """Return the model with what was added, and what identification found for that."""
+        """Return the model with the added effects, and its identification result."""
         return contestant.structure.fitted(records, self._slices)
 
 
@@ -134,14 +135,14 @@ class BlackBox(Declared):
         return self._fitted
 
     def effects(self, effects):
-        """Return the effects without those that act on the drive before the black box."""
+        """Return the effects without those that act on the drive in front of the black box."""
         return [_placed_behind(effect) for effect in effects]
 
     def begin(self, records, folds):
-        # it has learned what a fold scores that is trained on everything
+        # a fold whose fit uses all samples would be scored on samples that it was fitted to
         self._folds = folds = [own for own in folds if not own[0].all()]
         fold = np.zeros(len(self._y), dtype=int)
-        # a stretch that is not fitted belongs to the fold, whether it is scored or not
+        # a segment that is not fitted belongs to the fold, whether it is scored or not
         stretches = [
             slice(s.rows.start + a, s.rows.start + b)
             for s, r in zip(self._slices, records, strict=True)
@@ -175,12 +176,12 @@ class BlackBox(Declared):
         Parameters
         ----------
         contestant : Contestant
-            Fitted to the predictions of ``base``, or the same.
+            Fitted to the predictions of ``base``, or ``base`` itself.
         base : Contestant
         records : list of RecordData
-            With the predictions of ``base``.
+            Driven by the predictions of ``base``.
         thorough : bool, default=False
-            Whether small falls are worth a turn too.
+            Whether a small decrease of the error is worth another turn.
 
         Returns
         -------
@@ -224,7 +225,7 @@ class BlackBox(Declared):
 
 
 def _of_columns(estimator, other):
-    """Return the estimator, which knows the columns of X that another knows."""
+    """Return an estimator with the column names of another estimator."""
     for name in ("n_features_in_", "feature_names_in_"):
         if hasattr(other, name):
             setattr(estimator, name, getattr(other, name))
@@ -255,9 +256,10 @@ def _seeded(estimator, random_state):
 
 
 def drive_of(driver, X, columns, known=None):
-    """Return what drives the stages behind a fitted ``driver``, see :meth:`Declared.driver`.
+    """Return the input of the stages behind a fitted ``driver``, see :meth:`Declared.driver`.
 
-    It goes on from a ``known`` response (n_samples,), NaN elsewhere, where it can.
+    The prediction continues a ``known`` response (n_samples,), NaN where unknown, where the driver
+    can do so.
     """
     if _comes_apart(driver):
         return columns[:, 0]

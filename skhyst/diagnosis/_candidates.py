@@ -1,14 +1,14 @@
-"""Candidates: the model so far with effects added, refitted in rounds of halving, and held out.
+"""Candidates: the current model with effects added, refitted by successive halving, and held out.
 
 Successive halving (Jamieson and Talwalkar, *International Conference on Artificial Intelligence and
 Statistics*, 2016) spends about the same number of simulations on each rung. Every starting value is
-simulated once, and the step from there is predicted. The best one of each variant is refitted with
-three simulations, the variants of the best third of the effects with nine, and so on with three
-times as many until nine effects or fewer are left, three at least, so that it is seen what else
-explains the data. What counts is the sum of squares that the next step is predicted to reach: a
-candidate that begins far from its solution is not judged by where it begins. Those that still are
-what their name says are held out; of each effect the simplest that predicts as well as its best is
-refitted with 27, and held out again.
+simulated once, and the cost after one Gauss-Newton step from there is predicted. The best start of
+each variant is refitted with three simulations, the variants of the best third of the effects with
+nine, and so on with three times as many, until nine effects or fewer (at least three) remain,
+enough to see which other effects explain the data. Candidates are compared by this predicted cost,
+so that one is not rejected only because it starts far from its solution. Those whose parameters
+still agree with the effect's name are held out. Of each effect, the simplest variant that predicts
+as well as the best one is refitted with 27 simulations, and held out again.
 """
 
 from dataclasses import dataclass, replace
@@ -27,28 +27,28 @@ from ._starts import starting_trees
 
 @dataclass(frozen=True)
 class Candidate:
-    """A model with operators at its solution, and what it achieves.
+    """A model with its operators at the solution of the fit, and its errors.
 
     Attributes
     ----------
     effects : tuple of str
-        What was added to the model so far.
+        Effects that were added to the current model.
     structure : Tree
     cost : float
         Sum of squares of the fit.
     predicted_cost : float
-        The one that the next step is predicted to reach; the same at a solution.
+        Sum of squares that the next step is predicted to reach; equal to ``cost`` at a solution.
     n_parameters : int
     x : ndarray
         Solution in the coordinates of the least-squares problem.
     residuals, predictions, weights : tuple of ndarray of shape (n_samples,)
-        Held out, of each record, NaN where nothing is scored; no weights (None) are ones.
+        Held out, of each record; NaN where nothing is scored. Weights of None mean ones.
     explained : tuple of ndarray of shape (n_samples,) or None
-        Held out: what it responds to the drive that a reference explains, where there is one.
+        Held-out response to the part of the drive that a reference explains, if there is one.
     error : float
         Held-out root mean square error.
     box : object
-        What the declared black box predicts, where one was declared, see ``_black_box``.
+        Predictions of the declared black box, if one was declared, see ``_black_box``.
     """
 
     effects: tuple
@@ -71,7 +71,7 @@ class Candidate:
 
 
 def screened(effect, structure, records):
-    """Return the most promising candidate of each variant of an effect, at starting values."""
+    """Return the most promising start of each variant of an effect."""
     found = []
     for variant in starting_trees(effect, structure, records):
         starts = []
@@ -85,7 +85,7 @@ def screened(effect, structure, records):
 
 
 def refitted(candidate, structure, records, max_evaluations=FACTOR**4):
-    """Return the candidate with a structure in place of its own, refitted."""
+    """Return a candidate with another structure, refitted."""
     problem = structure.problem(records)
     n_parameters = len(problem.x0) + structure.n_coefficients()
     solution = variable_projection(
@@ -102,7 +102,7 @@ def refitted(candidate, structure, records, max_evaluations=FACTOR**4):
 
 
 def completed(candidate, records, max_evaluations):
-    """Return the candidate refitted, with what came before the records where that is estimated."""
+    """Return a refitted candidate, with the input history of the records where it is estimated."""
     candidate = refitted(candidate, candidate.structure, records, max_evaluations)
     if not candidate.structure.input_history:
         return candidate
@@ -117,9 +117,9 @@ def halve(groups, parallel):
     ----------
     groups : list of (list of Candidate, list of RecordData, float)
         Of each effect: its variants at starting values, the records they are refitted to, and the
-        sum of squares of the model so far in these.
+        sum of squares of the current model on these records.
     parallel : callable
-        Takes delayed calls and returns what they return, None of one that fails.
+        Runs delayed calls and returns their results, None for a call that failed.
 
     Returns
     -------
@@ -155,19 +155,19 @@ def _rung(found, groups, budget, parallel):
 
 
 def _last(count):
-    """Return how many of so many effects stay."""
+    """Return how many effects stay of a number of effects."""
     return max(-(-count // FACTOR), FACTOR)
 
 
 def held_out(candidate, records, folds):
     """Predict every segment from a fit that did not see it; return the completed candidate.
 
-    ``folds`` are pairs of boolean masks over segments: those fitted, those scored.
+    Folds are pairs of boolean masks over segments: fitted segments, scored segments.
     """
     problem = candidate.structure.problem(records)
     alike = not all(problem.depends_on(train) for train, _ in folds)
     blocks = problem.evaluate(problem.x0) if alike else None
-    # what is predicted with the measured drive, and with the one that a reference explains
+    # predictions from the measured drive, and from the part of it that a reference explains
     drives = [None, driven_by_reference(candidate.structure, records)]
     drives = drives[: 1 + (drives[1] is not None)]
     predictions = [[np.full(len(r.y), np.nan) for r in records] for _ in drives]
@@ -196,17 +196,17 @@ def held_out(candidate, records, folds):
 
 
 def driven_by_reference(structure, records):
-    """Return the records that a model reads, driven by what a reference explains; None without."""
+    """Return the records with the reference-explained drive; None without a reference."""
     if records[0].explained is None:
         return None
     return structure.problem([replace(r, u=r.explained) for r in records]).records
 
 
 def fitted(candidate, records, starts, *, by_reference=False):
-    """Return what a candidate predicts and leaves where it is fitted, NaN where nothing counts.
+    """Return the in-sample predictions and residuals of a candidate, NaN where nothing is scored.
 
-    That is before the starts of the records. Or what it responds to the drive that the reference
-    explains.
+    Nothing is scored before the starts of the records. With ``by_reference``, predictions are the
+    response to the part of the drive that the reference explains.
     """
     problem = candidate.structure.problem(records)
     every = np.ones(len(problem.segment_record), dtype=bool)
@@ -220,9 +220,9 @@ def fitted(candidate, records, starts, *, by_reference=False):
 
 
 def level_folds(records):
-    """Return the folds that hold out each level of scheduled records, but the ends of the range.
+    """Return folds that hold out each level of scheduled records but the two extremes.
 
-    Between other levels a straight line can be predicted.
+    A parameter that is a straight line in the level can be interpolated between other levels.
     """
     levels = np.array([record.schedule for record in records])
     owner = np.repeat(np.arange(len(records)), [len(record.segments) for record in records])
@@ -232,7 +232,7 @@ def level_folds(records):
 
 
 def extrapolated(records, folds):
-    """Return the part of what is held out where the drive is outside of the range of its fold."""
+    """Return the fraction of held-out samples whose drive is outside the fitted range."""
     drives = [r.drive[start:stop] for r in records for start, stop in r.segments]
     ends = np.array([(u.min(), u.max()) for u in drives])
     outside = total = 0
@@ -247,8 +247,9 @@ def extrapolated(records, folds):
 def held_out_residuals(problem, predictions, starts=None):
     """Return the residuals of records, NaN before their starts.
 
-    What came before a record is estimated from the record itself. Of n samples and k values, the
-    error of a prediction is expected to be (n + k) / (n - k) times that of the fit, in squares
+    The input history of a record is estimated from the record itself. With n samples and k
+    estimated values, the squared error of a prediction is expected to be (n + k) / (n - k) times
+    that of the fit
     (Akaike, *Annals of the Institute of Statistical Mathematics*, 1969).
     """
     residuals = []
@@ -264,7 +265,7 @@ def held_out_residuals(problem, predictions, starts=None):
 
 
 def root_mean_square(residuals, weights):
-    """Return that of the residuals of all records where they are known, with weights or None."""
+    """Return the root mean square of all known residuals; weights of None mean ones."""
     total = count = 0.0
     for e, w in zip(residuals, weights, strict=True):
         known = np.isfinite(e)
@@ -275,7 +276,7 @@ def root_mean_square(residuals, weights):
 
 
 def fold_errors(candidate, records, folds):
-    """Return the held-out error of each fold, of the samples that it is the last to score."""
+    """Return the held-out error of each fold, over the samples that the fold scores last."""
     spans = [(i, slice(*span)) for i, record in enumerate(records) for span in record.segments]
     errors = []
     for _, test in folds:
@@ -287,9 +288,9 @@ def fold_errors(candidate, records, folds):
 
 
 def _fold_solution(problem, train, blocks, long):
-    """Return the solution for a fold; ``blocks`` are those of the solution for all segments."""
+    """Return the solution for a fold; ``blocks`` are those at the solution for all segments."""
     known = None if problem.depends_on(train) else blocks
-    if long:  # of so many samples a fold's solution is near that of all
+    if long:  # with so many samples, the solution of a fold is close to that of all segments
         if known is None:
             known = problem.evaluate(problem.x0, select=train)
         return single_step(problem, problem.x0, known, train)
@@ -299,5 +300,5 @@ def _fold_solution(problem, train, blocks, long):
         select=train,
         blocks=known,
         tolerance=TOLERANCE,
-        max_evaluations=FACTOR + 1,  # it begins near its end
+        max_evaluations=FACTOR + 1,  # the start is close to the solution
     ).x

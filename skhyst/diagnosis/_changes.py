@@ -1,7 +1,7 @@
-"""Ways for an effect to enter a model other than as one more stage of fixed order.
+"""Changes by which an effect enters a model other than as a new stage of fixed order.
 
-Each is a variant of an effect whose ``trees`` returns the trees at its starting values, none where
-it does not apply.
+Each is a variant of an effect. Its method ``trees`` returns the changed trees at starting values,
+and none where the change does not apply.
 """
 
 from dataclasses import dataclass, replace
@@ -40,15 +40,15 @@ from ._starts import Scene, driven_starts, fed_as_before, inserted
 from ._traits import lag_rates
 from ._tree import BRIEFLY
 
-# of friction, which grow with a load
+# parameters of friction that grow with a normal load
 _LEVELS = {"coulomb_force", "stribeck_force", "asymmetry", "friction"}
 
 
 @dataclass(frozen=True)
 class HeldDrive:
-    """The drive does something else between its samples than was declared, see ``LinearModel``.
+    """The drive between its samples follows another hold than declared, see ``LinearModel``.
 
-    The first dynamics see that; what comes behind them is smooth.
+    The hold is changed at the first linear dynamics of the series; their output is smooth.
     """
 
     hold: str
@@ -69,29 +69,31 @@ class HeldDrive:
         return []
 
     def _is_straight(self, scene):
-        """Whether it would be a drive without content near half the sampling rate: a line."""
+        """Whether band-limited interpolation would be of a line, without fast content."""
         return self.hold == "bandlimited" and all(is_straight(r.u) for r in scene.records)
 
 
 @dataclass(frozen=True)
 class UnderWay:
-    """The records begin under way: the device had not rested at their first values."""
+    """The records start in motion: the device had not rested at the first value of the drive."""
 
     def trees(self, name, scene):
         tree = scene.tree
         unknown = tree.model.get_params().get("initial_state") != "rest"
         if unknown or all(operator.memoryless for operator in tree.operators):
             return []
-        # a past shows in what comes first; that of a claim is found from whole records
+        # a history affects the first samples most; the claimed effect's own one is estimated from
+        # whole records
         parts = [r.first_part(len(r.u) // FACTOR) for r in scene.records]
         return [tree.edited(name, Begin(tree.led_by(parts).input_history))]
 
 
 @dataclass(frozen=True)
 class FirstHysteresis:
-    """A model with memory in the series, where none is yet.
+    """A hysteresis as a new stage, in a model that has none.
 
-    Or behind linear dynamics (``behind``), as a core's behind the lag of its coil.
+    In front of the other stages, or behind linear dynamics (``behind``), as in a core behind the
+    lag of its coil.
     """
 
     model: object
@@ -114,7 +116,7 @@ class FirstHysteresis:
 
 @dataclass(frozen=True)
 class InMotion:
-    """A force in the equation of motion: a mode that the drive moves becomes a richer stage."""
+    """A force in the equation of motion: a linear mode of the series becomes a nonlinear stage."""
 
     model: object
 
@@ -131,7 +133,7 @@ class InMotion:
         return found
 
     def _enriches(self, stage):
-        """Whether a stage is a mode, or one that the model would add something to."""
+        """Whether a stage is a linear mode, or an equation of motion without the model's force."""
         if not stage.operator.n_parameters or stage.operator.linear_mode() is None:
             return False
         if type(stage.model) is type(self.model):
@@ -142,7 +144,7 @@ class InMotion:
 
 @dataclass(frozen=True)
 class InFeedback:
-    """A curve in the feedback of linear dynamics of two poles or more, which are no mode alone."""
+    """A curve in the feedback of linear dynamics with two poles or more, except a mode."""
 
     curve: object
 
@@ -161,7 +163,7 @@ class InFeedback:
 
 
 def moves(linear):
-    """Whether an operator is linear dynamics whose output does not follow its input at once."""
+    """Whether an operator is linear dynamics without direct feedthrough."""
     is_linear = linear.signal_linear and linear.n_parameters and sum(linear.n_poles)
     if not (is_linear and hasattr(linear, "hold") and linear.gain and not linear.n_start):
         return False
@@ -170,9 +172,9 @@ def moves(linear):
 
 @dataclass(frozen=True)
 class AtJoints:
-    """A model at the joints of the series, other than that of its stage order.
+    """A model at the joints of the series, other than the one of its stage order.
 
-    Or at those between two stages alone (``inner``).
+    With ``inner``, only at joints between two stages.
     """
 
     model: object
@@ -193,9 +195,9 @@ class AtJoints:
 
 @dataclass(frozen=True)
 class MoreTerms:
-    """A further force of a stage whose model has it as an option, which is not taken yet.
+    """A further force that a stage's model has as an option, and that is switched off.
 
-    The model says which options those are; where they stand for nothing else, they are false.
+    Options are parameters of the model; where they mean nothing else, False is off.
     """
 
     model: object
@@ -210,7 +212,7 @@ class MoreTerms:
         return found
 
     def places(self, tree):
-        """Return the stages of a tree that may have the force, and their models with it."""
+        """Return the stages of a tree that can have the force, and their models with it."""
         found = []
         for at, stage in enumerate(tree.stages):
             if type(stage.model) is type(self.model):
@@ -222,10 +224,10 @@ class MoreTerms:
 
 @dataclass(frozen=True)
 class InBetween:
-    """A model between two parts of linear dynamics, where that promises anything noticeable.
+    """A model between two parts of linear dynamics, if the predicted cost falls noticeably.
 
-    With ``with_zeros``, the dynamics are first given as many zeros as they have poles: those that
-    either part has may cancel where nothing is in between.
+    With ``with_zeros``, the dynamics are first given as many zeros as poles: zeros of the two parts
+    may cancel poles where nothing stands in between.
     """
 
     model: object
@@ -252,14 +254,14 @@ class InBetween:
         if not hasattr(operator, "divisions") or len(operator.poles()) < 2:
             return None
         if with_zeros and len(operator.poles()) == np.size(operator.numerator):
-            return None  # there are no more
+            return None  # it has as many zeros as poles already
         operator = _with_zeros(tree, at, scene) if with_zeros else operator
         behind = tree.operators[at + 1 :]
         return Divisions(operator, scene.records_at(at), tree.state, behind=behind)
 
 
 def _with_zeros(tree, at, scene):
-    """Return a transfer function of a series with as many zeros as poles, fitted briefly."""
+    """Return a stage's transfer function with as many zeros as poles, briefly fitted."""
     operator = tree.operators[at]
     missing = len(operator.poles()) - np.size(operator.numerator)
     richer = replace(operator, numerator=np.append(operator.numerator, np.zeros(missing)))
@@ -275,7 +277,7 @@ def _with_zeros(tree, at, scene):
 
 @dataclass(frozen=True)
 class Knee:
-    """A rounded saturation of the response, fitted to which the stages before it start anew."""
+    """A rounded saturation of the response; the stages before it are refitted to its input."""
 
     model: object
 
@@ -287,7 +289,7 @@ class Knee:
         found = []
         for start in driven_starts(self.model, [replace(r, u=r.y) for r in scene.records]):
             reach = max(float(np.abs(r.y - start.center).max()) for r in scene.records)
-            # of the levels that the response stays below
+            # the level has to lie above the largest response
             start = replace(start, level=start.level + (reach or 1.0) * KNEE)
             grown = _refitted_to([_before(r, start) for r in scene.records], tree)
             found.append(grown.edited(name, Insert(self.model, start)))
@@ -295,10 +297,10 @@ class Knee:
 
 
 def _before(record, knee):
-    """Return the record with what a knee makes its response of, as far as the response tells."""
+    """Return a record whose response is that before a knee, clipped where the knee is flat."""
     y = np.clip(record.y, knee.center - FULL * knee.level, knee.center + FULL * knee.level)
     y = knee.unsaturated(y)
-    # the knee scales an error by its slope, so the weight is the slope squared
+    # the inverse of the knee divides an error by its slope, so the weight is the slope squared
     weights = np.square(knee.sensitivities(y, np.ones((len(y), 1)), record.dt)[1][:, 0])
     if record.weights is not None:
         weights = weights * record.weights
@@ -306,7 +308,7 @@ def _before(record, knee):
 
 
 def _refitted_to(records, tree):
-    """Return the tree with its linear parameters, and no other, fitted to records."""
+    """Return a tree whose linear parameters are fitted to records, the others held."""
     problem = tree.problem(records)
     gram = problem.total(problem.evaluate(problem.x0))
     linear = np.flatnonzero(problem.linear)
@@ -321,10 +323,11 @@ def _refitted_to(records, tree):
 
 @dataclass(frozen=True)
 class Folded:
-    """A reading that folds back at its end, from what it is without, where that is smoother.
+    """A reading that folds back at the end of its range, where unfolding makes it smoother.
 
-    The model is identified from nothing: the declared one has followed what was folded. The record
-    that moves most is enough for that, and the only one whose sign need not fit that of others.
+    The model is identified from scratch on the unfolded response, since the declared one was fitted
+    to the folded one. Only the record of largest range is used: with several records, the sign of
+    the response in each would have to be found too.
     """
 
     model: object
@@ -345,7 +348,7 @@ class Folded:
 
 @dataclass(frozen=True)
 class InStages:
-    """First-order stages in a row become tanks, where nothing comes before them."""
+    """First-order lags in series become a chain of tanks, if they are the first dynamics."""
 
     overflow: bool
     fit_exponents: bool
@@ -371,7 +374,8 @@ class InStages:
             candidates = [tree.edited(name, Enrich(place, model, start)) for start in starts]
             candidates = scene.promising(candidates, at)
             if at == len(tree.stages) - 1:
-                # tanks that overflow are too far from what they replace for one step to tell
+                # the overflow is so nonlinear that one step from the linear chain does not predict
+                # the cost
                 starts = [candidate.operators[at] for candidate in candidates]
                 start = self._approached(model, starts, records, tree.state)
                 candidates.insert(0, tree.edited(name, Enrich(place, model, start)))
@@ -406,7 +410,7 @@ class InStages:
 
 @dataclass(frozen=True)
 class BesideForce:
-    """A force beside those of a force model, whose drive is the measured motion."""
+    """A force in parallel with those of a force model, whose drive is the measured motion."""
 
     model: object
 
@@ -428,10 +432,10 @@ class BesideForce:
 
 @dataclass(frozen=True)
 class LoadedForce:
-    """Coulomb friction that grows with the magnitude of a further column, as with a normal load.
+    """Coulomb friction that grows with the magnitude of a further column, such as a load.
 
-    It is added beside the forces of a force model, or takes the place of a declared one that does
-    not follow the load.
+    It is added in parallel with the forces of a force model, or the column scales the declared
+    friction if that does not depend on the load.
     """
 
     model: object
@@ -462,7 +466,7 @@ class LoadedForce:
 class LoadedMotion:
     """Friction in the equation of motion that grows with the magnitude of a further column.
 
-    It is what another change adds, or what is there.
+    It scales the friction that another change adds, or else the friction of the first stage.
     """
 
     change: object
@@ -479,19 +483,19 @@ class LoadedMotion:
 
 
 def _within_first(tree):
-    """Return what the first stage scales within itself, sample by sample."""
+    """Return the parameters that the first stage can scale by a column, sample by sample."""
     return bare(tree.operators[0]).scaled_within if tree.stages else ()
 
 
 def _of_friction(operator):
-    """Return the names of the entries of an operator that are levels of Coulomb friction."""
+    """Return the names of those entries of an operator that are levels of Coulomb friction."""
     names = [name for name, _ in operator.entries()]
     return tuple(name for name in names if name.split("__")[-1] in _LEVELS)
 
 
 @dataclass(frozen=True)
 class FollowedWidth:
-    """Plays in front whose thresholds all follow a further column."""
+    """Plays as the first stage, whose thresholds are all proportional to a further column of X."""
 
     def trees(self, name, scene):
         tree = scene.tree
@@ -506,7 +510,7 @@ class FollowedWidth:
 
 @dataclass(frozen=True)
 class RateDependence:
-    """Plays whose thresholds, or weights, follow the rate of the drive, at once or smoothed."""
+    """Plays whose thresholds or weights depend on the rate of the drive, smoothed or not."""
 
     variant: str
     smoothing: str = "none"
@@ -538,7 +542,7 @@ class RateDependence:
 
 @dataclass(frozen=True)
 class Driven:
-    """What a further column of X adds to the response, or to the drive."""
+    """A model driven by a further column of X, added to the response or to the drive."""
 
     model: object
     to_drive: bool = False
@@ -553,7 +557,7 @@ class Driven:
                 for r in scene.residuals
             ]
             starts = driven_starts(self.model, records)
-            if self.to_drive:  # from where the first step tells how much, whatever is in between
+            if self.to_drive:  # at zero gain: the first step predicts the gain
                 mean = float(_column(scene, column).mean())
                 edits = [Bias(self.model, replace(s, gain=0.0), column, mean) for s in starts]
             else:
@@ -564,9 +568,9 @@ class Driven:
 
 @dataclass(frozen=True)
 class Scaled:
-    """The response is scaled by a further column of X, or by the amplitude of the record.
+    """A further column of X, or the amplitude of the record, scales the response.
 
-    A column may act through a lag, as that of a coil or of a heater.
+    A column may act through a lag, as the current of a coil or a heater does.
     """
 
     by: str
@@ -594,7 +598,7 @@ class Scaled:
 
 @dataclass(frozen=True)
 class PerRecord:
-    """Parameters are straight lines in a number of the record: its amplitude, or a column."""
+    """Parameters that are straight lines in a value per record: its amplitude, or a column."""
 
     by: str
     which: str  # "dynamics" or "all"
@@ -613,9 +617,9 @@ class PerRecord:
 
 @dataclass(frozen=True)
 class MovedModes:
-    """Modes that move with the amplitude, behind dynamics whose own poles are not known.
+    """Modes whose frequency depends on the amplitude, behind dynamics whose poles are not known.
 
-    The poles are those of large amplitudes; at small ones zeros cancel them.
+    The poles are those at large amplitudes; at small amplitudes zeros cancel them.
     """
 
     n_modes: int
@@ -638,7 +642,7 @@ class MovedModes:
 
 
 def _differ(numbers):
-    """Whether the numbers of the records are spread enough for parameters to depend on them."""
+    """Whether the values of the records vary enough for parameters to depend on them."""
     size = max(map(abs, numbers))
     return len(numbers) > 1 and size > 0.0 and np.ptp(numbers) > NOTICEABLE * size
 
@@ -648,7 +652,7 @@ def _column(scene, column):
 
 
 def _numbers(scene, by):
-    """Return the number of each record: its amplitude, or the mean of a column."""
+    """Return a value for each record: its amplitude, or the mean of a column."""
     if by == "amplitude":
         return [amplitude(r.u) for r in scene.records]
     return [float(r.auxiliary[:, by - 1].mean()) for r in scene.records]

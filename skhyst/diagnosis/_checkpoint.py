@@ -1,8 +1,9 @@
-"""A file with the state of a search, from which the same search is continued.
+"""A file with the state of a search, from which the search can be continued.
 
-The file is written by skops as a whole after each step. Reading it makes objects of those types
-alone that the new search consists of itself, and of skhyst: nothing is run. A search is decided by
-its data, its parameters and the version of the package; a digest of these has to be the same.
+The file is written by skops, replaced as a whole after each step. Only types that the new search
+itself consists of, and types of skhyst, are trusted on reading: no code of the file is run. The
+data, the parameters and the version of the package determine the result of a search; a digest of
+them has to match.
 """
 
 import warnings
@@ -25,7 +26,7 @@ class Checkpoint:
     path : path-like
     search : EffectSearchCV
     *data
-        What the search is about.
+        The data of the search.
     """
 
     def __init__(self, path, search, *data):
@@ -35,17 +36,17 @@ class Checkpoint:
         self._key = joblib.hash((version("skhyst"), own, data))
 
     def load(self, example):
-        """Return the steps that are kept, none where there is no file yet.
+        """Return the steps in the file; none if there is no file yet.
 
         Parameters
         ----------
         example : object
-            What the steps consist of, whose types are trusted.
+            An example of the steps, whose types are trusted.
 
         Raises
         ------
         ValueError
-            If the file is not a checkpoint, or one of other data, parameters or version.
+            If the file is not a checkpoint, or one of other data, parameters or another version.
         """
         if not self.path.exists():
             return {}
@@ -55,7 +56,7 @@ class Checkpoint:
             kept = read_trusted(self.path, known)
         except ImportError:
             raise
-        except Exception as error:  # of a file that is something else anything may come
+        except Exception as error:  # a file of another format may raise any exception
             raise ValueError(f"{self.path} is no checkpoint of a search ({error}).") from error
         if not isinstance(kept, dict) or kept.pop("key", None) != self._key:
             raise ValueError(

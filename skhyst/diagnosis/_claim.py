@@ -1,4 +1,4 @@
-"""A claimed effect in the augmented model, and the signals that its evidence is made of."""
+"""A claimed effect in the augmented model, and the signals for its evidence."""
 
 import re
 from dataclasses import dataclass, replace
@@ -13,7 +13,7 @@ from ..records import Units
 
 @dataclass(frozen=True)
 class Seen:
-    """What has come into a part and out of it, see ``_traits.characteristics``."""
+    """Inputs and outputs of a part of the model, see ``_traits.characteristics``."""
 
     inputs: list
     outputs: list
@@ -22,12 +22,12 @@ class Seen:
 
     @property
     def ends(self):
-        """Smallest and largest input."""
+        """Smallest and largest value of the input."""
         return np.array([min(u.min() for u in self.inputs), max(u.max() for u in self.inputs)])
 
     @property
     def rates(self):
-        """Sizes of the input's rate, of all samples."""
+        """Absolute rates of the input, of all samples."""
         pairs = zip(self.inputs, self.dts, strict=True)
         return np.concatenate([np.abs(np.diff(u)) / dt for u, dt in pairs])
 
@@ -47,7 +47,7 @@ class Claim:
     columns : sequence of str
         Names of the columns of X; empty where they have none.
     words : Units
-        Of the recording.
+        Names and units of the signals of the recording.
     """
 
     effect: object
@@ -59,23 +59,23 @@ class Claim:
 
     @cached_property
     def edits(self):
-        """What was done to the model for the effect."""
+        """The edits that put the effect into the model."""
         return self.structure.edits_of(self.effect.name)
 
     @property
     def kind(self):
-        """The way in which the effect entered."""
+        """The kind of the edits by which the effect entered."""
         kinds = {edit.kind for edit in self.edits}
         return kinds.pop() if len(kinds) == 1 else "scheduled stage"
 
     @cached_property
     def at(self):
-        """The number of the stage that the effect is, or has changed."""
+        """The number of the stage that the effect is, or that it has changed."""
         return self.structure.place(self.effect.name)
 
     @cached_property
     def label(self):
-        """The name of what was added for the effect."""
+        """The name of the stage or part that was added for the effect."""
         return self.structure.label(self.effect.name)
 
     @cached_property
@@ -85,7 +85,7 @@ class Claim:
 
     @cached_property
     def operator(self):
-        """The operator that the effect is, or has become a part of; None if it is no part."""
+        """The operator that the effect is, or is a part of; None if it is not an operator."""
         if self.kind in ("modulation", "schedule", "scheduled stage", "start"):
             return None
         if self.kind == "branch":
@@ -95,7 +95,7 @@ class Claim:
 
     @property
     def _branches(self):
-        """The sum that a branch is a part of, and its name there."""
+        """The sum that a branch is added in, and the name of the branch there."""
         if self._biases:
             whole = self.structure.part(self.effect.name)
             return whole, whole.names[-1]
@@ -103,12 +103,12 @@ class Claim:
 
     @property
     def _biases(self):
-        """Whether a branch is added to the drive, not to the response."""
+        """Whether the branch is added to the drive, not to the response."""
         return self.kind == "branch" and self.label in self.structure.names
 
     @property
     def in_motion(self):
-        """Whether the operator is an equation of motion, of which forces are parts."""
+        """Whether the operator is an equation of motion with forces as its parts."""
         return {"natural_frequency", "damping_ratio"} < set(self.operator.parameter_specs())
 
     @cached_property
@@ -125,7 +125,7 @@ class Claim:
 
     @cached_property
     def keys(self):
-        """Parameters of the operator that were identified: name -> name in the result."""
+        """Identified parameters of the operator: short name -> name in the result."""
         structure, place = self.structure, self.edits[0].place
         mark = f"{self.label}__"
         if self._biases:
@@ -139,17 +139,17 @@ class Claim:
         if not found and self.kind == "exchange":  # a single model has no names of stages
             own = {key.removeprefix("model__"): key for key in self.result.params}
             found = {short: key for short, key in own.items() if "__" not in short}
-        known = {name for name, _ in self.operator.entries()}  # others follow the record
+        known = {name for name, _ in self.operator.entries()}  # others vary with the record
         return {short: key for short, key in found.items() if short in known}
 
     @cached_property
     def values(self):
-        """Those parameters: name -> (value, standard error)."""
+        """The identified parameters of the operator: name -> (value, standard error)."""
         params, std = self.result.params, self.result.params_std
         return {short: (params[key], std[key]) for short, key in self.keys.items()}
 
     def covariance(self, names):
-        """Return the covariance of some of those parameters."""
+        """Return the covariance of some of the identified parameters of the operator."""
         if self.result.covariance is None:
             return np.diag([self.values[name][1] ** 2 for name in names])
         at = [list(self.result.params).index(self.keys[name]) for name in names]
@@ -157,10 +157,10 @@ class Claim:
 
     @cached_property
     def units(self):
-        """What goes into the operator and what comes out of it, by the unit that it has.
+        """Units of the operator's input and output: "drive", "response" or a column's unit.
 
-        Stages before the one that carries the gain are in units of the drive, those behind it in
-        units of the response.
+        Stages before the one that owns the gain are in units of the drive, those behind it in units
+        of the response.
         """
         if self.kind == "branch":
             return self.column_unit, "drive" if self._biases else "response"
@@ -175,7 +175,7 @@ class Claim:
             "drive" if before else "response" for before in (self.at <= owner, self.at < owner)
         )
 
-    # ------------------------------------------------------------------ numbers of records
+    # ------------------------------------------------------------------ values per record
 
     @cached_property
     def column(self):
@@ -184,14 +184,14 @@ class Claim:
 
     @property
     def column_name(self):
-        """What that column, or the amplitude, is called."""
+        """The name of that column, or the description of the amplitude."""
         if self.column == "amplitude":
             return "half range of the drive in a record"
         return str(self.columns[self.column]) if len(self.columns) else f"column {self.column}"
 
     @property
     def column_unit(self):
-        """The unit of that number: that in the column's name, or the name."""
+        """The unit of that column: from its name, or else the name itself."""
         amplitude = self.column == "amplitude"
         return "drive" if amplitude else unit_of(self.column_name) or self.column_name
 
@@ -202,14 +202,15 @@ class Claim:
         return [record.auxiliary[:, self.column - 1] for record in self.records]
 
     def stage_at(self, number):
-        """Return the stage as it is in a record with this number."""
+        """Return the stage with its parameters for a record of this schedule value."""
         return self.structure.stages_at(number)[self.at].operator
 
-    # ------------------------------------------------------------------ signals, a list a record
+    # ------------------------------------------------------------------ signals, one array per
+    # record
 
     @cached_property
     def seen(self):
-        """What has come into the operator and out of it."""
+        """The inputs and outputs of the operator."""
         dts = [record.dt for record in self.records]
         if self.kind == "beside":
             inputs = [record.u for record in self.records]
@@ -220,7 +221,7 @@ class Claim:
         return Seen(self.inputs(), self.measured if self.is_part else outputs, dts)
 
     def _coefficients(self, disturbance):
-        """Return what belongs to each record of a disturbance, (n_records, n_coefficients)."""
+        """Return the coefficients of a disturbance for each record, (n_records, n_coefficients)."""
         others = self.structure.disturbances
         sizes = [np.size(other.coefficients) for other in others]
         at = next(i for i, other in enumerate(others) if other is disturbance)
@@ -233,7 +234,7 @@ class Claim:
 
     @cached_property
     def measured(self):
-        """The response of each record without the disturbances."""
+        """The response of each record without the additive disturbances."""
         found = [np.array(record.y) for record in self.records]
         for disturbance in self.structure.disturbances:
             for y, own in zip(found, self.course(disturbance), strict=True):
@@ -246,15 +247,15 @@ class Claim:
         return self.structure.respond(self.records)
 
     def inputs(self):
-        """Return what goes into the stage in each record; of several columns the drive."""
+        """Return the input of the stage in each record; with several columns, the drive."""
         found = self.structure.run(self.records, last=self.at)
         return [u if u.ndim == 1 else u[:, 0] for u in found]
 
     @cached_property
     def rest(self):
-        """The model without the stage, the part of a sum, or what depends on a column.
+        """The model without the effect: without its stage, its part of a sum, or its dependence.
 
-        Or the same model, at rest before each record.
+        For a start in motion, the same model at rest before each record.
         """
         structure = self.structure
         if self.kind == "start":
@@ -270,20 +271,21 @@ class Claim:
 
     @cached_property
     def without(self):
-        """What that model responds."""
+        """The response of the model without the effect."""
         return self.rest.respond(self.records)
 
     def lacking(self, without):
-        """Return what a model lacks: of the measurement, and of the augmented model."""
+        """Return the residual of a model, of the measurement and of the full model's response."""
         return (
             [y - x for y, x in zip(self.measured, without, strict=True)],
             [y - x for y, x in zip(self.modelled, without, strict=True)],
         )
 
     def left_out(self):
-        """Return what the rest responds, and what it lacks; see :meth:`lacking`.
+        """Return the response without the effect, and its residuals; see :meth:`lacking`.
 
-        Where the effect carries the gain of the series, a straight line gives the rest its own.
+        Where the effect owns the gain of the series, the response is scaled by a fitted straight
+        line.
         """
         without = self.without
         if self.structure.operators[self.at].owns_gain and not self.is_part:

@@ -1,21 +1,22 @@
-"""The steps of a search: effects are put into a model, taken out of it, and contested.
+"""The steps of a search: effects are added to a model, removed from it, and contested.
 
-**Grow.** Every effect is put into the model so far, at data-driven starting values; candidates are
-halved and held out (``_candidates``). Whichever lowers the held-out error most is kept, without a
-test, and a second path goes on with the simplest that the data cannot tell from it. Effects that
-respond to the drive come first; functions of time alone follow where none of these helps. Where no
-effect helps but structure remains, the three that fit best are tried with every other one in pairs.
+**Grow.** Every effect is added to the current model at data-driven starting values; candidates are
+halved and held out (``_candidates``). The one that lowers the held-out error most is kept, without
+a test, and a second path continues with the simplest candidate that the data do not distinguish
+from it. Effects that respond to the drive come first; functions of time alone follow where none of
+these helps. Where no effect helps but the residual has structure, the three that fit best are tried
+in pairs with every other one.
 
-**Prune.** With everything in the model, each effect is taken out once: the full model against the
-model without it, so that chance is what the full model leaves. Of those that are not needed by the
-criterion (``_criterion``), the one whose loss costs least goes; and again. A function of time alone
-stays only where the noise's own course does not make it (``_course``).
+**Prune.** From the model with all effects, each effect is removed once: the full model is tested
+against the model without it, so that chance is the residual of the full model. Of the effects that
+the criterion (``_criterion``) does not need, the one whose removal costs least goes; and so on. A
+function of time alone stays only where the course of the noise does not explain it (``_course``).
 
-**Name.** Each effect that is needed is contested by all others in its place. The name is that of
-the least held-out error. A simpler one replaces it where it is nested in it, as far as the
-recording shows, and the larger one is not better by the criterion.
+**Name.** Each remaining effect is contested by all others at its place. The name is that of the
+least held-out error. A simpler effect replaces it if it is nested in it, as far as the recording
+shows, and the larger one is not better by the criterion.
 
-A step is done once for a set of effects: what it finds is kept, and is what a checkpoint holds.
+A step is done once for a set of effects: its result is kept, and is what a checkpoint stores.
 """
 
 import time
@@ -56,34 +57,34 @@ class Contest:
     Attributes
     ----------
     effects : list of Effect
-        To try.
+        Effects to try.
     records, folds
         Of the contest, see :func:`held_out`.
     criterion : Criterion
     max_effects, n_jobs
         As of the search.
     negligible : float
-        Held-out error below which nothing is sought.
+        Held-out error below which no effect is sought.
     tell : callable
-        Takes a line about progress or "", and the round, what is tried, how many of the step are
-        done and how many there are.
+        Called with a line about progress or "", the round, the effect that is tried, the number of
+        finished candidates of the step, and their total.
     renew : callable or None
-        Fits a declared black box again, see ``BlackBox.renew``: once an effect is in, or out. What
-        is tried is driven by its prediction out of fold.
+        Fits a declared black box again after an effect is added or removed, see ``BlackBox.renew``.
+        Candidates are driven by its out-of-fold prediction.
     judge : callable
         Returns the :class:`Judgement` of the residual of a candidate.
     lost : list of ndarray of bool or None
-        Lost readings of each record where the loss is Huber's; None where it is the square.
+        Lost readings of each record for Huber's loss; None for squared loss.
     keep : callable or None
-        Takes the steps after each one.
+        Called with the steps after each one.
     steps : dict of str to dict
-        What each finished step has found: ``candidates``, and ``rows`` of the ranking, ``failed``
+        Result of each finished step: ``candidates``, ``rows`` of the ranking, ``failed``
         candidates, and the number of contestants ``n_tried``.
     dropped : list of str
-        Effects that were in the model for a time.
+        Effects that were in the model at some stage of the search, and were removed.
     seconds : dict of str to float
     declared : Tree or None
-        With the resolution that was declared.
+        The declared model, with its declared resolution.
     """
 
     effects: list
@@ -102,7 +103,7 @@ class Contest:
     dropped: list = field(default_factory=list)
     seconds: dict = field(default_factory=dict)
     declared: Any = None
-    _visited: dict = field(default_factory=dict)  # what this search has come to, of the steps
+    _visited: dict = field(default_factory=dict)  # those that this search has used
     _failures: list = field(default_factory=list)
     _best: dict = field(default_factory=dict)
     _judgements: dict = field(default_factory=dict)
@@ -111,28 +112,28 @@ class Contest:
     _rounds: dict = field(default_factory=dict)
     _weighings: int = 0
 
-    # ------------------------------------------------------------------ the family, and what it was
+    # ------------------------------------------------------------------ what was tried
 
     @property
     def n_tried(self):
-        """Number of contestants that were screened in a model, and of pairs that were possible."""
+        """Number of contestants that were screened for one model, and of all possible pairs."""
         singles = [step["n_tried"] for step in self._visited.values() if not step["in_pairs"]]
         pairs = [step["n_tried"] for step in self._visited.values() if step["in_pairs"]]
         return max(singles, default=1) + max(pairs, default=0)
 
     @property
     def ranking(self):
-        """A row for each effect and round, with the p-value for all that was tried."""
+        """One row per effect and round, with the p-value corrected for all that was tried."""
         rows = [row for step in self._visited.values() for row in step["rows"]]
-        family = self.n_tried  # a p-value that is not known is NaN
+        family = self.n_tried  # an unknown p-value is NaN
         return [row | {"p_value": float(np.minimum(1.0, family * row["p_value"]))} for row in rows]
 
     @property
     def _helpful(self):
         """Names of the effects that have lowered the held-out error of some model.
 
-        Or would have, as far as is known: those that fit better by what matters and were not held
-        out, since others fit better still, as curves do before a hysteresis that saturates.
+        Also of those that fitted better by more than ``min_improvement`` but were not held out,
+        because others fitted better still, such as curves in front of a saturating hysteresis.
         """
         rows = [row for step in self._visited.values() for row in step["rows"]]
         least = 1.0 - (1.0 - self.criterion.min_improvement) ** 2
@@ -145,13 +146,13 @@ class Contest:
 
     @property
     def failed(self):
-        """A row for each candidate that raised an error."""
+        """One row per candidate that raised an error."""
         return [row for step in self._visited.values() for row in step["failed"]]
 
     # ------------------------------------------------------------------ resolution
 
     def raised(self, base):
-        """Return a candidate with parts as fine as the held-out error asks, and what was done."""
+        """Return a candidate with the resolution of least held-out error, and the changes."""
         begin = time.perf_counter()
         finer, done = raised(base, self.records, self.folds)
         self._add_time("resolution", begin)
@@ -160,14 +161,14 @@ class Contest:
         return finer, done
 
     def _finer(self, candidate):
-        """Return a candidate as fine as it asks for, where its effects remain what they were."""
+        """Return a candidate with its best resolution, if its effects keep their names."""
         finer = replace(self.raised(candidate)[0], effects=candidate.effects)
         return finer if self._keeps_names(finer, candidate) else candidate
 
     # ------------------------------------------------------------------ grow
 
     def grow(self, base):
-        """Add what lowers the held-out error until nothing does; return the ends of the paths."""
+        """Add effects until the held-out error no longer falls; return the ends of the paths."""
         paths, ends = [base], []
         while paths:
             further, claims = [], []
@@ -183,9 +184,9 @@ class Contest:
         return ends
 
     def _better(self, path, fully):
-        """Return the candidates with more effects that predict better than a path's end.
+        """Return the candidates with more effects that predict better than the end of a path.
 
-        Of all effects, or of those that have helped some model of the search before.
+        With ``fully``, all effects are tried; else those that have helped some model before.
         """
         room = self.max_effects - len(path.structure.effects)
         if room <= 0 or path.error <= self.negligible:
@@ -200,10 +201,10 @@ class Contest:
         return found
 
     def _few(self, candidates, claims):
-        """Return the paths that go on: the best, and the simplest that is not told from it.
+        """Return the candidates that continue: the best, and the simplest of equal ones.
 
-        Of all candidates, and of those that would be claimed at once: a path that begins with what
-        chance alone has made may go astray.
+        Both among all candidates and among those that would be claimed at once, so that one path at
+        least does not begin with an effect that fits chance.
         """
         least, few = {}, []
         for c in sorted(candidates, key=lambda c: c.error):
@@ -218,10 +219,10 @@ class Contest:
         return [c for c in least.values() if any(c is own for own in few)]
 
     def _refreshed(self, base):
-        """Return a candidate identified anew from nothing, as fine as it asks for.
+        """Return a candidate identified from scratch, with its best resolution.
 
-        Also with the resolution that was declared: before an effect is in, another one may have
-        been added to compensate for it. The one that predicts best is returned.
+        It is also tried with the declared resolution: terms may have been added to compensate for
+        an effect that was missing then. The candidate that predicts best is returned.
         """
         if self.renew is not None:
             return self.renew(base, base, self.records_of(base), thorough=True)
@@ -234,7 +235,7 @@ class Contest:
         records = self.records_of(base)
         tree, anew = base.structure, []
         trees = [] if are_long(records) else [tree.identified(records)]
-        # a tree from a checkpoint is another object
+        # compared by size: a tree from a checkpoint is another object
         if self.declared is not None and tree.declared is not None:
             sizes = {own.root.n_parameters for own in (tree.declared, self.declared)}
             if len(sizes) > 1:
@@ -246,7 +247,7 @@ class Contest:
             trees = [t.with_input_history(records) for t in (tree, *trees)]
         for other in trees:
             candidate = refitted(base, other, records)
-            same = candidate.cost >= (1.0 - TOLERANCE) * base.cost  # as far as it was sought
+            same = candidate.cost >= (1.0 - TOLERANCE) * base.cost  # within tolerance
             if not (same and other is trees[0]) and self._keeps_names(candidate, base):
                 anew.append(held_out(candidate, records, self.folds))
         best = self._least(min(map(self._finer, [base, *anew]), key=lambda c: c.error))
@@ -255,9 +256,9 @@ class Contest:
         return min([best, *self._variants_of(best)], key=lambda c: c.error)
 
     def _variants_of(self, base):
-        """Return the variant of the last effect of a candidate that is better beside the others.
+        """Return a better variant of the last effect of a candidate, as a list of one or none.
 
-        It was chosen beside another resolution. A list of one candidate, or none.
+        The present variant was chosen with another resolution of the other parts.
         """
         name = base.effects[-1]
         key = f"{self._set(base)} and other variants of {name}"
@@ -270,8 +271,8 @@ class Contest:
         return [self._finer(c) for c in found if self.criterion.matters(base, c)]
 
     def _has_course(self, candidate):
-        """Whether what is added to the response is more than the noise's own course."""
-        # what a black box leaves has a course of the box's own
+        """Whether an additive disturbance is more than the course of the noise itself."""
+        # the residual of a black box has a course that depends on the box
         additive = EFFECTS[candidate.effects[-1]].beside
         if self.renew is not None or not additive:
             return True
@@ -282,12 +283,12 @@ class Contest:
     # ------------------------------------------------------------------ prune
 
     def prune(self, base):
-        """Remove the effects that are not needed, the least first; return the candidate.
+        """Remove the effects that are not needed, the least important first; return the candidate.
 
-        An effect stays where without it another one would do the same, but become what its name
-        does not say. Where the noise's own course makes it, but something is needed in its place, a
-        rival takes that, as the offset of each record that of a drift. Two effects may compensate
-        for each other, as a lag and a lead do: they are also taken out together.
+        An effect stays if without it another effect takes over its function under a name that no
+        longer fits. Where the course of the noise explains an effect, but something is needed in
+        its place, a rival replaces it, such as an offset per record for a drift. Two effects may
+        compensate for each other, such as a lag and a lead: they are also removed together.
         """
         while base.structure.effects:
             names = base.structure.effects
@@ -301,7 +302,7 @@ class Contest:
             if not needless:
                 for first, second in combinations(names, 2):
                     both = reduced[first,]
-                    if second in both.structure.effects:  # it may have stood on the first
+                    if second in both.structure.effects:  # may be an edit of the first
                         both = self.without(both, second)
                     if not self.criterion.is_better(both, base, self.n_tried):
                         needless[first, second] = both
@@ -321,7 +322,7 @@ class Contest:
         return self.criterion.is_better(reduced, base, self.n_tried) and self._has_course(own)
 
     def _keeps_names(self, candidate, base):
-        """Whether effects of a candidate are what their names say that were so in a base."""
+        """Whether effects of a candidate keep the properties of their names."""
         names = candidate.structure.effects
         return all(
             self._has_its_name(candidate, n) or not self._has_its_name(base, n) for n in names
@@ -332,20 +333,20 @@ class Contest:
         return has_its_name(name, margin, candidate.structure, records, self.criterion.alpha)
 
     def without(self, base, name):
-        """Return a candidate without one of its effects, held out."""
+        """Return a candidate without one of its effects, refitted and held out."""
         key = f"{self._set(base)} without {name}"
         if not self._is_done(key):
             records = self.records_of(base)
             reduced = refitted(base, base.structure.without(name), records)
             if self.renew is None:
                 reduced = held_out(reduced, records, self.folds)
-            else:  # the others may compensate for what is taken out
+            else:  # the remaining effects may compensate for the removed one
                 reduced = self.renew(reduced, base, records)
             self._keep(key, [reduced])
         return self._least(self.steps[key]["candidates"][0])
 
     def _least(self, candidate):
-        """Return the candidate of least error that was seen with the same effects."""
+        """Return the candidate of least error that was found with the same effects."""
         key = self._weighings, frozenset(candidate.structure.effects)
         known = self._best.setdefault(key, candidate)
         if candidate.error < known.error:
@@ -355,7 +356,7 @@ class Contest:
     # ------------------------------------------------------------------ name
 
     def named(self, base):
-        """Return a candidate with the best name at each place, and what is ambiguous with it."""
+        """Return a candidate with the best name at each place, and the ambiguous names of each."""
         seen = set()
         while self._set(base) not in seen:
             seen.add(self._set(base))
@@ -367,16 +368,16 @@ class Contest:
         ambiguous = {}
         for name in base.structure.effects:
             rival, others = self._contested(base, name)
-            if rival is not None:  # names go round in a circle
+            if rival is not None:  # names alternate in a cycle
                 others = dict.fromkeys((*rival.effects, *others))
             ambiguous[name] = tuple(own for own in others if own != name)
         return base, ambiguous
 
     def _contested(self, base, name):
-        """Return the rival that an effect is named by, if any, and the names of those like it.
+        """Return the rival that replaces an effect, or None, and the names it is ambiguous with.
 
-        That is, those that are not told from the best. An effect that is not what its name says
-        stays where no rival is.
+        These are the effects that are not distinguished from the best one. An effect without the
+        property of its name stays only where there is no rival.
         """
         key = self._set(base), base.error, name, self.n_tried
         if key not in self._contests:
@@ -386,7 +387,7 @@ class Contest:
     def _contest(self, base, name):
         reduced = self.without(base, name)
         tree = base.structure
-        # the others at their values from before the refit, where they compensate for nothing
+        # the other effects at their values before the removal, where they compensate for nothing
         start = replace(reduced, structure=tree.without(name)) if tree.effects[1:] else reduced
         rivals = self.extended(start, fully=False) + self.extended(start, additive=True)
         family = self.n_tried
@@ -395,12 +396,12 @@ class Contest:
             for c in rivals
             if self.criterion.is_better(reduced, c, family)
             and self._has_course(c)
-            # another variant of the same effect is none, unless it matters
+            # another variant of the same effect is a rival only if the error falls noticeably
             and (c.effects != (name,) or self.criterion.matters(base, c))
         ]
         own = replace(base, effects=(name,))
         rivals.sort(key=lambda c: c.error)
-        # the best rivals are identified anew, as the model was
+        # the best rivals are identified from scratch, as the model was
         rivals = [
             replace(self._refreshed(c), effects=c.effects) if i < FACTOR else c
             for i, c in enumerate(rivals)
@@ -423,11 +424,11 @@ class Contest:
         return None if chosen is own else chosen, tuple(dict.fromkeys(names))
 
     def _contains(self, large, small):
-        """Whether one candidate can do what another does, as far as the noise lets it show.
+        """Whether one candidate can reproduce the response of another, within the noise.
 
-        It is fitted to the prediction of the other. If that were the truth, its own error would
-        be larger by the noise that its parameters follow, and by the misfit that is left here:
-        nested are those whose misfit is not the larger part.
+        It is fitted to the prediction of the other. If that prediction were the truth, the squared
+        error of the larger model would be the noise that its parameters follow plus the misfit of
+        this fit: the other is nested if the misfit is the smaller part.
         """
         records = self.records_of(large)
         problem = small.structure.problem(self.records_of(small))
@@ -441,13 +442,14 @@ class Contest:
         variance = large.cost / follower.segment_weight.sum()
         return bool(solution.cost < large.n_parameters * variance)
 
-    # ------------------------------------------------------------------ what was found
+    # ------------------------------------------------------------------ results
 
     def claims(self, base, ambiguous):
-        """Return a row for each effect of a candidate, what removes most of the error first.
+        """Return one row per effect of a candidate, those that remove most of the error first.
 
-        The errors are those of the models that are left when the effect that matters least is taken
-        out, and again; the p-value is of the whole model against that without the effect.
+        The errors are those of a sequence of models, from which the effect that matters least is
+        removed in each step; the p-value is of the whole model against the model without the
+        effect.
         """
         rows, last = [], base
         while last.structure.effects:
@@ -473,9 +475,9 @@ class Contest:
         return rows[::-1]
 
     def suspects(self, base):
-        """Return what would lower the error of a candidate but is not in it, best first.
+        """Return the effects outside of a candidate that would lower its error, best first.
 
-        Of a model with as many effects as there may be, nothing is known.
+        For a model with the largest number of effects none are returned.
         """
         if len(base.structure.effects) >= self.max_effects or base.error <= self.negligible:
             return []
@@ -502,9 +504,10 @@ class Contest:
         ----------
         base : Candidate
         additive : bool, default=False
-            Whether effects are tried that are functions of time alone, or those that are not.
+            Whether functions of time alone are tried, or all other effects.
         fully : bool, default=True
-            Whether all are tried, or those that have helped some model of the search before.
+            Whether all effects are tried, or only those that have helped some model of the search
+            before.
         """
         number = self._rounds.setdefault(self._set(base), 1 + len(self._rounds))
         key = f"{self._set(base)} and {'an additive' if additive else 'a driven'} effect"
@@ -528,7 +531,7 @@ class Contest:
         return found
 
     def _pairs(self, base, singles):
-        """Return the candidates that fit best, each with every other effect too, held out."""
+        """Return the candidates that fit best, each in a pair with every other effect, held out."""
         key = f"{self._set(base)} and a pair"
         if not self._is_done(key):
             begin = time.perf_counter()
@@ -544,7 +547,7 @@ class Contest:
         return self.steps[key]["candidates"]
 
     def _is_done(self, key):
-        """Whether a step is finished, by this search or by the one that it goes on from."""
+        """Whether a step is finished, by this search or by the one in its checkpoint."""
         if key in self.steps:
             self._visited[key] = self.steps[key]
         return key in self.steps
@@ -565,23 +568,23 @@ class Contest:
 
     @property
     def _number(self):
-        """Number of the round: of the models that effects were put into."""
+        """Number of the round: of models that effects were added to."""
         return max(len(self._rounds), 1)
 
     def _parallel(self, jobs):
-        """Return what jobs return, None of one that fails: it costs its candidate."""
+        """Return the results of jobs, None for a job that failed."""
         done, failures = side_by_side(jobs, self.n_jobs, partial(self.tell, "", self._number))
         self._failures += failures
         return done
 
     def _done(self, jobs):
-        """Return what jobs return that do not fail."""
+        """Return the results of those jobs that did not fail."""
         return [own for own in self._parallel(jobs) if own is not None]
 
     def _screened(self, base, pairs):
-        """Return what halving leaves of effects and what they are put into, and what was screened.
+        """Return the variants that halving keeps of (effect, candidate) pairs, and their records.
 
-        Of long records the first parts are screened.
+        Long records are screened by their first parts.
 
         Returns
         -------
@@ -590,7 +593,7 @@ class Contest:
         kept : list of int
             The numbers of the pairs that stay.
         seen : list of (list of RecordData, float)
-            Of each pair the records, and the sum of squares of what the effect is put into.
+            The records of each pair, and the cost of the candidate without the effect on them.
         """
         records = self.records_of(base)
         parts, seen = shortened(records, base.residuals), []
@@ -606,11 +609,11 @@ class Contest:
         return *halve(groups, self._parallel), seen
 
     def _fitted(self, bases, screened):
-        """Return the best variant of each effect that stays, refitted to all samples.
+        """Return the best variant of each effect that halving has kept, refitted to all samples.
 
-        A variant that follows the residual where it was fitted may predict badly: of those that
-        are plausible the simplest that predicts as well as the best is taken: its error is hardly
-        larger, and not told apart. ``bases`` are what the effects were put into.
+        A variant that fits best may predict badly. Of the plausible variants, the simplest is taken
+        whose error is hardly larger than that of the best, and not distinguished from it. ``bases``
+        are the candidates that the effects were added to.
         """
         variants, kept, seen = screened
         most = (1.0 - self.criterion.min_improvement) ** 2
@@ -624,7 +627,7 @@ class Contest:
         tried = [(i, c) for (i, _), c in zip(jobs, tried, strict=True) if c is not None]
         own = {i: [c for j, c in tried if j == i] for i, _ in tried}
         best = [(i, self._variant(found)) for i, found in own.items()]
-        # of long records, what fits their first parts is near the solution
+        # for long records, the fit of their first parts is close to the solution
         done = self._parallel(
             delayed(completed)(c, records, FACTOR if are_long(records) else FACTOR**3)
             for i, c in best
@@ -642,9 +645,9 @@ class Contest:
         return named and self._predicts_levels(candidate, base, records)
 
     def _predicts_levels(self, candidate, base, records):
-        """Whether parameters that follow a number of the record suit records at other numbers.
+        """Whether parameters that vary with a value per record predict records of other values.
 
-        Blocks of every record do not tell. Each record between others is held out.
+        Folds of blocks cannot show that. Each level between others is held out.
         """
         if base.structure.lines or not candidate.structure.lines:
             return True
@@ -669,7 +672,7 @@ class Contest:
         return self._done(delayed(held_out)(c, records, self.folds) for c in candidates)
 
     def _ranked(self, number, base, effects, screened, tested):
-        """Yield a row for each effect that was tried in a candidate."""
+        """Yield one row per effect that was tried with a candidate."""
         tested = {c.effects[0]: c for c in tested}
         variants, _, seen = screened
         for effect, own, (_, cost) in zip(effects, variants, seen, strict=True):
@@ -689,7 +692,7 @@ class Contest:
             }
 
     def judgement(self, candidate):
-        """Return the judgement of the residual of a candidate, which is made once."""
+        """Return the judgement of a candidate's residual, computed once."""
         key = self._set(candidate), candidate.error
         if key not in self._judgements:
             self._judgements[key] = self.judge(candidate)
@@ -698,16 +701,16 @@ class Contest:
     # ------------------------------------------------------------------ records
 
     def records_of(self, candidate):
-        """Return the records as a candidate sees them."""
+        """Return the records with the drive of a candidate."""
         return self.records if candidate.box is None else list(candidate.box.records)
 
     def weighed(self, base):
-        """Return a candidate refitted with the weights that its residual asks for."""
+        """Return a candidate refitted with Huber's weights for its residual."""
         if self.lost is None:
             return base
         weights = huber_weights(base.residuals, lost=self.lost)
         self.records = [replace(r, weights=w) for r, w in zip(self.records, weights, strict=True)]
-        self._weighings += 1  # for which all steps have to be done anew
+        self._weighings += 1  # all steps have to be repeated with the new weights
         base = refitted(base, base.structure, self.records)
         return held_out(base, self.records, self.folds)
 
@@ -718,6 +721,6 @@ class Contest:
         self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - begin
 
     def _set(self, candidate):
-        """Return what tells a set of effects, with the resolution of its parts, from others."""
+        """Return a key of the set of effects, the resolution of the parts, and the weights."""
         names = " + ".join(sorted(candidate.structure.effects)) or "nothing"
         return f"{names}, {candidate.structure.root.n_parameters} values, weighed {self._weighings}"

@@ -1,32 +1,33 @@
-r"""Whether an additive disturbance is more than what the coloured noise does by itself.
+r"""Whether an additive disturbance is more than the course of the coloured noise itself.
 
-An offset, a drift or a line is fitted to the record that it is in, and so predicts the samples
-between those that it was fitted to: where noise hangs together, as flicker noise does at any
-distance, it predicts the noise too. What is real stands out of the noise's spectrum. Of a drift
-that is what moves: its constant could be an offset's.
+An offset, a drift or a line is fitted to the record in which it is scored, and so predicts the
+samples between those that it was fitted to: where noise is correlated, like flicker noise at any
+distance, it predicts the noise too. A real disturbance stands out of the noise's spectrum. Of a
+drift only the varying part is tested, since its constant could be an offset.
 
-With orthonormal columns :math:`q_j` of a basis and the course :math:`r` that a model leaves, noise
+With orthonormal columns :math:`q_j` of a basis and the residual :math:`r` of the driven part, noise
 of the spectrum :math:`S(f)` gives :math:`q_j' r` the variance :math:`\sum_k S(f_k) Q_{jk}^2`, with
-the discrete cosine transform :math:`Q_j` of the column, whose coefficients of stationary noise are
-about independent. What the fit of all columns leaves at a frequency has the part
-:math:`1 - \sum_j Q_{jk}^2` of :math:`S(f_k)`, and counts for as much.
+the discrete cosine transform :math:`Q_j` of the column, whose coefficients are nearly independent
+for stationary noise. After the fit of all columns, the fraction :math:`1 - \sum_j Q_{jk}^2` of
+:math:`S(f_k)` remains at a frequency, which is also its weight.
 
-Noise that enters behind the plant keeps its spectrum. Noise that the drive or its recording has
-goes through the plant, whose modes make bands of it, its lags slow noise, and its memory noise
-slower still: of white noise there comes the power :math:`P(f)`, which is that of simulated draws.
-Over the decade around the basis the spectrum is taken for noise of one colour at both places,
+Noise that enters behind the plant keeps its spectrum. Noise of the drive, or of its recording,
+passes the plant: modes make bands of it, lags slow noise, and hysteresis slower noise still. White
+noise on the drive becomes the power :math:`P(f)`, which is estimated from simulated draws. Over the
+decade around the basis, the noise at both places is assumed to have the same colour,
 
 .. math:: S = f^{-\beta} (c + g P)
 
-since those of white noise and flicker noise are powers of the frequency. A colour is at most that
-of white noise summed up: what is steeper is the plant's, or a drift. Frequencies count per sample:
-in these units both terms are one and the same law at every sampling interval. Whittle's
-likelihood [1]_ of the basis and the frequencies around it is compared with the one where the power
-in the basis may be larger by a factor; twice the logarithm of the ratio follows the chi-squared law
-of one degree of freedom.
+since the spectra of white and flicker noise are powers of the frequency. The steepest colour is
+that of integrated white noise: what is steeper comes from the plant, or is a drift. Frequencies are
+in cycles per sample, so that both terms have the same form at every sampling interval. Whittle's
+likelihood [1]_ of the basis and the frequencies around it is compared with the one in which the
+power in the basis may be larger by a factor; twice the logarithm of the ratio follows the
+chi-squared law of one degree of freedom.
 
-A frequency that was sought is where noise happens to have the most power. A record of n samples
-tells n / 2 frequencies apart; each one sought multiplies the p-value by that number (Bonferroni).
+A frequency that was searched for is where the noise happens to have most power. A record of n
+samples resolves n / 2 frequencies; each frequency that was searched for multiplies the p-value by
+that number (Bonferroni).
 
 References
 ----------
@@ -46,7 +47,7 @@ from ._constants import DRAWS
 
 
 def course_p_values(tree, records):
-    """Return the p-value of each additive disturbance, given all others: name -> p."""
+    """Return the p-value of each additive disturbance, given all the others: name -> p."""
     outputs, found = tree.respond(records), {}
     rests = [record.y - output for record, output in zip(records, outputs, strict=True)]
     times = [record.dt * np.arange(len(record.y)) for record in records]
@@ -57,10 +58,10 @@ def course_p_values(tree, records):
         every = [disturbance, *(d for d in tree.disturbances if d is not disturbance)]
         bases = [np.concatenate([d.basis(time) for d in every], axis=1) for time in times]
         own = np.arange(disturbance.basis(times[0]).shape[1])
-        if disturbance.has_constant and len(own) > 1:  # which is an offset's
+        if disturbance.has_constant and len(own) > 1:  # the constant belongs to an offset
             own = own[1:]
         sought = disturbance.basis_tangents(times[0], disturbance.coefficients).shape[1]
-        # the best of so many that a record tells apart
+        # the best of all frequencies that the record resolves
         choices = (0.5 * max(map(len, rests))) ** sought
         p_value = course_p_value(rests, bases, own, _echoes(tree, records, rests, outputs))
         found[labels[label]] = min(1.0, choices * p_value)
@@ -68,10 +69,10 @@ def course_p_values(tree, records):
 
 
 def _echoes(tree, records, rests, outputs):
-    """Yield what white noise on the drives becomes, as large as what a model leaves is.
+    """Yield the responses to white noise on the drives that explains the whole residual.
 
-    Sizes are those over the ranges of drive and response, and no larger than the noise that a drive
-    can have as it was recorded.
+    Its size is that of the residual scaled by the ranges of drive and response, and no larger than
+    the noise that the recorded drive can contain.
     """
     rng = np.random.default_rng(0)
     drive, response = (np.ptp(np.concatenate([getattr(r, name) for r in records])) for name in "uy")
@@ -83,18 +84,18 @@ def _echoes(tree, records, rests, outputs):
 
 
 def course_p_value(courses, bases, own, echoes=()):
-    """Return the p-value against the noise alone having made what a basis finds.
+    """Return the p-value of the hypothesis that noise alone makes the power in a basis.
 
     Parameters
     ----------
     courses : sequence of ndarray of shape (n_samples,)
-        What the driven part of a model leaves, of each record.
+        The residual of the driven part of a model, of each record.
     bases : sequence of ndarray of shape (n_samples, n_columns)
-        All that is fitted to the courses.
+        All columns that are fitted to the courses.
     own : ndarray of int
-        The columns that are asked after.
+        The columns that are tested.
     echoes : iterable of sequence of ndarray of shape (n_samples,)
-        What draws of white noise on the drive become.
+        Responses to draws of white noise on the drive.
 
     Returns
     -------
@@ -106,13 +107,13 @@ def course_p_value(courses, bases, own, echoes=()):
         return 0.0 if np.any(squares[:own] > 0.0) else 1.0
     counts = np.concatenate([np.ones(own), *(part.free for part in parts)])
     passed = sum((_squares(parts, echo) for echo in echoes), np.zeros(len(counts))) / counts
-    # the drive's noise makes no more than this part of the power
+    # the noise of the drive makes at most this fraction of the power
     level = squares[own:].sum() / counts[own:].sum()
     most = min(passed.mean() / (DRAWS * level), 1.0 - 1.0 / len(counts))
     passed = passed / passed.mean() if passed.any() else np.ones(len(counts))
 
     def deviance(x, scaled):
-        """Return that of the fit, and the factor by which the power in the basis is larger."""
+        """Return the deviance, and the factor by which the power in the basis is larger."""
         exponent, share = x
         inside = [part.frequency**-exponent @ part.shares for part in parts]
         around = [part.frequency[part.outside] ** -exponent for part in parts]
@@ -124,7 +125,7 @@ def course_p_value(courses, bases, own, echoes=()):
 
     bounds, best = [(0.0, 0.5 * STEEPEST), (0.0, most)], []
     for scaled in (False, True):
-        # white, flicker, summed up
+        # white noise, flicker noise, integrated white noise
         starts = product((0.0, 1.0, 2.0), (0.1 * most, 0.5 * most, 0.9 * most))
         start = min(starts, key=lambda x, s=scaled: deviance(x, s)[0])
         best.append(minimize(lambda x, s=scaled: deviance(x, s)[0], start, bounds=bounds))
@@ -134,7 +135,7 @@ def course_p_value(courses, bases, own, echoes=()):
 
 
 class _Part:
-    """A basis of a record, and the frequencies around the columns that are asked after."""
+    """The basis of a record, and the frequencies around its tested columns."""
 
     def __init__(self, basis, own):
         order = np.append(np.delete(np.arange(basis.shape[1]), own), own)
@@ -150,7 +151,7 @@ class _Part:
 
 
 def _squares(parts, courses):
-    """Return the powers in the columns that are asked after, and at the frequencies around."""
+    """Return the powers in the tested columns, and at the frequencies around them."""
     inner, outer = [], []
     for part, course in zip(parts, courses, strict=True):
         found = part.q.T @ course

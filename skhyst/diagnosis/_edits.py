@@ -1,7 +1,8 @@
-"""Edits of a tree: what putting an effect into a model does to it.
+"""Edits of a tree: the changes of a model by which an effect enters it.
 
-Each is a function from a tree to a tree, ``edit(tree, name)``; what is added is called ``name``. It
-knows the operators to start from and no data, so that it can be done again on another tree.
+Each is a function from a tree to a tree, ``edit(tree, name)``; the added part is called ``name``.
+It holds the operators at their starting values and no data, so that it can be applied to another
+tree.
 """
 
 from dataclasses import dataclass, fields, replace
@@ -32,16 +33,16 @@ _KEPT = {
     "initial_state",
     "mass",
     "method",
-}  # of an enriched stage
+}  # parameters that an enriched stage keeps
 
 
 class _Edit:
-    place = None  # name of the stage that it changes
+    place = None  # name of the stage that is edited
 
 
 @dataclass(frozen=True)
 class Insert(_Edit):
-    """One more stage in the series, where its stage order says."""
+    """One more stage in the series, at the place of its stage order."""
 
     model: object
     operator: object
@@ -56,7 +57,7 @@ class Insert(_Edit):
 
 @dataclass(frozen=True)
 class InsertAt:
-    """One more stage at a joint of the series: behind a stage, or before all (None)."""
+    """One more stage at a joint of the series: behind a stage, or before all of them (None)."""
 
     place: str | None
     model: object
@@ -76,7 +77,7 @@ class Divide:
 
     place: str
     model: object
-    operators: tuple  # of the first part, of what is in between, and of the second part
+    operators: tuple  # of the first part, of the stage in between, and of the second part
     kind = "stage"
 
     def __call__(self, tree, name):
@@ -93,7 +94,7 @@ class Divide:
 
 @dataclass(frozen=True)
 class Enrich:
-    """A stage becomes a richer one, or one that is as rich in what it was enriched by before."""
+    """A stage is replaced by a richer model; options that it was enriched with before are kept."""
 
     place: str
     model: object
@@ -138,7 +139,7 @@ class ScaleEntries:
 
 @dataclass(frozen=True)
 class Hold:
-    """What a stage takes the drive to do between its samples, see ``LinearModel``."""
+    """Another hold: the assumed course of the drive between its samples, see ``LinearModel``."""
 
     place: str
     hold: str
@@ -151,7 +152,7 @@ class Hold:
 
 
 def both_models(model, other):
-    """Return a model that has what either of one class has: its flags, or the higher degree."""
+    """Return a model with the options of two of one class: flags of either, the higher degree."""
     old, new = model.get_params(), other.get_params()
     more = {
         name: max(value, new[name])
@@ -162,10 +163,10 @@ def both_models(model, other):
 
 
 def _both_operators(operator, other):
-    """Return an operator of one class that has what either has: the longer arrays, no zeros."""
+    """Return an operator with the fields of two of one class: the longer array, nonzero values."""
     changes = {}
     for field in fields(other):
-        if field.kw_only:  # of the tree
+        if field.kw_only:  # fields of the tree, not of the law
             continue
         old, new = getattr(operator, field.name), getattr(other, field.name)
         if np.size(old) > np.size(new) or (np.size(old) == np.size(new) and not np.any(new)):
@@ -175,7 +176,7 @@ def _both_operators(operator, other):
 
 @dataclass(frozen=True)
 class AddForce:
-    """One more force beside those of a stage, of the same input."""
+    """One more force in parallel with those of a stage, with the same input."""
 
     place: str
     model: object
@@ -193,7 +194,7 @@ class AddForce:
 
 @dataclass(frozen=True)
 class Beside(_Edit):
-    """A disturbance beside what is driven."""
+    """An additive disturbance, in parallel with the driven part."""
 
     model: object
     operator: object
@@ -206,7 +207,7 @@ class Beside(_Edit):
 
 @dataclass(frozen=True)
 class Drive(_Edit):
-    """A model that a further column of X drives, whose output is added."""
+    """A model driven by a further column of X, whose output is added to the response."""
 
     model: object
     operator: object
@@ -220,7 +221,7 @@ class Drive(_Edit):
 
 @dataclass(frozen=True)
 class Bias(_Edit):
-    """A model that a further column of X drives, whose output is added to the drive."""
+    """A model driven by a further column of X, whose output is added to the drive."""
 
     model: object
     operator: object
@@ -239,7 +240,7 @@ class Bias(_Edit):
 
 @dataclass(frozen=True)
 class Begin(_Edit):
-    """The drive before each record, which does not begin at rest."""
+    """The drive before each record, for records that do not begin at rest."""
 
     input_history: tuple
     kind = "start"
@@ -264,10 +265,10 @@ class Modulate(_Edit):
 
 @dataclass(frozen=True)
 class Schedule(_Edit):
-    """Parameters are straight lines in a number of the record: a column of X, or the amplitude.
+    """Parameters are straight lines in a value per record: a column of X, or the amplitude.
 
-    ``which`` is "dynamics", "all", or the values of entries of the stage that goes by the name of
-    the effect, at ``low`` and at ``high``.
+    ``which`` is "dynamics", "all", or the values at ``low`` and at ``high`` of entries of the stage
+    that is named after the effect.
     """
 
     by: int | str
@@ -286,7 +287,7 @@ class Schedule(_Edit):
 
     @staticmethod
     def entries(tree, which):
-        """Return which entries of the series follow the record, none where it makes no sense."""
+        """Return the entries of the series that may vary with the record; none if "all" is moot."""
         free, dynamics = [], []
         marks = iter(tree.series().free_mask())
         for name, operator in tree.stages:

@@ -87,28 +87,28 @@ class Effect:
     Parameters
     ----------
     name : str
-        Its name in reports and in the steps of the augmented model.
+        Name in reports and in the steps of the augmented model.
     variants : callable
-        Returns a list of unfitted models, simplest first; the data choose among them. A change of
-        another kind than one more stage is an object with ``trees(name, scene)``.
+        Returns a list of unfitted models, simplest first; the data choose among them. A change
+        other than a new stage is an object with ``trees(name, scene)``.
     law : str
-        One sentence of physics.
+        The physical law in one sentence.
     experiment : str
-        The measurement that shows it best and distinguishes it from others.
+        The measurement that shows the effect best and distinguishes it from others.
     beside : bool, default=False
         Whether it is an additive disturbance; otherwise it is a step of the series, placed by the
         ``stage_order`` of its operator.
     picture : str, optional
-        What its evidence shows: what a part adds against what comes into it, as a ``"curve"`` or
-        along a ``"loop"``; a force against ``"displacement"`` or ``"velocity"``; ``"frequency"``,
-        gain and phase; ``"relaxation"`` after a step; the course over ``"time"``, or the
-        ``"spectrum"`` of a disturbance; what the ``"rate"`` of the drive adds. By default a curve,
-        and for an additive disturbance its course over time.
+        Which picture shows the evidence: the contribution of a part against its input, as a
+        ``"curve"`` or along a ``"loop"``; a force against ``"displacement"`` or ``"velocity"``;
+        ``"frequency"``, gain and phase; ``"relaxation"`` after a step; a disturbance over
+        ``"time"``, or its ``"spectrum"``; the contribution of the ``"rate"`` of the drive. By
+        default a curve, and for an additive disturbance its course over time.
     plausible : callable, optional
-        Returns by how much what was identified is what the name says, above zero where it is. It is
-        called with the operator, the samples of its output, or of its input where several forces
-        add up (none for an additive disturbance), and the records. The name is refused where the
-        confidence interval of this number lies below zero.
+        Returns a margin above zero where the identified part has the property that the name states.
+        It is called with the operator, the samples of its output, or of its input where several
+        forces add up (none for an additive disturbance), and the records. The name is refused where
+        the confidence interval of this margin lies below zero.
     """
 
     name: str
@@ -120,17 +120,17 @@ class Effect:
     plausible: Callable | None = None
 
     def tried(self, tree, additive):
-        """Return the effect as it is tried in a model, or None.
+        """Return the effect with the variants that are tried in a model, or None.
 
-        An effect may be an additive disturbance of the response, a function of time alone, or a
-        force within the equation of motion, which is a parameter of the model.
+        Variants may be an additive disturbance of the response, which is a function of time alone,
+        or a force within the equation of motion, which is a parameter of the model.
 
         Parameters
         ----------
         tree : Tree
-            Of the model.
+            The model.
         additive : bool
-            Whether additive disturbances are tried, or all else.
+            Whether additive disturbances are tried, or all other variants.
 
         Returns
         -------
@@ -145,7 +145,7 @@ class Effect:
         return replace(self, variants=partial(list, forms), beside=additive) if forms else None
 
     def __reduce_ex__(self, protocol):
-        if any(own is self for own in _BUILT_IN):  # to other processes by name, with any pickle
+        if any(own is self for own in _BUILT_IN):  # pickled by name: its lambdas cannot be pickled
             return _built_in, (self.name,)
         return super().__reduce_ex__(protocol)
 
@@ -236,7 +236,7 @@ _BUILT_IN = (
             RateDependence("threshold", "speed"),
             RateDependence("threshold", "velocity"),
             # weights behind a low-pass of the signed rate follow the displacement since a turning
-            # point, as any hysteresis does: tried last
+            # point, like any hysteresis: tried last
             RateDependence("slope", "speed"),
         ],
         "The hysteresis itself changes with the rate of the drive.",
@@ -457,7 +457,7 @@ def register_effect(effect) -> None:
     Parameters
     ----------
     effect : Effect
-        Its models are parametric models of skhyst, or of your own.
+        With parametric models of skhyst, or of your own.
 
     Raises
     ------
@@ -488,12 +488,12 @@ def register_effect(effect) -> None:
 
 
 def unregister_effect(name) -> None:
-    """Forget an effect that was registered.
+    """Remove an effect that was registered.
 
     Parameters
     ----------
     name : str
-        Its name.
+        Name of the effect.
 
     Raises
     ------
@@ -521,7 +521,7 @@ def effect_names() -> list[str]:
     Returns
     -------
     list of str
-        Those of skhyst, then those that were registered.
+        Built-in effects first, then the registered ones.
 
     Examples
     --------

@@ -11,7 +11,7 @@ from ._pictures import Picture, changes_by_number, draw
 from ._report_text import listed, plus_minus
 from ._traits import characteristics
 
-# parameters that an engineer counts otherwise: name and factor
+# parameters with another name or factor in common use
 _SPOKEN = {
     "half_width": ("width of the band", 2.0),
     "half_gap": ("play", 2.0),
@@ -22,7 +22,7 @@ _SPOKEN = {
     "friction": ("Coulomb force", 1.0),
     "coulomb_force": ("Coulomb force", 1.0),
 }
-# numbered weights and coefficients say little one by one
+# numbered weights and coefficients mean little one by one
 _UNTOLD = re.compile("(weight|coefficient|compliance|numerator)s? ")
 
 
@@ -38,7 +38,7 @@ class Evidence:
         The evidence in one sentence.
     numbers : dict of str to (float, float, str)
         Value, standard error or NaN, and unit, by name.
-    picture : Picture
+    Curves that show the effect.
         Curves that show it.
     """
 
@@ -49,7 +49,7 @@ class Evidence:
 
 
 def gather_evidence(claim, before, after):
-    """Return the evidence of a claim; of the held-out errors without it and with it."""
+    """Return the evidence of a claim; before and after are held-out errors without and with it."""
     found, words = _tried("numbers", _numbers, claim, {}), replace(claim.words, time="s")
     numbers = {
         name: (float(value), float(std), words.of(unit))
@@ -73,7 +73,7 @@ def gather_evidence(claim, before, after):
 def _tried(what, make, claim, instead):
     """Return the result of a function of a claim; if it raises any error, warn instead.
 
-    A law of the user's own may fail at values that no fit has visited, and the search is complete.
+    A user's own law may raise at values that no fit has visited; the search itself is complete.
     """
     try:
         return make(claim)
@@ -91,10 +91,10 @@ def _numbers(claim):
 
 
 def _of_parts(claim):
-    """Return name -> (value, standard error, unit) of the parameters and characteristics of a part.
+    """Return the parameters and characteristics of a part: name -> (value, standard error, unit).
 
     Parameters that the part had before the effect are left out. Levels are also given as a fraction
-    of half the range that was recorded, widths as a fraction of the range.
+    of half the recorded range, widths as a fraction of the range.
     """
     keys, entries = list(claim.keys), claim.operator.entries()
     free = [[name for name, _ in entries].index(key) for key in keys]
@@ -129,7 +129,7 @@ def _of_parts(claim):
 
 
 def _characteristics(operator, seen):
-    """Return name -> (value, unit) of the characteristics of an operator that are defined."""
+    """Return name -> (value, unit) of those characteristics of an operator that are finite."""
     found = {}
     for name, (values, unit) in characteristics(operator, seen).items():
         values = np.ravel(values)
@@ -140,7 +140,7 @@ def _characteristics(operator, seen):
 
 
 def _derived(operator, seen, free, covariance):
-    """Yield (name, (value, standard error, unit)) of the characteristics, to first order."""
+    """Yield (name, (value, standard error, unit)) of characteristics, errors to first order."""
     x, std = operator.pack(), np.sqrt(np.diag(covariance))
     known = np.flatnonzero(np.isfinite(std) & (std > 0.0))
     values, specs = _characteristics(operator, seen), operator.entries()

@@ -1,4 +1,4 @@
-"""What a search sees of the data: records, units, and the error on data that are new."""
+"""The data as a search reads them: records, units, and the error on new data."""
 
 from dataclasses import replace
 from itertools import compress
@@ -16,18 +16,18 @@ from ._reference import column_of, without_column
 
 
 def units_of(search, response, slices):
-    """Return the units of the columns' names, and of time."""
+    """Return the units in the names of the columns, and the unit of time."""
     drive, *_ = getattr(search, "feature_names_in_", [""])
     return Units(unit_of(drive), unit_of(response), slices[0].time_unit)
 
 
 def with_others(drive, columns):
-    """Return what drives the stages, and the columns of X that it does not take the place of."""
+    """Return the input of the stages, and the columns of X that it does not include."""
     return drive, columns[:, 1:] if drive.ndim == 1 and columns.shape[1] > 1 else None
 
 
 def record_data(s, drive, others, response, segments, read=None):
-    """Return what identification sees of the rows of a record; those not ``read`` do not count."""
+    """Return the RecordData of a record; rows that were lost (not ``read``) have weight zero."""
     own = {"auxiliary": None if others is None else others[s.rows]}
     if read is not None and not read[s.rows].all():
         own["weights"] = read[s.rows].astype(float)
@@ -35,7 +35,7 @@ def record_data(s, drive, others, response, segments, read=None):
 
 
 def scoring_folds(slices, segments, folds):
-    """Return the number of the fold that scores each row, -1 where none does."""
+    """Return for each row the number of the fold that scores it; -1 where no fold does."""
     found = np.full(sum(s.n_samples for s in slices), -1)
     spans = [
         (s.rows.start + start, s.rows.start + stop)
@@ -49,14 +49,14 @@ def scoring_folds(slices, segments, folds):
 
 
 def first_row(search, record):
-    """Return the row of a record that counts first; of a single one the past is unknown."""
+    """Return the first row that is scored; of a single record that behind a washout."""
     unknown = int(0.05 * record.n_samples) if len(search.records_) == 1 else 0
     return min(unknown if search.washout is None else search.washout, record.n_samples - 1)
 
 
 def _under_way(search, slices):
-    """Return for each record whether it continues one of the fit."""
-    # within a record of the fit, or a gap behind it that would not separate two records
+    """Return for each record whether it continues a record of the fit."""
+    # it starts within a record of the fit, or after a gap too short to separate two records
     return [
         any(
             own.label == s.label
@@ -68,7 +68,7 @@ def _under_way(search, slices):
 
 
 def _led(structure, records, begun):
-    """Return a structure with what came before the records that have ``begun`` before."""
+    """Return a structure with an estimated input history of the records that have ``begun``."""
     if not any(begun) or all(operator.memoryless for operator in structure.operators):
         return structure
     led = iter(structure.led_by(list(compress(records, begun))).input_history)
@@ -76,7 +76,7 @@ def _led(structure, records, begun):
 
 
 def held_out_error(search, X, y, declared):
-    """Return the error of a fitted search, see its method, on data that lie on even grids."""
+    """Return the error of a fitted search on evenly sampled data; see ``EffectSearchCV``."""
     X, y, read = fill_lost_rows(X, y)
     slices, columns, response = read_data(search, X, y, reset=False)
     X, columns = (without_column(own, column_of(search)) for own in (X, columns))

@@ -1,4 +1,4 @@
-"""Jobs side by side: one that fails costs its candidate, not the search."""
+"""Parallel jobs: a job that fails costs its candidate, not the search."""
 
 import warnings
 from concurrent.futures import BrokenExecutor
@@ -10,25 +10,25 @@ __all__ = ["side_by_side"]
 
 
 def side_by_side(jobs, n_jobs, tell=lambda *step: None):
-    """Return what jobs return, in order, and why those failed that did.
+    """Return the results of jobs, in order, and the errors of those that failed.
 
-    Where a worker process dies, the jobs that ran beside it are lost too: each is done again alone,
-    so that only the one that takes its worker with it is lost.
+    Where a worker process dies, the jobs that ran at the same time are lost too. Each job is then
+    run again on its own, so that only the one that kills its worker is lost.
 
     Parameters
     ----------
     jobs : iterable of joblib.delayed calls
-        The first argument is what a job is about: an effect or a candidate.
+        The first argument is the effect or the candidate that the job is for.
     n_jobs : int or None
     tell : callable
-        Is called with what the next job is about, the number of those done, and of all.
+        Called with the name of the next job, the number of finished jobs, and the total.
 
     Returns
     -------
     list
-        None where a job has failed.
+        None for a job that failed.
     failures : list of (str, str)
-        Of each failed job what it is about, and the error.
+        Name and error of each failed job.
     """
     jobs = list(jobs)
     try:
@@ -54,13 +54,13 @@ def _parallel(jobs, n_jobs, tell):
         tell("", len(done), len(jobs))
     finally:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # where `tell` raises, what still runs is cancelled
+            warnings.simplefilter("ignore")  # where `tell` raises, running jobs are cancelled
             results.close()
     return done
 
 
 def _results(jobs, n_jobs):
-    """Yield what jobs return, in order, as soon as it is there where the backend can do that."""
+    """Yield the results of jobs in order, each when it is ready if the backend allows that."""
     try:
         parallel = Parallel(n_jobs=n_jobs, batch_size=1, return_as="generator")
     except ValueError:
@@ -72,7 +72,7 @@ def _attempt(job):
     function, arguments, options = job
     try:
         return function(*arguments, **options), ""
-    except Exception as error:  # whatever an effect raises, a user's own among them
+    except Exception as error:  # an effect, such as a user's own, may raise anything
         return None, f"{type(error).__name__}: {error}"
 
 

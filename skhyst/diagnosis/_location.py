@@ -1,15 +1,15 @@
-r"""Where the power of a residual is, and what the parameters are without that part of the samples.
+r"""Where the power of a residual is, and the parameters of a fit without those samples.
 
-**The error of a share.** The share s of the power in a part is a ratio of two sums over one series.
+**Error of a share.** The share s of the power in a part is a ratio of two sums over one series.
 Over blocks i of the length of Politis and White (``noise.block_length``) the sums
-:math:`e_i = \sum_{t \in i} r_t^2 (1_t - s)`, :math:`1_t` whether t is in the part, are nearly
-independent, and the variance of s is :math:`\sum e_i^2 / (\sum r_t^2)^2`. Their means are left in,
-since a part that is one block has no other scatter: of white noise the error is 1.22 times what it
-would be. In frequency the ordinates of a periodogram are the blocks.
+:math:`e_i = \sum_{t \in i} r_t^2 (1_t - s)`, where :math:`1_t` is one for t in the part, are nearly
+independent, and the variance of s is :math:`\sum e_i^2 / (\sum r_t^2)^2`. Their means are not
+subtracted, since a part that is a single block has no other scatter: for white noise this makes the
+error 1.22 times too large. In frequency, the ordinates of a periodogram are the blocks.
 
-**Parameters without a part.** If the model is right, a fit to a part of the samples gives the same
-parameters but for chance: the variance of the difference is that of the part less that of the
-whole, so at most that of the part (Hausman [1]_).
+**Parameters without a part.** If the model is right, a fit to part of the samples differs only by
+chance: the variance of the difference is that of the fit to the part minus that of the fit to all
+samples, so it is at most the former (Hausman [1]_).
 
 References
 ----------
@@ -36,11 +36,11 @@ _COLUMNS += ["concentration_low", "concentration_high"]
 _LEVEL = 0.95
 _TENTHS = 10
 _STRONG = 1.5  # times the mean power
-_LEAST = 0.5  # of the samples, that a fit without a part has left
+_LEAST = 0.5  # of the samples, that have to remain in a fit without a part
 
 
 def locate(slices, drive, residual, units):
-    """Return how the power of a residual is distributed over the records, in these units.
+    """Return how the power of a residual is distributed over the records, by several signals.
 
     There is one row per record, per tenth of the time of a record, of the drive, of its amplitude
     (half of each swing) and of its rate (by number of samples), per direction (-1 falling, 1
@@ -77,31 +77,31 @@ def locate(slices, drive, residual, units):
 
 
 def strongest(table):
-    """Return the strongest row of each way to look at a residual, beyond chance."""
+    """Return the row of largest concentration of each ``by``, where it is beyond chance."""
     strong = table["concentration"] > _STRONG
     return table[strong & (table["concentration_low"] > 1.0)].groupby("by", sort=False).head(1)
 
 
 def parameters_without(tree, slices, records, drive, table, result, alpha):
-    """Return parameters as they are when where the residual is strongest is left out of the fit.
+    """Return the parameters of fits that leave out the samples where the residual is strongest.
 
     Parameters
     ----------
     tree : Tree
-        Of the model.
+        The model.
     slices, records, drive
-        Of the search.
+        Those of the search.
     table : DataFrame
-        Where the residual is, see :func:`locate`.
+        Distribution of the residual, see :func:`locate`.
     result : IdentificationResult
-        Of the fit to everything.
+        Of the fit to all samples.
     alpha : float
-        Level at which one parameter of all has moved.
+        Level of the test, family-wise over all parameters.
 
     Returns
     -------
     DataFrame
-        One row a parameter and place; of frequencies there are none.
+        One row per parameter and place; places in frequency are not tried.
     """
     signals, rows = _signals(slices, drive), []
     for place in strongest(table).to_dict("records"):
@@ -129,7 +129,7 @@ def parameters_without(tree, slices, records, drive, table, result, alpha):
 
 
 def _signals(slices, drive):
-    """Return unit and values of each record of what a residual is looked at by."""
+    """Return the unit and the values per record of each signal that a residual is compared with."""
     drives = [drive[s.rows] for s in slices]
     times = [s.dt * np.arange(len(u)) for s, u in zip(slices, drives, strict=True)]
     return {
@@ -143,14 +143,14 @@ def _signals(slices, drive):
 
 
 def _amplitude(u):
-    """Return half of the swing that each sample of a drive belongs to."""
+    """Return for each sample of a drive half the height of its swing."""
     ends = np.array([0, *turns(u), len(u)])
     swings = 0.5 * np.abs(np.diff(u[np.minimum(ends, len(u) - 1)]))
     return np.repeat(swings, np.diff(ends))
 
 
 def _partition(by, values, signals, names):
-    """Return record, low and high of each part of a signal, and which one each sample is in."""
+    """Return the parts of a signal as (record, low, high), and the part that each sample is in."""
     if by in ("record", "time"):
         n, places, which = 1 if by == "record" else _TENTHS, [], []
         for k, (name, own, whole) in enumerate(zip(names, values, signals, strict=True)):
@@ -160,10 +160,10 @@ def _partition(by, values, signals, names):
             which.append(n * k + np.clip(part, 0, n - 1))
         return places, np.concatenate(which)
     values = levels = np.concatenate(values)
-    if by == "amplitude":  # swings that are to be the same never are quite
+    if by == "amplitude":  # nominally equal swings differ a little: they are rounded to one level
         levels = np.round(values / (NOTICEABLE * max(values.max(), np.finfo(float).tiny)))
     _, which, sizes = np.unique(levels, return_inverse=True, return_counts=True)
-    if by != "direction":  # tenths; one level stays together
+    if by != "direction":  # tenths of the samples; samples of one level stay together
         middle = np.cumsum(sizes) - 0.5 * sizes
         _, which = np.unique((_TENTHS * middle // len(values))[which], return_inverse=True)
     ends = [(values[which == i].min(), values[which == i].max()) for i in range(which.max() + 1)]
@@ -171,7 +171,7 @@ def _partition(by, values, signals, names):
 
 
 def _shares(power, which, count, blocks):
-    """Return share and concentration of the power in each part, and the interval of that."""
+    """Return the share, the concentration and its interval of the power in each part."""
     size = np.maximum(np.bincount(which, minlength=count), 1)
     share = np.bincount(which, power, count) / power.sum()
     pairs, at = np.unique(blocks * count + which, return_inverse=True)
@@ -188,7 +188,7 @@ def _shares(power, which, count, blocks):
 
 
 def _octaves(slices, residuals):
-    """Yield low, high (Hz), and the shares of the power of the residual by octaves."""
+    """Yield low, high (Hz), share and concentration of the power of the residual by octaves."""
     top = 0.5 / min(s.dt for s in slices)
     longest = max(s.dt * s.n_samples for s in slices)
     count = max(int(np.floor(np.log2(top * longest))), 1)

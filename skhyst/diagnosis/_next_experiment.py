@@ -1,4 +1,4 @@
-"""The next experiment: the drive from which a search would learn most, as a file."""
+"""The next experiment: the most informative drive for a search, as a file."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,10 +23,10 @@ class Experiment:
     Parameters
     ----------
     drive : Series of shape (n_samples,)
-        Units of the drive; the index is the time in s. The device rests at the first value at
-        first.
+        Units of the drive; the index is the time in s. Before the record the device rests at the
+        first value.
     signal : str
-        What the drive is.
+        Description of the drive.
     reason : str
         The purpose, with numbers: one sentence, and another if something is assumed.
     expected_gain : float
@@ -157,7 +157,7 @@ def next_experiment(search, drive_limits, rate_limit=None, duration=None, dt=Non
 
 
 def _record(search, drive, dt):
-    """Return a record of the drive as the stages of the search's models are driven."""
+    """Return a record of the drive, with the input that the stages of the search's models read."""
     names = getattr(search, "feature_names_in_", None)
     auxiliary = search._records[0].auxiliary
     columns = drive[:, None]

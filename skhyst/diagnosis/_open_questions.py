@@ -1,34 +1,35 @@
-r"""What a search has left open, and what a new record would tell of it.
+r"""The open questions of a search, and how informative a new record would be about them.
 
-Each question that a search leaves open is a contrast: two models that the data do not tell apart.
-Where a claim is ambiguous, they are the augmented model and the one with the rival in the place of
-the claimed effect, refitted to all data. Where the verdict is not noise, they are the model as it
-is and the model with one of the effects that were nearest to a claim.
+Each open question is a contrast: two models that the data do not distinguish. Where a claim is
+ambiguous, they are the augmented model and the one with the rival in place of the claimed effect,
+refitted to all data. Where the verdict is not noise, they are the augmented model and the same
+model with one of the effects that were nearest to a claim.
 
 **How far models differ.** On a new record with the drive :math:`u` their predictions differ by
-:math:`\delta`. A model that is wrong will take up a part of that by changing its parameters by
+:math:`\delta`. The wrong model takes up a part of that by changing its parameters by
 :math:`\theta`, as far as the old data, with the Gram matrix :math:`M = J^T J` of its sensitivities,
-let it. The remaining difference, over the variance of the noise, is the noncentrality that
+allow. The remaining difference, over the variance of the noise, is the noncentrality that
 T-optimality [1]_ maximises, here for two records and to first order:
 
 .. math:: \lambda = \sigma^{-2} \min_\theta \|\delta + J_u \theta\|^2 + \theta^T M \theta
    = \sigma^{-2} \bigl(\delta^T \delta
      - \delta^T J_u (M + J_u^T J_u)^{-1} J_u^T \delta\bigr) .
 
-Either model may be the right one. The search finds the wrong one out where its error grows by
+Either model may be the right one. The search rejects the wrong one where its error grows by
 ``min_improvement``, :math:`m`: where :math:`\lambda` is more than :math:`(1 - m)^{-2} - 1` times
-the number of all samples. A model that contains the other one, as that of a resonance does that of
-a lag, follows it and is never found out. Of an effect all variants count that fit as well as its
-best; the advice is given for each.
+the number of all samples. A model that contains the other one, as a resonance contains a lag, can
+fit its response and is never rejected. All variants of an effect are used that fit about as well as
+its best one; the design is for the smallest difference.
 
-**Gain.** Of a coefficient of :math:`\delta` with unit variance a record tells
-:math:`\frac{1}{2} \ln (1 + \lambda)` nats, on average over which of the two is right. The best
-signal finds most of the wrong models out, and of those that find as many, it tells the most nats.
+**Gain.** A record gives :math:`\frac{1}{2} \ln (1 + \lambda)` nats about a coefficient of
+:math:`\delta` with unit variance, on average over which of the two models is right. The best signal
+rejects the most wrong models, and of signals that reject equally many, it has the most nats.
 
-**Nothing open.** Then the record is for the parameters with the widest intervals over their values,
-or, where something is unexplained by whatever effect, for all: what tells most of these is what the
-recording has excited least. The gain is the difference of :math:`\frac{1}{2} \ln \det` of their
-covariance without and with it (D-optimality for a subset [2]_), all from the same matrices.
+**No contrast.** Then the record is for the parameters with the widest intervals relative to their
+values, or, where no effect explains the residual, for all parameters: the most informative record
+then excites what the recording has excited least. The gain is the difference of :math:`\frac{1}{2}
+\ln \det` of their covariance without and with the record (D-optimality for a subset [2]_), all from
+the same matrices.
 
 References
 ----------
@@ -49,7 +50,7 @@ from ._report_text import listed, number
 
 
 class Fitted:
-    """A model, and what the data say of its parameters.
+    """A fitted model, and the information of the data about its parameters.
 
     Parameters
     ----------
@@ -64,7 +65,7 @@ class Fitted:
         self.gram = problem.total(blocks)[:-1, :-1]
         # additive disturbances continue as in the last record
         self._beside = problem.coefficients(blocks)[-1:]
-        self._tree = replace(tree, input_history=())  # of a new record, which begins at rest
+        self._tree = replace(tree, input_history=())  # a new record begins at rest
 
     def problem(self, record):
         """Return the least-squares problem of a new record."""
@@ -76,38 +77,38 @@ class Fitted:
         return problem.outputs(problem.operator, problem.disturbances, self._beside)[0]
 
     def misses(self, y, record):
-        """Return the sum of squares of what it leaves of y, refitted to that and the old data."""
+        """Return the residual sum of squares on response y, after a refit to y and the old data."""
         problem = self.problem(replace(record, y=y))
         total = problem.total(problem.evaluate(problem.x0))
-        if not np.isfinite(total).all():  # it tells nothing that can be counted on
+        if not np.isfinite(total).all():  # an overflow is no evidence against the model
             return 0.0
         taken = total[:-1, -1] @ _inverse(self.gram + total[:-1, :-1]) @ total[:-1, -1]
         return max(total[-1, -1] - taken, 0.0)
 
 
 def _inverse(gram):
-    """Return the inverse of a Gram matrix, large where it tells nothing."""
+    """Return the inverse of a Gram matrix, large where the data give no information."""
     diagonal = np.diag(gram)
     scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     scaled = gram * np.outer(scale, scale)
     return np.linalg.inv(scaled + 1e-10 * np.eye(len(gram))) * np.outer(scale, scale)
 
 
-# ------------------------------------------------------------------------- what is asked
+# ------------------------------------------------------------------------- open questions
 
 
 def question_of(search):
-    """Return what a fitted search has left open: an object that is asked what a record tells.
+    """Return the open question of a fitted search: an object that rates a new record.
 
-    ``ask(record)`` returns an answer, ``worth(answer)`` a tuple that is larger for better ones and
-    ends with the nats, ``told(answer, n_samples)`` the answer in words.
+    ``ask(record)`` returns an answer, ``worth(answer)`` a tuple that is larger for better records
+    and ends with the nats, ``told(answer, n_samples)`` the answer in words.
     """
     pairs = list(_rivals(search)) or list(_near_claims(search))
     return Contrasts(search, pairs) if pairs else Intervals(search)
 
 
 def _rivals(search):
-    """Yield each claim and a rival, and the models with either."""
+    """Yield each claim, a rival of it, and the fitted models with either."""
     tree = search._structure
     for row in search.history_.itertuples():
         start = tree.without(row.effect) if row.ambiguous_with else tree
@@ -119,7 +120,7 @@ def _rivals(search):
 
 
 def _near_claims(search):
-    """Yield the effects that were nearest to a claim, each against none, and the models."""
+    """Yield the effects that were nearest to a claim, "none", and the models of both."""
     if search.verdict_ == "noise" or search.ranking_.empty:
         return
     tree = search._structure
@@ -133,7 +134,7 @@ def _near_claims(search):
 
 
 def _with_effect(name, tree, search):
-    """Return the variants of one more effect that fit as well as the best, that one first."""
+    """Return the variants of one more effect that fit about as well as the best, best first."""
     if name not in EFFECTS or name in tree.effects:
         return []
     effect, records = effect_of(search._driver, EFFECTS[name]), list(search._records)
@@ -147,7 +148,7 @@ def _with_effect(name, tree, search):
 
 
 class Contrasts:
-    """Pairs that the data do not tell apart: (name, name, (models, models))."""
+    """Pairs of models that the data do not distinguish: (name, name, (models, models))."""
 
     def __init__(self, search, pairs):
         self._pairs = pairs
@@ -156,7 +157,7 @@ class Contrasts:
         self._share = (1.0 - search.min_improvement) ** -2 - 1.0
 
     def ask(self, record):
-        """Return the noncentrality of each pair where either is right, and whether it is enough."""
+        """Return the noncentrality if either model of a pair is right, and if it suffices."""
         found = []
         for _, _, sides in self._pairs:
             y = [models[0].predict(record) for models in sides]
@@ -166,7 +167,7 @@ class Contrasts:
         return found, found > self._share * (self._n_old + len(record.u))
 
     def worth(self, answer):
-        """Return how often a wrong model is found out, and the mean nats."""
+        """Return the number of wrong models that are rejected, and the mean nats."""
         found, enough = answer
         return np.count_nonzero(enough), 0.25 * np.log1p(found).sum()
 
@@ -186,17 +187,18 @@ class Contrasts:
 
 
 class Intervals:
-    """The parameters whose intervals are wide over their values."""
+    """The parameters with the widest confidence intervals relative to their values."""
 
     def __init__(self, search):
         tree = search._structure
         problem = tree.problem(search._records)
         self._model, self._variance = Fitted(tree, search._records), _noise(search) ** 2
         x, self._names = problem.x0, problem.names
-        # at a bound there is no interval
+        # a parameter at a bound has no interval
         self._inner = np.flatnonzero((x > problem.lower) & (x < problem.upper))
         covariance = self._covariance(self._model.gram)
-        # logarithms are relative; what may be zero, of either sign, is no measure of itself
+        # an error of a logarithm is relative already; a signed parameter near zero has no relative
+        # error
         signed = ~problem.log & (problem.lower < 0.0) & (problem.upper > 0.0)
         values = np.where(problem.log, 1.0, np.abs(x))[self._inner]
         known = (values > np.sqrt(np.diag(covariance))) | ~signed[self._inner]
@@ -220,7 +222,7 @@ class Intervals:
         return [self._covariance(gram) for gram in (self._model.gram, self._model.gram + new)]
 
     def worth(self, answer):
-        """Return the nats."""
+        """Return the nats as a tuple."""
         asked = np.ix_(self._asked, self._asked)
         before, after = (np.linalg.slogdet(covariance[asked])[1] for covariance in answer)
         return (0.5 * (before - after),)
@@ -239,7 +241,7 @@ class Intervals:
 
 
 def _spoken(name):
-    """Return the name of a parameter as it is said.
+    """Return the name of a parameter in words.
 
     Examples
     --------

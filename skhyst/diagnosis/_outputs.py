@@ -1,4 +1,4 @@
-"""Several responses to the same inputs: a search of each, and what the searches share."""
+"""Several responses to the same inputs: a search for each, and the effects they share."""
 
 import numpy as np
 import pandas as pd
@@ -8,7 +8,7 @@ SHARED = ["effect", "responses", "number", "value", "std", "unit", "p_value"]
 
 
 def response_columns(y):
-    """Return the responses by name or number where there are several, else {}.
+    """Return the responses by name or number if there are several, else {}.
 
     Parameters
     ----------
@@ -29,11 +29,11 @@ def response_columns(y):
 
 
 def shared_claims(searches):
-    """Return the effects that are claimed of several responses, and their numbers.
+    """Return the effects that are claimed for several responses, and their parameters.
 
     A number with standard errors, such as a resonance frequency, is averaged over the responses,
-    weighted by their variances; the p-value is that of the scatter about it if it is one and the
-    same (chi-squared, independent noise).
+    weighted by inverse variances; the p-value tests that it is the same in all of them, by the
+    scatter around the mean (chi-squared, independent noise).
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def shared_claims(searches):
     Returns
     -------
     DataFrame
-        A row for each effect and number; ``number`` is None where an effect has none.
+        One row per effect and number; ``number`` is None where an effect has none.
     """
     claimed = dict.fromkeys(name for search in searches.values() for name in search.effects_)
     rows = []
@@ -60,7 +60,7 @@ def shared_claims(searches):
 
 
 def _agreed(numbers):
-    """Return mean, its standard error, unit, and the probability of so large a scatter."""
+    """Return the mean, its standard error, the unit, and the p-value of the scatter."""
     known = [(v, s) for v, s, _ in numbers if np.isfinite(v) and np.isfinite(s) and s > 0.0]
     unit = numbers[0][2] if numbers else ""
     if len(known) < 2:

@@ -1,4 +1,4 @@
-"""Pictures of what a model lacks: measured, and as identified."""
+"""Pictures of a claimed effect: measured, and as identified."""
 
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -13,18 +13,18 @@ from ..records import by_interval, stack_records
 
 @dataclass(frozen=True)
 class Picture:
-    """Curves to draw.
+    """A picture as data: its curves and labels.
 
     Parameters
     ----------
     title, x_label, y_label : str
         With units in brackets.
     curves : tuple of (str, ndarray, ndarray, str)
-        Label, x, y and style of each: "line", "points" or "dashed".
+        Label, x, y and style ("line", "points" or "dashed") of each curve.
     x_log, y_log : bool, default=False
         Whether an axis is logarithmic.
     below : Picture, default=None
-        A second picture that belongs under it, such as the phase under the gain.
+        A second picture to be drawn underneath, such as the phase under the gain.
     """
 
     title: str
@@ -37,7 +37,7 @@ class Picture:
 
 
 def draw(claim):
-    """Return the picture of a claim: that of the way in which the effect entered, or its own."""
+    """Return the picture of a claim, by the kind of its edit, or the one that its effect names."""
     title = claim.effect.name.replace("_", " ").capitalize()
     own = claim.effect.picture or ("time" if claim.kind == "beside" else "curve")
     picture = _PICTURES[claim.kind if claim.kind in _PICTURES else own](title, claim)
@@ -45,19 +45,19 @@ def draw(claim):
 
 
 def _in_units(picture, words):
-    """Return a picture with the units that its labels end in put into words."""
+    """Return a picture whose labels end in the units of the recording."""
     below = None if picture.below is None else _in_units(picture.below, words)
     labels = {name: words.label(getattr(picture, name)) for name in ("x_label", "y_label")}
     return replace(picture, below=below, **labels)
 
 
 def _styled(x, measured, identified):
-    """Return curves measured and identified, of values at the same places."""
+    """Return the two curves measured and identified over the same x."""
     return ("measured", x, measured, "points"), ("identified", x, identified, "line")
 
 
 def _spans(signals):
-    """Return the rows of each signal where all of them stand one behind the other."""
+    """Return the rows of each signal in the concatenation of all signals."""
     return [slice(a, b) for a, b in pairwise(np.cumsum([0, *map(len, signals)]))]
 
 
@@ -65,7 +65,7 @@ def _spans(signals):
 
 
 def _means(x, measured, identified, by_direction=False):
-    """Return curves of means against a signal; all are lists of one array a record."""
+    """Return curves of bin means against a signal; all are lists of one array per record."""
     rising = np.concatenate([branch(signal) > 0 for signal in x])
     sides = {", rising": rising, ", falling": ~rising} if by_direction else {"": slice(None)}
     x, measured, identified = map(np.concatenate, (x, measured, identified))
@@ -78,7 +78,7 @@ def _means(x, measured, identified, by_direction=False):
 
 
 def _largest_loop(x, measured, identified):
-    """Return curves along the largest swing of a signal, with the swings beside it."""
+    """Return curves along the largest swing of a signal and its neighbouring swings."""
     swings = []
     for number, signal in enumerate(x):
         turns = [0, *np.flatnonzero(np.diff(branch(signal))), len(signal) - 1]
@@ -90,9 +90,9 @@ def _largest_loop(x, measured, identified):
 
 
 def _curve(title, claim, loop=False):
-    """Draw what a stage adds against what comes into it, by direction, or along a loop.
+    """Draw the contribution of a stage against its input, by direction, or along a loop.
 
-    One that carries the gain of the series is drawn against the response without it.
+    A stage that owns the gain of the series is drawn against the response without it.
     """
     without, measured, identified = claim.left_out()
     x, x_label = claim.inputs(), f"what comes into it ({claim.units[0]})"
@@ -104,16 +104,16 @@ def _curve(title, claim, loop=False):
 
 
 def _balance(claim, motions, reach):
-    """Return displacements, velocities, and what mass, damper and linear spring leave of the drive.
+    """Return displacements, velocities, and the drive minus the forces of mass, damper and spring.
 
-    All are lists of one array a record: the response's unit, and forces in that of the drive. What
-    is faster than ``reach`` resonances is taken for noise.
+    All are lists of one array per record, in units of the response; forces are in units of the
+    drive. Frequencies above ``reach`` times the resonance are removed as noise.
     """
     operator, found = claim.operator, []
     w, zeta, gain = operator.natural_frequency, operator.damping_ratio, operator.gain
     preload = getattr(operator, "preload", 0.0)
     for record, drive, motion in zip(claim.records, claim.seen.inputs, motions, strict=True):
-        # derivatives of the sine series between the ends
+        # derivatives of the sine series of the motion minus the line between its ends
         n, dt = len(motion), record.dt
         ends = np.linspace(motion[0], motion[-1], n)
         odd = np.concatenate([motion - ends, (ends - motion)[-2:0:-1]])
@@ -133,10 +133,10 @@ def _force(title, claim, against="displacement", loop=False):
     if claim.in_motion:
         y_label, unit = "force that the linear stage leaves (drive)", "response"
         own = claim.seen.outputs
-        # behind further stages the motion is not measured: the model's, and what it leaves
+        # behind further stages the motion is not measured: the model's motion plus the residual
         left = zip(own, claim.measured, claim.modelled, strict=True)
         x, _, measured = _balance(claim, [stage + y - model for stage, y, model in left], 4.0)
-        # against the model's velocity: the noise of a measured one would blur the jump
+        # over the model's velocity: the noise of the measured one would blur the jump
         _, modelled, identified = _balance(claim, own, np.inf)
         x = modelled if fast else x
     elif claim.is_part:
@@ -155,7 +155,7 @@ def _rates(claim, signals):
 
 
 def _rate(title, claim):
-    """Draw what rate-dependent plays add to slow ones against the rate of the drive."""
+    """Draw the contribution of the rate in rate-dependent plays against the rate of the drive."""
     slow = replace(claim.operator, dilation=0.0, stretch=0.0, rate_weights=())
     slow = claim.structure.with_stage(claim.at, operator=slow)
     lacking = claim.lacking(slow.respond(claim.records))
@@ -167,11 +167,10 @@ def _rate(title, claim):
 
 
 def _measured_response(claim, numbers):
-    """Return frequency (Hz) and the measured response of the missing stage, where coherent.
+    """Return frequency (Hz) and the measured response of the effect's stage, where coherent.
 
-    Input is the model without the stage, output the measurement: what lies between them is what
-    the stage has to do. ``numbers`` are those of the records to take; those of each sampling
-    interval have lines of their own.
+    The input is the response without the stage, the output the measurement. ``numbers`` are those
+    of the records to use; records of each sampling interval are evaluated on their own.
     """
     records = [claim.records[i] for i in numbers]
     found = [
@@ -184,23 +183,23 @@ def _measured_response(claim, numbers):
 
 
 def _lines(inputs, outputs, dt):
-    """Return frequency (Hz) and response between signals, where they are coherent."""
+    """Return frequency (Hz) and frequency response between signals, where they are coherent."""
     sizes = [len(x) for x in inputs]
-    length = min(1024, *sizes, max(sum(sizes) // 4, 2))  # several segments, also of one record
+    length = min(1024, *sizes, max(sum(sizes) // 4, 2))  # several segments, even from one record
     options = {"method": "h1", "segment_length": length, "detrend": "linear"}
     pairs = zip(inputs, outputs, strict=True)
     found = frequency_response(*stack_records(pairs, dt=dt), **options)
     frequency, density = spectrum(np.concatenate(inputs), _spans(inputs), dt)
-    # 60 dB below the strongest, what comes in is what leaks through the window
+    # 60 dB below the strongest line, the input is mostly leakage of the window
     excited = np.interp(found.frequency, frequency, density) > 1e-3 * density.max()
     kept = (np.ravel(found.coherence) > 0.8) & (found.frequency > 0.0) & excited
     return found.frequency[kept], np.ravel(found.response)[kept]
 
 
 def _own_response(operator, claim, highest):
-    """Return frequency (Hz) and the response of a linear operator to a pulse.
+    """Return frequency (Hz) and frequency response of a linear operator, from its pulse response.
 
-    Records that are sampled more slowly add the frequencies below those of the others.
+    Records of longer sampling intervals add only frequencies below those of the others.
     """
     frequency, transfer = np.empty(0), np.empty(0)
     for dt, numbers in by_interval(claim.records).items():
@@ -219,7 +218,7 @@ def _own_response(operator, claim, highest):
 
 
 def _frequency(title, claim):
-    """Draw gain and phase of the missing stage, at both ends where the amplitude changes it."""
+    """Draw gain and phase of the effect's stage, at both ends of its range if it is scheduled."""
     numbers, stages = range(len(claim.records)), [("identified", claim.operator, "line")]
     if claim.operator is None:
         schedule = claim.edits[-1]
@@ -253,7 +252,7 @@ def _relaxation(title, claim):
 
 
 def _beside(claim):
-    """Return the residual without a disturbance, and the disturbance, one array per record."""
+    """Return the residual without a disturbance, and the disturbance; each one array per record."""
     own = claim.course(claim.operator)
     left = zip(claim.measured, claim.modelled, own, strict=True)
     return [y - x + part for y, x, part in left], own
@@ -275,7 +274,7 @@ def _spectra(title, claim):
 
 
 def _time(title, claim):
-    """Draw a disturbance in the first records, or a stage where it does most."""
+    """Draw a disturbance in the first records, or a stage where its contribution is largest."""
     if claim.kind != "beside":
         without = claim.without
         added = [np.abs(x - y) for x, y in zip(claim.modelled, without, strict=True)]
@@ -292,15 +291,15 @@ def _time(title, claim):
         time = (record.dt * np.arange(len(own)))[rows]
         curves += [(f"record {i}", time, left[rows], "points"), ("", time, own[rows], "line")]
     x_label, y_label = "time since the record's start (s)", "residual (response)"
-    # of more than four records the colours repeat
+    # with more than four records the colours would repeat
     return Picture(f"{title}, identified as lines", x_label, y_label, tuple(curves[:8]))
 
 
-# ------------------------------------------------------------------ against a number
+# ------------------------------------------------------------------ against a value per record
 
 
 def _column(title, claim):
-    """Draw what the drive does not explain against a column, or what its dynamics make of it."""
+    """Draw the residual of the drive's part against a column, or against its lagged value."""
     measured, identified = claim.lacking(claim.without)
     x, x_label = claim.in_column(), claim.column_name
     if "time_constant" in claim.values and claim.operator.gain:
@@ -311,7 +310,7 @@ def _column(title, claim):
 
 
 def _by_number(title, claim):
-    """Draw gains of records, or of bins of a column, against their number."""
+    """Draw gains against a value per record, or against bins of a column."""
     number, gains = _gains(claim)
     below = None
     for label, pair in reversed(gains.items()):
@@ -323,10 +322,11 @@ def _by_number(title, claim):
 
 
 def _gains(claim):
-    """Return a number, ascending, and label -> measured and identified gains at it.
+    """Return the values in ascending order, and label -> measured and identified gains at each.
 
-    They are slopes against what the model without that number responds: of all, and of what is not
-    in line with the drive, which opens the loop. One value a record, or a bin of a moving column.
+    Gains are slopes against the response of the model without the dependence: of the whole
+    response, and of its part that is not proportional to the drive (the opening of the loop). There
+    is one value per record, or per bin of a column that moves within records.
     """
     column, drive = np.concatenate(claim.in_column()), np.concatenate([r.u for r in claim.records])
     base = np.concatenate(claim.without)
@@ -337,7 +337,7 @@ def _gains(claim):
         stretches = np.array_split(np.argsort(column, kind="stable"), 24)
     stretches.sort(key=lambda rows: column[rows].mean())
     labels = {"gain": 2, "opening of the loop": 3}
-    if 1.0 - np.corrcoef(base, drive)[0, 1] ** 2 < 1e-6:  # there is no loop
+    if 1.0 - np.corrcoef(base, drive)[0, 1] ** 2 < 1e-6:  # no loop
         del labels["opening of the loop"]
     return np.array([column[rows].mean() for rows in stretches]), {
         label: np.array([np.linalg.lstsq(inputs[r, :n], signals[r])[0][0] for r in stretches]).T
@@ -346,7 +346,7 @@ def _gains(claim):
 
 
 def changes_by_number(claim):
-    """Return name -> (value, standard error, unit) of an effect that is no part of the model."""
+    """Return name -> (value, standard error, unit) of an effect without an operator of its own."""
     if claim.kind == "scheduled stage":
         return _moved_modes(claim)
     if claim.kind == "start":
@@ -376,7 +376,7 @@ def _change(low, high):
 
 
 def _memory(claim):
-    """Return how much of the response is owed to what came before a record, and for how long."""
+    """Return the response to a record's history: its size, and how long it exceeds noise."""
     added = [np.abs(x - y) for x, y in zip(claim.modelled, claim.without, strict=True)]
     left = [y - x for y, x in zip(claim.measured, claim.modelled, strict=True)]
     noise = np.sqrt(np.mean(np.square(np.concatenate(left))))
@@ -393,7 +393,7 @@ def _memory(claim):
 
 def _moved_modes(claim):
     stage, found = claim.stage_at(claim.edits[-1].high), {}
-    # the poles are those of large amplitudes; at small ones zeros cancel them
+    # the poles are those at large amplitudes; at small amplitudes zeros cancel them
     for label, roots in (("large", stage.poles()), ("small", stage.zeros())):
         roots = np.asarray(roots, dtype=complex)
         frequencies = np.sort(np.abs(roots[roots.imag > 0.0])) / (2.0 * np.pi)
@@ -412,7 +412,7 @@ _PICTURES = {
     "relaxation": _relaxation,
     "spectrum": _spectra,
     "time": _time,
-    # of effects that entered so
+    # by the kind of the edit
     "branch": _column,
     "modulation": _by_number,
     "schedule": _by_number,

@@ -1,10 +1,10 @@
 """Whether an identified effect has the property that its name states.
 
-A margin is a number that is above zero if it has: how far a mode is below critical damping, how
-flat a saturation is at its end, and so on. It is a function of the parameters of the part, so their
-covariance gives its standard error. A name is refused if the margin is significantly below zero,
-that is, if its one-sided confidence interval contains no value above zero. If the data do not
-decide, the name is accepted, and the simpler effect that fits as well is claimed.
+A margin is a number above zero if the effect has the property: how far a mode is below critical
+damping, how flat a saturation is at its end, and so on. It is a function of the parameters of the
+part, so their covariance gives its standard error. A name is refused if the margin is significantly
+below zero, that is, if its one-sided confidence interval contains no value above zero. If the data
+do not decide, the name is accepted, and the simpler effect that fits as well is claimed.
 """
 
 import numpy as np
@@ -29,7 +29,7 @@ def is_plausible(margin, candidate, before, records, alpha):
     before : Candidate
         The model without the effect.
     records : list of RecordData
-        That the candidate was fitted to.
+        The records that the candidate was fitted to.
     alpha : float
         Level of the confidence interval.
     """
@@ -56,15 +56,15 @@ def has_its_name(name, margin, tree, records, alpha):
 
 
 def _standard_error(problem, x, function):
-    """Return the standard error of a function of the parameters from its derivatives."""
+    """Return the standard error of a function of the parameters, by linear error propagation."""
     gram = problem.total(problem.evaluate(x))
     free = np.flatnonzero((x > problem.lower) & (x < problem.upper) & (np.diag(gram)[:-1] > 0.0))
     hessian = gram[:-1, :-1][np.ix_(free, free)]
     scale = 1.0 / np.sqrt(np.diag(hessian))
     inverse = np.linalg.pinv(hessian * np.outer(scale, scale), 1e-11, hermitian=True)
     variance = gram[-1, -1] / max(problem.segment_weight.sum() - len(free), 1.0)
-    # of central differences: curvature and rounding make about equal errors; what may be zero is
-    # compared with its own error, whatever its unit, and a logarithm with one
+    # step of central differences with about equal truncation and rounding error; a parameter that
+    # may be zero is scaled by its standard error too, a logarithm by one
     sizes = np.maximum(np.abs(x[free]), np.where(problem.log[free], 1.0, np.sqrt(variance) * scale))
     sizes = np.cbrt(np.finfo(float).eps) * np.where(sizes > 0.0, sizes, 1.0)
     steps = sizes[:, None] * np.eye(len(x))[free]
@@ -83,9 +83,9 @@ def _motion(tree, name, records):
 
 
 def _have_changed_places(before, tree, name):
-    """Return whether an added stage rings and one that rang before no longer does.
+    """Return whether the added stage has taken over the ringing of an earlier one.
 
-    The added stage is then the mode of before, and the other one is the new effect.
+    The added stage is then the earlier mode, and the earlier stage is the new effect.
     """
     if tree.label(name) not in tree.names or not n_ringing(tree.part(name)):
         return False
@@ -94,10 +94,10 @@ def _have_changed_places(before, tree, name):
 
 
 def _are_indistinguishable(tree, records):
-    """Whether an effect is linear dynamics beside plays, on a drive that repeats one loop.
+    """Whether an effect is linear dynamics in series with plays, and the drive repeats one loop.
 
-    A loop that is always gone through in the same time has one course, which a free set of plays
-    with a curve describes as well as any dynamics: nothing tells memory from a response in time.
+    A single loop, traversed at one rate, is described by a free set of plays and a curve as well as
+    by any dynamics: memory cannot be distinguished from a delayed response.
     """
     added = [tree.part(name) for name in tree.effects if tree.label(name) in tree.names]
     parts = [part for own in tree.operators for _, part, _ in parts_with_resolution(own)]
@@ -114,15 +114,15 @@ def _are_indistinguishable(tree, records):
 
 
 def has_no_peak(operator, motion, records):
-    """Return the margin of the damping above that at which a mode has a peak.
+    """Return the damping ratio minus the one above which a mode has no resonance peak.
 
-    The logarithm of a damping next to zero has no limits, the damping has.
+    Near zero damping its logarithm is unbounded, so the margin is in the damping itself.
     """
     return getattr(operator, "damping_ratio", np.inf) - np.sqrt(0.5)
 
 
 def rings(operator, motion, records):
-    """Return margins of a mode: below critical damping, height of its peak, resolved.
+    """Return the smallest margin: below critical damping, height of the peak, resolved.
 
     It is resolved by the sampling if the upper end of its half-power band is below half the
     sampling rate, and by the records if it repeats in the longest of them: a slower one cannot be
@@ -149,7 +149,7 @@ def rings(operator, motion, records):
 
 
 def responds_promptly(operator, motion, records):
-    """Return how large the prompt response is relative to the creep within a record.
+    """Return the size of the prompt response relative to the creep within a record.
 
     Creep without a prompt response is a lag.
     """
@@ -159,12 +159,12 @@ def responds_promptly(operator, motion, records):
 
 
 def comes_later(operator, motion, records):
-    """Return by how much a delay exceeds an interval: a shorter one may be due to sampling."""
+    """Return by how much a delay exceeds a sampling interval: sampling may cause a shorter one."""
     return operator.delay / min(record.dt for record in records) - 1.0
 
 
 def is_between_samples(operator, motion, records):
-    """Return by how much a shift is below an interval; in magnitude if it may be noncausal."""
+    """Return by how much a shift is below a sampling interval; infinite without a shift."""
     shift = getattr(operator, "shift", None)
     return np.inf if shift is None else 1.0 - shift / min(record.dt for record in records)
 
@@ -204,9 +204,9 @@ def levels_off(operator, motion, records):
 
 
 def goes_on(operator, motion, records):
-    """Return how far the input of a dead zone goes beyond its nearer end.
+    """Return by how much the input of a dead zone exceeds its nearer end.
 
-    If it does not, the band is where the drive saturates; a band that no sample is in, a shift.
+    Otherwise the band is where the drive saturates; a band without samples is a shift.
     """
     if not np.any(motion == 0.0):
         return -np.inf

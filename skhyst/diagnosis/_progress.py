@@ -1,7 +1,7 @@
-"""The progress of a search, for whoever watches: a bar, lines, or an application.
+"""The progress of a search, shown as a bar, as lines, or by an application.
 
-A search calls each observer with a :class:`Progress`, in the thread that `fit` was called in and
-never in a worker. What an observer raises ends the search.
+A search calls each observer with a :class:`Progress` in the thread of `fit`, never in a worker. An
+exception in an observer ends the search.
 """
 
 import multiprocessing
@@ -12,28 +12,28 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from importlib.util import find_spec
 
-_SILENT = 10.0  # s after which a line says what is tried
+_SILENT = 10.0  # s without a line, after which one says what is being tried
 
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a search has come.
+    """The progress of a search.
 
     Parameters
     ----------
     round : int
         Number of the round, 0 before the first.
     trying : str
-        The effect, or the effects, that a step is at; "" between steps.
+        The effect or effects of the current candidate; "" between steps.
     done, total : int
-        Candidates of the step, of which a round has several.
+        Candidates of the current step; a round has several steps.
     seconds : float
-        Since the search began.
+        Since the start of the search.
     text : str
-        A line worth keeping, such as a claim; "" where a step goes on.
+        A line to keep, such as a claim; "" within a step.
     remaining : float or None, default=None
-        Seconds that the step still takes at its mean speed so far; None before a candidate is done.
-        How many steps follow is not known before they are done.
+        Seconds until the end of the step, at its mean speed so far; None before the first candidate
+        is done. The number of further steps is not known in advance.
 
     Examples
     --------
@@ -66,7 +66,7 @@ class Progress:
 
 @contextmanager
 def watched(verbose, on_progress):
-    """Yield what a search tells its progress to: text, round, trying, done and total, in order."""
+    """Yield the function by which a search reports text, round, trying, done and total."""
     begin = step = time.perf_counter()
     with ExitStack() as stack:
         observers = [] if on_progress is None else [on_progress]
@@ -85,7 +85,7 @@ def watched(verbose, on_progress):
 
 
 def _lines():
-    """Return an observer that writes each text, and what is tried where nothing was for a while."""
+    """Return an observer that prints each text, and after a silence what is being tried."""
     written = 0.0
 
     def write(progress):
@@ -98,7 +98,7 @@ def _lines():
 
 
 def _is_interactive():
-    """Whether a bar can be drawn: by the main thread of the main process, on a terminal or page."""
+    """Whether a bar can be drawn: in the main thread of the main process, on a terminal or page."""
     if (
         multiprocessing.parent_process()
         or threading.current_thread() is not threading.main_thread()
@@ -115,7 +115,7 @@ def _is_interactive():
 
 @contextmanager
 def _bar():
-    """Yield an observer that draws a bar on the standard error stream, below the lines."""
+    """Yield an observer that draws a bar on standard error, below the printed lines."""
     from rich import progress as bars
     from rich.console import Console
 

@@ -1,24 +1,25 @@
-r"""What is known of the drive without noise: the reference of a closed loop, or the smooth drive.
+r"""The noise-free part of the drive: explained by the reference of a closed loop, or smoothed.
 
-A controller sees the response, and with it the sensor's noise, so a drive in a loop depends on the
-noise, and so does whatever is computed from it. The reference that the controller follows moves the
-drive and knows nothing of the noise: it is an instrument [1]_. What a model responds to the part of
-the drive that it explains is the instrument for what the model predicts, as in the refined method
-of Young and Jakeman [2]_, and takes its place in the criterion and in the verdict's black box.
+A controller reads the response with the noise of the sensor, so a drive in a loop depends on the
+noise, and so does everything that is computed from it. The reference that the controller follows
+moves the drive and is independent of the noise: it is an instrument [1]_. A model's response to the
+part of the drive that the reference explains is the instrument for the model's prediction, as in
+the refined method of Young and Jakeman [2]_, and replaces it in the criterion and in the verdict's
+black box.
 
 That part is found by least squares with a light ridge from features of the reference: its powers,
 its plays, and its differences and means over logarithmically spaced lags up to half a record, which
-are coarse bins of any linear response. Each stretch is explained by what the others have taught:
-coefficients that have seen its own noise would carry some of it back.
+are coarse bins of any linear response. Each part of a record is explained by coefficients that were
+fitted to the other parts: fitted to the same part, they would reproduce some of its noise.
 
-A drive that was recorded with noise of its own is a like case: the noise of the recording is in
-every prediction and, since the device has not seen it, in every residual. Whatever smooths the
-drive then predicts better, a lag or a backlash above all. Such noise is white
-(``skhyst.records._channels``), and the smooth drive takes the reference's place: a cubic smoothing
-spline, whose parameter is that of generalised cross-validation [3]_.
+A drive that was recorded with noise is a similar case: the noise of the recording is in every
+prediction and, since it did not act on the device, in every residual. Any effect that smooths the
+drive then predicts better, above all a lag or a backlash. Such noise is white
+(``skhyst.records._channels``), and the smoothed drive replaces the reference: a cubic smoothing
+spline, with the parameter of generalised cross-validation [3]_.
 
-The fits themselves stay as they are. They make the error of the output small, noise in the drive
-included, and so their parameters are biased, the more the larger the part of the drive that the
+The fits themselves are not changed. They minimise the output error with the noise of the drive
+included, so their parameters are biased, more so the larger the part of the drive that the
 reference does not explain.
 
 References
@@ -41,7 +42,7 @@ from ._structure import moved, past_mean
 
 
 class Reference:
-    """A signal of some records that moves the drive and knows no noise.
+    """A signal of some records that moves the drive and is independent of the noise.
 
     Parameters
     ----------
@@ -51,9 +52,9 @@ class Reference:
     Attributes
     ----------
     share : float
-        Part of the drive's power about its mean that it predicts.
+        Fraction of the variance of the drive that it predicts.
     p_value : float
-        That it predicts nothing.
+        Of the hypothesis that it predicts nothing.
     """
 
     def __init__(self, drive, values, slices):
@@ -68,7 +69,7 @@ class Reference:
         )
 
     def _explained(self, signal):
-        """Return what the reference explains of a signal, each stretch from the others."""
+        """Return the part of a signal that the reference explains, by cross-fitting."""
         fold = np.arange(len(signal)) * STRETCHES // len(signal) % FACTOR
         found = np.empty(len(signal))
         for number in range(FACTOR):
@@ -79,7 +80,7 @@ class Reference:
         return found
 
     def explain(self, records):
-        """Return the records with what the reference explains of what drives them."""
+        """Return the records with the part of their drive that the reference explains."""
         found = self._explained(np.concatenate([record.u for record in records]))
         return [
             replace(record, explained=found[rows])
@@ -87,7 +88,7 @@ class Reference:
         ]
 
     def in_place(self, records):
-        """Return the records driven by the reference; what that explains is a further column."""
+        """Return the records driven by the reference, the explained drive as a further column."""
         found = []
         for record, values in zip(records, self._values, strict=True):
             others = [] if record.auxiliary is None else [record.auxiliary]
@@ -110,26 +111,26 @@ def _features(references):
         columns += [past_mean(own - own[0], lag) for lag in lags]
         found.append(np.stack(columns, axis=1))
     found = np.concatenate(found)
-    # one scale for all stretches: what hardly moves in most of them is no lever in the others
+    # one scale for all parts: a feature that hardly moves in most has no leverage in the others
     scale = found.std(axis=0)
     return found / np.where(scale > NEGLIGIBLE, scale, 1.0)
 
 
 def reference_of(search, columns, slices):
-    """Return the reference that a search goes by, None where it needs none.
+    """Return the reference of a search, None where it needs none.
 
-    ``columns`` are those of X. Noise on the drive was looked for before.
+    ``columns`` are those of X. Noise on the drive has been looked for before.
 
     Raises
     ------
     ValueError
-        If the column is the drive, or constant, or predicts nothing of the drive.
+        If the column is the drive, or constant, or does not predict the drive.
     """
     drive, number = columns[:, 0], column_of(search)
     if number is None:
         if "noisy_drive" not in set(search.data_quality_["fault"]):
             return None
-        # one converter has read all records, whether or not it shows in each
+        # one converter has recorded all records, whether or not its noise is detected in each
         return Reference(drive, np.concatenate([_smooth(drive[s.rows]) for s in slices]), slices)
     values = columns[:, number]
     if np.array_equal(drive, values):
@@ -160,7 +161,7 @@ def column_of(search):
 
 
 def without_column(X, number):
-    """Return X without a column, and as it is without a number."""
+    """Return X without a column, or unchanged if the number is None."""
     if number is None:
         return X
     if not hasattr(X, "iloc"):

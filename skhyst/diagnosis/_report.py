@@ -1,9 +1,9 @@
-"""What a search found: one dict of plain data, and the views of it.
+"""The result of a search: one dict of plain data, and its views.
 
-`_collect` alone reads the search. JSON, the text for a terminal and the template ``report.j2``,
+Only `_collect` reads the search. JSON, the text for a terminal and the template ``report.j2``,
 which writes HTML and Markdown, read the dict; the pictures are drawn by the Displays of
-:mod:`skhyst.inspection`. What is new in a search gets its entry in `_collect`, and a sentence that
-every view has a line in `_remarks`.
+:mod:`skhyst.inspection`. New results of a search get an entry in `_collect`, and a sentence that
+every view shows a line in `_remarks`.
 """
 
 import base64
@@ -43,10 +43,10 @@ from ._reference import column_of
 from ._report_text import chance, change, listed, number, percent, plus_minus, share
 
 _NO_SETTINGS = ("estimator", "effects", "n_jobs", "verbose")
-_WIDTH = 6.2  # inches, of a picture
-_MOVED = 3  # parameters that are said to move, those that do most
-_LOOPS = 24  # of the recording, those with the most cycles
-_PICTURES = {  # height in inches, what it is, and axes
+_WIDTH = 6.2  # inches, width of a picture
+_MOVED = 3  # parameters that are said to move, those that move most
+_LOOPS = 24  # loops of the recording in the report, those with the most cycles
+_PICTURES = {  # height in inches, caption, and shape of axes
     "course": (4.6, "Response over time, measured and modelled", (2, 1)),
     "loops": (6.4, "Loops, measured and modelled", None),
     "residuals": (5.6, "Residuals in time, by branch, and spectrum", (2, 2)),
@@ -75,51 +75,51 @@ _PROVISIONAL = (
 class Report:
     """Result of a search for missing effects: a dict of numbers, tables and words, and pictures.
 
-    Make one with :meth:`from_search`. All errors are RMS on samples that the model had not seen,
-    in the unit of the response. Only ``seconds`` differs between two runs of the same search.
+    Make one with :meth:`from_search`. All errors are RMS on held-out samples, in the unit of the
+    response. Only ``seconds`` differs between two runs of the same search.
 
     Parameters
     ----------
     content : dict
         Plain Python data, in which NaN and infinity are None; its entries are attributes too.
     displays : dict of str to Display, default=None
-        The pictures of :meth:`to_html`: ``course``, ``loops``, ``residuals``, one of each round in
-        which an effect was contested and one of each claim; none by default.
+        The pictures of :meth:`to_html`: ``course``, ``loops``, ``residuals``, one for each round
+        with contested effects and one for each claim; none by default.
 
     Attributes
     ----------
     declared_model, augmented_model : str
-        The model that was declared, and with what was found.
+        The declared model, and the model with the effects that were found.
     effects : list of str
         Effects claimed, in the order in which they were added.
     verdict : {"noise", "unexplained", "undetermined"}
         Of the residual.
     error_before, error_after, noise_floor, response_range : float
-        Held-out errors of both models, the error that no model can beat, and the range.
+        Held-out errors of both models, the error below which no model can be, and the range.
     noise_model : dict
-        The fields of the search's :class:`~skhyst.noise.NoiseModel`, and ``text``, which puts
-        them into words.
+        The fields of the search's :class:`~skhyst.noise.NoiseModel`, and ``text``, its description.
     drive_name, response_name : str
         Names of the columns.
     units : dict of str to str
-        Units of ``drive`` and ``response``, "" where nobody has said them, and of ``time``: "s", or
-        "sample" where there was none, with frequencies in cycles/sample.
+        Units of ``drive`` and ``response``, "" where unknown, and of ``time``: "s", or "sample"
+        where there is no time, with frequencies in cycles/sample.
     claims, ranking, not_it : list of dict
         For each effect claimed its law, errors, p-value, ambiguity, experiment and evidence; every
         candidate of every round; for each effect not claimed the round in which it helped most.
     folds : list of dict
-        For each record and fold the samples scored and their errors ``before`` and ``after``.
+        For each record and fold the number of scored samples and their errors ``before`` and
+        ``after``.
     parameters : dict of str to list of dict
-        ``"declared"`` and ``"augmented"``: name, value, standard error, unit ("" where it has none
-        or is not known), and a note where it has no error: at a bound, or not determined by the
-        data.
+        ``"declared"`` and ``"augmented"``: name, value, standard error, unit ("" where there is
+        none or it is not known), and a note where there is no error: at a bound, or not determined
+        by the data.
     data, settings : dict
-        The recording, its faults, the part of it that folds extrapolate to and the reference of its
-        loop; parameters of the search.
+        The recording, its faults, the fraction of samples at which folds extrapolate, and the
+        reference of its loop; parameters of the search.
     held_out : dict or None
         Errors on data that the search has not used at all.
     comparison : dict or None
-        Other models, where they were compared: ``models``, list of dict, the ``best`` and the one
+        Other models, if they were compared: ``models``, list of dict, the ``best`` and the one
         ``taken``, with the ``reason``.
     versions, seconds : dict
         Packages; time by stage in s.
@@ -130,27 +130,27 @@ class Report:
         ``after``, of the records of each sampling ``interval`` (s), one after the other.
     location, declared_location : list of dict
         Where the residual, and that of the declared model, is largest: the record, time, drive,
-        rate and frequency at which its mean power is above that of the whole by a half.
+        rate and frequency at which its mean power is more than 1.5 times the mean of the whole.
     failed : list of dict
         Candidates that raised an error: round, effect, error.
     verdict_reason : str
         What decided the verdict.
     noise_ceiling : float
-        The held-out error, or the part that a black box does not predict.
+        The held-out error, or the part of it that a black box does not predict.
     resolution, warnings : list of str
-        What was done to the resolution of the declared model, and what its fits have warned of.
+        Changes of the declared model's resolution, and warnings of its fits.
     suspects : list of dict
-        What would lower the error but is not significant.
+        Effects that would lower the error but are not significant.
     unknown : dict or None
-        Of a search with ``unknown``, the term that is missing and has no name, as
-        :meth:`Unknown.to_dict` returns it; None where there is none.
+        With ``unknown``, the missing term without a name, as :meth:`Unknown.to_dict` returns it;
+        None where there is none.
     explained : dict of str to float
-        What explains the response, as parts of its power, see ``explained_`` of the search.
+        What explains the response, as fractions of its power, see ``explained_`` of the search.
     parameters_without : list of dict
-        Parameters that move by more than their errors explain when the part of the samples at which
-        the residual is largest is left out of the fit, see ``parameters_without_``.
+        Parameters that change by more than their errors explain when the samples with the largest
+        residual are left out of the fit, see ``parameters_without_``.
     dropped, next_steps : list of str
-        Effects that were in the model for a time, and what to measure next.
+        Effects that were added and removed again, and what to measure next.
 
     Examples
     --------
@@ -167,7 +167,7 @@ class Report:
 
     @classmethod
     def from_search(cls, search, command=None, *, held_out=None, comparison=None) -> Self:
-        """Collect what a fitted search found.
+        """Collect the results of a fitted search.
 
         Parameters
         ----------
@@ -178,9 +178,9 @@ class Report:
         held_out : tuple (X, y) or None, default=None
             Data that the search has not seen, to report the error on.
         comparison : ModelComparisonDisplay or None, default=None
-            Other models, as :func:`skhyst.inspection.compare_models` compares them. One with an
-            error three times smaller than that of the declared model is reported first, unless what
-            was found makes up for it.
+            Other models, as :func:`skhyst.inspection.compare_models` compares them. One whose error
+            is three times smaller than that of the declared model is reported first, unless the
+            augmented model is as good.
 
         Returns
         -------
@@ -206,24 +206,24 @@ class Report:
 
     @property
     def sentence(self) -> str:
-        """The verdict, after what to beware of: what is missing, the errors, the noise floor."""
+        """The verdict after any warnings: what is missing, the errors, the noise floor."""
         return " ".join([*_warnings(self), _found(self)[1]])
 
     @property
     def summary(self) -> str:
-        """What was found as one would say it: what is missing, how sure, and what to do next."""
+        """The result in plain words: what is missing, how sure, and what to do next."""
         return " ".join(_summary(self))
 
     @property
     def remarks(self) -> list[str]:
-        """What else to know of the search and of the recording, one sentence or two each."""
+        """Further remarks about the search and the recording, one or two sentences each."""
         return list(_remarks(self))
 
     def __repr__(self):
         return f"Report: {self.headline}. {self.sentence}"
 
     def _repr_html_(self):
-        """Show what was found in a notebook; :meth:`to_html` has all of it."""
+        """Show the result in a notebook; :meth:`to_html` is complete."""
         claims = "".join(
             f"<li><b>{html.escape(claim['effect'])}</b>: {html.escape(claim['statement'])}</li>"
             for claim in self.claims
@@ -232,7 +232,7 @@ class Report:
         return f"<div>{head}{f'<ul>{claims}</ul>' if claims else ''}</div>"
 
     def to_dict(self) -> dict:
-        """Return everything but the pictures, as ``report.schema.json`` describes it."""
+        """Return everything but the pictures, in the form of ``report.schema.json``."""
         words = {
             name: getattr(self, name) for name in ("headline", "summary", "sentence", "remarks")
         }
@@ -283,15 +283,15 @@ class Report:
         return printable("\n".join(lines) + "\n")
 
     def to_html(self, path=None) -> str:
-        """Return a self-contained page: no other file, nothing from a network.
+        """Return a self-contained page, without other files or network access.
 
-        One script of its own, which the page allows by its hash and no other, tells values under
-        the pointer and zooms: drag a rectangle, and a double click goes back.
+        Its only script, which the page allows by its hash, shows values at the pointer and zooms:
+        drag a rectangle to zoom in, double-click to go back.
 
         Parameters
         ----------
         path : str, Path or None, default=None
-            File to write as well. One that is there is replaced when the new one is whole.
+            File to write as well. An existing file is replaced after the new one is complete.
 
         Returns
         -------
@@ -302,7 +302,7 @@ class Report:
         ImportError
             Where matplotlib or Jinja2 is not installed.
         OSError
-            If the file cannot be written, or is a link; what was there is left as it was.
+            If the file cannot be written, or is a link; an existing file is then unchanged.
         """
         return _written(_rendered(self, "html"), path)
 
@@ -324,7 +324,7 @@ class Report:
         ImportError
             Where Jinja2 is not installed.
         OSError
-            If the file cannot be written, or is a link; what was there is left as it was.
+            If the file cannot be written, or is a link; an existing file is then unchanged.
         """
         text = _rendered(self, "markdown")
         return _written(re.sub(r"\n{3,}", "\n\n", text).strip() + "\n", path)
@@ -334,14 +334,14 @@ class Report:
 
 
 def _experiment(search):
-    """Return what tells ambiguous names apart within the range and the rate of the drive, or None.
+    """Return the next experiment for ambiguous names, in the recorded range of the drive, or None.
 
-    What else is open would have to be fitted first, which takes as long as a search.
+    Other open questions would require further fits, as long as a search.
     """
     if not search.history_["ambiguous_with"].map(len).any():
         return None
     driven = search.declared_estimator_
-    if not hasattr(driven, "drive_rate_"):  # a black box, of which nobody knows what drives it
+    if not hasattr(driven, "drive_rate_"):  # a black box, whose range of the drive is not known
         return None
     rate = driven.drive_rate_ if np.isfinite(driven.drive_rate_) else None
     return next_experiment(search, driven.drive_range_, rate)
@@ -414,7 +414,7 @@ def _collect(search, command, held_out, comparison, experiment):
 
 
 def _plain(value):
-    """Return what JSON has in place of a NumPy value or a picture."""
+    """Return the JSON form of a NumPy value or a picture."""
     if hasattr(value, "curves"):
         curves = [{"label": c[0], "style": c[3], "x": c[1], "y": c[2]} for c in value.curves]
         return vars(value) | {"curves": curves}
@@ -422,7 +422,7 @@ def _plain(value):
 
 
 def _claim(row):
-    """Return one claim: a row of the history with what its evidence says."""
+    """Return one claim: a row of the history with its evidence as plain data."""
     row, effect = dict(row), EFFECTS.get(row["effect"])
     evidence = row.pop("evidence")
     return row | {
@@ -475,7 +475,7 @@ def _folds(search):
 
 
 def _parameters(estimator, words):
-    """Return the parameters of a model, one row a value, with standard errors where known."""
+    """Return the parameters of a model, one row per value, with known standard errors."""
     rows, errors = [], getattr(estimator, "params_std_", {})
     operator = getattr(estimator, "operator_", None)
     units = {} if operator is None else operator.parameter_units()
@@ -485,7 +485,7 @@ def _parameters(estimator, words):
         stds = np.broadcast_to(np.ravel(errors.get(name, np.nan)), values.shape)
         for k, (item, std) in enumerate(zip(values, stds, strict=True)):
             label = name if np.ndim(value) == 0 else f"{name}[{k}]"
-            # no standard error: infinite, or none at all
+            # an infinite standard error, or none
             note = "not determined" if np.isinf(std) else "at a bound" if np.isnan(std) else ""
             own = {"value": float(item), "std": float(std), "unit": units.get(label, "")}
             rows.append({"name": label, **own, "note": note})
@@ -493,7 +493,7 @@ def _parameters(estimator, words):
 
 
 def _data(search):
-    """Return what the recording is: records, samples, interval, ranges."""
+    """Return a description of the recording: records, samples, intervals, ranges."""
     signals, records = {"drive": search.drive_, "response": search.response_}, []
     for record, name in zip(search.records_, record_names(search.records_), strict=True):
         own = {
@@ -527,7 +527,7 @@ def _data(search):
 
 
 def _reference(search):
-    """Return the name of the reference and the part of the drive that it predicts, or None."""
+    """Return the name of the reference and the fraction of the drive that it predicts, or None."""
     if search.reference is None:
         return None
     at = column_of(search)
@@ -537,7 +537,7 @@ def _reference(search):
 
 
 def _held_out(search, X, y):
-    """Return the errors of both models on data that the search has not seen."""
+    """Return the errors of both models on data that the search has not used."""
     return {
         "n_samples": len(y),
         "response_range": float(np.ptp(np.asarray(y, dtype=float))),
@@ -547,21 +547,21 @@ def _held_out(search, X, y):
 
 
 def _comparison(comparison):
-    """Return the models that were compared, which one is best, and which one to declare."""
+    """Return the compared models, the best one, and the one to declare."""
     table = comparison.table.reset_index(names="model")
     own = {"taken": comparison.taken, "best": comparison.best, "reason": comparison.reason}
     return own | {"models": table.to_dict("records")}
 
 
 def _location(table, slices):
-    """Return the strongest entry of each way to look at the residual."""
-    labels = {name: str(name) for name in record_names(slices)}  # the table holds 1 as 1.0
+    """Return the strongest row of each signal by which the residual is located."""
+    labels = {name: str(name) for name in record_names(slices)}  # in the table, 1 is 1.0
     rows = strongest(table).to_dict("records")
     return [{**row, "record": labels.get(row["record"])} for row in rows]
 
 
 def _moved(search):
-    """Return the parameters that move when where the residual is strongest is left out."""
+    """Return the parameters that change if the samples with the strongest residual are left out."""
     labels = {name: str(name) for name in record_names(search.records_)}
     table = search.parameters_without_
     rows = table[table["moved"].astype(bool)].to_dict("records")
@@ -569,7 +569,7 @@ def _moved(search):
 
 
 def _spectra(search):
-    """Return the amplitude spectral density of the residual before and after, by the interval."""
+    """Return the spectral density of the residual before and after, for each sampling interval."""
     unscored = np.isnan(search.residual_before_ + search.residual_after_)
     found = {"interval": [], "frequency": [], "before": [], "after": []}
     for dt, numbers in by_interval(search.records_).items():
@@ -652,7 +652,7 @@ def next_steps(claims, not_it, location, verdict, faults, settings, advice="", e
 
 
 def _outdone(report):
-    """Yield a sentence where another model explains far more than was declared and found."""
+    """Yield a sentence if another model explains far more than the declared and augmented ones."""
     if report.comparison is None:
         return
     best = next(
@@ -696,7 +696,7 @@ def _warnings(report):
 
 
 def _summary(report):
-    """Yield what was found in short sentences."""
+    """Yield the result in short sentences."""
     if report.effects:
         left = (report.error_after / report.error_before) ** 2
         part = f"{number(100.0 * max(1.0 - left, 0.0))} %"
@@ -724,7 +724,7 @@ def _summary(report):
 
 
 def _found(report):
-    """Return the headline and the sentence of what was found."""
+    """Return the headline and the sentence of the result."""
     before, after, floor = (
         _error(report, value)
         for value in (report.error_before, report.error_after, report.noise_floor)
@@ -808,7 +808,7 @@ def _remarks(report):
 
 
 def _known(report):
-    """Return what is known of the residual, and what is not, where it need not be noise."""
+    """Return what is known of a residual that need not be noise, and what is not."""
     if report.verdict == "noise" or not report.error_after:
         return []
     most, least = (
@@ -826,7 +826,7 @@ def _known(report):
 
 
 def _parts(report):
-    """Return what explains the power of the declared model's error, as parts of that, by name."""
+    """Return the fractions of the declared model's error, in power, by what explains them."""
     _, *parts = report.explained.items()
     whole = sum(value for _, value in parts)
     if not whole > 0.0 or report.explained["nothing"] >= whole:
@@ -842,14 +842,14 @@ def _error(report, value, whole=None):
 
 
 def _kept(report):
-    """Say what the errors are on data that the search has not seen."""
+    """Return a sentence with the errors on data that the search has not used."""
     kept, names = report.held_out, ("before", "after")[: 1 + bool(report.effects)]
     own = [f"{_error(report, kept[f'error_{n}'], kept['response_range'])} {n}" for n in names]
     return f"On {kept['n_samples']} samples kept from the search altogether: {', '.join(own)}."
 
 
 def _sure(claim):
-    """Say how sure a claim is."""
+    """Return how sure a claim is, in words."""
     text = f"{claim['effect']}: {chance(claim['p_value'])}"
     if claim["ambiguous_with"]:
         text += f", not told from {listed(claim['ambiguous_with'])}"
@@ -857,13 +857,13 @@ def _sure(claim):
 
 
 def _not_told(claim):
-    """Say what a claim may be as well."""
+    """Return what else a claim may be, in words."""
     others = listed(claim["ambiguous_with"])
     return f"These data cannot tell it from {others}. The simplest is named. To tell:"
 
 
 def _looks(location):
-    """Say where a residual stands.
+    """Return where a residual is strongest, in words.
 
     Examples
     --------
@@ -881,7 +881,7 @@ def _looks(location):
 
 
 def _place(row):
-    """Say which part of the samples, or of the frequencies, a row is about."""
+    """Return the samples or frequencies of a row of the location, in words."""
     places = {
         "record": "in record {record}",
         "time": "from {low} to {high} {unit} of record {record}",
@@ -902,12 +902,12 @@ def _place(row):
 
 
 def _is_full(claims, settings):
-    """Whether a search ended because it had claimed as many effects as it may."""
+    """Whether a search ended because it had claimed `max_effects` effects."""
     return len(claims) == settings["max_effects"]
 
 
 def _failures(failed):
-    """Return the effects that were left out, once each, by the error."""
+    """Return the effects that failed, by their error, each once."""
     found = {}
     for row in failed:
         names = found.setdefault(row["error"], [])
@@ -945,7 +945,7 @@ def _displays(search, comparison=None, experiment=None):
 
 
 def _drawn(name, display):
-    """Return a picture as SVG text that stands inside a page."""
+    """Return a picture as SVG text for a page."""
     height, label, shape = _PICTURES.get(name, (3.4, name.capitalize(), (1, 1)))
     if name.startswith("round"):
         height = 0.95 + 0.24 * len(display.ranking)
@@ -974,7 +974,7 @@ def _drawn(name, display):
 
 
 def _rendered(report, form):
-    """Return the page in a form, or say how to install what it needs."""
+    """Return the page in a form; the error without Jinja2 says how to install it."""
     try:
         import jinja2
         import markupsafe
@@ -993,7 +993,7 @@ def _rendered(report, form):
     )
 
     def said(text):
-        """Return words as they stand in the page, with what is no markup escaped."""
+        """Return escaped text for the page."""
         text = " ".join(str(markupsafe.escape(text) if form == "html" else text).split())
         if form == "html":
             return markupsafe.Markup(re.sub(r"(?<=\d) (?=%|×)", "\u00a0", text))

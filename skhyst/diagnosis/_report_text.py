@@ -1,4 +1,4 @@
-"""How a report writes a value, its error and a change."""
+"""The form in which a report writes a value, its error and a change."""
 
 import math
 
@@ -8,7 +8,7 @@ def _powers(exponent):
 
 
 def number(value, digits=3):
-    """Write a number with so many significant digits; a dash where there is none.
+    """Write a number with so many significant digits; a dash if there is none.
 
     Examples
     --------
@@ -54,7 +54,7 @@ def _signed(text):
 
 
 def share(value):
-    """Write a part of one as a percentage, roughly.
+    """Write a fraction as a percentage, with two digits.
 
     Examples
     --------
@@ -65,7 +65,7 @@ def share(value):
 
 
 def chance(p_value):
-    """Write a p-value; of those that no assumption about noise supports, a bound.
+    """Write a p-value, and a bound below 1e-12, where no assumption about noise holds.
 
     Examples
     --------
@@ -87,7 +87,7 @@ def percent(value, whole):
 
 
 def change(before, after):
-    """Write by how much an error has changed.
+    """Write the relative change of an error.
 
     Examples
     --------

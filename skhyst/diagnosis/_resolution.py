@@ -1,9 +1,9 @@
-"""Resolution before physics: how many terms the data ask for, and where, before any effect.
+"""Resolution before physics: the number and positions of terms, found before any effect.
 
-A part whose terms are too few, or stand elsewhere than those of the device, leaves a misfit that
-looks like an effect. So the resolution of each part is raised, or lowered, as the held-out error
-says, see :mod:`skhyst.optimize`. It pays for its parameters: where there are several records, those
-of which the others know the range are held out whole, so that a second record is not swallowed.
+A part with too few terms, or with terms at other positions than the device, leaves a misfit that
+looks like an effect. So the resolution of each part is raised or lowered to the least held-out
+error, see :mod:`skhyst.optimize`. Where there are several records, those within the range of the
+others are held out whole, so that terms that only fit a single record are not accepted.
 """
 
 from dataclasses import dataclass, replace
@@ -14,21 +14,21 @@ from ..optimize import exchanged, merged_segments, whole_record_folds
 from ._candidates import held_out, refitted
 from ._shortened import shortened
 
-# Samples above which the first parts of the records are scanned: about a hundred columns of a scan
-# take a hundred megabytes there.
+# Samples above which the first parts of the records are scanned: a scan has about a hundred
+# columns, which then take a hundred megabytes.
 _LONGEST = 100_000
 
 
 @dataclass(frozen=True)
 class Raised:
-    """What was done to the resolution of a part.
+    """A change of the resolution of a part.
 
     Attributes
     ----------
     stage : str
-        Name of the stage that the part is, or is in.
+        Name of the stage that the part is, or belongs to.
     name : str
-        What its terms are, in the plural.
+        What its terms are called, in the plural.
     before, after : int
         Number of terms.
     error_before, error_after : float
@@ -49,7 +49,7 @@ class Raised:
 
 
 def raised(candidate, records, folds):
-    """Return a candidate with parts as fine as the data ask for, and what was done.
+    """Return a candidate whose parts have the resolution of least held-out error, and the changes.
 
     Parameters
     ----------
@@ -62,9 +62,9 @@ def raised(candidate, records, folds):
     Returns
     -------
     candidate : Candidate
-        Held out; the same where nothing predicts better.
+        Held out; the given one if nothing predicts better.
     done : list of Raised
-        In the order of the parts, none for a part that stays as it is.
+        In the order of the parts; none for a part that is unchanged.
     """
     parts = records
     if sum(len(record.u) for record in records) > _LONGEST:
@@ -90,9 +90,9 @@ def raised(candidate, records, folds):
 
 
 def _places(tree):
-    """Return the stages with a resolution, and where in each of them the part is.
+    """Return the stages with a resolution, and the path of the part within each.
 
-    A part some of whose entries follow a number of the record stays as it is.
+    A part with entries that vary from record to record is left unchanged.
     """
     scheduled = {stage for stage, _ in tree.lines}
     return [
@@ -105,7 +105,7 @@ def _places(tree):
 
 @dataclass(frozen=True)
 class _Place:
-    """A part of a tree, as :func:`skhyst.optimize.exchanged` wants it."""
+    """A part of a tree, in the form that :func:`skhyst.optimize.exchanged` needs."""
 
     tree: object
     records: list
@@ -122,7 +122,7 @@ class _Place:
         return next(p for own, p, _ in parts_with_resolution(tree.operators[at]) if own == prefix)
 
     def inputs(self):
-        """Return the records with what comes into the part as their drive."""
+        """Return the records with the input of the part as their drive."""
         signals = self.tree.run(self.records, last=self.at_stage)
         return [replace(r, u=u) for r, u in zip(self.records, signals, strict=True)]
 
@@ -132,7 +132,7 @@ class _Place:
 
     @cached_property
     def _path(self):
-        """What the problem puts before the names of the part's entries."""
+        """The prefix of the names of the part's entries in the problem."""
         first = f"{self.part.resolution.weights}[0]"
         whole = self.tree.operator
         keys = zip(whole.keys(self.tree.name), whole.entries(), strict=True)
@@ -146,7 +146,7 @@ class _Place:
         return puts[self.prefix](part)
 
     def problem(self, part):
-        """Return the least-squares problem of the tree with another part in the place."""
+        """Return the least-squares problem of the tree with another part at this place."""
         return self.tree.with_stage(self.at_stage, self._with(part)).problem(self.records)
 
     def at(self, problem, x):
@@ -155,11 +155,11 @@ class _Place:
         return replace(self, tree=tree, part=self._part_of(tree, self.at_stage, self.prefix))
 
     def resolved(self):
-        """Return the tree with the part, and with a model that says so."""
+        """Return the tree with the part, and with a model of its resolution."""
         part = self.part
         if part.model is not None:
             part = replace(part, model=part.model.resolved(part))
         operator = self._with(part)
-        if part.model is None:  # it is inside of a single model
+        if part.model is None:  # it belongs to a single model
             operator = replace(operator, model=operator.model.resolved(operator))
         return self.tree.with_stage(self.at_stage, operator)

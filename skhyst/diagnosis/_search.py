@@ -68,190 +68,192 @@ from ._verdict import Judgement, judge_residual
 class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     """Find the physical effects that a declared model lacks, add them, and report the errors.
 
-    The resolution of the declared model comes first. Then effects are put into the model, at
+    The resolution of the declared model is fitted first. Then effects are added to the model, at
     data-driven starting values and refitted jointly with everything else, as long as they lower the
-    held-out error; each is tested against the whole model without it, with a correction for all
-    that was tried, and what is not needed is taken out; each place is contested by all effects that
-    helped, and named by the least error. It ends when the error no longer falls.
+    held-out error. Each is tested against the whole model without it, with a correction for all
+    that was tried, and removed if it is not needed. Each place is contested by all effects that
+    helped, and named by the one of least error. The search ends when the error no longer falls.
 
     Parameters
     ----------
     estimator : estimator
-        The declared model: any parametric model of skhyst or a cascade of them, which effects are
-        put into; or any other regressor or pipeline, which effects are put behind and beside. Its
-        prediction out of fold is then the first signal, with a gain and a constant of its own, and
-        after each claim it is fitted again to the response with the effects taken out; effects
-        that act on the drive before it are not tried.
+        The declared model: any parametric model of skhyst or a cascade of them, to which effects
+        are added; or any other regressor or pipeline. The out-of-fold prediction of such a
+        regressor is then the drive of a gain with an offset, effects are added behind the gain or
+        in parallel with it, and after each claim the regressor is fitted again to the response
+        minus the contribution of the effects; effects that act on the drive before it are not
+        tried.
     effects : "all" or list of str, default="all"
         Effects to try, see :func:`effect_names`.
     cv : int, splitter or iterable, default=5
-        What is held out, as in ``GridSearchCV``. An int: so many folds, each of a block of every
-        record, or of a part of its period where the drive repeats itself, see
-        :func:`skhyst.model_selection.segment_folds`. A splitter, such as
-        ``RecordKFold()`` for whole records; or an iterable of (train, test) row numbers.
+        What is held out, as in ``GridSearchCV``. An int: that many folds, each of a block of every
+        record, or of a part of its period if the drive is periodic, see
+        :func:`skhyst.model_selection.segment_folds`. A splitter, such as ``RecordKFold()`` for
+        whole records; or an iterable of (train, test) row numbers.
     alpha : float, default=0.01
         Probability of a false claim.
     max_effects : int, default=3
-        Most effects in a model.
+        Largest number of effects in a model.
     min_improvement : float, default=0.05
-        Part of the error that an effect must remove to be worth a claim, of that held out as of
-        that of the fit.
+        Fraction of the error that an effect must remove to be worth a claim, of the held-out error
+        and of the error of the fit.
     loss : {"squared", "huber"}, default="squared"
-        ``"huber"`` bounds the influence of gross errors of the measurement: samples that stick out
-        of their neighbours' residual count less, or nothing, in fits and errors. The weights come
+        ``"huber"`` bounds the influence of gross errors of the measurement: samples whose residual
+        deviates from its neighbours count less, or nothing, in fits and errors. The weights come
         from the residual at the start of each round.
     washout : int or None, default=None
         Samples at the start of each record that are simulated, but neither fitted nor scored. None:
-        5 % of a block of a single record, whose past is unknown; nothing where there are several
-        records, each from its own start.
+        5 % of a block for a single record, whose past is unknown; none for several records, each of
+        which starts from its own initial state.
     reference : int, str or None, default=None
-        Position or name of the column of X that is the reference of the controller, where the drive
-        was recorded in closed loop. Decisions then rest on what it explains of the drive, which
-        knows nothing of the noise. It is no input: the estimator gets X without that column.
+        Position or name of the column of X that is the reference of the controller, if the drive
+        was recorded in closed loop. Decisions are then based on the part of the drive that the
+        reference explains, which is independent of the noise. It is no input: the estimator gets X
+        without that column.
     resample : {"auto"}, float or None, default=None
-        What becomes of records that are sampled unevenly. None: they are refused. "auto": drive,
-        further columns and response are interpolated onto even grids, at intervals that
+        Treatment of unevenly sampled records. None: they are refused. "auto": drive, further
+        columns and response are interpolated onto even grids, at intervals that
         :func:`skhyst.records.resample_records` derives; a float: at this interval, s. Everything
-        then refers to the samples of these grids, row numbers in ``cv``, ``washout`` and faults of
-        the measurement among them; only :meth:`predict` returns to the instants that it is given.
+        then refers to the samples of these grids, including row numbers in ``cv``, ``washout`` and
+        faults of the measurement; only :meth:`predict` returns values at the given instants.
     unknown : bool, default=False
-        Whether a term without a name is sought where the residual is not noise, see ``unknown_``;
-        of parametric models, without a reference and with records that begin at rest.
-        Where one is found, the verdict is ``"unexplained"``; all else is as it is without.
+        Whether a term without a name is sought if the residual is not noise, see ``unknown_``; for
+        parametric models, without a reference and with records that begin at rest. If one is found,
+        the verdict is ``"unexplained"``; all other results do not depend on it.
     n_jobs : int or None, default=None
-        Processes. None is 1, or what joblib's context says; -1 is all processors. A round's steps
-        are many and short, so that threads would wait for each other's interpreter lock; the
-        processes start once, in a second or two, and serve later searches too.
+        Number of processes. None is 1, or the number of joblib's context; -1 is all processors. The
+        steps of a round are many and short, so that threads would wait for each other's interpreter
+        lock; the processes start once, in a second or two, and serve later searches too.
     verbose : int, default=0
         Above 0, progress is written to the standard error stream: lines, and on a terminal or in a
         notebook a bar below them where rich is installed (in a notebook ipywidgets too).
     random_state : int, RandomState instance or None, default=None
         Seed of the black box that bounds the noise.
     checkpoint : path-like or None, default=None
-        File that keeps, after each claim, what is finished (skops). A search of the same data with
-        the same parameters goes on from there and ends as it would have; any other is refused.
+        File in which finished steps are stored (skops). A search of the same data with the same
+        parameters continues from there, with the same result; any other search is refused.
 
     Attributes
     ----------
     effects_ : list of str
-        The claimed effects in the order in which they were added; empty when nothing is missing.
-        Of several responses those that all of them have.
+        The claimed effects in the order in which they were added; empty if nothing is missing. With
+        several responses, those that are claimed for all of them.
     searches_ : dict of str or int to EffectSearchCV
-        Where ``y`` has several columns: the search of each, by the name or number of the column,
-        with all other attributes; this one has but these three, and predicts all columns.
+        If ``y`` has several columns: the search of each, by the name or number of the column, with
+        all other attributes; this one has only these three, and predicts all columns.
     shared_ : DataFrame
-        Where ``y`` has several columns: effects that several of them have, ``responses``, and for
-        each ``number`` of their evidence, such as a resonance frequency, its mean ``value`` over
-        them, weighted by the variances, its ``std``, ``unit``, and the ``p_value`` of so large a
-        scatter if it is the same of all.
+        If ``y`` has several columns: effects that several ``responses`` have, and for each
+        ``number`` of their evidence, such as a resonance frequency, its mean ``value`` over the
+        responses, weighted by inverse variances, its ``std``, ``unit``, and the ``p_value`` of the
+        scatter under a common value.
     verdict_ : {"noise", "unexplained", "undetermined"}
-        Whether the residual is noise, or structure that is not explained: repetitions repeat it, a
-        black box predicts it, or it follows the drive better than the drive shifted in time.
-        Undetermined: nothing is found in it, but it is too steep in frequency, too slow or too
-        predictable for noise, or the held-out error is far larger than the noise, since records or
-        blocks do not predict each other.
+        Whether the residual is noise, or unexplained structure: repetitions share it, a black box
+        predicts it, or it follows the drive better than the drive shifted in time. Undetermined: no
+        structure is found, but the residual is too steep in frequency, too slow or too predictable
+        for noise, or the held-out error is far larger than the noise, since records or blocks do
+        not predict each other.
     verdict_reason_, verdict_advice_ : str
-        What decided, and what to record where the verdict is ``"undetermined"``.
+        What decided the verdict, and what to record if it is ``"undetermined"``.
     error_before_, error_after_ : float
-        Root mean square error on held-out data of the declared and of the augmented model, units
-        of the response, samples counted by ``weights_``: on whole records where there are several,
-        so that it holds for a new one, and on blocks of a single one, or as ``cv`` says. (A search
-        decides by ``cv``, and ``history_`` has those errors.) Constants that belong to a record
-        (offset, drift, phase) are taken from one half of a held-out record's segments to predict
-        the other half.
+        Root mean square error on held-out data of the declared and of the augmented model, units of
+        the response, weighted by ``weights_``: on whole records if there are several, so that it
+        holds for a new one, and on blocks of a single one, or as given by ``cv``. (The decisions of
+        a search use ``cv``, and ``history_`` has those errors.) Constants that belong to a record
+        (offset, drift, phase) are estimated from one half of a held-out record's segments to
+        predict the other half.
     weights_ : ndarray of shape (n_samples,)
-        How much each held-out sample counts: the weights of Huber's loss where that is asked for,
-        ones otherwise.
+        Weight of each held-out sample: Huber's weights for that loss, ones otherwise.
     noise_floor_, noise_ceiling_ : float
-        Root mean squares, units of the response, between which the noise lies. The floor is the
-        least of the scatter between repetitions, of what the past does not predict of the residual,
-        and of its and the response's scaled differences; no contestant is below it. The ceiling is
-        the held-out error, or the part that a black box does not predict.
+        Bounds of the root mean square of the noise, units of the response. The floor is the least
+        of the scatter between repetitions, of the innovations of the residual, and of the scaled
+        differences of residual and response; no contestant is below it. The ceiling is the held-out
+        error, or the part of it that a black box does not predict.
     noise_model_ : ~skhyst.noise.NoiseModel
         Colour, outliers and steps of the residual, or of the part that no black box predicts.
     history_ : DataFrame
-        One row a claim, what removes most of the error first: ``effect``, ``error_before``,
-        ``error_after`` (of the models that are left when the effect that matters least is taken out
-        of the whole, and again), ``p_value`` (of the whole model against that without the effect,
-        corrected for all that was tried), ``ambiguous_with``, ``provisional`` (structure is left,
-        so that the name may stand for what the list lacks), ``experiment``, ``evidence``.
+        One row per claim, the effect that removes most of the error first: ``effect``,
+        ``error_before``, ``error_after`` (of a sequence of models from which the effect that
+        matters least is removed in each step), ``p_value`` (of the whole model against the model
+        without the effect, corrected for all that was tried), ``ambiguous_with``, ``provisional``
+        (the residual has structure, so that the name may stand for an effect that is not on the
+        list), ``experiment``, ``evidence``.
     ranking_ : DataFrame
         Every candidate of every round: ``round``, ``beside`` (effects in the model), ``effect``,
         ``screen`` (part of the residual's power that it explains), ``error_before``,
         ``error_after``, ``p_value``, ``n_parameters``, ``claimed``.
     cv_results_ : dict of str to ndarray
-        The rows of ``ranking_`` as ``GridSearchCV`` has them: ``params``, ``param_round``,
-        ``param_effect``, ``split0_test_score`` and so on, the held-out errors of each fold with a
-        minus, NaN of what was not held out, ``mean_test_score``, ``std_test_score``,
+        The rows of ``ranking_`` in the form of ``GridSearchCV``: ``params``, ``param_round``,
+        ``param_effect``, ``split0_test_score`` and so on (the negative held-out error of each fold,
+        NaN for a candidate that was not held out), ``mean_test_score``, ``std_test_score``,
         ``rank_test_score``.
     failed_ : DataFrame
-        Candidates that raised an error, which cost them alone: ``round``, ``effect``, ``error``.
+        Candidates that raised an error, and were skipped: ``round``, ``effect``, ``error``.
     resolution_ : list of str
-        What was done to the resolution of parts before effects were sought, such as "8 plays, the
-        data ask for 23".
+        Changes of the resolution of parts before effects were sought, such as "8 plays, the data
+        ask for 23".
     dropped_ : list of str
-        Effects that were in the model for a time.
+        Effects that were added and removed again.
     unknown_ : Unknown or None
-        With ``unknown``, of what is unexplained: the place and the argument of the smooth function
-        that is missing, its curve with a simultaneous band, errors, what the recording does not
-        tell from it, laws that it resembles, and the ``estimator`` with it. None where no such term
-        is significant, or the residual is noise.
+        With ``unknown``, the unexplained term: the place and the argument of the missing smooth
+        function, its curve with a simultaneous band, errors, terms that the recording does not
+        distinguish from it, laws that it resembles, and the ``estimator`` with it. None if no such
+        term is significant, or the residual is noise.
     explained_ : dict of str to float
-        What explains the response, as parts of its power about its mean, held out, which add up to
-        one: the ``"declared model"``, what the ``"effects"`` that were found and a raised
-        resolution explain of the rest, the ``"unknown term"`` of that, what a ``"black box"``
-        predicts or repetitions repeat beside all of these, and ``"nothing"``.
+        What explains the response, as fractions of its variance, held out, which add up to one: the
+        ``"declared model"``; of the rest, the ``"effects"`` and a raised resolution; then the
+        ``"unknown term"``; then what a ``"black box"`` predicts or repetitions share; and
+        ``"nothing"``.
     suspects_ : DataFrame
-        What would lower the held-out error most but is not claimed: ``effect``, ``error_before``,
-        ``error_after``, ``folds_better``, ``p_value``.
+        Effects that are not claimed, those that would lower the held-out error most first:
+        ``effect``, ``error_before``, ``error_after``, ``folds_better``, ``p_value``.
     warnings_ : list of str
-        What a user has to know of the fits, each once.
+        Warnings of the fits that a user should know, each once.
     evidence_ : dict of str to Evidence
     reference_share_ : float or None
-        Part of the drive's power about its mean that the reference predicts; None without one.
+        Fraction of the drive's variance that the reference predicts; None without one.
     extrapolated_ : float
-        Part of the held-out samples where the drive is outside of the range that their fold was
-        fitted to.
+        Fraction of the held-out samples at which the drive is outside of the range that their fold
+        was fitted to.
     data_quality_ : DataFrame
         Faults of the measurement, see :func:`~skhyst.records.data_quality`; they are reported, not
-        removed. Where the residual is noise, also whether the drive reacts to it (``closed_loop``),
-        unless a reference takes account of it.
+        removed. If the residual is noise, also whether the drive reacts to it (``closed_loop``),
+        unless a reference is given.
     declared_estimator_, best_estimator_ : estimator
-        Both fitted on all data. Where a regressor that is no parametric model was declared, the
+        Both fitted on all data. If a regressor other than a parametric model was declared, the
         augmented one is a :class:`~skhyst.compose.Corrected`.
     residual_location_ : DataFrame
-        How the power of the residual is spread, one row per record, a tenth of its time, of the
-        drive, its amplitude (half of each swing) or its rate, direction (-1 or 1), or an octave:
+        Distribution of the power of the residual, one row per record, tenth of its time, of the
+        drive, of its amplitude (half of each swing) or of its rate, direction (-1 or 1), or octave:
         ``by``, ``record``, ``low``, ``high``, ``unit``, ``share`` of the power, and
-        ``concentration``, mean power there over that of the whole, 1 for white noise, with its 95 %
-        interval ``concentration_low``, ``concentration_high``, for all rows of a ``by`` at once. Of
-        use where the verdict is ``"unexplained"``.
+        ``concentration``, mean power there relative to that of the whole, 1 for white noise, with
+        its 95 % interval ``concentration_low``, ``concentration_high``, for all rows of a ``by`` at
+        once. Useful if the verdict is ``"unexplained"``.
     parameters_without_ : DataFrame
-        Where the verdict is ``"unexplained"``, the parameters as they are when the strongest of
-        these places (of records, times, drive, amplitude, rate, direction) is left out of the fit:
-        ``by``, ``record``, ``low``, ``high``, ``unit``, ``parameter``, ``value`` and ``std`` with
-        everything, ``value_without``, ``std_without``, and whether it has ``moved`` by more than
-        its standard error explains, at the level ``alpha`` for all rows.
+        If the verdict is ``"unexplained"``, the parameters of fits without the samples at the
+        strongest of these places (records, times, drive, amplitude, rate, direction): ``by``,
+        ``record``, ``low``, ``high``, ``unit``, ``parameter``, ``value`` and ``std`` with all
+        samples, ``value_without``, ``std_without``, and whether it has ``moved`` by more than its
+        standard error explains, at the level ``alpha`` for all rows.
     residual_before_, residual_after_, prediction_before_, prediction_after_ : ndarray
-        Held out, shape (n_samples,), NaN in the washout and where rows were lost.
+        Held out, shape (n_samples,), NaN in the washout and at lost rows.
     records_ : tuple of RecordSlice
-        Of the samples that the arrays here have: those of X, resampled where that is asked for, and
-        one for each row that was lost, as ``data_quality_`` tells.
+        Records of the samples of the arrays here: those of X, resampled if requested, with one
+        sample for each lost row, see ``data_quality_``.
     folds_ : ndarray of shape (n_samples,)
-        Number of the fold that scores each sample, -1 where none does.
+        Number of the fold that scores each sample, -1 for none.
     drive_range_ : tuple of (float, float)
-        Smallest and largest drive (column 0 of X) that the fit has seen, units of the drive.
+        Smallest and largest drive (column 0 of X) in the fit, units of the drive.
     drive_rate_ : float
-        Fastest change of the drive between two samples that it has seen, units of the drive per s.
+        Largest rate of the drive between two samples of the fit, units of the drive per s.
     units_ : Units
-        Of drive, response and time, see :class:`skhyst.records.Units`. Without a time, of data
-        whose index counts samples with ``dt`` at 1, frequencies are in cycles/sample.
+        Of drive, response and time, see :class:`skhyst.records.Units`. Without a time, that is for
+        data whose index counts samples with ``dt`` at 1, frequencies are in cycles/sample.
     drive_, response_ : ndarray of shape (n_samples,)
-        What was searched: on the even grids where the data were resampled, as are all samples here.
+        The data of the search; on the even grids if the data were resampled.
     resampling_error_ : float
-        Root mean square of what interpolation has changed in the response, its units, as estimated
-        by :func:`skhyst.records.resampling_error`; 0 where nothing was resampled. An effect that
-        removes less than that may be one of the grid.
+        Root mean square error of the interpolated response, its units, as estimated by
+        :func:`skhyst.records.resampling_error`; 0 without resampling. An effect that removes less
+        than that may be an artefact of the interpolation.
     seconds_ : dict of str to float
 
     See Also
@@ -341,20 +343,20 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
 
     @fit_context(prefer_skip_nested_validation=False)
     def fit(self, X, y, *, on_progress=None) -> Self:
-        """Search.
+        """Search for missing effects.
 
-        There are no weights of samples: the tests are of samples that count once each. Rows without
-        a reading are left out of X and y; up to five in a row are bridged.
+        Sample weights are not supported: the tests assume that every sample counts once. Leave rows
+        without a reading out of X and y; gaps of up to five rows are bridged.
 
         Parameters
         ----------
         X : DataFrame or array-like of shape (n_samples, n_inputs)
             Column 0 is the drive; the index carries records and time.
         y : array-like of shape (n_samples,) or (n_samples, n_outputs)
-            Response; several are searched one after the other, see ``searches_``.
+            Response; several columns are searched one after the other, see ``searches_``.
         on_progress : callable or None, default=None
-            Is called with a :class:`Progress` before each step and at each claim. What it raises
-            ends the search; the ``checkpoint`` has what was claimed.
+            Called with a :class:`Progress` before each step and at each claim. An exception in it
+            ends the search; the ``checkpoint`` keeps the finished steps.
 
         Returns
         -------
@@ -363,7 +365,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         Raises
         ------
         RecordError
-            If the response is constant or a column of X, or the drive is the time.
+            If the response is constant or equal to a column of X, or the drive is the time.
         """
         vars(self).pop("searches_", None)
         if columns := response_columns(y):
@@ -391,13 +393,13 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         self._whole = self._folds_of_records(slices, X, response)
         self._inputs = with_others(declared.drive(), drive)
         self.seconds_ = {}
-        # the loops below run side by side; a second layer of threads below only costs
+        # the loops below run in parallel; nested threads would only cost time
         with threadpool_limits(limits=1), watched(self.verbose, on_progress) as tell:
             self._search(declared, slices, effects, segments, folds, tell)
         return self
 
     def _fit_each(self, X, columns, on_progress):
-        """Search each response."""
+        """Search each response separately."""
         found = {}
         for name, y in columns.items():
             own = clone(self)
@@ -413,14 +415,14 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         return self
 
     def _even(self, X, y=None):
-        """Return the data on even grids, where that is asked for and they are not."""
+        """Return the data on even grids, if that is requested and they are uneven."""
         if self.resample is None or not hasattr(X, "iloc"):
             return X, y
         found = resample_records(X, y, dt=self.resample)
         return (found, None) if y is None else found
 
     def _quality(self, given, filled, at):
-        """Return the faults of the recording, by its own rows where rows of it were lost."""
+        """Return the faults of the recording, numbered by its own rows if rows were lost."""
         if self._read is None:
             return data_quality(*filled)
         X, y = given
@@ -429,14 +431,14 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         )
 
     def _lost(self, slices):
-        """Return masks (n_record,), one per record, of samples that are no readings."""
+        """Return masks (n_record,), one per record, of samples without a valid reading."""
         lost = lost_readings(self.drive_, self.response_, slices)
         if self._read is None:
             return lost
         return [own | ~self._read[s.rows] for own, s in zip(lost, slices, strict=True)]
 
     def _folds_of_records(self, slices, X, y):
-        """Return segments and folds in which whole records are held out; None of a single one."""
+        """Return segments and folds that hold out whole records; None for a single record."""
         firsts, order = first_of_equals(slices, X, y), by_content(slices, self.drive_, y)
         labels = list(dict.fromkeys(slices[firsts[i]].label for i in order))
         if not isinstance(self.cv, Integral) or len(labels) < 2:
@@ -450,7 +452,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         return segment_folds(slices, folds, X, y, washout=self.washout)
 
     def _by_records(self, slices, records, *candidates):
-        """Return candidates held out in whole records, where there are several."""
+        """Return candidates held out in whole records, if there are several records."""
         if self._whole is None or candidates[0].box is not None:
             return candidates
         segments, folds = self._whole
@@ -514,7 +516,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
     def _conclude(
         self, declared, slices, contest, first: Candidate, base: Candidate, history, found
     ):
-        """Store what was found between the first and the last candidate."""
+        """Store the results of a search: of the declared model, and of the final candidate."""
         records = contest.records_of(base)
         begin = time.perf_counter()
         decided, (first, base) = base, self._by_records(slices, records, first, base)
@@ -574,7 +576,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         self.seconds_["refit and evidence"] = time.perf_counter() - begin
 
     def _explained(self, unpredicted):
-        """Return what explains the response, as parts of its power."""
+        """Return what explains the response, as fractions of its variance."""
         known = np.isfinite(self.residual_before_)
         y, weights = self.response_[known], self.weights_[known]
         whole = np.average(np.square(y - np.average(y, weights=weights)), weights=weights)
@@ -588,19 +590,19 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         return dict(zip(EXPLAINED, (left[:-1] - left[1:]).tolist(), strict=True))
 
     def _unknown(self, slices, contest, base):
-        """Return the term without a name that a candidate lacks; None where it lacks none."""
+        """Return the term without a name that a candidate lacks, or None."""
         if self.verdict_ == "noise" or self._reference is not None or contest.renew is not None:
-            return None  # a black box has no places
+            return None  # a black box has no joints
         begin = time.perf_counter()
         found = self._term(slices, contest, base, self.error_after_, contest.n_tried)
-        if found is not None and self.verdict_ == "undetermined":  # what is found is structure
+        if found is not None and self.verdict_ == "undetermined":  # a significant term is structure
             self.verdict_, self.verdict_advice_ = "unexplained", ""
             self.verdict_reason_ = "a smooth function of a signal explains it"
         self.seconds_["unknown term"] = time.perf_counter() - begin
         return found
 
     def _term(self, slices, contest, base, before, n_tried, may_follow=True):
-        """Return a smooth term beside a candidate, and a second one where that leaves structure."""
+        """Return a smooth term added to a candidate, with a second one if structure remains."""
         records = contest.records_of(base)
         how = contest.criterion, n_tried, self.n_jobs
         found = find_unknown(base, records, slices, contest.folds, *how)
@@ -631,14 +633,14 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         )
 
     def _warnings(self, first, fits, records):
-        """Return what a user has to know of the fits, each once."""
+        """Return the warnings of the fits that a user should know, each once."""
         found = []
         if not np.ptp(self.drive_):
             found.append(
                 f"The drive does not move: it is {self.drive_[0]:g} in every sample. Of what "
                 "responds to it nothing can be missed or found."
             )
-        # of a straight line over the drive, as far as it counts
+        # squared error of a straight line over the drive, on scored samples
         known = np.isfinite(self.residual_before_)
         line = np.stack([self.drive_, np.ones(len(self.drive_))], axis=1)[known]
         left = np.linalg.lstsq(line, self.response_[known], rcond=None)[1]
@@ -653,7 +655,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         return list(dict.fromkeys(found))
 
     def _judge(self, judgement, ranking):
-        """Set the verdict, and the noise with its floor, below all contestants, and ceiling."""
+        """Set the verdict, the noise model, and the noise floor and ceiling."""
         self.verdict_ = judgement.verdict
         self.verdict_reason_, self.verdict_advice_ = judgement.reason, judgement.advice
         errors = [row["error_after"] for row in ranking]
@@ -661,10 +663,11 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         self.noise_ceiling_, self.noise_model_ = judgement.ceiling, judgement.noise
 
     def _judged(self, measured, base, contest):
-        """Return the judgement of what a candidate leaves, fitted to everything.
+        """Return the judgement of the residual of a candidate that is fitted to all data.
 
-        Held out: also in whole records. One that goes further than the others is left out, since it
-        shows what they do not determine, which is no missing structure.
+        The held-out error is the larger of that in folds and in whole records. A record whose drive
+        exceeds the range of the others is not held out, since its error would show extrapolation,
+        not missing structure.
         """
         if base.error <= contest.negligible:
             return Judgement.of_rounding(base.error)
@@ -691,30 +694,30 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
     def predict(
         self, X, y_start=None, return_std=False
     ) -> np.ndarray | tuple[np.ndarray, np.ndarray]:
-        """Return the free run of the augmented model.
+        """Return the free-run prediction of the augmented model.
 
         Parameters
         ----------
         X : DataFrame or array-like of shape (n_samples, n_inputs)
-            As for :meth:`fit`. A drive that is sampled unevenly is, with ``resample``, simulated on
-            even grids.
+            As for :meth:`fit`. With ``resample``, an unevenly sampled drive is simulated on even
+            grids.
         y_start : array-like of shape (n_samples,) or (n_samples, n_outputs), default=None
-            Response where it is known, NaN elsewhere, as for ``predict`` of the model.
+            Known values of the response, NaN elsewhere, as for ``predict`` of the model.
         return_std : bool, default=False
-            Whether to return the standard deviation of a new sample, too.
+            Whether to return the standard deviation of the prediction of a new sample, too.
 
         Returns
         -------
         y : ndarray of shape (n_samples,) or (n_samples, n_outputs)
-            Units of the response; interpolated at the instants of ``X`` where the grids are others.
+            Units of the response; interpolated at the instants of ``X`` if it was resampled.
         std : ndarray of the shape of y
-            Only with ``return_std``; that of the parameters that the search has kept, whatever else
-            it has tried.
+            Only with ``return_std``; from the covariance of the final model's parameters, without
+            the uncertainty of the selection of effects.
 
         Raises
         ------
         ValueError
-            If ``y_start`` is given for a drive that is sampled unevenly.
+            If ``y_start`` is given for an unevenly sampled drive.
         """
         check_is_fitted(self)
         options = {"return_std": True} if return_std else {}
@@ -745,12 +748,12 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
     def held_out_error(self, X, y, *, declared=False) -> float:
         """Return the root mean square error on records that the search has not seen.
 
-        Constants that belong to a record (offset, drift, phase) are taken from every other
-        segment of it to predict the segments between, and the other way round. What came before a
-        record is estimated from the record, where records begin under way (``initial_state``) or
-        its time continues a record of the fit, and the error is larger than what that leaves by
-        Akaike's factor; any other regressor goes on from the washout of such a record, where its
-        ``predict`` takes ``y_start``. The washout at each record's start is not scored.
+        Constants that belong to a record (offset, drift, phase) are estimated from every other
+        segment of it to predict the segments in between, and vice versa. The input history is
+        estimated from the record itself if records begin in motion (``initial_state``) or the
+        record continues one of the fit, and the error is then enlarged by Akaike's factor; a
+        regressor other than a parametric model continues from the washout of such a record if its
+        ``predict`` has ``y_start``. The washout at each record's start is not scored.
 
         Parameters
         ----------
@@ -759,7 +762,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         y : array-like of shape (n_samples,)
             Response.
         declared : bool, default=False
-            Whether the error is that of the declared model instead of the augmented one.
+            Whether to return the error of the declared model instead of the augmented one.
 
         Returns
         -------
@@ -778,7 +781,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         Parameters
         ----------
         command : str, default=None
-            The command that made it, which it then shows.
+            The command that made the report, shown in it.
 
         Returns
         -------
@@ -794,7 +797,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         return Report.from_search(self, command=command)
 
     def _with_result(self, diagram):
-        """Return what a notebook shows: the result, where there is one, above the diagram."""
+        """Return the HTML of a notebook: the result, if there is one, above the diagram."""
         told = hasattr(self, "verdict_") and not hasattr(self, "searches_")
         return (self.report()._repr_html_() if told else "") + diagram
 

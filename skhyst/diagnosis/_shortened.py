@@ -1,4 +1,4 @@
-"""Long records cut after their first part, in which a search looks around before it decides."""
+"""Long records cut to their first parts, on which a search screens effects."""
 
 import numpy as np
 
@@ -6,23 +6,22 @@ from ._constants import ENOUGH, MOST
 
 
 def are_long(records):
-    """Whether records have so many samples that their first parts are searched."""
+    """Whether records are so long that only their first parts are screened."""
     return sum(len(record.u) for record in records) > ENOUGH
 
 
 def shortened(records, residuals):
-    """Return the first part of each long record, or None where the records are short enough.
+    """Return the first part of each long record, or None if the records are short enough.
 
-    A first part is simulated as the record is, from its own start. It is as long as it has to be to
-    show what the rest of the record shows: where the residual is smaller in it than in the record
-    on the whole, as where a slow effect builds up or a sweep comes late to a resonance, it is
-    doubled.
+    A first part is simulated like the record, from its own start. It is doubled until the mean
+    square of the residual in it is about that of the whole record; a slow effect may build up late,
+    or a sweep may reach a resonance late.
 
     Parameters
     ----------
     records : sequence of RecordData
     residuals : sequence of ndarray of shape (n_samples,)
-        Of the model so far; NaN where nothing counts.
+        Of the current model; NaN where nothing is scored.
 
     Returns
     -------
@@ -35,10 +34,10 @@ def shortened(records, residuals):
 
 
 def suffices(effect, structure, records, parts):
-    """Whether first parts can show an effect.
+    """Whether the first parts of records are enough to show an effect.
 
-    An additive disturbance may belong to the end of a record, and what depends on the
-    amplitude of a record is seen in a part that has this amplitude.
+    An additive disturbance may occur at the end of a record, and an effect that depends on the
+    amplitude of a record shows only in a part with the same amplitude.
     """
     if effect.beside:
         return False

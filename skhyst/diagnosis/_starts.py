@@ -12,10 +12,10 @@ from ._edits import Beside, Insert
 
 
 def starting_trees(effect, tree, records):
-    """Return, for each variant of an effect that applies, the trees at its starting values.
+    """Return the trees at the starting values of each variant of an effect that applies.
 
-    A variant is a model, which is added in parallel or where its stage order says, or a change of
-    its own (see ``_changes``), which makes the trees itself.
+    A variant is a model, which is added in parallel or at its stage order, or a change (see
+    ``_changes``), which makes the trees itself.
     """
     scene = Scene(tree, records)
     found = []
@@ -39,19 +39,19 @@ class Scene:
         self._found = {}
 
     def kept(self, key, find):
-        """Return what ``find(scene, *key)`` finds, once for all variants of an effect."""
+        """Return ``find(scene, *key)``, computed once for all variants of an effect."""
         if key not in self._found:
             self._found[key] = find(self, *key)
         return self._found[key]
 
     def signals(self, at):
-        """Return what goes into a place of the series, for each record."""
+        """Return the input of a place of the series, for each record."""
         if at not in self._signals:
             self._signals[at] = self.tree.run(self.records, last=at)
         return self._signals[at]
 
     def records_at(self, at):
-        """Return the records with what goes into a place of the series as their drive."""
+        """Return the records with the input of a place of the series as their drive."""
         return [
             replace(r, u=u, before=before)
             for r, u, before in zip(
@@ -61,31 +61,31 @@ class Scene:
 
     @cached_property
     def residuals(self):
-        """The records with what the driven part leaves as their response."""
+        """The records with the residual of the driven part as their response."""
         outputs = self.tree.respond(self.records)
         return [replace(r, y=r.y - y) for r, y in zip(self.records, outputs, strict=True)]
 
     @cached_property
     def has_lost_poles(self):
-        """Whether a mode rings through all records, or is faster than the samples tell.
+        """Whether a mode rings through all records, or is too fast for the sampling.
 
-        There the response hardly changes by a factor of the damping: nothing leads back.
+        There, the derivative of the response by the damping vanishes: no gradient leads back.
         """
         modes = [own for own in self.tree.operators if _has_poles(own) and own.n_poles[1]]
         poles = np.concatenate([np.empty(0), *(operator.poles() for operator in modes)])
         return bool(np.any(self.seen(poles) != poles))
 
     def seen(self, poles):
-        """Return poles that decay by e in a record at least, below half the sampling rate."""
+        """Return poles moved to where records and sampling resolve them."""
         slowest = 1.0 / max(len(record.u) * record.dt for record in self.records)
         fastest = np.pi / min(record.dt for record in self.records)
         return -np.clip(-poles.real, slowest, fastest) + 1j * poles.imag
 
     def promising(self, candidates, first):
-        """Return the few candidates whose output helps most, and the one that fits best itself.
+        """Return the few candidates whose output helps most, and the one that fits best alone.
 
-        They are alike before the place ``first``. An output helps where it fits together with that
-        of the tree as it is, up to gains and offset.
+        Before the place ``first`` they are equal. Whether an output helps is measured by a fit of
+        it together with the output of the present tree, with free gains and offset.
         """
         if len(candidates) <= FACTOR**2:
             return candidates
@@ -111,7 +111,7 @@ class Scene:
 
 
 def driven_starts(model, records, **known):
-    """Return the operators that a model starts from."""
+    """Return the operators at the starting values of a model."""
     return [split_disturbances(start)[0] for start in model.starting_values(records, **known)]
 
 
@@ -141,10 +141,11 @@ def inserted(name, model, scene):
 
 
 def fed_as_before(tree, at, scene):
-    """Return a tree whose new stage gives the first curve behind it the signal that it had before.
+    """Return a tree whose new stage is fitted so that the next curve keeps its input.
 
-    A stage that carries the gain starts without any. Elsewhere its linear parameters are solved
-    for; through a curve that is no linear problem, and the curve has seen the signal as it was.
+    A stage that owns the gain starts without one. Elsewhere its linear parameters are solved
+    exactly; through a curve that is no linear problem, and the curve was fitted to its present
+    input.
     """
     operators = tree.operators
     bent = [i for i in range(at + 1, len(operators)) if not operators[i].signal_linear]
@@ -160,10 +161,10 @@ def fed_as_before(tree, at, scene):
 
 
 def _redistributed(candidates, at, scene, first):
-    """Return candidates whose linear dynamics all start anew, from poles of their total number.
+    """Return candidates whose linear dynamics all start again, from poles of their total number.
 
     A declared model that lacks a pole shifts its own poles to compensate for it, and a local search
-    would leave them there, as it would poles that were lost because an effect was missing.
+    would leave them there; the same holds for poles that were lost because an effect was missing.
     """
     operators, lost = candidates[0].operators, scene.has_lost_poles
     delayed = not _has_poles(operators[first])
@@ -178,14 +179,14 @@ def _redistributed(candidates, at, scene, first):
 
 
 def _has_poles(operator):
-    """Whether an operator is linear, and its poles can be put elsewhere."""
+    """Whether an operator is linear and can be given other poles."""
     return hasattr(operator, "with_poles") and sum(operator.n_poles) > 0
 
 
 def _started_anew(tree, scene, first):
-    """Return a tree with the poles that the signals suggest, in all ways to share them out.
+    """Return trees with poles estimated from the signals, distributed over the stages in all ways.
 
-    It is that of the scene before the place ``first``.
+    The tree equals that of the scene before the place ``first``.
     """
     operators = tree.operators
     block = [i for i, operator in enumerate(operators) if _has_poles(operator)]
@@ -193,7 +194,7 @@ def _started_anew(tree, scene, first):
     inputs = tree.run(scene.records, first=first, last=block[0], signals=scene.signals(first))
     data = [(u, r.y, r.dt) for u, r in zip(inputs, scene.records, strict=True)]
     found, pole_sets = [], _distinct(pole_starts(data, n_poles))
-    if scene.has_lost_poles:  # those that do almost the same, but that a gradient moves
+    if scene.has_lost_poles:  # where a gradient exists, with almost the same response
         pole_sets.append(scene.seen(np.concatenate([operators[i].poles() for i in block])))
     for poles in pole_sets:
         for shared in distribute_poles([operators[i] for i in block], poles):
@@ -205,7 +206,7 @@ def _started_anew(tree, scene, first):
 
 
 def _distinct(pole_sets):
-    """Return the pole sets that are not near one before."""
+    """Return the pole sets that are not close to an earlier one."""
     kept = []
     for poles in pole_sets:
         ordered = np.sort_complex(poles)
@@ -215,7 +216,7 @@ def _distinct(pole_sets):
 
 
 def _some(records):
-    """Return every third of the rows that count, in each record."""
+    """Return every third of the scored rows in each record."""
     rows, start = [], 0
     for record in records:
         own = np.concatenate([np.arange(a, b) for a, b in record.segments])

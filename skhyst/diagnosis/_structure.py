@@ -1,25 +1,26 @@
-r"""Structure in a residual: what repetitions, a black box and the drive's past find in it.
+r"""Structure in a residual: found by repetitions, by a black box, and by the drive's past.
 
-**Repetitions.** Where the drive repeats, what the residual has in common in repetitions is
+**Repetitions.** Where the drive repeats, what the residual has in common between repetitions is
 structure.
 
-**A black box.** It sees the drive's past, which a model could have used, and the residual's own
-past, which shows structure that is no function of the drive (an oscillation or a chaotic motion of
-its own, a gain that switches). Coloured noise has a past, too, but not of the drive; so where the
-residual has the spectrum of a sensor's noise, see ``skhyst.noise``, the black box first sees the
-drive alone, and then has to predict what that law does not. In a closed loop the drive knows the
-noise: the reference of the loop takes its place, see ``_reference``.
+**A black box.** Its features are the drive's past, which a model could have used, and the
+residual's own past, which shows structure that is no function of the drive (an oscillation or a
+chaotic motion of its own, a gain that switches). Coloured noise can also be predicted from its own
+past, but not from the drive; so where the residual has the spectrum of a sensor's noise, see
+``skhyst.noise``, the black box is first given the drive alone, and then has to predict what that
+noise model does not. In a closed loop the drive depends on the noise: the reference of the loop
+replaces it, see ``_reference``.
 
-**The drive, shifted in time.** Noise follows the drive no better than it follows the drive of some
-time before or after, however slow it is. A regression of the residual at the rows of the middle of
-each record on features of the drive there has the coefficient of determination :math:`R^2_k` with
-the residual :math:`k` shifts later. If the residual is stationary, so is the sequence
-:math:`R^2_{-r}, \dots, R^2_r`, whatever the drive is. Of any r + 1 of its neighbours, no more than
-b are among the b largest, and each sees the other r within its own r neighbours. So the number b of
-all that are as large as :math:`R^2_0`, itself included, has
-:math:`P\{b \leq \alpha (r + 1)\} \leq \alpha` (Yuan and Shou [1]_): the p-value is b / (r + 1).
-A drive that repeats itself is the same after a period: shifts stay below a third of it. One sine
-is the same function of its past at any time, so that nothing is learned; that is for repetitions.
+**The drive, shifted in time.** Noise is related to the drive no more than to the drive of some time
+before or after, however slow it is. A regression of the residual at the middle rows of each record
+on features of the drive there has the coefficient of determination :math:`R^2_k` with the residual
+:math:`k` shifts later. If the residual is stationary, so is the sequence :math:`R^2_{-r}, \dots,
+R^2_r`, whatever the drive is. Among any r + 1 neighbours in it, at most b are among the b largest,
+and each sees the other r within its own r neighbours. So the number b of all that are at least as
+large as :math:`R^2_0`, itself included, has :math:`P\{b \leq \alpha (r + 1)\} \leq \alpha` (Yuan
+and Shou [1]_): the p-value is b / (r + 1). A periodic drive is the same after a period: shifts stay
+below a third of it. A single sine is the same function of its past at any time, so that this test
+cannot show anything; repetitions can.
 
 References
 ----------
@@ -50,14 +51,15 @@ from ._constants import (
 )
 from ._criterion import paired_p_value
 
-N_PRESENT = 4  # features of a drive that need no past, the first ones
+N_PRESENT = 4  # the first features of a drive, which need no past
 
 
 class Trial(NamedTuple):
-    """What was tried to predict a residual, or to find in repetitions.
+    """Result of a test for structure in a residual.
 
-    ``share`` is the part of its power that is left, ``p_value`` that of nothing being predicted,
-    and ``left`` the rest, in stretches; None where nothing is predicted one by one.
+    ``share`` is the fraction of the residual's power that remains, ``p_value`` that of nothing
+    being predicted, and ``left`` the remaining residual of each contiguous part; None if samples
+    are not predicted one by one.
     """
 
     share: float
@@ -65,7 +67,7 @@ class Trial(NamedTuple):
     left: list | None
 
     def matters(self, criterion):
-        """Whether as much is taken away as by a candidate that matters."""
+        """Whether the error falls by `min_improvement` at least."""
         return bool(self.share <= (1.0 - criterion.min_improvement) ** 2)
 
     def is_structure(self, criterion):
@@ -80,16 +82,16 @@ def repeatability(records, *, pairs=None):
     """Return the standard deviation of the response between repetitions of the drive, or None.
 
     Repetitions are records with the same drive, and periods within a record from the second on,
-    since the first still depends on how the record began. A resting drive repeats nothing. What
-    two records owe to different pasts does not count: they are compared once the drive has been
-    at both ends of its range, which wipes out what a hysteresis remembers, and once the difference
-    has settled. A slow drift between repetitions, a cubic of time, is no noise either.
+    since the first still depends on the start of the record. A resting drive has no repetitions.
+    Differences of two records due to different pasts are excluded: records are compared after the
+    drive has been at both ends of its range, which erases the memory of a hysteresis, and after the
+    difference has settled. A slow drift between repetitions, a cubic of time, is no noise either.
 
     Parameters
     ----------
     records : sequence of RecordData
     pairs : list, optional
-        What ``repetitions`` yields, if it is known.
+        The pairs of ``repetitions``, if they are known.
     """
     power, count = 0.0, 0
     for i, a, j, b in repetitions(records) if pairs is None else pairs:
@@ -100,7 +102,7 @@ def repeatability(records, *, pairs=None):
 
 
 def repetitions(records):
-    """Yield record and rows of one repetition, and those of another with the same drive."""
+    """Yield the record and rows of a repetition, and those of another with the same drive."""
     for i, a in enumerate(records):
         if not np.ptp(a.u) > 0.0:
             continue
@@ -117,9 +119,9 @@ def repetitions(records):
 
 
 def _wiped(u):
-    """Return the row from which on the drive has been at both ends of its range.
+    """Return the first row after which the drive has been at both ends of its range.
 
-    Where less than a quarter of the record would be left, what is remembered has to be borne.
+    Zero if less than a quarter of the record would remain: then the memory is accepted.
     """
     near = 1e-3 * np.ptp(u)
     start = max(np.argmax(u >= u.max() - near), np.argmax(u <= u.min() + near))
@@ -127,9 +129,9 @@ def _wiped(u):
 
 
 def _settled(difference):
-    """Return the sum of squares of a difference without its start and drift, and its freedom."""
+    """Return sum of squares and freedom of a difference without transient and drift."""
     rest = difference
-    # of a sum of so many
+    # rounding of a sum of as many terms
     rounding = (len(difference) * np.spacing(np.abs(difference).max())) ** 2
     for _ in range(BLOCKS // 2):
         rest = difference - _slow(difference)
@@ -149,9 +151,9 @@ def _slow(difference):
 
 
 def in_repetitions(pairs, residuals, power):
-    """Return the trial of what residuals of a mean power have in common in repetitions.
+    """Return the trial of the part of residuals of a mean power that repetitions share.
 
-    Noise is not repeated: the product of two repetitions' residuals is zero on average.
+    Noise is independent between repetitions: the mean product of their residuals is zero.
     """
     products = [residuals[i][a] * residuals[j][b] for i, a, j, b in pairs]
     products = [p[np.isfinite(p)] for p in products]
@@ -165,7 +167,7 @@ def in_repetitions(pairs, residuals, power):
 
 
 def by_black_boxes(records, residuals, predictions, rng, criterion):
-    """Return the trial of all records: lags count samples, so each interval has its black box."""
+    """Return the trial of all records; each sampling interval has a black box of its own."""
     known = [i for i, r in enumerate(residuals) if np.isfinite(r).any()]
     trials, powers = [], []
     for numbers in by_interval([records[i] for i in known]).values():
@@ -178,18 +180,19 @@ def by_black_boxes(records, residuals, predictions, rng, criterion):
 
 
 def _by_black_box(records, residuals, predictions, rng, criterion):
-    """Predict the residual by a black box; return what that achieves.
+    """Return the trial of predicting the residual by a black box.
 
-    Ridge regression and boosted trees see the drive and the model's output, their change over
-    logarithmically spaced lags, and further columns; and the residual's own past: its last values,
-    averages, and the gain that it had with the drive, and the time. Folds are stretches of
-    consecutive samples. Of more than 10,000 samples, stretches spread over the records are seen.
+    Features of ridge regression and boosted trees are the drive and the model's output, their
+    change over logarithmically spaced lags, further columns, and time; and of the residual's own
+    past its last values, averages, and its gain with the drive. Folds are runs of consecutive
+    samples. Of more than 10,000 samples, runs spread over the records are used.
 
-    Where the residual has the spectrum of a coloured noise, its past alone proves nothing. Noise
-    does not know the drive, though, and no more than its law predicts it: so the black box must
-    predict the residual from the drive alone, or what the law leaves of it from its own past, or,
-    from the drive alone, how large that is which the law predicts, as of a gain that wanders. As
-    for any two models, errors are compared as they are, and as the innovations of the residual.
+    Where the residual has the spectrum of a coloured noise, prediction from its own past proves
+    nothing. But noise does not depend on the drive, and cannot be predicted beyond its noise model:
+    so the black box must predict the residual from the drive alone, or the innovations of the noise
+    model from the residual's own past, or, from the drive alone, the size of the part that the
+    noise model predicts, as for a gain that wanders. As for any two models, errors are compared as
+    they are, and as innovations of the residual.
 
     Returns
     -------
@@ -218,14 +221,14 @@ def _by_black_box(records, residuals, predictions, rng, criterion):
     found = [own for own in trials if own.is_structure(criterion)]
     if not found:
         return min(trials, key=lambda own: own.share)
-    if found[0] is trials[0]:  # what the noise's own past predicts is noise
+    if found[0] is trials[0]:  # prediction of noise from its own past is no structure
         return found[0]
-    whole = trial(x, y)  # the past is of the structure, too
+    whole = trial(x, y)  # the past belongs to the structure, too
     return found[0]._replace(share=whole.share, left=whole.left)
 
 
 def _left_by_boxes(x, y, block, rng):
-    """Return the residual of held-out stretches after ridge regression, and after trees too."""
+    """Return the held-out residual after ridge regression, and after ridge regression and trees."""
     left, scale = np.stack([y, y]), x.std(axis=0)  # of all: what moves where it is held out only
     x = x / np.where(scale > 0.0, scale, 1.0)
     for fold in range(FACTOR):
@@ -236,7 +239,7 @@ def _left_by_boxes(x, y, block, rng):
         ridge = Ridge(alpha=1e-3 * len(train)).fit(x[train], y[train])
         trees = HistGradientBoostingRegressor(**TREES, random_state=int(rng.integers(2**31)))
         trees.fit(x[train], y[train] - ridge.predict(x[train]))
-        # a straight line goes on beyond what it was fitted to
+        # a linear prediction would extrapolate beyond the range of its fit
         linear = np.clip(ridge.predict(x[test]), y[train].min(), y[train].max())
         left[:, test] -= linear
         left[1, test] -= trees.predict(x[test])
@@ -244,16 +247,17 @@ def _left_by_boxes(x, y, block, rng):
 
 
 def _seen(records, residuals, predictions, rng, noise):
-    """Return what the black box sees, row by row.
+    """Return the data of the black box, row by row.
 
-    That is features, of which so many are driven; the residual; what its law as noise does not
-    predict of it; the number of the stretch; and where rows begin that follow no other.
+    These are the features, and how many of them depend on the drive only; the residual; its
+    innovations under its noise model; the number of the run of samples; and the rows at which a run
+    begins.
     """
     total = sum(int(np.isfinite(r).sum()) for r in residuals)
-    # what neighbours have in common predicts nothing: a stretch is no shorter than that lasts
+    # correlated neighbours must be held out together: a run is no shorter than the correlation
     lasting, _ = block_length([r[rows] for r in residuals for rows in stretches(r)])
     length = max(min(total, ENOUGH) // STRETCHES, min(lasting, total // FACTOR**2), 1)
-    every = max(total // ENOUGH, 1)  # of so many stretches one is seen
+    every = max(total // ENOUGH, 1)  # one of so many runs is used
     features, target, innovations, block, ends = [], [], [], [], []
     start, count = int(rng.integers(every)), 0
     driven_columns = _driven(records, predictions, LAGS)
@@ -280,10 +284,10 @@ def _driven(records, predictions, lags=()):
     """Yield an iterator over the features of each record's drive, at all samples.
 
     They are the drive and the prediction, their powers, plays of the drive, changes over so many
-    samples, first-order lags of drive and power with logarithmically spaced time constants up to
-    the longest record, as of creep and heat, what moves with the time in proportion to the drive,
-    and further columns.
-    One scale serves all records, so that what depends on the amplitude stays visible.
+    samples, first-order lags of the drive and of its square with logarithmically spaced time
+    constants up to the longest record (as of creep and heat), drive and prediction times time, and
+    further columns.
+    All records are scaled alike, so that a dependence on the amplitude stays visible.
     """
     finite = np.concatenate([p[np.isfinite(p)] for p in predictions])
     drives = np.concatenate([record.u for record in records])
@@ -310,7 +314,7 @@ def _driven(records, predictions, lags=()):
 
 
 def _own(u, r):
-    """Yield features of a residual's own past, of the gain that it had with the drive, and time."""
+    """Yield features of a residual's past, of its gain with the drive in the past, and time."""
     yield from (moved(r, lag) for lag in LAGS[:4])
     yield from (past_mean(r, size) for size in LAGS[2::2])
     for signal in (u - u.mean(), u - moved(u, 1, u[0])):
@@ -322,7 +326,7 @@ def _own(u, r):
 
 
 def moved(signal, lag, first=0.0):
-    """Return the signal so many samples before each one, with a first value before the start."""
+    """Return a signal delayed by so many samples, with a first value before its start."""
     return np.concatenate([np.full(min(lag, len(signal)), first), signal[:-lag]])
 
 
@@ -338,9 +342,9 @@ def past_mean(signal, size):
 
 
 def by_shifted_drive(records, residuals, predictions):
-    """Return the trial of the residual following the drive better than it does shifted in time.
+    """Return the trial of the residual following the drive better than the shifted drive.
 
-    What moves is known at the same time: delays would only follow the shift.
+    Features have no delays, which would only compensate for the shift.
     """
     found = []
     every = max(sum(len(r) for r in residuals) // ENOUGH, 1)

@@ -1,4 +1,4 @@
-"""The tables of a search; as plain columns in its state, since skops has no word for frames."""
+"""The tables of a search, pickled as plain columns, since skops cannot store frames."""
 
 import numpy as np
 import pandas as pd
@@ -16,7 +16,7 @@ _FRAME = "frame of columns"
 
 
 class WithTables:
-    """Mixin whose state has the columns of each frame in its place."""
+    """Mixin whose pickled state stores data frames as plain columns."""
 
     def __getstate__(self):
         return {name: _plain(value) for name, value in super().__getstate__().items()}
@@ -45,7 +45,7 @@ def _frame(value):
 
 
 def cv_results(rows, n_folds):
-    """Return what scikit-learn's searches call ``cv_results_``, of the rows of a ranking."""
+    """Return scikit-learn's ``cv_results_`` from the rows of a ranking."""
     params = [{name: row[name] for name in ("round", "effect")} for row in rows]
     unknown = np.full(n_folds, np.nan)
     scores = [unknown if (own := row["fold_errors"]) is None else np.negative(own) for row in rows]

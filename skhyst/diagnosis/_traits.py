@@ -1,8 +1,8 @@
-"""What the search asks of an operator beyond the protocol.
+"""Optional members of an operator, beyond the protocol, that only the search reads.
 
 The operator of a model may have each of these by its name, ``presliding_displacement`` as an
-attribute and the others as methods; one that does not has the default. Of a tree it is that of its
-leaves.
+attribute and the others as methods; without it the default applies. For a tree, its leaves are
+asked.
 """
 
 
@@ -24,21 +24,21 @@ def presliding_displacement(operator):
 
 
 def characteristics(operator, seen):
-    """Return what characterises a part beyond its parameters, as an engineer counts it.
+    """Return characteristics of a part in addition to its parameters, such as engineers use.
 
     Parameters
     ----------
     operator : Operator
-        A leaf, or what wraps one; several in a tree have none together.
+        A leaf, or one wrapped in nodes with a single child; a tree with several leaves has none.
     seen : object
-        What has come in and out, in lists of one array a record: ``inputs`` and ``outputs``;
-        ``dts``, intervals in s; ``ends``, the smallest and the largest input; ``rates``, absolute
-        rates of the input, (n,); of a disturbance ``coefficients``, (n_records, n_coefficients).
+        Inputs and outputs, as lists of one array per record: ``inputs`` and ``outputs``; ``dts``,
+        intervals in s; ``ends``, the smallest and the largest input; ``rates``, absolute rates of
+        the input, (n,); of a disturbance ``coefficients``, (n_records, n_coefficients).
 
     Returns
     -------
     dict of str to (float or array-like, str)
-        Value or values, NaN for one that is not there, and the unit, see
+        Value or values, NaN for an undefined one, and the unit, see
         :class:`~skhyst.operators.ParameterSpec`; by default empty.
     """
     while len(operator.children) == 1:

@@ -1,4 +1,4 @@
-"""A model as the tree of its compositions, and what has been added to it as edits of that tree."""
+"""A model as a tree of operators, with the added effects as edits of that tree."""
 
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -37,9 +37,9 @@ BRIEFLY = VariableProjection(tolerance=TOLERANCE, max_evaluations=FACTOR**2)
 
 
 def as_read(model, records):
-    """Return the records as a model reads them: with its columns of X, and its number of each.
+    """Return the records as a model reads them: with its columns of X, and its schedule value.
 
-    Records have the drive alone, and the further columns beside it.
+    The given records have the drive as input, and further columns as auxiliary inputs.
     """
     ends = np.cumsum([len(r.u) for r in records]).tolist()
     starts = [0, *ends[:-1]]
@@ -60,23 +60,23 @@ def as_read(model, records):
 
 @dataclass(frozen=True)
 class Tree:
-    """A model with operators at present values, and the edits that have led to it.
+    """A model with the present values of its operators, and the edits that were applied to it.
 
     Attributes
     ----------
     root : Operator
         The tree of operators, with additive disturbances.
     columns : estimator
-        A model that knows the columns of X.
+        A model with the names and the number of the columns of X.
     declared : Tree or None
-        Before any edit; None where there is none.
+        The tree before any edit; None where there is none.
     edits : tuple of (str, edit)
-        Names of effects, and what was done for them, see ``_edits``.
+        Name of the effect, and the edit made for it, see ``_edits``.
     name : str or None
-        Of a stage that stands alone, where that is not the name of its class.
+        Name of a single stage, if it is not the name of its class.
     input_history : tuple of ndarray of shape (n_values,) or (n_values, n_inputs)
-        Drive before each record, see ``RecordData``, or the values that it starts from, of a model
-        that has no state of rest; empty where all begin at rest.
+        Drive before each record, see ``RecordData``, or starting values of the state for a model
+        without a state of rest; empty if all records begin at rest.
     """
 
     root: object
@@ -93,11 +93,11 @@ class Tree:
 
     @classmethod
     def from_result(cls, model, result, input_history=()):
-        """Return the tree of a declared model and what identification found for it."""
+        """Return the tree of a declared model with its identification result."""
         return cls.of(model, result.operator, result.disturbances, input_history)
 
     def __setstate__(self, state):
-        if "root" not in state:  # of a file from before the operators knew their models
+        if "root" not in state:  # a file written before operators stored their models
             operator = state.pop("operator"), state.pop("disturbances")
             state["columns"] = state.pop("model")
             state["root"] = state["columns"].tree(operator)
@@ -129,12 +129,12 @@ class Tree:
 
     @property
     def whole(self):
-        """The root, and the name that it goes by as a single stage."""
+        """The root, and its name as a single stage."""
         return Stage(self.name, self.root)
 
     @cached_property
     def stages(self):
-        """The stages of the series that follows the drive."""
+        """The stages of the series behind the drive."""
         return series_stages(self.whole)
 
     @property
@@ -149,7 +149,7 @@ class Tree:
 
     @property
     def operators(self):
-        """Operators of the stages; of those that follow a number of the record, their mean."""
+        """Operators of the stages; scheduled parameters at their mean."""
         return tuple(stage.operator for stage in self.stages)
 
     @property
@@ -164,7 +164,7 @@ class Tree:
 
     @property
     def multi_input(self):
-        """Whether the first stage takes several inputs, so that nothing can come before it."""
+        """Whether the first stage has several inputs, so that no stage can precede it."""
         return bool(self.stages) and self.stages[0].operator.reads_columns
 
     @property
@@ -174,7 +174,7 @@ class Tree:
 
     @property
     def lines(self):
-        """Those of the values that follow a number of the record: at its least and its largest."""
+        """Values of scheduled entries, at the least and at the largest schedule value."""
         return {key: tuple(own) for key, own in self.values.items() if len(own) > 1}
 
     @property
@@ -184,7 +184,7 @@ class Tree:
 
     @property
     def follows_amplitude(self):
-        """Whether something depends on the amplitude of the record."""
+        """Whether a parameter depends on the amplitude of the record."""
         params = self.model.get_params().items()
         return any(k.split("__")[-1] in ("by", "column") and v == "amplitude" for k, v in params)
 
@@ -193,9 +193,9 @@ class Tree:
         return Series(self.names, self.operators).normalized()
 
     def position(self, order):
-        """Return where in the series a stage of this order goes: behind what biases the drive.
+        """Return the place in the series of a stage of this order; behind a bias of the drive.
 
-        What stands at a joint of its own has no say.
+        Stages that an edit has put at a joint of its own are not considered.
         """
         placed = {self.label(n) for n, edit in self.edits if isinstance(edit, InsertAt | Divide)}
         behind = [
@@ -219,20 +219,20 @@ class Tree:
 
     @cached_property
     def _taken(self):
-        """Names of the parts of the model."""
+        """Names that parts of the model already have."""
         params = self.model.get_params().items()
         steps = {key.split("__")[-1] for key, value in params if hasattr(value, "fit")}
         return {*self.names, *self.disturbance_names, *steps}
 
     def label(self, effect):
-        """Return the name of what is added for an effect: its own, where that is free."""
+        """Return the name of the part that is added for an effect: its own, if it is free."""
         taken = (self.declared or self)._taken
         if effect not in taken:
             return effect
         return next(f"{effect}_{i}" for i in count(2) if f"{effect}_{i}" not in taken)
 
     def place(self, effect):
-        """Return the number of the stage that an effect is, or has changed."""
+        """Return the number of the stage that an effect is, or that it has changed."""
         edits = [edit for edit in self.edits_of(effect) if edit.kind != "stage"]
         places = [edit.place for edit in edits if edit.place]
         return self.names.index(places[0] if places else self.label(effect))
@@ -242,7 +242,7 @@ class Tree:
         return any(edit.kind == "force" for edit in self.edits_of(effect))
 
     def part(self, effect):
-        """Return the operator that an effect is, or has become a part of."""
+        """Return the operator that an effect is, or is a part of."""
         label = self.label(effect)
         if label in self.disturbance_names:
             return self.disturbances[self.disturbance_names.index(label)]
@@ -271,7 +271,7 @@ class Tree:
         return self.composed(with_series_stages(self.whole, stages))
 
     def with_stage(self, at, operator):
-        """Return the tree with another operator of a stage, of the same model if it has none."""
+        """Return the tree with another operator of a stage, which keeps its model."""
         stages = list(self.stages)
         if operator.model is None:
             operator = replace(operator, model=stages[at].operator.model)
@@ -279,7 +279,7 @@ class Tree:
         return self.with_stages(stages)
 
     def cut(self, *names):
-        """Return the tree without stages; others take over their gain, where all are linear."""
+        """Return the tree without some stages; if all are linear, others take over their gain."""
         series = Series(self.names, self.operators)
         for name in names:
             series = series.without(name)
@@ -288,8 +288,8 @@ class Tree:
     def without(self, effect):
         """Return the declared tree with the edits of all other effects, at the present values.
 
-        What was done to a stage that the effect had added goes with it. What stands behind one
-        moves up to where that stood.
+        Edits of a stage that the effect had added are removed with it. A stage that was placed
+        behind that stage moves up to its place.
         """
         tree = self.declared
         for name in self.effects:
@@ -299,28 +299,28 @@ class Tree:
         return tree._at_values_of(self)
 
     def _moved_up(self, edit, names):
-        """Return an edit whose joint is behind the last of some stages before it that is here."""
+        """Return an edit at a joint, moved behind the nearest earlier stage of this tree."""
         if not isinstance(edit, InsertAt) or edit.place in (None, *self.names):
             return edit
         here = [name for name in names[: names.index(edit.place)] if name in self.names]
         return replace(edit, place=here[-1] if here else None)
 
     def _at_values_of(self, other):
-        """Return the tree with the values of another where both have them, by name."""
+        """Return the tree with the values of another, for entries of the same names."""
         other = other.cut(*(name for name in other.names if name not in self.names))
         marks, present = [spec.held for _, spec in other.series().entries()], {}
         for name, operator in other.stages:
             held, marks = np.split(marks, [operator.n_parameters])
             present[name] = operator, held.astype(bool)
         values, stages = stage_values(other.whole, held=False), []
-        # a part of what is whole here has other poles of the same names
+        # the parts of a divided stage have other poles of the same names
         parts = {edit.place for _, edit in other.edits if isinstance(edit, Divide)}
         parts -= {edit.place for _, edit in self.edits if isinstance(edit, Divide)}
         values = {key: own for key, own in values.items() if key[0] not in parts}
         for stage in self.stages:
             fixed = stage.operator.held_entries()
             found, held = present.get(stage.name, (None, None))
-            if _has_other_terms(stage.operator, found):  # resolution was raised since
+            if _has_other_terms(stage.operator, found):  # the resolution was raised since
                 model = stage.operator.model.resolved(found)
                 stage = stage._replace(operator=replace(found, model=model))
             elif _alike(stage.operator, found):  # fixed structure too, but no value that is held
@@ -328,7 +328,7 @@ class Tree:
                 own = np.where(held, stage.operator.pack(), found.pack())
                 found = replace(found.unpack(own), model=stage.operator.model)
                 hold = getattr(stage.operator, "hold", None)
-                if getattr(found, "hold", None) != hold:  # which an edit sets
+                if getattr(found, "hold", None) != hold:  # an edit sets it
                     found = replace(found, hold=hold)
                 stage = stage._replace(operator=found)
             stages.append(stage)
@@ -350,18 +350,18 @@ class Tree:
         return self.model.held_parameters() | constant_entries(self.operator, self.disturbances)
 
     def begun(self, records):
-        """Return the records with what came before them."""
+        """Return the records with their input history."""
         if not self.input_history:
             return records
         both = zip(records, self.input_history, strict=True)
         return [begun(self.operator, record, own) for record, own in both]
 
     def read(self, records):
-        """Return the records as the model reads them, with what came before them."""
+        """Return the records as the model reads them, with their input history."""
         return self._as_read(self.begun(records))
 
     def _as_read(self, records):
-        """Return the records as they are where the drive alone is read; see :func:`as_read`."""
+        """Return the records unchanged if the model reads the drive alone; see :func:`as_read`."""
         whole = self.root.reads_columns or self.root.is_scheduled
         return as_read(self.model, records) if whole else records
 
@@ -380,18 +380,18 @@ class Tree:
         return self.with_operators(*problem.unpack(x))
 
     def n_coefficients(self):
-        """Number of coefficients that each record has of its own."""
+        """Number of coefficients that are estimated for each record."""
         beside = sum(np.size(disturbance.coefficients) for disturbance in self.disturbances)
         return beside + sum(map(np.size, self.input_history[:1]))
 
     def stages_at(self, number):
-        """Return the stages as they are in a record whose parameters follow a number."""
+        """Return the stages with the parameters of a record of this schedule value."""
         if number is None:
             return self.stages
         return series_stages(self.whole._replace(operator=self.root.at(number)))
 
     def run(self, records, first=0, last=None, signals=None):
-        """Return the output of a stretch of the series for each record."""
+        """Return the output of consecutive stages of the series for each record."""
         outputs, records = [], self.begun(records)
         read = self._as_read(records)
         for number, (record, own) in enumerate(zip(records, read, strict=True)):
@@ -409,7 +409,7 @@ class Tree:
         return outputs
 
     def led(self, records, at):
-        """Return what went into a place of the series before each record, None where unknown."""
+        """Return the input history at a place of the series for each record, None where unknown."""
         found = []
         for own in self.read(records):
             stages = [stage.operator for stage in self.stages_at(own.schedule)[:at]]
@@ -426,12 +426,12 @@ class Tree:
         return u[-ages(record.before)]
 
     def respond(self, records):
-        """Return the output of all that is driven for each record."""
+        """Return the output of the driven part for each record."""
         problem = OperatorProblem(self.operator, self.read(records), initial_state=self.state)
         return [problem.simulate(self.operator, record) for record in problem.records]
 
     def led_by(self, records):
-        """Return the tree with what came before records estimated, the parameters held."""
+        """Return the tree with the input history of records estimated, the parameters held."""
         alone = self._as_read(records)
         found, _ = input_history_of(self.operator, self.disturbances, alone)
         return replace(self, input_history=tuple(found))
@@ -439,12 +439,12 @@ class Tree:
     # ------------------------------------------------------------------ as an estimator
 
     def identified(self, records):
-        """Return the tree as its model identifies it from nothing, to be refitted."""
+        """Return the tree with its model identified from scratch, roughly, to be refitted."""
         result = self.estimator.set_params(method=BRIEFLY).identify(self.read(records))
         return replace(self, root=self.model.tree((result.operator, result.disturbances)))
 
     def with_input_history(self, records):
-        """Return the tree refitted with what came before the records."""
+        """Return the tree refitted together with the input history of the records."""
         found, input_history = estimate_input_history(
             self.operator,
             self.disturbances,
@@ -462,9 +462,9 @@ class Tree:
         return clone_of(self.model)
 
     def fitted(self, records, slices):
-        """Return the model, fitted on all records from the operators here, and what was found."""
+        """Return the model fitted on all records from the present values, and the result."""
         estimator = self.estimator
-        # the search has refitted these operators to the same records already
+        # the search has already refitted these operators to the same records
         method = BRIEFLY if are_long(records) else None
         starts = [(self.operator, self.disturbances)]
         result = refine(estimator, starts, self.read(records), method)
@@ -476,12 +476,12 @@ class Tree:
 
 
 def clone_of(model):
-    """Return a clone that knows the columns of X."""
+    """Return a clone with the column names of a model."""
     return informed(clone(model), model)
 
 
 def _has_other_terms(a, b):
-    """Whether two operators of one model differ in the number of their terms, or their places."""
+    """Whether two operators of one model differ in the number or positions of their terms."""
     if type(a) is not type(b) or type(a.model) is not type(b.model):
         return False
     parts = [[part for _, part, _ in parts_with_resolution(own)] for own in (a, b)]

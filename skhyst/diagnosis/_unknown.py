@@ -1,30 +1,30 @@
 r"""A term without a name, for a residual that no effect explains.
 
-The step that follows a verdict other than ``noise``. A smooth function of one signal, whose law is
-not known (:class:`~skhyst.static.UnknownTerm`), is put at every place of the model: at each joint
-of the series, of what goes through it, of the rate and of plays of that; as a force in the equation
-of motion of linear dynamics, of the displacement or the velocity
-(:class:`~skhyst.compose.Feedback`); and beside the response, of the drive or of a further column of
-X, of its rate and plays. At each place only functions are
-left that the model's parameters cannot do themselves, as smooth as restricted maximum likelihood
-asks for; the whole is refitted jointly, held out, and the one of least held-out error is tested
-against the model without it by the search's own criterion, for all that the search and this step
-have tried. What that criterion does not tell from it is ``ambiguous_with``. Where structure is left
-beside it, a second term is sought in the same way, of functions that neither the parameters nor the
-first term can do: the sum of two smooth functions.
+It is sought after a verdict other than ``noise``. A smooth function of one signal, of unknown form
+(:class:`~skhyst.static.UnknownTerm`), is tried at every place of the model: at each joint of the
+series, as a function of the signal there, its rate and its plays; as a force in the equation of
+motion of linear dynamics, as a function of the displacement or the velocity
+(:class:`~skhyst.compose.Feedback`); and added to the response, as a function of the drive or of a
+further column of X, its rate and its plays. At each place the functions are restricted to those
+that the model's parameters cannot reproduce, as smooth as restricted maximum likelihood makes them.
+The whole model is refitted jointly and held out. The term of least held-out error is tested against
+the model without it by the criterion of the search, corrected for all that the search and this step
+have tried. Terms that the criterion does not distinguish from it are ``ambiguous_with``. If
+structure remains, a second term is sought in the same way, of functions that neither the parameters
+nor the first term can reproduce: the model is then the sum of two smooth functions.
 
-**The band.** Let C be the covariance of the weights in the joint fit under noise of any colour, and
-of the bias of the penalty: as the prior that it stands for, the weights have a covariance, and the
-penalty takes a known part of it (Nychka, *Journal of the American Statistical Association*, 1988).
-The curve :math:`F w` at the points of a grid lies within :math:`\pm q \, (F C F')_{ii}^{1/2}` at
-all of them with 95 %: q is the quantile of :math:`\max_i |(F z)_i| / (F C F')_{ii}^{1/2}`, z normal
-with the covariance C. It knows nothing of the choice of place and smoothness; that costs little,
-see ``benchmarks/unknown_term.py``.
+**The band.** Let C be the covariance of the weights in the joint fit under coloured noise, plus
+that of the bias of the penalty: under the prior that the penalty represents, the weights have a
+covariance, of which the penalty removes a known part (Nychka, *Journal of the American Statistical
+Association*, 1988). The curve :math:`F w` at the points of a grid lies within :math:`\pm q \, (F C
+F')_{ii}^{1/2}` at all points with 95 % probability: q is the quantile of :math:`\max_i |(F z)_i| /
+(F C F')_{ii}^{1/2}`, with z normal of the covariance C. The selection of place and smoothness is
+not included; its influence is small, see ``benchmarks/unknown_term.py``.
 
-**Laws.** A law :math:`c \, g(v / s)` is the same term with one function in place of many. Its scale
-s is that of the least predicted sum of squares; it is refitted and held out as any candidate.
-Offered are those that the free curve is not better than, by the same criterion at the same level,
-with fewest numbers and least error first.
+**Laws.** A law :math:`c \, g(v / s)` is the same term with a single function. Its scale s minimises
+the predicted sum of squares; it is refitted and held out like any candidate. Laws are listed if the
+free curve is not better by the same criterion at the same level, those with fewest parameters and
+least error first.
 """
 
 from dataclasses import dataclass, field, replace
@@ -50,11 +50,11 @@ from ._shortened import are_long
 from ._starts import Scene
 
 NAME, SECOND = "unknown_term", "second_unknown_term"
-_HALF_GAPS = (0.03, 0.1, 0.3)  # of plays, relative to the range of what goes in
-_TRIALS = 12  # of a scale or a half gap
-_FINE = 200  # intervals of a law's splines: its corners are as sharp as that
+_HALF_GAPS = (0.03, 0.1, 0.3)  # of plays, relative to the range of their input
+_TRIALS = 12  # evaluations of a scale or a half gap
+_FINE = 200  # intervals of a law's splines: the resolution of its corners
 _GRID = 101  # points of a curve
-_DRAWS = 2000  # of the simultaneous band: its quantile to about 1 %
+_DRAWS = 2000  # of the simultaneous band: its quantile is then known to about 1 %
 _LEVEL = 0.95
 _SEEN = (0.005, 0.995)  # quantiles of the argument between which the curve is shown
 LAW_COLUMNS = ["law", "formula", "c", "c_std", "s", "error", "p_value"]
@@ -88,14 +88,14 @@ class Site:
     Attributes
     ----------
     place, argument : str
-        In words.
+        Description in words.
     model : UnknownTerm
     make : callable
-        Returns the edit that puts the model with an operator there. Its ``part(tree)`` is the
-        operator in a tree, ``leads_to(name, tree)`` says whether an entry is one of it, and
-        ``unit(tree)`` is that of the argument.
+        Returns the edit that inserts the model with an operator. Its ``part(tree)`` is the operator
+        in a tree, ``leads_to(name, tree)`` says whether an entry belongs to it, and ``unit(tree)``
+        is the unit of the argument.
     records : list of RecordData
-        Driven by what the term sees.
+        Driven by the argument's signal.
     """
 
     place: str
@@ -108,16 +108,16 @@ class Site:
         return f"{self.place}: a function of the {self.argument}"
 
     def put(self, tree, operator, model=None):
-        """Return a tree with an operator of the term, of its model or another."""
+        """Return a tree with an operator of the term, of the site's model or another."""
         edit = self.make(self.model if model is None else model, operator)
         return tree.edited(self.make.name, edit)
 
     def seen(self, term):
-        """Return what a term is a function of, (n_samples,)."""
+        """Return the values of a term's argument, (n_samples,)."""
         return np.concatenate([term.arguments(r.u, r.dt)[0] for r in self.records])
 
     def weights(self, names, tree):
-        """Return which of the names of entries are those of the weights of the term."""
+        """Return the numbers of those entries that are weights of the term."""
         return [
             i
             for i, name in enumerate(names)
@@ -127,7 +127,7 @@ class Site:
 
 @dataclass(frozen=True)
 class Unknown:
-    """A term that is missing in a model, and has no name.
+    """A term without a name that a model lacks.
 
     Parameters
     ----------
@@ -136,39 +136,39 @@ class Unknown:
         of <stage>"``, where it is a force that acts against that of the drive in the equation of
         motion.
     argument : str
-        What it is a function of, such as ``"rate of the drive"``; of a force ``"displacement"`` or
+        What it is a function of, such as ``"rate of the drive"``; for a force ``"displacement"`` or
         ``"velocity"``, from rest, in the direction of the drive.
     curve : DataFrame
-        The function over what is seen of its argument: ``argument`` (its own units, those of the
-        output of the stage for a displacement, rates per s), ``value``, ``low`` and ``high``, the
-        simultaneous 95 % band, all in the units of the place (of a force those of what drives the
-        stage), and ``density``, the part of the samples that is near. What the parameters of the
-        model can do as well, as a gain what is straight in the drive, or a damping ratio what is
-        straight in the velocity, is left to them.
+        The function over the observed range of its argument: ``argument`` (in its own units, those
+        of the stage's output for a displacement, rates per s), ``value``, ``low`` and ``high``, the
+        simultaneous 95 % band, all in the units of the place (for a force, those of the stage's
+        input), and ``density``, the fraction of samples nearby. Components that the model's
+        parameters can reproduce are left to them, such as the linear part in the drive to a gain,
+        or in the velocity to a damping ratio.
     error_before, error_after : float
         Held-out errors, units of the response.
     share : float
-        Part of the power of the held-out residual that it explains.
+        Fraction of the power of the held-out residual that it explains.
     p_value : float
         Against the model without it, corrected for all that was tried.
     ambiguous_with : tuple of str
-        Places and arguments that the recording does not tell from it.
+        Places and arguments that the recording does not distinguish from it.
     laws : DataFrame
         Laws that the curve is not better than: ``law``, ``formula``, ``c`` and ``c_std``, the scale
-        ``s`` (NaN where the law has none), ``error``, and ``p_value`` against it, simplest first.
+        ``s`` (NaN for a law without one), ``error``, and ``p_value`` against it, simplest first.
     structure_left : bool
-        Whether the search does not judge the residual beside it to be noise: then the place may be
-        another.
+        Whether the residual with the term is not judged to be noise: then the place may be another.
     noise_ceiling : float
-        ``error_after``, or the part of it that a black box does not predict: of the drive, the
+        ``error_after``, or the part of it that a black box does not predict from the drive, the
         response of the model with the term, and the past of both.
     estimator : estimator
         The augmented model with the term, fitted to all data.
     second : Unknown or None
-        A second term beside it, where it leaves structure: of another argument or at another place,
-        tested as the first is against the model with that, without ``laws``. It has none of what
-        the first can do (no concurvity): where two arguments move together, there is no second
-        term. Beside a first one of the drive at the response it is sought at the response alone.
+        A second term in addition to the first, if structure remains: of another argument or at
+        another place, tested like the first, against the model with the first, without ``laws``. It
+        contains no function that the first can reproduce (no concurvity): if two arguments move
+        together, there is no second term. After a first term of the drive at the response, it is
+        sought at the response only.
 
     Examples
     --------
@@ -194,7 +194,7 @@ class Unknown:
     second: "Unknown | None" = None
 
     def __str__(self):
-        """Return it in one sentence."""
+        """Return a description in one sentence."""
         text = f"a {self._added} that depends on the {self.argument}, {self.shape}"
         if len(self.laws):
             first = self.laws.iloc[0]
@@ -210,7 +210,7 @@ class Unknown:
 
     @property
     def code(self):
-        """Line of code that makes the simplest law an effect of later searches, "" without one."""
+        """Line of code that registers the simplest law as an effect for later searches, or ""."""
         if not len(self.laws):
             return ""
         first, place = self.laws.iloc[0], self.place.split(" of ")[0]
@@ -228,7 +228,7 @@ class Unknown:
 
     @property
     def shape(self):
-        """Whether the curve is odd or even, as far as its band tells, and where it rises."""
+        """Whether the curve is odd or even, within its band, and whether it rises or falls."""
         v, f = self.curve["argument"].to_numpy(), self.curve["value"].to_numpy()
         half = 0.5 * (self.curve["high"] - self.curve["low"]).to_numpy()
         reach = min(-v[0], v[-1])
@@ -239,14 +239,14 @@ class Unknown:
             wide = np.interp(at, v, half) + np.interp(-at, v, half)
             parts = {"odd": ahead + behind - 2.0 * np.interp(0.0, v, f), "even": ahead - behind}
             words = [name for name, own in parts.items() if np.all(np.abs(own) <= wide)]
-            words = words if len(words) == 1 else []  # a band around zero tells nothing
+            words = words if len(words) == 1 else []  # a band around zero excludes neither
         slopes = np.diff(f)
         if np.all(slopes >= 0.0) or np.all(slopes <= 0.0):
             words.append("rising" if slopes.sum() > 0.0 else "falling")
         return ", ".join(words) if len(words) else "neither odd nor even"
 
     def picture(self):
-        """Return the curve with its band, over the density of the data.
+        """Return the curve with its band, above the density of the data.
 
         Returns
         -------
@@ -261,7 +261,7 @@ class Unknown:
         return Picture("Unexplained", self.argument, added, curves, below=below)
 
     def to_dict(self):
-        """Return it as plain data.
+        """Return the term as plain data.
 
         Returns
         -------
@@ -278,13 +278,13 @@ class Unknown:
 
 
 def find_unknown(base, records, slices, folds, criterion, n_tried, n_jobs):
-    """Return what a term without a name does for a candidate; None where none is needed.
+    """Return the best term without a name for a candidate; None if none is needed.
 
     Returns
     -------
     tuple or None
-        Site, candidate, p-value, sites that it is not told from, rows of ``Unknown.laws`` (none of
-        a second term), and the number of all that was tried.
+        Site, candidate, p-value, sites that are not distinguished from it, rows of ``Unknown.laws``
+        (none for a second term), and the number of all that was tried.
     """
     if base.structure.input_history:
         return None
@@ -320,7 +320,7 @@ def find_unknown(base, records, slices, folds, criterion, n_tried, n_jobs):
 
 
 def _sites(scene):
-    """Yield the places and arguments that there are."""
+    """Yield all places and arguments of a model."""
     yield from _motions(scene)
     tree, records, name = scene.tree, scene.records, _name(scene.tree)
     term = tree.label(NAME) if NAME in tree.effects else None
@@ -363,7 +363,7 @@ def _name(tree):
 
 
 def _motions(scene):
-    """Yield the forces in the equations of motion of linear dynamics."""
+    """Yield the sites of forces in the equations of motion of linear dynamics."""
     for at, (place, linear) in enumerate(scene.tree.stages):
         if not moves(linear):
             continue
@@ -383,7 +383,7 @@ def _in_words(argument, signal):
 
 
 class _Part:
-    """Base of what puts a term into a tree as a part of its own, of the name ``name``."""
+    """Base of edits that add a term to a tree as a part of its own, called ``name``."""
 
     @staticmethod
     def unit(tree):
@@ -396,13 +396,13 @@ class _Part:
         return getattr(operator, "operator", operator)
 
     def leads_to(self, name, tree):
-        """Whether an entry is one of the term."""
+        """Whether an entry belongs to the term."""
         return tree.label(self.name) in name.split("__")
 
 
 @dataclass(frozen=True)
 class _Joint(_Part):
-    """Makes the edit at a joint of the series."""
+    """Makes the edit that inserts a term at a joint of the series."""
 
     behind: str | None
     name: str
@@ -413,7 +413,7 @@ class _Joint(_Part):
 
 @dataclass(frozen=True)
 class _Motion:
-    """Makes the edit of linear dynamics with a force in their equation of motion."""
+    """Makes the edit that adds a force to the equation of motion of linear dynamics."""
 
     place: str
     loop: Any
@@ -428,7 +428,7 @@ class _Motion:
         return tree.operators[tree.names.index(self.place)].curve
 
     def leads_to(self, name, tree):
-        """Whether an entry is one of the term; a stage may stand alone, without its name."""
+        """Whether an entry belongs to the term; a single stage has no name in it."""
         parts = name.split("__")
         return parts[-2:-1] == ["curve"] and parts[-3:-2] in ([self.place], ["model"], [])
 
@@ -437,11 +437,11 @@ class _Motion:
 
     @staticmethod
     def driven(loop, records):
-        """Return records, driven by what a term in the loop is a function of."""
+        """Return records driven by the argument of a term in the loop."""
         return [replace(r, u=loop.arguments(r.u, r.dt), before=None) for r in records]
 
     def renewed(self, site, tree, records, independent):
-        """Return the site and the tree at the range and the smoothness of a solution."""
+        """Return the site and the tree with the argument's range and smoothness at a solution."""
         at = tree.names.index(self.place)
         loop, model = tree.operators[at], tree.models[at]
         site = replace(site, records=self.driven(loop, Scene(tree, records).records_at(at)))
@@ -469,7 +469,7 @@ class _Motion:
 
 @dataclass(frozen=True)
 class _Column(_Part):
-    """Makes the edit beside the response, of a column of X."""
+    """Makes the edit that adds a term of a column of X to the response."""
 
     column: int
     name: str
@@ -479,7 +479,7 @@ class _Column(_Part):
 
 
 def _models(site):
-    """Return the models of a site, of plays several."""
+    """Return the models of a site; several half gaps for plays."""
     if site.model.argument != "play" or site.model.half_gap is not None:
         return [site.model]
     swing = max(float(np.ptp(r.u)) for r in site.records)
@@ -487,7 +487,7 @@ def _models(site):
 
 
 def _started(site, tree, records):
-    """Return the candidates of a site at their starting values, at zero."""
+    """Return the candidates of a site at their starting values, with all weights zero."""
     found = []
     for model in _models(site):
         flexible = model.flexible(site.records)
@@ -498,7 +498,7 @@ def _started(site, tree, records):
 
 
 def _with_gap(candidate, site, tree, records):
-    """Return the candidate of a play with the half gap that promises most, others as they are."""
+    """Return the candidate of a play with the best predicted half gap; others unchanged."""
     if site.model.argument != "play":
         return candidate
     found, gap = [candidate], site.make.part(candidate.structure).half_gap
@@ -521,7 +521,7 @@ def _minimized(cost, bounds):
 
 
 def _smoothed(site, model, flexible, tree, records, independent=1.0):
-    """Return an operator with the functions that are needed beside a tree's parameters."""
+    """Return an operator restricted to functions that a tree's parameters cannot reproduce."""
     full = site.put(tree, flexible, model)
     problem = full.problem(records)
     gram = problem.total(problem.evaluate(problem.x0))
@@ -541,11 +541,11 @@ def _budget(records):
 
 
 def _settled(candidate, site, base, records, folds):
-    """Return the site and the candidate, held out; None where it needs no term any more.
+    """Return the site and the candidate, held out; None if the term vanishes.
 
-    How smooth the term is follows from the noise, and a loop is not linear in its term: what that
-    has to do, and what it sees, is known only where the loop is closed. So the smoothness is found
-    again at the solution, until it stays the same to one function.
+    The smoothness depends on the noise, and a loop is not linear in its term: the required function
+    and its argument are known only with the loop closed. So the smoothness is found again at the
+    solution, until its effective number of functions changes by less than one.
     """
     for _ in range(FACTOR):
         tree = candidate.structure
@@ -570,11 +570,11 @@ def _settled(candidate, site, base, records, folds):
 
 
 def _errors(site, tree, records):
-    """Return the covariance of the weights of a term, and how many independent samples one is.
+    """Return the covariance of the term's weights, and the independent fraction of samples.
 
-    The prior that the penalty stands for has the covariance ``sigma^2 (n P)^-1``; with it the bias
-    of the penalty counts as an error, too. With colour the weights know sigma^2 only from as many
-    independent samples as those are worth.
+    The prior that the penalty represents has the covariance ``sigma^2 (n P)^-1``; under it the bias
+    of the penalty counts as an error, too. With coloured noise, sigma^2 is known only from the
+    equivalent number of independent samples.
     """
     problem = tree.problem(records)
     n, x = problem.segment_weight.sum(), problem.x0
@@ -598,11 +598,11 @@ def _errors(site, tree, records):
 
 
 def _of_law(term, law, scale):
-    """Return an operator with one function in place of many, at zero."""
+    """Return an operator with a law as its single function, at zero weight."""
     knots = term.low + (np.arange(_FINE + 3) - 1.0) * (term.high - term.low) / _FINE
-    # the knot's own value is the coefficient of a spline that is next to the function
+    # the value at a knot is the coefficient of a spline close to the function
     basis = law(knots / scale)[:, None]
-    size = np.abs(basis).max() or 1.0  # a dead band may be wider than all that is seen
+    size = np.abs(basis).max() or 1.0  # a dead band may be wider than the whole range
     return replace(term, weights=np.zeros(1), basis=basis / size, penalty=0.0), size
 
 
@@ -649,14 +649,14 @@ class LawAt:
         Parameters
         ----------
         name : str
-            Of the effect.
+            Name of the effect.
         scene : Scene
-            The model so far and its records.
+            The current model and its records.
 
         Returns
         -------
         list of Tree
-            None where the model has no such place.
+            Empty if the model has no such place.
         """
         _, law, scaled = LAWS[self.law]
         found = []

@@ -1,29 +1,29 @@
-r"""Whether what a model leaves is noise: between a floor and a ceiling, in this order.
+r"""Whether a residual is noise: from a noise floor and a ceiling, in this order.
 
-The **floor** is what cannot be a response of any model: the smallest of the scatter between
-repetitions of the drive, of what the residual's own past does not predict under its law as noise,
-and of its and the response's scaled differences (:func:`skhyst.noise.difference_noise`). The last
-two take all that is smooth for structure; of noise that is coloured they show a part. The
-**ceiling** is the held-out error, or the part of it that a black box does not predict.
+The **floor** cannot be the response of any model: it is the smallest of the scatter between
+repetitions of the drive, of the innovations of the residual under its noise model, and of the
+scaled differences of residual and response (:func:`skhyst.noise.difference_noise`). The last two
+count everything smooth as structure; of coloured noise they contain only a part. The **ceiling** is
+the held-out error, or the part of it that a black box does not predict.
 
-1. **What is found is structure**, however near the floor: what repetitions have in common, what a
-   black box predicts, or what follows the drive better than the drive shifted in time
-   (``_structure``), where it is significant and matters. The residual is ``unexplained``.
-2. Only then, where floor and ceiling agree within what matters, it is ``noise``.
-3. Between them it is ``noise`` where it *can* be, or where repetitions show it, since a misfit
-   repeats. Its spectrum falls with an exponent below 2: the power of what is summed up, as of a
-   drift or of creep, grows without bound with the record. Its correlation has fallen to 1/e within
-   a fifth of the drive's period: what a drive causes changes as the drive does, a sine within 0.19
-   of its period. It is less than three times what its own past does not predict: what is more
-   resembles a smooth misfit beside a little noise (of a first-order process that is a correlation
-   of 0.94 a sample). A black box predicts less of it than matters, by chance too. And held out it
-   is less than three times as large as in the fit, in blocks as in whole records that the
-   others know the range of: more is not of one size.
-4. Else it is ``undetermined``, and what to record is said.
+1. **What is found is structure**, however close to the floor: what repetitions share, what a black
+box predicts, or what follows the drive better than the drive shifted in time (``_structure``), if
+it is significant and matters. The residual is ``unexplained``.
+2. Otherwise, if floor and ceiling agree within `min_improvement`, it is ``noise``.
+3. Between them it is ``noise`` if it *can* be, or if repetitions show it, since a misfit repeats.
+It can be noise on these conditions. Its spectrum falls with an exponent below 2: the power of an
+integrated signal, such as drift or creep, grows without bound with the record. Its correlation
+falls to 1/e within a fifth of the drive's period: a response changes as the drive does, that to a
+sine within 0.19 of its period. It is less than three times its innovations: a larger ratio
+resembles a smooth misfit with a little noise (for a first-order process, a correlation of 0.94 per
+sample). A black box predicts less of it than matters, even by chance. And the held-out error is
+less than three times that of the fit, both in blocks and in whole records within the range of the
+others: a larger ratio is not that of stationary noise.
+4. Otherwise it is ``undetermined``, and the advice says what to record.
 
-The figures of the third step hold what ``benchmarks/verdicts.py`` measures: of noise that is white,
-of first order or flicker noise hardly any is missed, and of structure that no test has found hardly
-any is called noise.
+The limits of the third step are checked by ``benchmarks/verdicts.py``: hardly any white,
+first-order or flicker noise is missed, and hardly any structure that no test has found is called
+noise.
 """
 
 from dataclasses import dataclass
@@ -40,9 +40,9 @@ from ._structure import (
 )
 from ._turns import turns
 
-LARGEST_EXPONENT = 2.0  # of the spectrum: of white noise that is summed up
+LARGEST_EXPONENT = 2.0  # of the spectrum: that of integrated white noise
 CORRELATED = 0.2  # of the drive's period
-PREDICTABLE = 3.0  # the size of noise over that of its innovations
+PREDICTABLE = 3.0  # largest ratio of noise to its innovations
 
 
 @dataclass(frozen=True)
@@ -53,21 +53,21 @@ class Judgement:
     ----------
     verdict : {"noise", "unexplained", "undetermined"}
     floor, ceiling : float
-        Between them lies the noise's root mean square, units of the response.
+        Bounds of the noise's root mean square, units of the response.
     noise : NoiseModel
-        Of what is no structure.
+        Of the residual without its structure.
     reason : str
-        What decided.
+        What decided the verdict.
     advice : str
-        What to record where it is undetermined.
+        What to record if it is undetermined.
     p_value : float
-        Of nothing but noise being left.
+        Of the hypothesis that the residual is noise.
     share : float
-        Part of the residual's power that is left by what has found most.
+        Smallest fraction of the residual's power that a test has left.
     repeated : bool
         Whether the drive repeats itself.
     unpredicted : float
-        Part of the residual's power that neither a black box predicts nor repetitions repeat.
+        Fraction of the residual's power that neither a black box predicts nor repetitions share.
     """
 
     verdict: str
@@ -83,31 +83,32 @@ class Judgement:
 
     @classmethod
     def of_rounding(cls, error):
-        """Return the judgement of an error that is rounding."""
+        """Return the judgement of an error that is no more than rounding."""
         return cls("noise", error, error, NoiseModel("white", error), "nothing is left")
 
     @property
     def structured(self):
-        """Whether structure is left."""
+        """Whether the residual has structure."""
         return self.verdict == "unexplained"
 
 
 def judge_residual(records, residuals, predictions, rng, criterion, *, error=None, in_loop=False):
-    """Decide whether residuals are noise, or structure that a model has left.
+    """Judge whether residuals are noise or structure.
 
     Parameters
     ----------
     records : sequence of RecordData
     residuals, predictions : sequence of ndarray of shape (n_samples,)
-        Of each record where the model is fitted to all, NaN where nothing counts. Of no model, the
-        response about its mean, and that mean.
+        Of each record, from the fit to all records; NaN where nothing is scored. Without a model,
+        the response minus its mean, and that mean.
     rng : numpy.random.Generator
     criterion : Criterion
     error : float or None, default=None
-        What the model leaves held out. None: the root mean square of the residuals.
+        Held-out error of the model. None: the root mean square of the residuals.
     in_loop : bool, default=False
-        Whether the records have the reference of a loop in the place of the drive, and predictions
-        are of what that explains. Repetitions then share no drive, but still no noise.
+        Whether the reference of a loop replaces the drive of the records, and predictions are
+        responses to the part of the drive that it explains. Repetitions then have different drives,
+        but still independent noise.
 
     Returns
     -------
@@ -122,7 +123,7 @@ def judge_residual(records, residuals, predictions, rng, criterion, *, error=Non
         return Judgement.of_rounding(ceiling)
     pairs = list(repetitions(records))
     scatter = None if in_loop else repeatability(records, pairs=pairs)
-    responses = [] if in_loop else readings  # a loop makes the response's noise smaller
+    responses = [] if in_loop else readings  # a loop attenuates the noise of the response
     floor = min(noise_floor(responses, residuals, noise, scatter), ceiling)
     trials = {
         "a black box predicts it": by_black_boxes(records, residuals, predictions, rng, criterion),
@@ -136,7 +137,7 @@ def judge_residual(records, residuals, predictions, rng, criterion, *, error=Non
     p_value = min(own.p_value for own in trials.values())
     predicted, unpredicted = [own for own in found.values() if own.left is not None], 1.0
     if predicted:
-        best = predicted[-1]  # repetitions know the noise, the black box what it could predict
+        best = predicted[-1]  # repetitions show the noise, the black box only what it could predict
         unpredicted = float(best.share)
         noise, ceiling = fit_noise(best.left, readings), ceiling * unpredicted**0.5
     share = min(own.share for own in (found or trials).values())
@@ -166,16 +167,16 @@ def judge_residual(records, residuals, predictions, rng, criterion, *, error=Non
 
 
 def noise_floor(responses, residuals, noise=None, scatter=None):
-    """Return the least that noise can be, units of the response.
+    """Return the least that the noise can be, units of the response.
 
     Parameters
     ----------
     responses, residuals : sequence of ndarray of shape (n_samples,)
-        NaN where nothing counts. Before there is a model, both are the responses.
+        NaN where nothing is scored. Before there is a model, both are the responses.
     noise : NoiseModel or None, default=None
         Of the residuals.
     scatter : float or None, default=None
-        Standard deviation between repetitions, where there are any.
+        Standard deviation between repetitions, if there are any.
     """
     noise = fit_noise(residuals) if noise is None else noise
     sizes = [
@@ -188,13 +189,13 @@ def noise_floor(responses, residuals, noise=None, scatter=None):
 
 
 def _innovation_size(noise, residuals):
-    """Return the root mean square of what the past does not predict."""
+    """Return the root mean square of the innovations."""
     innovations = np.concatenate(noise.innovations(residuals))
     return np.sqrt(np.nanmean(np.square(innovations)))
 
 
 def _against_noise(records, residuals, noise, size):
-    """Yield why residuals of this size can hardly be noise."""
+    """Yield the reasons why residuals of this size can hardly be noise."""
     if noise.law == "power_law" and noise.coefficient >= LARGEST_EXPONENT:
         yield f"its spectrum falls as f^-{noise.coefficient:.2f}"
     correlated = noise.correlation_length(max(int(np.isfinite(r).sum()) for r in residuals))
@@ -207,7 +208,7 @@ def _against_noise(records, residuals, noise, size):
 
 
 def _drive_period(records):
-    """Return the samples in which a drive turns twice, on average; a record where it does not."""
+    """Return the mean number of samples per two turns of the drive, or of the record."""
     count = sum(len(turns(record.u)) for record in records)
     if not count:
         return max(len(record.u) for record in records)
