@@ -28,8 +28,9 @@ class Feedback(ParametricModel):
     response relative to the gain, and at rest ``s(q) = u``: of a mass on a spring, s is the
     characteristic of the spring, whatever its form, and the dynamics may have more poles than a
     mass. Where s is the identity the model is linear. Of the velocity, ``f(q') = s(q')`` is a
-    damper's force beside that of a linear one. It is also known as a nonlinear linear-fractional
-    model (NL-LFR [1]_).
+    damper's force beside that of a linear one, and of both ``f(q, q') = s(q, q') - q``, such as a
+    damping that depends on the position. It is also known as a nonlinear linear-fractional model
+    (NL-LFR [1]_).
 
     Parameters
     ----------
@@ -39,12 +40,13 @@ class Feedback(ParametricModel):
         ``hold`` is that of the drive.
     curve : estimator
         Memoryless model, such as a :class:`~skhyst.static.SmoothCurve` or
-        :class:`~skhyst.static.DeadZones`.
+        :class:`~skhyst.static.DeadZones`; of both arguments one of its input and the rate of that,
+        an :class:`~skhyst.static.UnknownTerm`.
     n_substeps : int or None, default=None
         Integration steps per sampling interval. None: a tenth of a radian of the fastest motion
         below half the sampling rate each, so at most 32.
-    argument : {"displacement", "velocity"}, default="displacement"
-        What the curve is a function of: q, or its velocity in units of the drive per s.
+    argument : {"displacement", "velocity", "both"}, default="displacement"
+        What the curve is a function of: q, or its velocity in units of the drive per s, or both.
     initial_state : {"rest", "zero", "estimate"} or None, default=None
         State before each record's first sample; None: that of the two models.
     dt : float or None, default=None
@@ -137,7 +139,7 @@ class Feedback(ParametricModel):
                     f"one input. Got {model!r} instead."
                 )
             model._validate_params()  # nobody calls its `fit`
-        if not self.curve.operator_class.memoryless:
+        if self.argument != "both" and not self.curve.operator_class.memoryless:
             raise TypeError(
                 "The 'curve' parameter of Feedback must be a memoryless model. Got "
                 f"{self.curve!r} instead."
@@ -181,7 +183,7 @@ class Feedback(ParametricModel):
                 "The 'linear' parameter of Feedback must be linear dynamics with a static gain and "
                 f"without a delay. Got {self.linear!r} instead."
             )
-        if self.argument == "velocity" and not has_velocity(base):
+        if self.argument != "displacement" and not has_velocity(base):
             raise TypeError(
                 "The 'linear' parameter of Feedback must be linear dynamics of at least two poles "
                 f"more than zeros for a curve of the velocity. Got {self.linear!r} instead."

@@ -119,7 +119,8 @@ class Declared:
 
     def augmented(self, contestant, records):
         """Return the model with the added effects, and its identification result."""
-        return contestant.structure.fitted(records, self._slices)
+        estimator, result = contestant.structure.fitted(records, self._slices)
+        return _knowing(estimator, self.model), result
 
 
 class BlackBox(Declared):
@@ -221,12 +222,13 @@ class BlackBox(Declared):
         parts, n_folds = (clone(self._estimator), clone(effects)), len(self._folds)
         model = Corrected(*parts, cv=n_folds, dt=self.model.dt)
         model._assemble(self._fitted, effects, self._slices, 1 + contestant.box.turns)
-        return _of_columns(model, self.model), result
+        return _knowing(model, self.model), result
 
 
-def _of_columns(estimator, other):
-    """Return an estimator with the column names of another estimator."""
-    for name in ("n_features_in_", "feature_names_in_"):
+def _knowing(estimator, other):
+    """Return an estimator with the column names and the range of the drive of another one."""
+    names = "n_features_in_", "feature_names_in_", "drive_range_", "drive_rate_", "input_range_"
+    for name in names:
         if hasattr(other, name):
             setattr(estimator, name, getattr(other, name))
     return estimator

@@ -230,7 +230,7 @@ class Bias(_Edit):
     kind = "branch"
 
     def __call__(self, tree, name):
-        column = OnColumn(self.model, self.column, centered=True)
+        column = OnColumn(self.model, self.column, centered=self.reference != 0.0)
         model = Sum([("drive", Gain(fit_intercept=False)), ("column", column)])
         branch = OnColumnOperator(self.operator, self.column, self.reference)
         parts = OnColumnOperator(GainOperator(1.0), 0), branch

@@ -86,7 +86,8 @@ class Experiment:
 def next_experiment(search, drive_limits, rate_limit=None, duration=None, dt=None) -> Experiment:
     """Propose the drive that is most informative about what a search has left open.
 
-    If claims are ambiguous, it discriminates between them and their rivals. Otherwise, if the
+    If claims are ambiguous, it discriminates between them and their rivals, and so of the places of
+    a term without a name. Otherwise, if the
     verdict is not ``"noise"``, it discriminates between the model and those with one of the effects
     that came nearest to a claim, and else it reduces confidence intervals of parameters. It is the
     best of the signals of :func:`skhyst.datasets.signals_within`, by the predictions of the models

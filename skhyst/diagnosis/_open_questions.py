@@ -2,8 +2,9 @@ r"""The open questions of a search, and how informative a new record would be ab
 
 Each open question is a contrast: two models that the data do not distinguish. Where a claim is
 ambiguous, they are the augmented model and the one with the rival in place of the claimed effect,
-refitted to all data. Where the verdict is not noise, they are the augmented model and the same
-model with one of the effects that were nearest to a claim.
+refitted to all data; where the place of a term without a name is ambiguous, those with it at either
+place. Where the verdict is not noise, they are the augmented model and the same model with one of
+the effects that were nearest to a claim.
 
 **How far models differ.** On a new record with the drive :math:`u` their predictions differ by
 :math:`\delta`. The wrong model takes up a part of that by changing its parameters by
@@ -103,7 +104,7 @@ def question_of(search):
     ``ask(record)`` returns an answer, ``worth(answer)`` a tuple that is larger for better records
     and ends with the nats, ``told(answer, n_samples)`` the answer in words.
     """
-    pairs = list(_rivals(search)) or list(_near_claims(search))
+    pairs = list(_rivals(search)) or list(_places(search)) or list(_near_claims(search))
     return Contrasts(search, pairs) if pairs else Intervals(search)
 
 
@@ -117,6 +118,12 @@ def _rivals(search):
             rivals = _with_effect(name, start, search)
             if rivals:
                 yield row.effect, name, ([Fitted(tree, search._records), *own], rivals)
+
+
+def _places(search):
+    """Yield two places of a term without a name, and the models with it at either."""
+    for own, tree, name, other in search._not_told[:FACTOR]:
+        yield own, name, tuple([Fitted(model, search._records)] for model in (tree, other))
 
 
 def _near_claims(search):

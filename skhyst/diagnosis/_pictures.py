@@ -25,6 +25,9 @@ class Picture:
         Whether an axis is logarithmic.
     below : Picture, default=None
         A second picture to be drawn underneath, such as the phase under the gain.
+    surface : tuple of ndarray, default=None
+        Contours: x (n,), y (m,), values and density of the data, both (m, n), NaN where no data
+        are.
     """
 
     title: str
@@ -34,6 +37,7 @@ class Picture:
     x_log: bool = False
     y_log: bool = False
     below: "Picture | None" = None
+    surface: tuple | None = field(default=None, repr=False)
 
 
 def draw(claim):

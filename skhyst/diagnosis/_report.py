@@ -338,7 +338,7 @@ def _experiment(search):
 
     Other open questions would require further fits, as long as a search.
     """
-    if not search.history_["ambiguous_with"].map(len).any():
+    if not search._not_told and not search.history_["ambiguous_with"].map(len).any():
         return None
     driven = search.declared_estimator_
     if not hasattr(driven, "drive_rate_"):  # a black box, whose range of the drive is not known

@@ -61,7 +61,7 @@ from ._tables import (
     WithTables,
     cv_results,
 )
-from ._unknown import LAW_COLUMNS, Unknown, curve_of, find_unknown
+from ._unknown import LAW_COLUMNS, Unknown, curve_of, find_unknown, laws_of
 from ._verdict import Judgement, judge_residual
 
 
@@ -538,7 +538,8 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
             self.data_quality_ = with_reactions(self.data_quality_, self.drive_, left, slices)
         self.residual_location_ = locate(slices, self.drive_, self.residual_after_, self.units_)
         self.seconds_["noise floor"] = time.perf_counter() - begin
-        self.unknown_ = self._unknown(slices, contest, decided) if self.unknown else None
+        sought = self._unknown(declared, slices, contest, decided)
+        self.unknown_: Unknown | None = sought
         self.explained_ = self._explained(contest.judgement(decided).unpredicted)
         begin = time.perf_counter()
         del self._inputs, self._reference, self._whole, self._read
@@ -589,47 +590,49 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         left = np.append(np.minimum.accumulate(power) / (whole or 1.0), 0.0)
         return dict(zip(EXPLAINED, (left[:-1] - left[1:]).tolist(), strict=True))
 
-    def _unknown(self, slices, contest, base):
+    def _unknown(self, declared, slices, contest, base):
         """Return the term without a name that a candidate lacks, or None."""
-        if self.verdict_ == "noise" or self._reference is not None or contest.renew is not None:
-            return None  # a black box has no joints
+        self._not_told = []  # name and tree of a term, and of one that is ambiguous with it
+        if not self.unknown or self.verdict_ == "noise" or self._reference is not None:
+            return None
+        if contest.renew is not None:  # a black box has no joints
+            return None
         begin = time.perf_counter()
-        found = self._term(slices, contest, base, self.error_after_, contest.n_tried)
+        data = contest.records_of(base), slices, contest.folds
+        how = contest.criterion, contest.n_tried, self.n_jobs, contest.judgement
+        terms, found = find_unknown(base, data, *how), None
+        for term in reversed(terms):
+            own = str(term.site), term.candidate.structure
+            self._not_told += [(*own, told, c.structure) for told, c in term.same]
+            found = self._term(term, data, contest, declared, found)
         if found is not None and self.verdict_ == "undetermined":  # a significant term is structure
             self.verdict_, self.verdict_advice_ = "unexplained", ""
             self.verdict_reason_ = "a smooth function of a signal explains it"
         self.seconds_["unknown term"] = time.perf_counter() - begin
         return found
 
-    def _term(self, slices, contest, base, before, n_tried, may_follow=True):
-        """Return a smooth term added to a candidate, with a second one if structure remains."""
-        records = contest.records_of(base)
-        how = contest.criterion, n_tried, self.n_jobs
-        found = find_unknown(base, records, slices, contest.folds, *how)
-        if found is None:
-            return None
-        site, chosen, p_value, same, laws, n_tried = found
-        judged = contest.judgement(chosen)
-        (scored,) = self._by_records(slices, records, chosen)
-        second = None
-        if may_follow and judged.structured:
-            second = self._term(slices, contest, chosen, scored.error, n_tried, may_follow=False)
-        estimator, _ = chosen.structure.fitted(records, slices)
+    def _term(self, term, data, contest, declared, second):
+        """Return the description of a term, with that of the second one."""
+        records, slices, _ = data
+        before, after = self._by_records(slices, records, term.base, term.candidate)
+        judged = contest.judgement(term.candidate)
+        estimator, _ = declared.augmented(term.candidate, records)
         rng = np.random.default_rng(check_random_state(self.random_state).randint(2**31 - 1))
         return Unknown(
-            site.place,
-            site.argument,
-            curve_of(site, chosen.structure, records, rng),
-            before,
-            scored.error,
-            max(1.0 - (scored.error / before) ** 2, 0.0),
-            p_value,
-            tuple(map(str, same)),
-            pd.DataFrame(laws, columns=LAW_COLUMNS),
+            term.site.place,
+            term.site.argument,
+            curve_of(term.site, term.candidate.structure, records, rng),
+            before.error,
+            after.error,
+            max(1.0 - (after.error / before.error) ** 2, 0.0),
+            term.p_value,
+            tuple(told for told, _ in term.same),
+            pd.DataFrame(laws_of(term, data, contest.criterion), columns=LAW_COLUMNS),
             judged.verdict != "noise",
-            scored.error * judged.unpredicted**0.5,
+            after.error * judged.unpredicted**0.5,
             estimator,
             second,
+            term.site.second,
         )
 
     def _warnings(self, first, fits, records):

@@ -2,16 +2,19 @@ r"""A term without a name, for a residual that no effect explains.
 
 It is sought after a verdict other than ``noise``. A smooth function of one signal, of unknown form
 (:class:`~skhyst.static.UnknownTerm`), is tried at every place of the model: at each joint of the
-series, as a function of the signal there, its rate and its plays; as a force in the equation of
-motion of linear dynamics, as a function of the displacement or the velocity
-(:class:`~skhyst.compose.Feedback`); and added to the response, as a function of the drive or of a
-further column of X, its rate and its plays. At each place the functions are restricted to those
-that the model's parameters cannot reproduce, as smooth as restricted maximum likelihood makes them.
-The whole model is refitted jointly and held out. The term of least held-out error is tested against
-the model without it by the criterion of the search, corrected for all that the search and this step
-have tried. Terms that the criterion does not distinguish from it are ``ambiguous_with``. If
-structure remains, a second term is sought in the same way, of functions that neither the parameters
-nor the first term can reproduce: the model is then the sum of two smooth functions.
+series, as a function of the signal there, its rate, its plays or the time since it has turned; as a
+force in the equation of motion of linear dynamics, as a function of the displacement or the
+velocity (:class:`~skhyst.compose.Feedback`); and added to the drive, as a function of a further
+column of X, or to the response, as a function of the drive or such a column, in the same ways. At
+each place the functions are restricted to those that the model's parameters cannot reproduce, as
+smooth as restricted maximum likelihood makes them. The whole model is refitted jointly and held
+out. The term of least held-out error is tested against the model without it by the criterion of the
+search, corrected for all that the search and this step have tried. Terms that the criterion does
+not distinguish from it are ``ambiguous_with``. If structure may remain, a second term is sought in
+the same way, of functions that neither the parameters nor the first term can reproduce: the model
+is then the sum of two smooth functions. Its rivals are surfaces of two signals at one place, such
+as the product of a drive and its rate. A surface replaces a sum that it contains only where it is
+better by the criterion, and any other sum where its held-out error is less.
 
 **The band.** Let C be the covariance of the weights in the joint fit under coloured noise, plus
 that of the bias of the penalty: under the prior that the penalty represents, the weights have a
@@ -22,17 +25,19 @@ F')_{ii}^{1/2}` at all points with 95 % probability: q is the quantile of :math:
 not included; its influence is small, see ``benchmarks/unknown_term.py``.
 
 **Laws.** A law :math:`c \, g(v / s)` is the same term with a single function. Its scale s minimises
-the predicted sum of squares; it is refitted and held out like any candidate. Laws are listed if the
-free curve is not better by the same criterion at the same level, those with fewest parameters and
-least error first.
+the predicted sum of squares; it is refitted and held out like any candidate. Laws of a surface are
+products of two laws without a scale. Laws are listed if the free curve is not better by the same
+criterion at the same level, those with fewest parameters and least error first.
 """
 
 from dataclasses import dataclass, field, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from joblib import delayed
+from scipy.ndimage import maximum_filter
 from scipy.optimize import minimize_scalar
 from sklearn.base import clone
 
@@ -43,7 +48,7 @@ from ..static import ARGUMENTS, UnknownTerm, UnknownTermOperator, smooth
 from ._candidates import Candidate, completed, held_out
 from ._changes import moves
 from ._constants import FACTOR
-from ._edits import Drive, Enrich, InsertAt
+from ._edits import Bias, Drive, Enrich, InsertAt
 from ._jobs import side_by_side
 from ._pictures import Picture
 from ._shortened import are_long
@@ -52,8 +57,8 @@ from ._starts import Scene
 NAME, SECOND = "unknown_term", "second_unknown_term"
 _HALF_GAPS = (0.03, 0.1, 0.3)  # of plays, relative to the range of their input
 _TRIALS = 12  # evaluations of a scale or a half gap
-_FINE = 200  # intervals of a law's splines: the resolution of its corners
-_GRID = 101  # points of a curve
+_FINE = {1: 200, 2: 40}  # intervals of a law's splines: the resolution of its corners
+_GRID = {1: 101, 2: 25}  # points of a curve, and of each side of a surface
 _DRAWS = 2000  # of the simultaneous band: its quantile is then known to about 1 %
 _LEVEL = 0.95
 _SEEN = (0.005, 0.995)  # quantiles of the argument between which the curve is shown
@@ -80,6 +85,18 @@ LAWS = {
     "notch": ("c exp(-(v / s)^2)", lambda v: np.exp(-np.square(v)), True),
 }
 
+# factors of the laws of surfaces, in the order of their numbers
+_FACTORS = ["proportional", "square", "cube", "quadratic with sign", "absolute value", "sign"]
+
+
+def _product(first, second):
+    (one, f, _), (two, g, _) = LAWS[first], LAWS[second]
+    formula = f"{one} {two.removeprefix('c ').replace('v', 'w')}"
+    return formula, lambda v, w: f(v) * g(w), False
+
+
+PRODUCTS = {f"{a} times {b}": _product(a, b) for a, b in product(_FACTORS, repeat=2)}
+
 
 @dataclass(frozen=True)
 class Site:
@@ -87,8 +104,8 @@ class Site:
 
     Attributes
     ----------
-    place, argument : str
-        Description in words.
+    place, argument, second : str
+        Description in words; ``second`` is "" if there is one argument.
     model : UnknownTerm
     make : callable
         Returns the edit that inserts the model with an operator. Its ``part(tree)`` is the operator
@@ -103,9 +120,14 @@ class Site:
     model: Any
     make: Any
     records: list = field(repr=False)
+    second: str = ""
 
     def __str__(self):
-        return f"{self.place}: a function of the {self.argument}"
+        return f"{self.place}: a function of the {_both(self.argument, self.second)}"
+
+    def signals(self):
+        """Return place and argument of each term of one argument that it contains."""
+        return [(self.place, own) for own in (self.argument, self.second) if own]
 
     def put(self, tree, operator, model=None):
         """Return a tree with an operator of the term, of the site's model or another."""
@@ -113,8 +135,9 @@ class Site:
         return tree.edited(self.make.name, edit)
 
     def seen(self, term):
-        """Return the values of a term's argument, (n_samples,)."""
-        return np.concatenate([term.arguments(r.u, r.dt)[0] for r in self.records])
+        """Return the values of a term's arguments, (n_samples, n_arguments)."""
+        seen = np.concatenate([term.arguments(r.u, r.dt)[0] for r in self.records])
+        return seen.reshape(-1, len(term.names))
 
     def weights(self, names, tree):
         """Return the numbers of those entries that are weights of the term."""
@@ -144,7 +167,8 @@ class Unknown:
         simultaneous 95 % band, all in the units of the place (for a force, those of the stage's
         input), and ``density``, the fraction of samples nearby. Components that the model's
         parameters can reproduce are left to them, such as the linear part in the drive to a gain,
-        or in the velocity to a damping ratio.
+        or in the velocity to a damping ratio. A surface has a column ``second``, too, and rows near
+        samples only.
     error_before, error_after : float
         Held-out errors, units of the response.
     share : float
@@ -152,7 +176,8 @@ class Unknown:
     p_value : float
         Against the model without it, corrected for all that was tried.
     ambiguous_with : tuple of str
-        Places and arguments that the recording does not distinguish from it.
+        Places and arguments that the recording does not distinguish from it;
+        :func:`next_experiment` proposes a drive that does.
     laws : DataFrame
         Laws that the curve is not better than: ``law``, ``formula``, ``c`` and ``c_std``, the scale
         ``s`` (NaN for a law without one), ``error``, and ``p_value`` against it, simplest first.
@@ -164,11 +189,13 @@ class Unknown:
     estimator : estimator
         The augmented model with the term, fitted to all data.
     second : Unknown or None
-        A second term in addition to the first, if structure remains: of another argument or at
-        another place, tested like the first, against the model with the first, without ``laws``. It
-        contains no function that the first can reproduce (no concurvity): if two arguments move
-        together, there is no second term. After a first term of the drive at the response, it is
-        sought at the response only.
+        A second term in addition to the first, if structure may remain: of another argument or at
+        another place, tested like the first, against the model with the first. It contains no
+        function that the first can reproduce (no concurvity): if two arguments move together, there
+        is no second term. After a first term of the drive at the response, it is sought at the
+        response only.
+    second_argument : str, default=""
+        Of a surface, called `w` in the formulas, as the argument is `v`.
 
     Examples
     --------
@@ -192,10 +219,12 @@ class Unknown:
     noise_ceiling: float
     estimator: Any
     second: "Unknown | None" = None
+    second_argument: str = ""
 
     def __str__(self):
         """Return a description in one sentence."""
-        text = f"a {self._added} that depends on the {self.argument}, {self.shape}"
+        arguments = _both(self.argument, self.second_argument)
+        text = f"a {self._added} that depends on the {arguments}, {self.shape}"
         if len(self.laws):
             first = self.laws.iloc[0]
             text += f", which can be {first['formula']}"
@@ -214,10 +243,12 @@ class Unknown:
         if not len(self.laws):
             return ""
         first, place = self.laws.iloc[0], self.place.split(" of ")[0]
-        name = "_".join([*first["law"].lower().split(), "of", *self.argument.split()])
-        variant = f"LawAt({first['law']!r}, {place!r}, {self.argument!r})"
-        law = f"A {self._added}: v is the {self.argument}, f = {first['formula']}."
-        experiment = f"Move the {self.argument} through its range."
+        arguments = [own for own in (self.argument, self.second_argument) if own]
+        name = "_".join([*first["law"].lower().split(), "of", *" and ".join(arguments).split()])
+        variant = f"LawAt({', '.join(map(repr, (first['law'], place, *arguments)))})"
+        said = " and ".join(f"{v} the {own}" for v, own in zip("vw", arguments, strict=False))
+        law = f"A {self._added}: {said}, f = {first['formula']}."
+        experiment = f"Move the {_both(self.argument, self.second_argument)} through the range."
         return f"register_effect(Effect({name!r}, lambda: [{variant}], {law!r}, {experiment!r}))"
 
     @property
@@ -228,13 +259,18 @@ class Unknown:
 
     @property
     def shape(self):
-        """Whether the curve is odd or even, within its band, and whether it rises or falls."""
+        """Whether the curve is odd or even, within its band, and whether it rises or falls.
+
+        For a surface, the fraction of its power that no sum of two functions reproduces.
+        """
+        if self.second_argument:
+            return f"{100.0 * self._joint():.0f} % of it beyond a sum of two functions"
         v, f = self.curve["argument"].to_numpy(), self.curve["value"].to_numpy()
         half = 0.5 * (self.curve["high"] - self.curve["low"]).to_numpy()
         reach = min(-v[0], v[-1])
         words = []
         if reach > 0.5 * max(-v[0], v[-1]):
-            at = np.linspace(0.0, reach, _GRID)
+            at = np.linspace(0.0, reach, len(v))
             ahead, behind = (np.interp(side * at, v, f) for side in (1.0, -1.0))
             wide = np.interp(at, v, half) + np.interp(-at, v, half)
             parts = {"odd": ahead + behind - 2.0 * np.interp(0.0, v, f), "even": ahead - behind}
@@ -245,13 +281,28 @@ class Unknown:
             words.append("rising" if slopes.sum() > 0.0 else "falling")
         return ", ".join(words) if len(words) else "neither odd nor even"
 
+    def _joint(self):
+        """Return the fraction of a surface's power that no sum of two functions reproduces."""
+        levels = [pd.get_dummies(self.curve[name]) for name in ("argument", "second")]
+        root, value = np.sqrt(self.curve["density"].to_numpy()), self.curve["value"].to_numpy()
+        columns = root[:, None] * np.hstack([own.to_numpy(dtype=float) for own in levels])
+        left = root * value - columns @ np.linalg.lstsq(columns, root * value, rcond=None)[0]
+        spread = root * (value - np.average(value, weights=np.square(root)))
+        return float(left @ left / (spread @ spread or 1.0))
+
     def picture(self):
-        """Return the curve with its band, above the density of the data.
+        """Return the curve with its band, or the contours of a surface, and the data's density.
 
         Returns
         -------
         Picture
         """
+        if self.second_argument:
+            grid = self.curve.pivot(index="second", columns="argument")
+            values, density = (grid[name].to_numpy() for name in ("value", "density"))
+            surface = grid["value"].columns.to_numpy(), grid.index.to_numpy(), values, density
+            title = f"Unexplained: {self._added}"
+            return Picture(title, self.argument, self.second_argument, (), surface=surface)
         v, f, low, high, density = self.curve.to_numpy().T
         band = ("", v, high, "dashed")
         curves = ("curve", v, f, "line"), ("95 % band", v, low, "dashed"), band
@@ -268,7 +319,15 @@ class Unknown:
         dict
             Without the estimator.
         """
-        names = ["place", "argument", "error_before", "error_after", "share", "p_value"]
+        names = [
+            "place",
+            "argument",
+            "second_argument",
+            "error_before",
+            "error_after",
+            "share",
+            "p_value",
+        ]
         names += ["structure_left", "noise_ceiling", "shape"]
         own = {name: getattr(self, name) for name in names}
         own |= {"ambiguous_with": list(self.ambiguous_with), "text": str(self), "code": self.code}
@@ -277,19 +336,73 @@ class Unknown:
         return own | {"laws": self.laws.to_dict("records")}
 
 
-def find_unknown(base, records, slices, folds, criterion, n_tried, n_jobs):
-    """Return the best term without a name for a candidate; None if none is needed.
+def find_unknown(base, data, criterion, n_tried, n_jobs, judgement):
+    """Return the terms without a name that a candidate lacks.
+
+    Parameters
+    ----------
+    base : Candidate
+    data : tuple
+        Records, slices and folds.
+    criterion : Criterion
+    n_tried, n_jobs : int
+    judgement : callable
+        Of a candidate, that of its residual.
 
     Returns
     -------
-    tuple or None
-        Site, candidate, p-value, sites that are not distinguished from it, rows of ``Unknown.laws``
-        (none for a second term), and the number of all that was tried.
+    list of Term
+        None, one, or two whose sum is meant.
     """
-    if base.structure.input_history:
-        return None
+    how = data, criterion
+    first, n_tried = _sought(base, *how, n_tried, n_jobs)
+    if first is not None and judgement(first.candidate).verdict == "noise":
+        return [first]
+    surface, n_tried = _sought(base, *how, n_tried, n_jobs, n_arguments=2)
+    terms = [] if first is None else [first]
+    if terms:
+        second, _ = _sought(first.candidate, *how, n_tried, n_jobs)
+        terms += [] if second is None else [second]
+    if surface is None or not terms:
+        return terms if surface is None else [surface]
+    rivals, last = [terms, [surface]], terms[-1].candidate
+    if {own for term in terms for own in term.site.signals()} <= set(surface.site.signals()):
+        chosen = criterion.is_better(last, surface.candidate, 1)  # than what it contains
+    else:
+        chosen = surface.candidate.error < last.error
+    best, other = rivals[chosen], rivals[not chosen]
+    if criterion.p_value(other[-1].candidate, best[-1].candidate) < criterion.alpha:
+        return best
+    told = ", and ".join(str(term.site) for term in other), other[-1].candidate
+    return [replace(best[0], same=[*best[0].same, told]), *best[1:]]
+
+
+@dataclass(frozen=True)
+class Term:
+    """A term that was found at a site.
+
+    Attributes
+    ----------
+    site : Site
+    candidate, base : Candidate
+        With and without the term.
+    p_value : float
+    same : list of (str, Candidate)
+        Places and arguments that are not distinguished from it.
+    """
+
+    site: Site
+    candidate: Candidate
+    base: Candidate
+    p_value: float
+    same: list
+
+
+def _sought(base, data, criterion, n_tried, n_jobs, n_arguments=1):
+    """Return the best term of so many arguments, or None, and the number of all that was tried."""
+    records, _, folds = data
     scene = Scene(base.structure, records)
-    sites = list(_sites(scene))
+    sites = list(_sites(scene, n_arguments))
     starts, _ = side_by_side([delayed(_started)(site, scene.tree, records) for site in sites], 1)
     starts = [own or [] for own in starts]
     family = n_tried + sum(map(len, starts))
@@ -297,8 +410,12 @@ def find_unknown(base, records, slices, folds, criterion, n_tried, n_jobs):
     both = [(site, own) for site, own in zip(sites, starts, strict=True) if own]
     best = [(site, min(own, key=lambda c: c.predicted_cost)) for site, own in both]
     best = [(site, c) for site, c in best if c.predicted_cost < most]
-    plays = sum(site.model.argument == "play" for site, _ in best)
-    best = [(site, _with_gap(c, site, scene.tree, records)) for site, c in best]
+    plays = sum(_follows_play(site.model) for site, _ in best)
+    near = FACTOR * min((c.predicted_cost for _, c in best), default=0.0)
+    best = [
+        (site, _with_gap(c, site, scene.tree, records) if c.predicted_cost < near else c)
+        for site, c in best
+    ]
     family += _TRIALS * plays
     jobs = [delayed(completed)(c, records, _budget(records)) for _, c in best]
     done, _ = side_by_side(jobs, n_jobs)
@@ -308,20 +425,19 @@ def find_unknown(base, records, slices, folds, criterion, n_tried, n_jobs):
     done, _ = side_by_side(jobs, n_jobs)
     found = [(s, c) for s, c in filter(None, done) if criterion.is_better(base, c, family)]
     if not found:
-        return None
+        return None, family
     site, chosen = min(found, key=lambda own: own[1].error)
     same = [(s, c) for s, c in found if c is not chosen]
-    same = [s for s, c in same if criterion.p_value(c, chosen) >= criterion.alpha]
-    p_value = criterion.p_value(base, chosen, family)
-    data, laws = (records, slices, folds), []
-    if site.make.name == NAME:
-        laws = _laws(site, chosen, base, data, criterion)
-    return site, chosen, p_value, same, laws, family
+    same = [(str(s), c) for s, c in same if criterion.p_value(c, chosen) >= criterion.alpha]
+    return Term(site, chosen, base, criterion.p_value(base, chosen, family), same), family
 
 
-def _sites(scene):
+def _sites(scene, n_arguments=1):
     """Yield all places and arguments of a model."""
-    yield from _motions(scene)
+    yield from _motions(scene, n_arguments)
+    own = [(name,) for name in ARGUMENTS]
+    if n_arguments == 2:  # what goes in, and what it makes
+        own = [(*own[0], *other) for other in own[1:]]
     tree, records, name = scene.tree, scene.records, _name(scene.tree)
     term = tree.label(NAME) if NAME in tree.effects else None
     last = len(tree.stages)
@@ -332,29 +448,24 @@ def _sites(scene):
         is_last = all(name == term for name in tree.names[at:])
         place = "response" if is_last else f"behind {before}" if at else "drive"
         signal = f"output of {before}" if at else "drive"
-        seen = scene.records_at(at)
-        for argument in ARGUMENTS:
-            yield Site(
-                place,
-                _in_words(argument, signal),
-                UnknownTerm(argument, passes=True),
-                _Joint(before, name),
-                seen,
-            )
+        make, seen = _Joint(before, name), scene.records_at(at)
+        for names in own:
+            model = UnknownTerm(names[0], second=names[1] if names[1:] else None, passes=True)
+            first, second = _in_words(names, signal)
+            yield Site(place, first, model, make, seen, second)
     further = records[0].auxiliary
     for column in range(1 + (0 if further is None else further.shape[1])):
         seen = records
         if column:
             seen = [replace(r, u=r.auxiliary[:, column - 1], before=None) for r in records]
         signal = f"column {column} of X" if column else "drive"
-        for argument in ARGUMENTS:
-            yield Site(
-                "response",
-                _in_words(argument, signal),
-                UnknownTerm(argument),
-                _Column(column, name),
-                seen,
-            )
+        places = {"response": _Column(column, name)}
+        if column and not tree.multi_input:
+            places["drive"] = _Bias(column, name)
+        for (place, make), names in product(places.items(), own):
+            model = UnknownTerm(names[0], second=names[1] if names[1:] else None)
+            first, second = _in_words(names, signal)
+            yield Site(place, first, model, make, seen, second)
 
 
 def _name(tree):
@@ -362,24 +473,40 @@ def _name(tree):
     return SECOND if NAME in tree.effects else NAME
 
 
-def _motions(scene):
+def _motions(scene, n_arguments):
     """Yield the sites of forces in the equations of motion of linear dynamics."""
     for at, (place, linear) in enumerate(scene.tree.stages):
         if not moves(linear):
             continue
-        for argument in FEEDBACK_ARGUMENTS[: 1 + has_velocity(linear)]:
-            model = UnknownTerm(passes=argument == "displacement")
+        first, *others = FEEDBACK_ARGUMENTS if has_velocity(linear) else FEEDBACK_ARGUMENTS[:1]
+        for argument in [first, *others[:1]] if n_arguments == 1 else others[1:]:
+            both = argument == "both"
+            words = ("displacement", "velocity") if both else (argument, "")
+            own = {"second": "rate"} if both else {}
+            model = UnknownTerm(passes=argument != "velocity", **own)
             loop = Feedback(scene.tree.models[at], model, argument=argument)
-            own = {"passed": float(model.passes)}
-            nothing = UnknownTermOperator(np.zeros(1), np.zeros((4, 1)), 0.0, 1.0, **own)
+            n = 4 ** (1 + both)
+            own |= {"passed": float(model.passes)}
+            nothing = UnknownTermOperator(np.zeros(1), np.zeros((n, 1)), 0.0, 1.0, **own)
             around = loop.divided(linear, nothing, scene.records_at(at))
             motion = _Motion(place, loop, around, _name(scene.tree))
             driven = motion.driven(motion.around, scene.records_at(at))
-            yield Site(f"motion of {place}", argument, model, motion, driven)
+            yield Site(f"motion of {place}", words[0], model, motion, driven, words[1])
 
 
-def _in_words(argument, signal):
-    return signal if argument == "input" else f"{argument} of the {signal}"
+def _in_words(names, signal):
+    """Return the arguments in words, the second is "" where there is none."""
+    words = {"input": signal, "turn": f"time since a turn of the {signal}"}
+    first, *second = [words.get(name, f"{name} of the {signal}") for name in names]
+    return first, *(second or [""])
+
+
+def _both(argument, second):
+    return f"{argument} and the {second}" if second else argument
+
+
+def _follows_play(model):
+    return "play" in (model.argument, model.second)
 
 
 class _Part:
@@ -437,8 +564,8 @@ class _Motion:
 
     @staticmethod
     def driven(loop, records):
-        """Return records driven by the argument of a term in the loop."""
-        return [replace(r, u=loop.arguments(r.u, r.dt), before=None) for r in records]
+        """Return records driven by the argument of a term in the loop, or the first of two."""
+        return [replace(r, u=loop.arguments(r.u, r.dt)[:, 0], before=None) for r in records]
 
     def renewed(self, site, tree, records, independent):
         """Return the site and the tree with the argument's range and smoothness at a solution."""
@@ -446,25 +573,27 @@ class _Motion:
         loop, model = tree.operators[at], tree.models[at]
         site = replace(site, records=self.driven(loop, Scene(tree, records).records_at(at)))
         flexible = site.model.flexible(site.records)
-        v = np.linspace(flexible.low, flexible.high, _FINE)
+        n = _FINE[len(flexible.names)]
+        sides = [np.linspace(*ends, n) for ends in flexible.ranges]
+        v = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, len(sides))
         value = loop.curve.functions(v) @ loop.curve.weights
 
         def closed(term):
             return tree.with_stage(at, model.tree(replace(loop, stages=(loop.linear, term))))
 
         def at_value(term, density):
-            columns, root = term.functions(v), np.sqrt(density)
+            columns, root = term.functions(v), np.sqrt(density.ravel())
             weights = np.linalg.lstsq(columns * root[:, None], value * root)[0]
             return replace(term, weights=weights)
 
-        flexible = at_value(flexible, np.ones(_FINE))
+        flexible = at_value(flexible, np.ones(len(v)))
         problem = closed(flexible).problem(records)
         gram = problem.total(problem.evaluate(problem.x0))
         own = np.array(site.weights(problem.names, tree))
         gram[:, -1] -= gram[:, own] @ flexible.weights  # what the term has to do in all
         gram[-1] -= flexible.weights @ gram[own]
         term = smooth(flexible, gram, own, problem.segment_weight.sum(), independent)
-        return site, closed(at_value(term, np.histogram(site.seen(term), _FINE)[0]))
+        return site, closed(at_value(term, np.histogramdd(site.seen(term), n)[0]))
 
 
 @dataclass(frozen=True)
@@ -478,9 +607,24 @@ class _Column(_Part):
         return Drive(model, operator, self.column)
 
 
+@dataclass(frozen=True)
+class _Bias(_Part):
+    """Makes the edit of the drive, of a column of X."""
+
+    column: int
+    name: str
+
+    def __call__(self, model, operator):
+        return Bias(model, operator, self.column, 0.0)
+
+    def part(self, tree):
+        both = tree.operators[tree.names.index(tree.label(self.name))]
+        return both.stages[both.names.index("column")].operator
+
+
 def _models(site):
     """Return the models of a site; several half gaps for plays."""
-    if site.model.argument != "play" or site.model.half_gap is not None:
+    if not _follows_play(site.model) or site.model.half_gap is not None:
         return [site.model]
     swing = max(float(np.ptp(r.u)) for r in site.records)
     return [clone(site.model).set_params(half_gap=part * swing) for part in _HALF_GAPS]
@@ -499,7 +643,7 @@ def _started(site, tree, records):
 
 def _with_gap(candidate, site, tree, records):
     """Return the candidate of a play with the best predicted half gap; others unchanged."""
-    if site.model.argument != "play":
+    if not _follows_play(site.model):
         return candidate
     found, gap = [candidate], site.make.part(candidate.structure).half_gap
 
@@ -555,7 +699,7 @@ def _settled(candidate, site, base, records, folds):
             site, tree = site.make.renewed(site, tree, records, independent)
         elif independent < 1.0:
             model = clone(site.model)
-            if before.argument == "play":
+            if _follows_play(model):
                 model.set_params(half_gap=before.half_gap)
             own = model.flexible(site.records)
             own = _smoothed(site, model, own, base, records, independent)
@@ -597,11 +741,13 @@ def _errors(site, tree, records):
     return (covariance + bias / independent)[np.ix_(own, own)], independent
 
 
-def _of_law(term, law, scale):
+def _of_law(term, law, scales):
     """Return an operator with a law as its single function, at zero weight."""
-    knots = term.low + (np.arange(_FINE + 3) - 1.0) * (term.high - term.low) / _FINE
+    n = _FINE[len(term.names)]
+    knots = [low + (np.arange(n + 3) - 1.0) * (high - low) / n for low, high in term.ranges]
     # the value at a knot is the coefficient of a spline close to the function
-    basis = law(knots / scale)[:, None]
+    relative = [own / scale for own, scale in zip(knots, scales, strict=True)]
+    basis = law(*np.meshgrid(*relative, indexing="ij")).reshape(-1, 1)
     size = np.abs(basis).max() or 1.0  # a dead band may be wider than the whole range
     return replace(term, weights=np.zeros(1), basis=basis / size, penalty=0.0), size
 
@@ -615,9 +761,12 @@ class LawAt:
     law : str
         ``"proportional"``, ``"square"``, ``"cube"``, ``"quadratic with sign"``, ``"absolute
         value"``, ``"sign"``, ``"saturation"``, ``"smooth saturation"``, ``"dead band"``,
-        ``"Stribeck"``, ``"exponential"`` or ``"notch"``.
+        ``"Stribeck"``, ``"exponential"`` or ``"notch"``; of two arguments two of the first six,
+        such as ``"proportional times sign"``.
     place, argument : str
         As :class:`Unknown` has them; the place of a force is ``"motion"``, of any stage.
+    second_argument : str, default=""
+        As :class:`Unknown` has it.
 
     Raises
     ------
@@ -635,10 +784,12 @@ class LawAt:
     law: str
     place: str
     argument: str
+    second_argument: str = ""
 
     def __post_init__(self):
-        if self.law not in LAWS:
-            wanted = ", ".join(map(repr, LAWS))
+        laws = _laws_of(self.second_argument)
+        if self.law not in laws:
+            wanted = ", ".join(map(repr, laws))
             raise ValueError(
                 f"The 'law' parameter of LawAt must be one of {wanted}. Got {self.law!r} instead."
             )
@@ -658,41 +809,51 @@ class LawAt:
         list of Tree
             Empty if the model has no such place.
         """
-        _, law, scaled = LAWS[self.law]
+        _, law, scaled = _laws_of(self.second_argument)[self.law]
         found = []
-        for site in _sites(scene):
+        for site in _sites(scene, 1 + bool(self.second_argument)):
             places = {site.place, site.place.split(" of ")[0]}
-            if self.place not in places or site.argument != self.argument:
+            own = site.argument, site.second
+            if self.place not in places or own != (self.argument, self.second_argument):
                 continue
             for model in _models(site):
                 term = model.flexible(site.records)
-                largest = float(np.abs(site.seen(term)).max())
-                for part in _SCALES if scaled and largest > 0.0 else [1.0]:
-                    operator, _ = _of_law(term, law, part * (largest or 1.0))
+                largest = _largest(site, term)
+                for part in _SCALES if scaled and np.all(largest) else [1.0]:
+                    operator, _ = _of_law(term, law, part * np.where(largest, largest, 1.0))
                     found.append(scene.tree.edited(name, site.make(model, operator)))
         return found
 
 
-def _laws(site, chosen, base, data, criterion):
-    """Return laws that the curve is not better than, as rows of ``Unknown.laws``."""
-    records, slices, folds = data
+def _laws_of(second):
+    return PRODUCTS if second else LAWS
+
+
+def _largest(site, term):
+    """Return the largest size of each argument, (n_arguments,)."""
+    return np.abs(site.seen(term)).max(axis=0)
+
+
+def laws_of(term, data, criterion):
+    """Return laws that the function is not better than, as rows of ``Unknown.laws``."""
+    (records, slices, folds), site, chosen, base = data, term.site, term.candidate, term.base
     term, tree, rows = site.make.part(chosen.structure), base.structure, []
-    largest = float(np.abs(site.seen(term)).max())
-    if not largest > 0.0:
+    largest = _largest(site, term)
+    if not np.all(largest > 0.0):
         return []
 
     def started(law, scale):
-        operator, _ = _of_law(term, law, scale)
+        operator, _ = _of_law(term, law, scale * largest)
         return _candidate(site.put(tree, operator), records)
 
     most = (1.0 - criterion.min_improvement) ** 2 * base.cost
     budget = _budget(records)
-    for name, (formula, law, scaled) in LAWS.items():
-        scale = largest
+    for name, (formula, law, scaled) in _laws_of(site.second).items():
+        scale = 1.0
         if scaled:
-            costs = [started(law, s * largest).predicted_cost for s in _SCALES]
+            costs = [started(law, s).predicted_cost for s in _SCALES]
             i = int(np.argmin(costs))
-            ends = np.log(_SCALES[[max(i - 1, 0), min(i + 1, len(_SCALES) - 1)]] * largest)
+            ends = np.log(_SCALES[[max(i - 1, 0), min(i + 1, len(_SCALES) - 1)]])
             scale = _minimized(
                 lambda s, law=law: started(law, np.exp(s)).predicted_cost, bounds=ends
             )
@@ -708,8 +869,8 @@ def _laws(site, chosen, base, data, criterion):
         if p_value < criterion.alpha and criterion.matters(c, chosen):
             continue
         own = site.make.unit(c.structure)
-        unit = 1.0 if scaled else law(np.array([1.0 / (own * largest)]))[0]
-        unit /= _of_law(term, law, scale)[1]
+        unit = 1.0 if scaled else float(law(*(1.0 / (own * largest))))
+        unit /= _of_law(term, law, scale * largest)[1]
         _, result = c.structure.fitted(records, slices)
         names = list(result.params)
         weight = names[site.weights(names, tree)[0]]
@@ -719,7 +880,7 @@ def _laws(site, chosen, base, data, criterion):
                 "formula": formula,
                 "c": float(unit * result.params[weight]),
                 "c_std": float(unit * result.params_std[weight]),
-                "s": own * scale if scaled else np.nan,
+                "s": own * scale * largest[0] if scaled else np.nan,
                 "error": c.error,
                 "p_value": float(p_value),
             }
@@ -730,8 +891,14 @@ def _laws(site, chosen, base, data, criterion):
 def curve_of(site, tree, records, rng):
     """Return the curve of the term with its simultaneous band, see :class:`Unknown`."""
     term = site.make.part(tree)
-    seen = site.seen(term)
-    v = np.linspace(*np.quantile(seen, _SEEN), _GRID)
+    seen, n = site.seen(term), _GRID[len(term.names)]
+    sides = [np.linspace(*ends, n) for ends in np.quantile(seen, _SEEN, axis=0).T]
+    edges = [np.append(v, 2.0 * v[-1] - v[-2]) - 0.5 * (v[1] - v[0]) for v in sides]
+    density = np.histogramdd(seen, edges)[0].ravel() / len(seen)
+    v = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, len(sides))
+    if site.second:  # where samples are, or next to them
+        near = maximum_filter(density.reshape(n, n), 3).ravel() > 0.0
+        v, density = v[near], density[near]
     functions = term.functions(v)
     covariance, _ = _errors(site, tree, records)
     size = np.sqrt(np.einsum("ij,jk,ik->i", functions, covariance, functions))
@@ -739,14 +906,7 @@ def curve_of(site, tree, records, rng):
     draws = rng.multivariate_normal(mean, covariance, _DRAWS, method="eigh")
     half = size * np.quantile(np.abs(draws @ functions.T / spread).max(axis=1), _LEVEL)
     value = functions @ term.weights
-    edges = np.append(v, 2.0 * v[-1] - v[-2]) - 0.5 * (v[1] - v[0])
-    density = np.histogram(seen, edges)[0] / len(seen)
-    return pd.DataFrame(
-        {
-            "argument": site.make.unit(tree) * v,
-            "value": value,
-            "low": value - half,
-            "high": value + half,
-            "density": density,
-        }
-    )
+    unit = site.make.unit(tree)
+    own = {"argument": unit * v[:, 0]} | ({"second": unit * v[:, 1]} if site.second else {})
+    own |= {"value": value, "low": value - half, "high": value + half, "density": density}
+    return pd.DataFrame(own)

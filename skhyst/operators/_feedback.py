@@ -11,20 +11,22 @@ here, and its force adds to the drive.) Or the force depends on the velocity,
 
     w = G[u - f(q')],    f = s,
 
-for a G of ``C B = D = 0``, whose velocity ``w' = C A x`` does not jump with the drive.
+for a G of ``C B = D = 0``, whose velocity ``w' = C A x`` does not jump with the drive; or on both,
+``f(q, q') = s(q, q') - q``.
 
 Over a substep h drive and force are straight lines, for which G is solved exactly:
 
     x1 = Ad x0 + B0 (u0 - f0) + B1 (u1 - f1),    w1 = C x1 + D (u1 - f1).
 
 Let z be w, or w', and E its row of the states, C or C A. The force f1 acts on z1 at once, by
-``b = E B1 + D``, so z1 is the root of the scalar equation
+``b = E B1 + D``, so f1 is the root of the scalar equation
 
-    z1 + b f(z1 / g) = r,    r = E (Ad x0 + B0 (u0 - f0) + B1 u1) + D u1,
+    f(z1 / g) = f1,    z1 = r - b f1,    r = E (Ad x0 + B0 (u0 - f0) + B1 u1) + D u1,
 
 which has one where ``1 + b f' / g > 0``: always for short substeps, since b goes to D with h, and a
-loop without delay is well posed for the same D. It is found by the secant method from the fixed
-point ``z1 = r - b f1``, in at most 30 trials. The scheme is of second order, exact for f = 0.
+loop without delay is well posed for the same D. Of both arguments there are two z, b and r, and
+their products add up. The root is found by the secant method from a fixed point, in at most 30
+trials. The scheme is of second order, exact for f = 0.
 Tangents follow from the same equations, linear in the tangents: the derivatives of a root need no
 trials.
 """
@@ -42,7 +44,7 @@ from ._held_input import HeldInput
 from ._protocol import as_signal
 from ._root_inverse import RootInverseOperator
 
-FEEDBACK_ARGUMENTS = ("displacement", "velocity")
+FEEDBACK_ARGUMENTS = ("displacement", "velocity", "both")
 _TRIALS = 30  # of the secant method, which needs two to five
 _ROUNDING = 1e-15
 _LARGEST = 1e60  # response of a run that has diverged: all that follow are NaN, no square overflows
@@ -55,20 +57,26 @@ def step(u, c, s):
     raise NotImplementedError
 
 
+def first(u, c, s):
+    """Return the step of a curve at the first number of a row."""
+    return step(u[0], c, s)
+
+
 def feedback_step(u, c, s):
     """Return the response; ``c`` is that of :meth:`FeedbackOperator._constants`, then the curve's.
 
     ``s`` are the states, the last force, the last drive, a mark that is zero before the first
-    sample of a start from zero, workspace for the states, and z / g of each instant of the sample.
+    sample of a start from zero, workspace, and each z / g of each instant of the sample.
     """
     ad, b0, b1, output, d, gain, intercept = c[0], c[1], c[2], c[3], c[4], c[5], c[6]
     n_substeps, is_held, sensed, passed = int(c[7]), c[8], c[9], c[10]
-    n = output.size
+    n, n_sensed = output.size, sensed.shape[0]
+    at = n + 3 + max(n, n_sensed)  # of each r, and each b behind them
     before = s[n + 1]
     first = 0 if s[n + 2] > 0.0 else n_substeps
     last = n_substeps + 1 if is_held > 0.0 or first > 0 else n_substeps
     for i in range(first, last):
-        start, stop, b, r = u, u, d, 0.0
+        start, stop = u, u
         if i < n_substeps:
             start, stop = before, before
             if is_held == 0.0:
@@ -81,30 +89,37 @@ def feedback_step(u, c, s):
                 s[n + 3 + j] = value
             for j in range(n):
                 s[j] = s[n + 3 + j]
-                b += sensed[j] * b1[j]
-        for j in range(n):
-            r += sensed[j] * s[j]
-        r += d * stop
-        f = s[n]
-        z = r - b * f
-        f = step(z / gain, c[11:], s) - passed * z / gain
-        error = z + b * f - r
-        old, older = r, b * f
-        for _ in range(_TRIALS):
-            if not abs(error) > _ROUNDING * (abs(z) + abs(r)):  # as it is of NaN
+        for a in range(n_sensed):
+            b, r = d, 0.0
+            for j in range(n):
+                r += sensed[a, j] * s[j]
+                if i < n_substeps:
+                    b += sensed[a, j] * b1[j]
+            s[at + a], s[at + n_sensed + a] = r + d * stop, b
+        guess, old, older, f = s[n], s[n], 0.0, 0.0
+        for trial in range(_TRIALS + 1):
+            for a in range(n_sensed):
+                s[n + 3 + a] = (s[at + a] - s[at + n_sensed + a] * guess) / gain
+            f = step(s[n + 3 :], c[11:], s) - passed * s[n + 3]
+            error = f - guess
+            close = True
+            for a in range(n_sensed):
+                size = abs(gain * s[n + 3 + a]) + abs(s[at + a])
+                if abs(s[at + n_sensed + a] * error) > _ROUNDING * size:  # never where it is NaN
+                    close = False
+            if close or trial == _TRIALS:
                 break
-            slope = (error - older) / (z - old) if z != old else 1.0
-            old, older = z, error
-            z -= error / slope if slope > _LEAST_SLOPE else error
-            f = step(z / gain, c[11:], s) - passed * z / gain
-            error = z + b * f - r
-        if not abs(z) <= _LARGEST:
-            z = f = math.nan
+            slope = (older - error) / (guess - old) if trial > 0 and guess != old else 1.0
+            old, older = guess, error
+            guess += error / slope if slope > _LEAST_SLOPE else error
+        if not abs(gain * s[n + 3]) <= _LARGEST:
+            s[n + 3] = f = math.nan
         if i < n_substeps:
             for j in range(n):
                 s[j] -= b1[j] * f
         s[n] = f
-        s[2 * n + 3 + i] = z / gain
+        for a in range(n_sensed):
+            s[at + n_sensed * (2 + i) + a] = s[n + 3 + a]
     s[n + 1], s[n + 2] = u, 1.0
     w = d * (u - s[n])
     for j in range(n):
@@ -121,8 +136,8 @@ def trace(u, c, s, y, q):
 
 
 @cache
-def _law(curve):
-    return bind(feedback_step, curve, inline=True)
+def _law(curve, both):
+    return bind(feedback_step, curve if both else bind(first, curve, inline=True), inline=True)
 
 
 @cache
@@ -139,12 +154,13 @@ def _tangents(
 
     The m are those of the drive, the p by the parameters of the linear part, the number of whose
     gain is ``at_gain``, the n_own by those of the curve. ``moving`` is (Ad, B0, B1) and their
-    derivatives, ``resting`` the same of no time at all. ``q`` is z / g; it, the force f there, its
-    slope and its derivatives ``own`` are those of each instant, (n_samples, n_substeps + 1, ...).
+    derivatives, ``resting`` the same of no time at all. ``q`` is z / g, of each of ``sensed``; it,
+    the force f there, its slopes and its derivatives ``own`` are those of each instant, (n_samples,
+    n_substeps + 1, ...).
     ``x``, ``dx``, ``f`` and ``df`` are states, force and their tangents before the first sample;
     all change.
     """
-    n, m, p = output.size, du.shape[1], by_d.size
+    n, m, p, n_sensed = output.size, du.shape[1], by_d.size, len(sensed)
     free, dfree = np.empty(n), np.empty(n)
     for k in range(len(u)):
         first = 0 if begun else n_substeps
@@ -156,22 +172,24 @@ def _tangents(
             if i == n_substeps:
                 begin = end = 1.0
             v, stop = before + (u[k] - before) * begin - f, before + (u[k] - before) * end
-            b = d
+            bent = 1.0
             for j in range(n):
                 total = b0[j] * v + b1[j] * stop
                 for h in range(n):
                     total += ad[j, h] * x[h]
                 free[j] = total
-                b += sensed[j] * b1[j]
             f, bend = force[k, i], slope[k, i]
-            inverse = 1.0 / (1.0 + b * bend / gain)
+            for z in range(n_sensed):
+                b = d
+                for j in range(n):
+                    b += sensed[z, j] * b1[j]
+                bent += b * bend[z] / gain
             for z in range(m + p + own.shape[2]):
                 dv, dstop, a = -df[z], 0.0, z - m
                 if z < m:
                     dv += dbefore[z] + (du[k, z] - dbefore[z]) * begin
                     dstop = dbefore[z] + (du[k, z] - dbefore[z]) * end
                 is_linear = 0 <= a < p
-                dr, db, by_force = d * dstop, 0.0, 0.0
                 for j in range(n):
                     total = b0[j] * dv + b1[j] * dstop
                     for h in range(n):
@@ -180,19 +198,22 @@ def _tangents(
                         total += by_b0[a, j] * v + by_b1[a, j] * stop
                         for h in range(n):
                             total += by_ad[a, j, h] * x[h]
-                        dr += by_sensed[a, j] * free[j]
-                        db += by_sensed[a, j] * b1[j] + sensed[j] * by_b1[a, j]
                     dfree[j] = total
-                    dr += sensed[j] * total
-                if is_linear:
-                    dr += by_d[a] * stop
-                    db += by_d[a]
+                moved = own[k, i, a - p] if a >= p else 0.0
+                for y in range(n_sensed):
+                    dr, db = d * dstop, 0.0
+                    for j in range(n):
+                        dr += sensed[y, j] * dfree[j]
+                        if is_linear:
+                            dr += by_sensed[y, a, j] * free[j]
+                            db += by_sensed[y, a, j] * b1[j] + sensed[y, j] * by_b1[a, j]
+                    if is_linear:
+                        dr += by_d[a] * stop
+                        db += by_d[a]
+                    moved += bend[y] * (dr - db * f) / gain
                     if a == at_gain:
-                        by_force = -bend * q[k, i] / gain
-                elif a >= p:
-                    by_force = own[k, i, a - p]
-                moved = inverse * (dr - db * f - b * by_force)
-                df[z] = bend * moved / gain + by_force
+                        moved -= bend[y] * q[k, i, y] / gain
+                df[z] = moved / bent
                 for j in range(n):
                     dx[j, z] = dfree[j] - b1[j] * df[z]
                     if is_linear:
@@ -231,12 +252,12 @@ class FeedbackOperator(_Composition, HeldInput):
     stages : tuple of Operator
         The linear part: ``discrete(dt)``, ``gain`` other than zero, ``intercept`` and a ``hold``,
         such as :class:`~skhyst.linear.TransferFunctionOperator`. The curve, which is memoryless and
-        has a compiled step.
+        has a compiled step, or a function of a signal and its rate (``of_rate``).
     n_substeps : int, default=8
         Integration steps per sampling interval, above 0. Fixed structure.
-    argument : {"displacement", "velocity"}, default="displacement"
-        What the curve is a function of: q, or its velocity in units of the drive per s. Fixed
-        structure.
+    argument : {"displacement", "velocity", "both"}, default="displacement"
+        What the curve is a function of: q, or its velocity in units of the drive per s, or both.
+        Fixed structure.
 
     Raises
     ------
@@ -274,13 +295,15 @@ class FeedbackOperator(_Composition, HeldInput):
     def __post_init__(self):
         super().__post_init__()
         self._require("n_substeps", self.n_substeps > 0, "be an integer above 0")
-        is_right = len(self.stages) == 2 and self.curve.memoryless
+        is_right = len(self.stages) == 2
+        is_right = is_right and (self.curve.of_rate if self._of_both else self.curve.memoryless)
         is_right = is_right and all(hasattr(self.linear, name) for name in ("discrete", "hold"))
-        self._require("stages", is_right, "be linear dynamics and a memoryless curve")
+        curve = "function of a signal and its rate" if self._of_both else "memoryless curve"
+        self._require("stages", is_right, f"be linear dynamics and a {curve}")
         self._require("stages", self.linear.gain != 0.0, "have a static gain other than zero")
         wanted = " or ".join(map(repr, FEEDBACK_ARGUMENTS))
         self._require("argument", self.argument in FEEDBACK_ARGUMENTS, f"be {wanted}")
-        is_smooth = not self._of_velocity or has_velocity(self.linear)
+        is_smooth = self.argument == "displacement" or has_velocity(self.linear)
         self._require("stages", is_smooth, "have a velocity that does not jump with the drive")
 
     @property
@@ -290,6 +313,10 @@ class FeedbackOperator(_Composition, HeldInput):
     @property
     def _of_velocity(self):
         return self.argument == "velocity"
+
+    @property
+    def _of_both(self):
+        return self.argument == "both"
 
     @property
     def linear(self):
@@ -337,11 +364,15 @@ class FeedbackOperator(_Composition, HeldInput):
     def _constants(self, dt):
         system = self._straight().discrete(dt / self.n_substeps)
         own = self.linear.gain, self.linear.intercept, self.n_substeps, self.linear.hold == "zoh"
-        return *system, *map(float, own), self._sensed(system[3]), float(not self._of_velocity)
+        sensed = self._sensed(system[3], 0)
+        return *system, *map(float, own), sensed, float(not self._of_velocity)
 
-    def _sensed(self, output):
-        """Return the row of the states that gives z."""
-        return self._straight().rate_row()[0] if self._of_velocity else output
+    def _sensed(self, output, which):
+        """Return the rows of the states that give each z, or (1) their derivatives."""
+        if self.argument == "displacement":
+            return output[None]
+        rate = self._straight().rate_row()[which][None]
+        return rate if self._of_velocity else np.concatenate([output[None], rate])
 
     def poles_at(self, response):
         """Return the poles of small motions about a rest.
@@ -357,18 +388,23 @@ class FeedbackOperator(_Composition, HeldInput):
             In rad/s.
         """
         q = (response - self.linear.intercept) / self.linear.gain
-        _, slope, _ = self._force(np.array([0.0 if self._of_velocity else q]))
+        _, slope, _ = self._force(self._at_rest(q))
         a, b, c, d = self.linear.state_space()
-        c, share = self._sensed(c), slope[0] / self.linear.gain
-        return np.linalg.eigvals(a - np.outer(b, c) * (share / (1.0 + d * share)))
+        share = slope[0] / self.linear.gain
+        row = share @ self._sensed(c, 0)
+        return np.linalg.eigvals(a - np.outer(b, row) / (1.0 + d * share[0]))
+
+    def _at_rest(self, q):
+        """Return what the curve is a function of where q rests, (1, n_arguments)."""
+        return np.array([{"displacement": [q], "velocity": [0.0], "both": [q, 0.0]}[self.argument]])
 
     def _rest(self, u0):
         """Return q at rest, by Newton's method, or by bisection where that does not get there."""
         q = u0 = float(u0)
         if self._of_velocity:
-            return u0 - float(self._force(np.zeros(1))[0][0])
+            return u0 - float(self._force(self._at_rest(q))[0][0])
         for _ in range(_TRIALS):
-            (force,), (slope,), _ = self._force(np.array([q]))
+            (force,), ((slope, *_),), _ = self._force(self._at_rest(q))
             error = q + force - u0
             if abs(error) <= _ROUNDING * max(abs(q), abs(u0)):
                 return q
@@ -378,10 +414,15 @@ class FeedbackOperator(_Composition, HeldInput):
         return float(RootInverseOperator(self.curve).init(u0)[0])
 
     def _force(self, z):
-        """Return the force f, its slope and its derivatives by the entries of the curve."""
-        y, by = self.curve.sensitivities(z, np.ones((len(z), 1)), 1.0)
-        passed = float(not self._of_velocity)
-        return y - passed * z, by[:, 0] - passed, by[:, 1:]
+        """Return the force f, its slopes and its derivatives by the entries of the curve."""
+        if self._of_both:
+            y, slope, own = self.curve.surface(z)
+        else:
+            y, by = self.curve.sensitivities(z[:, 0], np.ones((len(z), 1)), 1.0)
+            slope, own = by[:, :1], by[:, 1:]
+        if self._of_velocity:
+            return y, slope, own
+        return y - z[:, 0], slope - np.eye(1, slope.shape[1]), own
 
     def arguments(self, u, dt):
         """Return what the curve is a function of, from rest.
@@ -395,7 +436,7 @@ class FeedbackOperator(_Composition, HeldInput):
 
         Returns
         -------
-        ndarray of shape (n_samples,)
+        ndarray of shape (n_samples, n_arguments)
             Units of the drive, of a velocity per s.
         """
         if not self.causal:  # as straight between its samples
@@ -406,9 +447,9 @@ class FeedbackOperator(_Composition, HeldInput):
     def _traced(self, u, dt, state):
         """Return the response, and z / g of each instant of each sample."""
         law = self.compiled_step(dt, state)
-        y, z = np.empty(len(u)), np.zeros((len(u), self.n_substeps + 1))
+        y, z = np.empty(len(u)), np.zeros((len(u), (1 + self._of_both) * (self.n_substeps + 1)))
         _trace(law.step)(u, law.constants, law.state.copy(), y, z)
-        return y, z
+        return y, z.reshape(len(u), self.n_substeps + 1, -1)
 
     def init(self, u0, initial_state="rest"):
         if initial_state == "zero":
@@ -425,27 +466,29 @@ class FeedbackOperator(_Composition, HeldInput):
 
     def compiled_step(self, dt, state):
         x, force, before, begun = state
-        curve = self.curve.compiled_step(dt, ())
-        state = [*x, force, before, float(begun), *x, *np.zeros(self.n_substeps + 1)]
-        return CompiledLaw(_law(curve.step), (*self._constants(dt), *curve.constants), state)
+        both = self._of_both
+        curve = self.curve.compiled_surface() if both else self.curve.compiled_step(dt, ())
+        workspace = np.zeros(max(len(x), 1 + both) + (1 + both) * (self.n_substeps + 3))
+        state = [*x, force, before, float(begun), *workspace]
+        return CompiledLaw(_law(curve.step, both), (*self._constants(dt), *curve.constants), state)
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
         u, du = as_signal(u), as_signal(du)
         (x, f, before, begun), h = self.init(u[0], initial_state), dt / self.n_substeps
         n_samples, m = du.shape
         y, q = self._traced(u, dt, (x, f, before, begun))
-        force, slope, own = self._force(q.ravel())
+        force, slope, own = self._force(q.reshape(-1, 1 + self._of_both))
         straight = self._straight()
         ad, b0, b1, output, d = straight.discrete(h)
         *by_moving, by_output, by_d, by_rest = straight._discrete_tangents(h)
-        sensed, by_sensed = straight.rate_row() if self._of_velocity else (output, by_output)
+        sensed, by_sensed = self._sensed(output, 0), self._sensed(by_output, 1)
         n, p = len(x), len(by_d)
         none = [np.eye(n), np.zeros(n), np.zeros(n), *map(np.zeros_like, by_moving)]
         names = [name for name, _ in self.linear.entries()]
         dx, df, dbefore = np.zeros((n, m + self.n_parameters)), np.zeros(m + self.n_parameters), 0.0
         if begun:
             q0 = before - f
-            _, (bend,), (by_curve,) = self._force(np.array([0.0 if self._of_velocity else q0]))
+            _, ((bend, *_),), (by_curve,) = self._force(self._at_rest(q0))
             bend = 0.0 if self._of_velocity else bend
             dbefore = du[0]
             share = 1.0 / (1.0 + bend) if 1.0 + bend > 0.0 else 0.0  # a flat curve holds no place
@@ -459,8 +502,8 @@ class FeedbackOperator(_Composition, HeldInput):
             (ad, b0, b1, *by_moving), tuple(none), output, sensed, d, float(self.linear.gain),
             names.index("gain"), by_output, by_sensed, by_d, self.n_substeps,
             self.linear.hold == "zoh", begun, u, du, before, dbefore + np.zeros(m), q,
-            force.reshape(shape), slope.reshape(shape), own.reshape(*shape, -1), x.copy(), dx, f,
-            df, dy,
+            force.reshape(shape), slope.reshape(*shape, -1), own.reshape(*shape, -1), x.copy(), dx,
+            f, df, dy,
         )  # fmt: skip
         dy[:, m + names.index("intercept")] = 1.0
         diverged = ~(np.abs(dy).max(axis=1, initial=0.0) <= _STEEPEST)

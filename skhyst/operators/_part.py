@@ -89,6 +89,10 @@ class Part:
         Number of real poles and of pairs of poles of a linear operator.
     memoryless : bool
         The output depends on the input of the same instant alone.
+    of_rate : bool
+        The output depends on the input and its rate alone. Then ``surface(v)`` returns it with its
+        derivatives by both and by its own entries, for rows of the two, and ``compiled_surface()``
+        has a step of such a row.
     causal : bool
         The output depends on no later input, so that a run may be cut anywhere.
     at_once : bool
@@ -139,6 +143,7 @@ class Part:
     stage_order = 30
     n_poles = (0, 0)
     memoryless = False
+    of_rate = False
     causal = True
     at_once = True
     is_disturbance = False

@@ -2,22 +2,30 @@ r"""A term whose law is not known: a smooth function, to be learned.
 
 .. math:: y = p\,u + f(a), \qquad f(a) = \sum_k c_k B_k(a), \qquad c = T w
 
-Its argument :math:`a` is the input, its rate or a play of it, and :math:`p` is 1 where the input
-passes. :math:`B_k` are cubic B-splines on even knots, with the penalty
-:math:`\lambda \sum (\Delta^2 c_k)^2` (P-splines, Eilers and Marx [1]_).
+Its argument :math:`a` is the input, its rate, a play of it or the time since it has turned, and
+:math:`p` is 1 where the input passes. :math:`B_k` are cubic B-splines on even knots, with the
+penalty :math:`\lambda \sum (\Delta^2 c_k)^2` (P-splines, Eilers and Marx [1]_). Of two arguments it
+is a surface,
+
+.. math:: f(a, b) = \sum_{kl} c_{kl} B_k(a) B_l(b), \qquad
+   \lambda \sum (\Delta_k^2 c_{kl})^2 + \lambda \rho \sum (\Delta_l^2 c_{kl})^2 .
 
 **Smoothness.** Let :math:`G` be the Gram matrix of what the splines make of the response, beside
 everything that the parameters of the rest of the model can do (partial residuals, Frisch and Waugh
 [2]_), and :math:`S` that of the penalty. With :math:`S v_j = d_j G v_j`, :math:`v_i' G v_j =
 \delta_{ij}` (Demmler and Reinsch [3]_) the functions :math:`v_j` are uncorrelated, ever less
 smooth, and the penalty multiplies each one's coefficient by :math:`1 / (1 + \lambda d_j)`.
-:math:`\lambda` is that of the restricted maximum likelihood. The columns of :math:`T` are these
-functions, but for those of which less than a hundredth is left. So the term is linear in its
-weights, the penalty is diagonal, and both take part in a joint fit as anything else does.
+:math:`\lambda`, and :math:`\rho` of a surface, are those of the restricted maximum likelihood. The
+columns of :math:`T` are these functions, but for those of which less than a hundredth is left. So
+the term is linear in its weights, the penalty is diagonal, and both take part in a joint fit as
+anything else does.
 
 **Orthogonality.** What the parameters can do as well, as a gain does what is straight in the drive,
 has next to no power in :math:`G`. Such functions are left out: the parameters keep what is theirs,
 and the term shows what is missing.
+
+**Beyond the range** that it has seen, the function is held constant, or it fades: its value at the
+end is multiplied by :math:`\exp(-\delta / \ell)` at the distance :math:`\delta` from it.
 
 References
 ----------
@@ -39,62 +47,171 @@ from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel
 from ..operators import CompiledLaw, Operator, as_signal, parameter
 
-ARGUMENTS = ("input", "rate", "play")
+ARGUMENTS = ("input", "rate", "play", "turn")
 _DOABLE = 0.05**2  # of a function's power: below, the parameters can do it to 5 % of its size
 _GRID = np.logspace(-8.0, 8.0, 161)  # of the penalty, relative to the median of d_j
+_RATIOS = np.logspace(-4.0, 4.0, 5)  # of the penalties of a surface
 _LEAST = 0.01  # of a function that the penalty leaves
 _PLAY = 0.1  # half gap of a play, relative to the range of its input
+_MEMORY = 3  # numbers that an argument may remember
+_INTERVALS = {1: 40, 2: 7}  # by the number of arguments: 43 functions, or 100
+
+
+@jit
+def follow(u, kind, half_gap, dt, longest, s, at):
+    """Return an argument; from ``at`` on ``s`` is the last input or play, a direction, a time."""
+    if kind == 1:
+        v = (u - s[at]) / dt
+        s[at] = u
+    elif kind == 2:
+        v = min(max(s[at], u - half_gap), u + half_gap)
+        s[at] = v
+    elif kind == 3:
+        way = 1.0 if u > s[at] else -1.0 if u < s[at] else 0.0
+        v = 0.0 if way * s[at + 1] < 0.0 else min(s[at + 2] + dt, longest)
+        s[at + 1] = way if way != 0.0 else s[at + 1]
+        s[at] = u
+        s[at + 2] = v
+    else:
+        v = u
+    return v
+
+
+@jit
+def bump(k, x):
+    """Return the k-th of the four cubic B-splines that are not zero at ``x`` of an interval."""
+    if k == 0:
+        y = (1.0 - x) * (1.0 - x) * (1.0 - x)
+    elif k == 1:
+        y = 3.0 * x * x * x - 6.0 * x * x + 4.0
+    elif k == 2:
+        y = -3.0 * x * x * x + 3.0 * x * x + 3.0 * x + 1.0
+    else:
+        y = x * x * x
+    return y / 6.0
+
+
+@jit
+def _bump_slope(k, x):
+    if k == 0:
+        y = -3.0 * (1.0 - x) * (1.0 - x)
+    elif k == 1:
+        y = 9.0 * x * x - 12.0 * x
+    elif k == 2:
+        y = -9.0 * x * x + 6.0 * x + 3.0
+    else:
+        y = 3.0 * x * x
+    return y / 6.0
+
+
+@jit
+def spline_value(first, second, c):
+    """Return the function at its arguments, the second of which may be none."""
+    coefficients, intervals, fading = c[0], c[1], c[5]
+    low, width, other, low_2, width_2 = c[7], c[8], c[9], c[10], c[11]
+    n = int(intervals)
+    a = (first - low) / width
+    b = (second - low_2) / width_2 if other >= 0 else 0.0
+    if math.isnan(a) or math.isnan(b):  # of a run that has diverged: it is no place in the table
+        return a + b
+    t = min(max(a, 0.0), float(n))
+    z = min(max(b, 0.0), float(n))
+    i = min(math.floor(t), n - 1)
+    j = min(math.floor(z), n - 1)
+    y = 0.0
+    if other >= 0:
+        for k in range(4):
+            for m in range(4):
+                y += bump(k, t - i) * bump(m, z - j) * coefficients[(i + k) * (n + 3) + j + m]
+    else:
+        for k in range(4):
+            y += bump(k, t - i) * coefficients[i + k]
+    if fading > 0.0:
+        y *= math.exp(-fading * (abs(a - t) + abs(b - z)))
+    return y
 
 
 @jit
 def unknown_term(u, c, s):
-    """Return ``passed u + f(argument)``; ``s`` is the last input, or the play."""
-    coefficients, low, width, kind, half_gap, passed, dt = c
-    v = u
-    if kind == 1:
-        v = (u - s[0]) / dt
-        s[0] = u
-    elif kind == 2:
-        v = min(max(s[0], u - half_gap), u + half_gap)
-        s[0] = v
-    if math.isnan(v):  # of a run that has diverged: it is no place in the table
-        return v
-    n = coefficients.size - 3
-    t = min(max((v - low) / width, 0.0), float(n))
-    i = min(math.floor(t), n - 1)
-    x = t - i
-    y = coefficients[i] * (1.0 - x) * (1.0 - x) * (1.0 - x)
-    y += coefficients[i + 1] * (3.0 * x * x * x - 6.0 * x * x + 4.0)
-    y += coefficients[i + 2] * (-3.0 * x * x * x + 3.0 * x * x + 3.0 * x + 1.0)
-    y += coefficients[i + 3] * x * x * x
-    return passed * u + y / 6.0
+    """Return ``passed u + f(argument)``; ``s`` is what each argument remembers."""
+    n, passed, dt, half_gap = c[1], c[2], c[3], c[4]
+    kind, low, width, other, low_2, width_2 = c[6], c[7], c[8], c[9], c[10], c[11]
+    a = follow(u, kind, half_gap, dt, low + n * width, s, 0)
+    b = 0.0
+    if other >= 0:
+        b = follow(u, other, half_gap, dt, low_2 + n * width_2, s, 3)
+    return passed * u + spline_value(a, b, c)
 
 
 @jit
-def _follow_play(u, half_gap, play, v, side):
+def unknown_surface(u, c, s):
+    """Return the same of a row of the arguments, the first of which is the input."""
+    return c[2] * u[0] + spline_value(u[0], u[1], c)
+
+
+@jit
+def _follow_all(u, kind, half_gap, dt, longest, s, at, v):
     for k in range(u.size):
-        side[k] = 0.0
-        if play > u[k] + half_gap:
-            play, side[k] = u[k] + half_gap, 1.0
-        elif play < u[k] - half_gap:
-            play, side[k] = u[k] - half_gap, 1.0
-        v[k] = play
-    return play
+        v[k] = follow(u[k], kind, half_gap, dt, longest, s, at)
+
+
+@jit
+def _tabulate(t, n, fading, table, slope, out):
+    """Add the splines of a table, (n_splines, n_columns), at places ``t`` to ``out``.
+
+    ``slope`` is the number of the argument by which they are differentiated, -1 for none.
+    """
+    n_places, n_arguments = t.shape
+    stride, n_columns = 1 if n_arguments == 1 else n + 3, table.shape[1]
+    for r in range(n_places):
+        if math.isnan(t[r].sum()):
+            out[r] = math.nan
+            continue
+        j, z, outside, factor = 0, 0.0, 0.0, 1.0
+        x = min(max(t[r, 0], 0.0), float(n))
+        beyond = t[r, 0] - x
+        outside = abs(beyond)
+        i = min(math.floor(x), n - 1)
+        x -= i
+        if n_arguments == 2:
+            z = min(max(t[r, 1], 0.0), float(n))
+            outside += abs(t[r, 1] - z)
+            if slope == 1:
+                beyond = t[r, 1] - z
+            j = min(math.floor(z), n - 1)
+            z -= j
+        if fading > 0.0:
+            factor = math.exp(-fading * outside)
+        by = slope
+        if slope >= 0 and beyond != 0.0:  # the value alone, which fades or is constant
+            factor *= -fading if beyond > 0.0 else fading
+            by = -1
+        for k in range(4):
+            first = factor * (_bump_slope(k, x) if by == 0 else bump(k, x))
+            for m in range(4 if n_arguments == 2 else 1):
+                weight = first
+                if n_arguments == 2:
+                    weight *= _bump_slope(m, z) if by == 1 else bump(m, z)
+                row = (i + k) * stride + j + m
+                for column in range(n_columns):
+                    out[r, column] += weight * table[row, column]
 
 
 @dataclass(frozen=True)
 class UnknownTermOperator(Operator):
-    """Smooth function of the input, its rate or a play of it; see :class:`UnknownTerm`.
+    """Smooth function of one or two signals that its input makes; see :class:`UnknownTerm`.
 
     Parameters
     ----------
     weights : ndarray of shape (n_functions,)
         Units of the output: those of functions whose root mean square is 1 where they were chosen.
-    basis : ndarray of shape (n_intervals + 3, n_functions)
-        Coefficients of the B-splines in each function. Fixed structure.
+    basis : ndarray of shape (n_splines, n_functions)
+        Coefficients of the B-splines in each function, of ``n_splines = n_intervals + 3``, or the
+        square of that where there are two arguments, those of the second counted first. Fixed
+        structure.
     low, high : float
-        Range of the argument; beyond, the function is constant. Fixed structure.
-    argument : {"input", "rate", "play"}, default="input"
+        Range of the argument. Fixed structure.
+    argument : {"input", "rate", "play", "turn"}, default="input"
         What it is a function of. Fixed structure.
     half_gap : float, default=0.0
         Of the play, units of the input. Fixed structure.
@@ -102,11 +219,19 @@ class UnknownTermOperator(Operator):
         What is added of the input itself, 1 at a joint of a series. Fixed structure.
     penalty : ndarray of shape (n_functions,) or float, default=0.0
         Of each squared weight, for each sample of a fit. Fixed structure.
+    second : {"rate", "play", "turn"} or None, default=None
+        The second argument, another than the first. Fixed structure.
+    second_low, second_high : float
+        Its range. Fixed structure.
+    fade : float, default=inf
+        Distance from the range over which the function fades to 1/e, as a part of the range of the
+        argument; above 0. Fixed structure.
 
     Notes
     -----
-    The state is the last input, or the play. ``"rest"``: the rate is zero, the play that of a first
-    loading.
+    The state is, of each argument, the last input or the play, the direction and the time since the
+    last turn. ``"rest"``: the rate is zero, the play that of a first loading, and the last turn so
+    long ago that nothing changes.
 
     Examples
     --------
@@ -125,6 +250,10 @@ class UnknownTermOperator(Operator):
     half_gap: float = 0.0
     passed: float = 0.0
     penalty: np.ndarray | float = 0.0
+    second: str | None = None
+    second_low: float = 0.0
+    second_high: float = 1.0
+    fade: float = math.inf
 
     stage_order = 40
 
@@ -132,20 +261,55 @@ class UnknownTermOperator(Operator):
         super().__post_init__()
         wanted = " or ".join(map(repr, ARGUMENTS))
         self._require("argument", self.argument in ARGUMENTS, f"be {wanted}")
-        self._require("high", self.low < self.high < np.inf, "be finite, and above 'low'")
+        is_other = self.second is None or self.second in set(ARGUMENTS[1:]) - {self.argument}
+        wanted = " or ".join(map(repr, ARGUMENTS[1:]))
+        self._require("second", is_other, f"be None, or {wanted}, and not the argument")
+        for prefix in ("", "second_"):
+            low, high = getattr(self, f"{prefix}low"), getattr(self, f"{prefix}high")
+            wanted = f"be finite, and above '{prefix}low'"
+            self._require(f"{prefix}high", low < high < np.inf, wanted)
         self._require("half_gap", self.half_gap >= 0.0, "not be negative")
+        self._require("fade", self.fade > 0.0, "be above 0")
+        is_table = self.n_intervals > 0
+        is_table = is_table and (self.n_intervals + 3) ** len(self.names) == len(self.basis)
+        self._require("basis", is_table, "have as many rows as there are splines")
+
+    @property
+    def names(self):
+        """The arguments."""
+        return (self.argument,) if self.second is None else (self.argument, self.second)
+
+    @property
+    def n_intervals(self):
+        """Intervals of the knots of each argument."""
+        return round(len(self.basis) ** (1.0 / len(self.names))) - 3
 
     @property
     def memoryless(self):
         """Whether it is a function of the input."""
-        return self.argument == "input"
+        return self.names == ("input",)
+
+    @property
+    def of_rate(self):
+        """Whether it is a function of the input and its rate."""
+        return self.names == ("input", "rate")
 
     @property
     def at_once(self):
-        """Whether the output is monotone in the input of the same instant."""
-        v = np.linspace(self.low, self.high, 10 * len(self.basis))
-        slope = self.functions(v, derivative=True) @ self.weights
-        return bool(self.argument != "rate" and slope.min() + self.passed > 0.0 < self.passed)
+        """Whether the output is monotone in the input of the same instant, at any interval."""
+        if "turn" in self.names or not self.passed > 0.0:
+            return False
+        # the ends stand for what is beyond, where the function may fade
+        n, out = 10 * (self.n_intervals + 3), np.inf
+        sides = [
+            [np.nextafter(low, -out), *np.linspace(low, high, n), np.nextafter(high, out)]
+            for low, high in self.ranges
+        ]
+        v = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1)
+        by = dict(zip(self.names, self.slopes(v).T, strict=True))
+        least = self.passed + by.get("input", 0.0)  # a play stands, or follows
+        least = np.minimum(least, least + by.get("play", 0.0))
+        return bool(np.all(least > 0.0) and np.all(by.get("rate", 0.0) >= 0.0))
 
     def entries(self):
         """Return name and spec of each weight, with its penalty; see the base."""
@@ -160,18 +324,49 @@ class UnknownTermOperator(Operator):
         return float(np.sum(1.0 / (1.0 + penalty)))
 
     @property
-    def width(self):
-        """Distance of the knots."""
-        return (self.high - self.low) / (len(self.basis) - 3)
+    def ranges(self):
+        """Low and high of each argument, (n_arguments, 2)."""
+        both = (self.low, self.high), (self.second_low, self.second_high)
+        return np.array(both[: len(self.names)], dtype=float)
+
+    @property
+    def widths(self):
+        """Distances of the knots of each argument, (n_arguments,)."""
+        return np.diff(self.ranges)[:, 0] / self.n_intervals
+
+    @property
+    def _fading(self):
+        return 1.0 / (self.fade * self.n_intervals)
+
+    def bends(self, ratio=1.0):
+        """Return the second differences of the coefficients of each function.
+
+        Parameters
+        ----------
+        ratio : float, default=1.0
+            How much more those by the second argument weigh.
+
+        Returns
+        -------
+        ndarray of shape (n_differences, n_functions)
+        """
+        each = np.eye(self.n_intervals + 3)
+        bends = np.diff(each, 2, axis=0)
+        if self.second is not None:
+            bends = [np.kron(bends, each), np.sqrt(ratio) * np.kron(each, bends)]
+            bends = np.concatenate(bends)
+        return bends @ self.basis
 
     def init(self, u0, initial_state="rest"):
         """Return the state before the first sample; see the base."""
-        if self.argument == "input":
+        if self.memoryless:
             return ()
         if initial_state == "zero":
-            return (0.0,)
+            return (0.0,) * (_MEMORY * len(self.names))
         play = min(max(0.0, u0 - self.half_gap), u0 + self.half_gap)
-        return (float(play if self.argument == "play" else u0),)
+        last = [float(play if name == "play" else u0) for name in self.names]
+        both = zip(last, self.ranges[:, 1].tolist(), strict=True)
+        return tuple(value for own, longest in both for value in (own, 0.0, longest))
 
     def arguments(self, u, dt, state=None):
         """Return what it is a function of.
@@ -187,58 +382,67 @@ class UnknownTermOperator(Operator):
 
         Returns
         -------
-        v : ndarray of shape (n_samples,)
-            Argument: units of the input, of a rate per s.
+        v : ndarray of shape (n_samples,), or (n_samples, 2) of two arguments
+            Argument: units of the input, of a rate per s, of a time s.
         state : tuple
             State after the last sample.
         """
-        v, state, _ = self._followed(as_signal(u), dt, state)
-        return v, state
+        v, state = self._followed(as_signal(u), dt, state)
+        return v[:, 0] if self.second is None else v, state
 
     def _followed(self, u, dt, state):
-        if not u.size or self.argument == "input":
-            return u, () if self.argument == "input" else state or (0.0,), None
-        (last,) = self.init(u[0]) if state is None else state
-        if self.argument == "rate":
-            return np.diff(u, prepend=last) / dt, (float(u[-1]),), None
-        v, moves = np.empty(u.size), np.empty(u.size)
-        last = _follow_play(u, self.half_gap, last, v, moves)
-        return v, (float(last),), moves
+        if self.memoryless or not u.size:
+            return u[:, None] * np.ones(len(self.names)), state or ()
+        s = np.array(self.init(u[0]) if state is None else state, dtype=float)
+        v = np.empty((len(self.names), u.size))
+        for i, name in enumerate(self.names):
+            kind, longest = ARGUMENTS.index(name), self.ranges[i, 1]
+            _follow_all(u, kind, self.half_gap, dt, longest, s, _MEMORY * i, v[i])
+        return np.ascontiguousarray(v.T), tuple(s.tolist())
 
-    def functions(self, v, derivative=False):
-        """Return the functions that the weights belong to, or their derivatives.
+    def _at(self, v, table, slope=-1):
+        """Return the splines of a table at arguments, or their slopes by one argument."""
+        v = np.asarray(v, dtype=float).reshape(-1, len(self.names))
+        places = (v - self.ranges[:, 0]) / self.widths
+        out = np.zeros((len(v), table.shape[1]))
+        table = np.ascontiguousarray(table, dtype=float)
+        _tabulate(places, self.n_intervals, self._fading, table, slope, out)
+        return out if slope < 0 else out / self.widths[slope]
+
+    def functions(self, v):
+        """Return the functions that the weights belong to.
 
         Parameters
         ----------
-        v : ndarray of shape (n_samples,)
-            Argument.
-        derivative : bool, default=False
-            Whether the derivatives by the argument are returned.
+        v : ndarray of shape (n_samples,) or (n_samples, n_arguments)
+            Arguments.
 
         Returns
         -------
         ndarray of shape (n_samples, n_functions)
-            At most constant outside of the range.
         """
-        n = len(self.basis) - 3
-        t = (v - self.low) / self.width
-        i = np.clip(np.floor(np.nan_to_num(t)), 0, n - 1).astype(int)
-        x = np.clip(t, 0.0, n) - i
-        if derivative:
-            powers = [-3.0 * (1.0 - x) ** 2, 9.0 * x**2 - 12.0 * x]
-            powers += [-9.0 * x**2 + 6.0 * x + 3.0, 3.0 * x**2]
-            scale = ((t >= 0.0) & (t <= n)) / (6.0 * self.width)
-        else:
-            powers = [(1.0 - x) ** 3, 3.0 * x**3 - 6.0 * x**2 + 4.0]
-            powers += [-3.0 * x**3 + 3.0 * x**2 + 3.0 * x + 1.0, x**3]
-            scale = np.full(len(x), 1.0 / 6.0)
-        return sum((scale * p)[:, None] * self.basis[i + k] for k, p in enumerate(powers))
+        return self._at(v, self.basis)
+
+    def slopes(self, v):
+        """Return the derivatives of the term by its arguments.
+
+        Parameters
+        ----------
+        v : ndarray of shape (n_samples,) or (n_samples, n_arguments)
+            Arguments.
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_arguments)
+        """
+        table = (self.basis @ self.weights)[:, None]
+        return np.concatenate([self._at(v, table, i) for i in range(len(self.names))], axis=1)
 
     def run(self, u, dt, state=None):
         """Return the output and the state after the last sample; see the base."""
         u = as_signal(u)
-        v, state, _ = self._followed(u, dt, state)
-        return self.passed * u + self.functions(v) @ self.weights, state
+        v, state = self._followed(u, dt, state)
+        return self.passed * u + self._at(v, (self.basis @ self.weights)[:, None])[:, 0], state
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
         """Return the output and its derivatives; see the base."""
@@ -246,50 +450,90 @@ class UnknownTermOperator(Operator):
         if not u.size:
             return u.copy(), np.empty((0, du.shape[1] + self.n_parameters))
         state = self.init(u[0], initial_state)
-        v, _, moves = self._followed(u, dt, state)
-        dv = du
-        if self.argument == "rate":
-            before = du[:1] if initial_state == "rest" else 0.0 * du[:1]
-            dv = np.diff(du, axis=0, prepend=before) / dt
-        elif self.argument == "play":
-            last = np.maximum.accumulate(np.where(moves > 0.0, np.arange(len(u)), -1))
-            first = du[:1] * (initial_state == "rest" and state[0] != 0.0)
-            dv = np.where(last[:, None] >= 0, du[last], first)
+        v, _ = self._followed(u, dt, state)
         own = self.functions(v)
-        slope = self.functions(v, derivative=True) @ self.weights
-        y = self.passed * u + own @ self.weights
-        return y, np.concatenate([self.passed * du + slope[:, None] * dv, own], axis=1)
+        y, dy = self.passed * u + own @ self.weights, self.passed * du
+        if du.shape[1]:
+            for i, slope in enumerate(self.slopes(v).T):
+                dy = dy + slope[:, None] * self._moved(i, v, du, dt, initial_state, state)
+        return y, np.concatenate([dy, own], axis=1)
+
+    def _moved(self, i, v, du, dt, initial_state, state):
+        """Return the tangents of an argument."""
+        name, is_rest = self.names[i], initial_state == "rest"
+        if name == "rate":
+            return np.diff(du, axis=0, prepend=du[:1] if is_rest else 0.0 * du[:1]) / dt
+        if name == "play":
+            play = state[_MEMORY * i]
+            moves = np.diff(v[:, i], prepend=play) != 0.0
+            last = np.maximum.accumulate(np.where(moves, np.arange(len(v)), -1))
+            return np.where(last[:, None] >= 0, du[last], du[:1] * (is_rest and play != 0.0))
+        return du if name == "input" else np.zeros_like(du)
+
+    def surface(self, v):
+        """Return the output, its derivatives by its arguments, and by the weights.
+
+        Parameters
+        ----------
+        v : ndarray of shape (n_samples, n_arguments)
+            Arguments, the first of which is the input.
+
+        Returns
+        -------
+        y : ndarray of shape (n_samples,)
+            Output.
+        slopes : ndarray of shape (n_samples, n_arguments)
+            By the arguments.
+        own : ndarray of shape (n_samples, n_functions)
+            By the weights.
+        """
+        own, slopes = self.functions(v), self.slopes(v)
+        slopes[:, 0] += self.passed
+        return self.passed * v[:, 0] + own @ self.weights, slopes, own
+
+    def compiled_surface(self):
+        """Return one step, of a row of the arguments, in plain arithmetic."""
+        return CompiledLaw(unknown_surface, self.compiled_step(1.0, ()).constants, (0.0,))
 
     def compiled_step(self, dt, state):
         """Return one step in plain arithmetic; see the base."""
         coefficients = np.asarray(self.basis @ self.weights, dtype=float)
-        numbers = self.low, self.width, ARGUMENTS.index(self.argument), self.half_gap, self.passed
-        law = (coefficients, *numbers, dt)
+        law = [coefficients, self.n_intervals, self.passed, dt, self.half_gap, self._fading]
+        places = [*self.ranges[:, 0], 0.0][:2], [*self.widths, 1.0][:2]
+        kinds = [*map(ARGUMENTS.index, self.names), -1][:2]
+        for own in zip(kinds, *places, strict=True):
+            law += own
         # the law has a place for what only some arguments remember
-        return CompiledLaw(unknown_term, law, state or (0.0,))
+        return CompiledLaw(unknown_term, tuple(law), state or (0.0,))
 
 
 class UnknownTerm(ParametricModel):
-    r"""A term whose law is not known: a smooth function of the input, its rate or a play of it.
+    r"""A term whose law is not known: a smooth function of one or two signals that its input makes.
 
-    .. math:: y = p\,u + \sum_k c_k B_k(a)
+    .. math:: y = p\,u + \sum_k c_k B_k(a) \qquad \text{or} \qquad
+       y = p\,u + \sum_{kl} c_{kl} B_k(a) B_l(b)
 
-    with cubic B-splines of the argument :math:`a`, whose smoothness is found by restricted maximum
-    likelihood, and p = 1 where the input passes. Beyond the range that it has seen, the function
-    is constant.
+    with cubic B-splines of the arguments :math:`a` and :math:`b`, whose smoothness is found by
+    restricted maximum likelihood, and p = 1 where the input passes. Beyond the range that it has
+    seen, the function is constant, or fades.
 
     Parameters
     ----------
-    argument : {"input", "rate", "play"}, default="input"
-        What it is a function of: the input, its rate (backward differences, per s), or the play
-        operator of it.
+    argument : {"input", "rate", "play", "turn"}, default="input"
+        What it is a function of: the input, its rate (backward differences, per s), the play
+        operator of it, or the time in s since the input last turned.
+    second : {"rate", "play", "turn"} or None, default=None
+        A second argument, another than the first.
     half_gap : float or None, default=None
         Half gap of the play, units of the input. None: a tenth of the range of the input.
     passes : bool, default=False
         Whether the input itself is added, as at a joint of a series.
-    n_intervals : int, default=40
-        Intervals of the knots, evenly spaced. The smoothness hardly depends on their number, where
-        it is large enough.
+    n_intervals : int or None, default=None
+        Intervals of the knots of each argument, evenly spaced. The smoothness hardly depends on
+        their number, where it is large enough. None: 40, or 7 of two arguments.
+    fade : float or None, default=None
+        Distance over which the function fades to 1/e beyond the range that it has seen, as a part
+        of that range. None: it is held constant.
 
     Attributes
     ----------
@@ -322,7 +566,9 @@ class UnknownTerm(ParametricModel):
         "argument": [StrOptions(set(ARGUMENTS))],
         "half_gap": [Interval(Real, 0, None, closed="left"), None],
         "passes": ["boolean"],
-        "n_intervals": [Interval(Integral, 1, None, closed="left")],
+        "second": [StrOptions(set(ARGUMENTS[1:])), None],
+        "n_intervals": [Interval(Integral, 1, None, closed="left"), None],
+        "fade": [Interval(Real, 0, None, closed="neither"), None],
     }
 
     operator_class = UnknownTermOperator
@@ -331,9 +577,11 @@ class UnknownTerm(ParametricModel):
         self,
         argument="input",
         *,
+        second=None,
         half_gap=None,
         passes=False,
-        n_intervals=40,
+        n_intervals=None,
+        fade=None,
         initial_state="rest",
         dt=None,
         drive=None,
@@ -341,9 +589,11 @@ class UnknownTerm(ParametricModel):
     ):
         super().__init__(initial_state=initial_state, dt=dt, drive=drive, method=method)
         self.argument = argument
+        self.second = second
         self.half_gap = half_gap
         self.passes = passes
         self.n_intervals = n_intervals
+        self.fade = fade
 
     def flexible(self, records):
         """Return the operator with all B-splines, at zero, over the range of its argument.
@@ -357,18 +607,34 @@ class UnknownTerm(ParametricModel):
         -------
         UnknownTermOperator
         """
-        half_gap = 0.0
-        if self.argument == "play":
+        half_gap, names = 0.0, [name for name in (self.argument, self.second) if name]
+        if "play" in names:
             drives = np.concatenate([record.u for record in records])
             half_gap = _PLAY * np.ptp(drives) if self.half_gap is None else self.half_gap
-        n = self.n_intervals + 3
-        own = self.argument, float(half_gap), float(self.passes)
-        operator = UnknownTermOperator(np.zeros(n), np.eye(n), 0.0, 1.0, *own)
-        seen = [operator.arguments(record.u, record.dt)[0] for record in records]
-        low, high = min(map(np.min, seen)), max(map(np.max, seen))
-        if not high - low > np.spacing(max(abs(low), abs(high))):
-            low, high = low - 0.5, low + 0.5
-        return replace(operator, low=float(low), high=float(high))
+        n = _INTERVALS[len(names)] if self.n_intervals is None else self.n_intervals
+        n = (n + 3) ** len(names)
+        longest = max(len(record.u) * record.dt for record in records)
+        operator = UnknownTermOperator(
+            np.zeros(n),
+            np.eye(n),
+            0.0,
+            longest,
+            self.argument,
+            float(half_gap),
+            float(self.passes),
+            second=self.second,
+            second_high=longest,
+            fade=np.inf if self.fade is None else float(self.fade),
+        )
+        seen, ends = [operator.arguments(record.u, record.dt)[0] for record in records], []
+        for name, own in zip(names, np.concatenate(seen).reshape(-1, len(names)).T, strict=True):
+            if name == "turn":
+                own = own[own < longest]  # before the first turn it is as long ago as can be
+            low, high = (float(own.min()), float(own.max())) if own.size else (0.0, 0.0)
+            still = not high - low > np.spacing(max(abs(low), abs(high)))
+            ends += [low - 0.5, low + 0.5] if still else [low, high]
+        names = "low", "high", "second_low", "second_high"
+        return replace(operator, **dict(zip(names, ends, strict=False)))
 
     def starting_values(self, records):
         operator, total = self.flexible(records), 0.0
@@ -415,29 +681,32 @@ def smooth(operator, gram, own, n_samples, independent=1.0):
         left = left - outer.T @ np.linalg.pinv(inner, rcond=1e-10, hermitian=True) @ outer
     # directions in which the B-splines have power that the parameters cannot make
     every = gram[np.ix_(k, k)]
-    bends = np.diff(np.eye(len(operator.basis)), 2, axis=0) @ operator.basis
-    power, axes = np.linalg.eigh(every)
+    power, vectors = np.linalg.eigh(every)
     seen = power > 1e-10 * power.max(initial=0.0)
-    axes, unseen = axes[:, seen] / np.sqrt(power[seen]), axes[:, ~seen]
-    # across a gap of the samples a function goes on as smoothly as it can
-    axes = axes - unseen @ np.linalg.lstsq(bends @ unseen, bends @ axes, rcond=None)[0]
-    part, turned = np.linalg.eigh(axes.T @ left[:-1, :-1] @ axes)
-    axes = axes @ turned[:, part > _DOABLE]
-    basis, penalty = np.empty((len(k), 0)), np.empty(0)
-    if axes.shape[1]:
+    n_left, found = n_samples - rest.size, []
+    for ratio in _RATIOS if operator.second else [1.0]:
+        bends = operator.bends(ratio)
+        axes, unseen = vectors[:, seen] / np.sqrt(power[seen]), vectors[:, ~seen]
+        # across a gap of the samples a function goes on as smoothly as it can
+        axes = axes - unseen @ np.linalg.lstsq(bends @ unseen, bends @ axes, rcond=None)[0]
+        part, turned = np.linalg.eigh(axes.T @ left[:-1, :-1] @ axes)
+        axes = axes @ turned[:, part > _DOABLE]
+        if not axes.shape[1]:
+            return replace(operator, weights=np.empty(0), basis=operator.basis[:, :0], penalty=0.0)
         inner = axes.T @ left[:-1, :-1] @ axes
         roughness, turned = eigh(axes.T @ bends.T @ bends @ axes, inner)
         axes = axes @ turned
-        found, n_left = axes.T @ left[:-1, -1], n_samples - rest.size
-        penalty = _smoothing(roughness, found, left[-1, -1], independent * n_left)
-        kept = 1.0 / (1.0 + penalty) >= min(_LEAST, 1.0 / (1.0 + penalty.min()))
-        basis, penalty = np.sqrt(n_samples) * axes[:, kept], penalty[kept]
+        own = axes.T @ left[:-1, -1]
+        found.append((*_smoothing(roughness, own, left[-1, -1], independent * n_left), axes))
+    _, penalty, axes = min(found, key=lambda own: own[0])
+    kept = 1.0 / (1.0 + penalty) >= min(_LEAST, 1.0 / (1.0 + penalty.min()))
+    basis, penalty = np.sqrt(n_samples) * axes[:, kept], penalty[kept]
     weights = np.zeros(basis.shape[1])
     return replace(operator, weights=weights, basis=operator.basis @ basis, penalty=penalty)
 
 
 def _smoothing(roughness, found, power, n_samples):
-    """Return the penalty of each function by the restricted maximum likelihood.
+    """Return the deviance and the penalty of each function by the restricted maximum likelihood.
 
     ``found`` are the least-squares coefficients of orthonormal functions, ``power`` the sum of
     squares that they are part of. With the penalty as a prior, each has the variance
@@ -446,12 +715,13 @@ def _smoothing(roughness, found, power, n_samples):
     # what is straight has a roughness of rounding; the roughest is what hardly any sample sees
     rounding = len(roughness) * np.finfo(float).eps
     bent = roughness > 10.0 * rounding * roughness.max(initial=0.0)
-    if not bent.any():
-        return np.zeros(len(roughness))
-    d, z = roughness[bent], np.square(found[bent])
     white = max(power - np.square(found).sum(), np.finfo(float).tiny)
     n = max(n_samples - np.count_nonzero(~bent), 1.0)
+    if not bent.any():
+        return n * np.log(white), np.zeros(len(roughness))
+    d, z = roughness[bent], np.square(found[bent])
     penalties = _GRID / np.median(d)
     ratio = 1.0 + 1.0 / np.multiply.outer(penalties, d)
     deviance = np.log(ratio).sum(axis=1) + n * np.log(white + (z / ratio).sum(axis=1))
-    return np.where(bent, penalties[np.argmin(deviance)] * roughness, 0.0)
+    best = np.argmin(deviance)
+    return deviance[best], np.where(bent, penalties[best] * roughness, 0.0)

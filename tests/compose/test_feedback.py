@@ -17,11 +17,27 @@ from skhyst.linear import (
 )
 from skhyst.operators import FEEDBACK_ARGUMENTS, FeedbackOperator
 from skhyst.optimize import VariableProjection
-from skhyst.static import DeadZoneOperator, DeadZones, PolynomialCurveOperator, SmoothCurve
+from skhyst.static import (
+    DeadZoneOperator,
+    DeadZones,
+    PolynomialCurveOperator,
+    SmoothCurve,
+    UnknownTermOperator,
+)
 
 DT = 0.01
 NAMES = ("linear", "curve")
 CUBIC = PolynomialCurveOperator(np.array([0.1, 0.3]), center=0.0, scale=2.0)
+KNOTS = 30.0 * np.arange(-4.0, 5.0)  # q + 0.05 q q', which splines are exactly
+PRODUCT = UnknownTermOperator(
+    np.array([0.05]),
+    np.outer(KNOTS, KNOTS).reshape(-1, 1),
+    *(-90.0, 90.0),
+    second="rate",
+    second_low=-90.0,
+    second_high=90.0,
+    passed=1.0,
+)
 TRIED = VariableProjection()  # without the further starts of a fit that is not white
 
 
@@ -50,7 +66,8 @@ def integrated(u, slope, order, fine=16):
 def error_of(n_substeps, u, expected, argument):
     linear = SecondOrderModeOperator(20.0, 0.2)
     own = {"n_substeps": n_substeps, "argument": argument}
-    operator = FeedbackOperator(NAMES, (linear, CUBIC), **own)
+    curve = PRODUCT if argument == "both" else CUBIC
+    operator = FeedbackOperator(NAMES, (linear, curve), **own)
     return np.std(operator.run(u, DT, operator.init(u[0], "zero"))[0] - expected)
 
 
@@ -60,7 +77,11 @@ def test_the_scheme_is_of_second_order_and_that_of_an_own_integrator(argument):
     curve = np.polynomial.Legendre([0.0, 2.0, 0.2, 0.6])  # scale P_1(z) is q itself
 
     def slope(x, v):
-        force = curve(x[0] / 2.0) if argument == "displacement" else x[0] + curve(x[1] / 2.0)
+        force = {
+            "displacement": curve(x[0] / 2.0),
+            "velocity": x[0] + curve(x[1] / 2.0),
+            "both": x[0] + 0.05 * x[0] * x[1],
+        }[argument]
         return np.array([x[1], 400.0 * (v - force) - 8.0 * x[1]])
 
     expected = integrated(u, slope, 2)

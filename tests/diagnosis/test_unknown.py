@@ -7,14 +7,19 @@ from sklearn.linear_model import Ridge
 
 from skhyst import diagnosis
 from skhyst.compose import Cascade
-from skhyst.diagnosis import EFFECTS, EffectSearchCV, LawAt, unregister_effect
+from skhyst.control import InverseCompensator
+from skhyst.diagnosis import EFFECTS, EffectSearchCV, LawAt, next_experiment, unregister_effect
 from skhyst.diagnosis._candidates import refitted, screened
+from skhyst.exceptions import ExtrapolationWarning
 from skhyst.hysteresis import (
     PrandtlIshlinskii,
     PrandtlIshlinskiiOperator,
     RestoringForceOperator,
 )
 from skhyst.linear import SecondOrderMode, SecondOrderModeOperator
+from skhyst.operators import FeedbackOperator
+from skhyst.persistence import from_json, to_json
+from skhyst.static import UnknownTermOperator
 
 N, DT, NOISE = 1500, 1e-3, 0.02
 MODE, DECLARED = SecondOrderModeOperator(100.0, 0.3), SecondOrderMode(dt=DT)
@@ -79,7 +84,17 @@ def test_the_model_with_the_term_is_a_model(notched):
     model = notched.unknown_.estimator
     fresh = smooth_noise(5) * 0.5
     truth, _ = MODE.run(fresh + 0.3 * np.exp(-(((fresh - 0.5) / 0.3) ** 2)), DT)
-    assert np.sqrt(np.mean((model.predict(fresh[:, None]) - truth) ** 2)) < 0.5 * NOISE
+    predicted = model.predict(fresh[:, None])
+    assert np.sqrt(np.mean((predicted - truth) ** 2)) < 0.5 * NOISE
+    stepped = model.stepper(u0=fresh[0]).run(fresh)
+    np.testing.assert_allclose(stepped, predicted, atol=1e-12)
+    np.testing.assert_array_equal(from_json(to_json(model)).predict(fresh[:, None]), predicted)
+    inverse = InverseCompensator(model).fit(U[:, None], truth)
+    reference = 0.3 * np.hanning(N) * predicted
+    again = model.predict(inverse.predict(reference[:, None]).reshape(-1, 1))
+    np.testing.assert_allclose(again, reference, atol=1e-6)
+    with pytest.warns(ExtrapolationWarning, match="fitted to drives from"):
+        model.predict(2.0 * U[:, None])
 
 
 @pytest.mark.slow
@@ -112,6 +127,7 @@ def test_a_sum_of_two_functions_of_different_signals():
     places = [(own.place, own.argument) for own in (first, second)]
     assert places == [("drive", "drive"), ("response", "rate of the drive")]
     assert second.second is None
+    assert "quadratic with sign" in set(second.laws["law"])
     assert not second.structure_left
     assert second.error_before == first.error_after > 1.15 * NOISE > second.error_after
     assert "; and beside it a term" in str(first)
@@ -132,6 +148,43 @@ def test_the_power_of_the_response_is_shared_out(notched):
     assert own["effects"] == own["black box"] == 0.0
     # the residual is the noise
     assert own["nothing"] == pytest.approx(NOISE**2 / power, rel=0.3)
+
+
+@pytest.mark.slow
+def test_a_damping_that_depends_on_the_displacement():
+    # splines of k^2 l are x^2 v, and a third of v, which is of the linear damping
+    c, knots = 0.01, np.arange(-10.0, 11.0)
+    term = UnknownTermOperator(
+        np.array([c]),
+        np.outer(np.square(knots), 100.0 * knots).reshape(-1, 1),
+        *(-9.0, 9.0),
+        second="rate",
+        second_low=-900.0,
+        second_high=900.0,
+        passed=1.0,
+    )
+    own = {"n_substeps": 8, "argument": "both"}
+    plant = FeedbackOperator(("linear", "curve"), (MODE, term), **own)
+    u = U[:1000]
+    searched = search(plant.run(u, DT)[0] + noise(3)[:1000], u[:, None])
+    found = searched.unknown_
+    told = found.place, found.argument, found.second_argument
+    assert told == ("motion of second_order_mode", "displacement", "velocity")
+    assert found.error_after < 1.15 * NOISE < found.error_before
+    fresh = 0.7 * smooth_noise(5)
+    error = found.estimator.predict(fresh[:, None]) - plant.run(fresh, DT)[0]
+    assert np.sqrt(np.mean(np.square(error))) < 0.5 * NOISE
+    first = found.laws.iloc[0]
+    assert first["formula"] == "c v^2 w"
+    assert abs(first["c"] - c) < 4.0 * first["c_std"] < 0.2 * c
+    x, y, values, _ = found.picture().surface
+    assert values.shape == (len(y), len(x))
+    assert "beyond a sum of two functions" in searched.report().to_html()
+    exec(found.code, vars(diagnosis).copy())
+    name = "square_times_proportional_of_displacement_and_velocity"
+    (named,) = screened(EFFECTS[name], searched._structure, searched._records)
+    unregister_effect(name)
+    assert refitted(named, named.structure, searched._records).cost < 1.1 * len(u) * NOISE**2
 
 
 @pytest.mark.slow
@@ -178,6 +231,32 @@ def test_of_noise_there_is_none(seed):
     assert search(MODE.run(U, DT)[0] + coloured).unknown_ is None
 
 
+@pytest.mark.slow
+def test_a_record_that_begins_under_way():
+    y = MODE.run(U + NOTCH, DT)[0] + noise(2)
+    declared = SecondOrderMode(dt=DT, initial_state="estimate")
+    found = search(y[700:], U[700:, None], declared).unknown_
+    assert (found.place, found.argument) == ("drive", "drive")
+    assert found.error_after < 1.2 * NOISE < found.error_before
+
+
+@pytest.mark.slow
+def test_the_drive_that_tells_places_apart():
+    # a drive so slow that a small play of it is next to it
+    u = lfilter([1.0], np.convolve([1.0, -0.99], [1.0, -0.99]), smooth_noise(1))
+    u = u / u.std()
+    curve = 0.3 * np.exp(-(((u - 0.5) / 0.3) ** 2))
+    y = MODE.run(u + curve, DT)[0] + noise(2)
+    searched = search(y, u[:, None])
+    found = searched.unknown_
+    places = [f"{found.place}: a function of the {found.argument}", *found.ambiguous_with]
+    assert len(places) > 1
+    experiment = next_experiment(searched, (-3.0, 3.0))
+    assert "it tells " in experiment.reason
+    assert places[0] in experiment.reason
+    assert places[1] in experiment.reason
+
+
 def test_a_law_that_there_is_not_is_refused():
     with pytest.raises(ValueError, match="'law' parameter of LawAt must be one of 'proportional'"):
         LawAt("cubic", "motion", "velocity")
@@ -191,11 +270,16 @@ def test_a_named_effect_comes_first():
 
 
 @pytest.mark.slow
-def test_of_a_further_column():
+@pytest.mark.parametrize("place", ["drive", "response"])
+def test_of_a_further_column(place):
     temperature = np.cumsum(np.random.default_rng(7).normal(size=N)) / 20.0
-    y = MODE.run(U, DT)[0] + 0.1 * np.abs(temperature) + noise(5)
+    added = 0.1 * np.abs(temperature)
+    if place == "drive":  # which is so fast that the mode does not follow
+        added = 0.4 * np.abs(smooth_noise(7))
+        temperature, added = smooth_noise(7), MODE.run(U + added, DT)[0] - MODE.run(U, DT)[0]
+    y = MODE.run(U, DT)[0] + added + noise(5)
     found = search(y, np.stack([U, temperature], axis=1)).unknown_
-    assert (found.place, found.argument) == ("response", "column 1 of X")
+    assert (found.place, found.argument) == (place, "column 1 of X")
     assert "absolute value" in set(found.laws["law"])
 
 

@@ -18,6 +18,11 @@ def _unknown():
     return np.array([0.1, -0.07]), basis, -1.031, 1.217
 
 
+def _surface():
+    basis = np.cos(np.outer(np.arange(49), [0.7, 1.9]))
+    return np.array([0.1, -0.07]), basis, -0.731, 0.817
+
+
 def make_operators():
     lag = op.FirstOrderLagOperator(0.03, gain=1.4, intercept=-0.2)
     mode = op.SecondOrderModeOperator(90.0, 0.15, gain=0.8, intercept=0.1)
@@ -97,7 +102,16 @@ def make_operators():
         "unknown term": op.UnknownTermOperator(*_unknown(), passed=1.0),
         "unknown term of the rate": op.UnknownTermOperator(*_unknown(), argument="rate"),
         "unknown term of a play": op.UnknownTermOperator(
-            *_unknown(), argument="play", half_gap=0.21, passed=1.0
+            *_unknown(), argument="play", half_gap=0.21, passed=1.0, fade=0.1
+        ),
+        "unknown term of the time since a turn": op.UnknownTermOperator(
+            *_unknown()[:2], 0.013, 0.217, argument="turn", passed=1.0
+        ),
+        "unknown surface of input and rate": op.UnknownTermOperator(
+            *_surface(), second="rate", second_low=-41.0, second_high=37.0, passed=1.0, fade=0.3
+        ),
+        "unknown surface of play and time": op.UnknownTermOperator(
+            *_surface(), "play", 0.21, second="turn", second_low=0.013, second_high=0.217
         ),
         "curve": op.PolynomialCurveOperator(np.array([0.2, -0.1, 0.05]), center=0.1, scale=0.7),
         "Coulomb friction": op.CoulombFrictionOperator(
@@ -273,6 +287,17 @@ def make_operators():
             (mode, op.UnknownTermOperator(*_unknown()[:2], -41.0, 37.0)),
             n_substeps=2,
             argument="velocity",
+        ),
+        "static feedback of displacement and velocity": op.FeedbackOperator(
+            ("linear", "curve"),
+            (
+                mode,
+                op.UnknownTermOperator(
+                    *_surface(), second="rate", second_low=-41.0, second_high=37.0, passed=1.0
+                ),
+            ),
+            n_substeps=2,
+            argument="both",
         ),
         "fold": op.FoldOperator(0.413),
         "fold, upper": op.FoldOperator(0.413, side=-1),

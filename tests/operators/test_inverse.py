@@ -42,6 +42,8 @@ OUT_OF_REACH = {  # of every drive, or of every one that a device could follow
     "band-limited",
     "feedback",
     "term of the rate",
+    "since a turn",
+    "unknown surface",
 }
 INVERTIBLE = [name for name in OPERATORS if not any(part in name for part in OUT_OF_REACH)]
 INVERTIBLE += ["plays, stop form", "series of linear ones", "series of sums", "sum of series"]

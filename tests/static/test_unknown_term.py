@@ -1,5 +1,7 @@
 """A smooth function that is learned: what it is, and what it leaves to others."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.interpolate import BSpline
@@ -7,6 +9,7 @@ from scipy.interpolate import BSpline
 from skhyst.compose import Cascade
 from skhyst.exceptions import ConvergenceWarning
 from skhyst.linear import FirstOrderLag, FirstOrderLagOperator
+from skhyst.operators import inverse_of
 from skhyst.optimize import RecordData
 from skhyst.static import UnknownTerm, UnknownTermOperator, smooth
 
@@ -23,18 +26,23 @@ def test_functions_are_cubic_b_splines():
     knots = np.arange(-3.0, 9.0)  # five intervals from 0 to 5, and three to either side
     operator = UnknownTermOperator(np.zeros(8), np.eye(8), 0.0, 5.0)
     v = np.linspace(0.0, 4.999, 40)
-    for derivative in (False, True):
-        expected = BSpline(knots, np.eye(8), 3)(v, nu=int(derivative))
-        np.testing.assert_allclose(operator.functions(v, derivative), expected, atol=1e-12)
+    splines = BSpline(knots, np.eye(8), 3)
+    np.testing.assert_allclose(operator.functions(v), splines(v), atol=1e-12)
+    for k in range(8):
+        own = replace(operator, weights=np.eye(8)[k])
+        np.testing.assert_allclose(own.slopes(v)[:, 0], splines(v, nu=1)[:, k], atol=1e-12)
 
 
-@pytest.mark.parametrize("argument", ["input", "rate", "play"])
-def test_finds_the_function(argument):
-    model = UnknownTerm(argument, half_gap=0.3, dt=0.01)
-    alone = UnknownTermOperator(np.zeros(4), np.eye(4), 0.0, 1.0, argument, 0.3)
-    a, _ = alone.arguments(U, 0.01)
-    a = a / np.abs(a).max()
-    truth = np.exp(a) * np.sin(2.0 * a)
+@pytest.mark.parametrize(
+    ("argument", "second"),
+    [("input", None), ("rate", None), ("play", None), ("turn", None), ("input", "rate")],
+)
+def test_finds_the_function(argument, second):
+    model = UnknownTerm(argument, second=second, half_gap=0.3, dt=0.01)
+    alone = model.flexible([_record(U, U)])
+    a = alone.arguments(U, 0.01)[0].reshape(N, -1)
+    a = a / np.abs(a).max(axis=0)
+    truth = np.exp(a[:, 0]) * np.sin(2.0 * a[:, -1])
     y = truth + 0.1 * RNG.normal(size=N)
     model.fit(U[:, None], y)
     # least squares of q functions has a variance of q / n of the noise's
@@ -96,6 +104,9 @@ def test_is_constant_beyond_its_range():
     model = UnknownTerm(dt=0.01).fit(U[:, None], U**2)
     ends = model.operator_.run(np.array([U.min(), U.min() - 9.0, U.max(), U.max() + 9.0]), 0.01)[0]
     np.testing.assert_allclose(ends[::2], ends[1::2])
+    fading = UnknownTerm(fade=0.5, dt=0.01).fit(U[:, None], U**2).operator_
+    within, beyond = fading.run(np.array([U.max(), U.max() + 0.5 * np.ptp(U)]), 0.01)[0]
+    assert beyond == pytest.approx(within / np.e)
     u, law = np.array([np.nan, 0.0]), model.operator_.compiled_step(0.01, ())
     for y in (model.operator_.run(u, 0.01)[0], law.streaming(law.state.copy())(u)):
         np.testing.assert_array_equal(np.isnan(y), [True, False])
@@ -104,3 +115,25 @@ def test_is_constant_beyond_its_range():
 def test_argument_that_does_not_move():
     model = UnknownTerm("play", half_gap=10.0, dt=0.01).fit(U[:, None], np.full(N, 2.0))
     np.testing.assert_allclose(model.predict(U[:, None]), 2.0)
+
+
+def test_time_since_a_turn():
+    term = UnknownTermOperator(np.ones(1), np.ones((4, 1)), 0.0, 0.04, argument="turn")
+    u = np.array([0.0, 1.0, 2.0, 1.0, 1.0, 0.0, -1.0, -2.0, -3.0, 1.0])
+    # none was seen before, so that it is as long ago as can be; a rest is no turn
+    expected = [0.04, 0.04, 0.04, 0.0, 0.01, 0.02, 0.03, 0.04, 0.04, 0.0]
+    np.testing.assert_allclose(term.arguments(u, 0.01)[0], expected)
+
+
+@pytest.mark.parametrize("second", ["play", "rate"])
+def test_inverse_where_the_output_is_monotone(second):
+    table = 1.5 + np.sin(0.7 * np.arange(7.0))
+    basis = np.outer(table, np.arange(7.0) if second == "rate" else table).reshape(-1, 1)
+    own = {"second": second, "half_gap": 0.2, "passed": 1.0}
+    ends = {"second_low": -5.0, "second_high": 5.0}
+    operator = UnknownTermOperator(np.array([0.02]), basis, -1.0, 1.0, **own, **ends)
+    assert operator.at_once
+    u = 0.9 * np.sin(np.arange(200) / 9.0)
+    drive, _ = inverse_of(operator).run(u, 0.01)
+    np.testing.assert_allclose(operator.run(drive, 0.01)[0], u, atol=1e-9)
+    assert not replace(operator, weights=np.array([-9.0])).at_once
