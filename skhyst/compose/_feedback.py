@@ -137,7 +137,7 @@ class Feedback(ParametricModel):
                     f"one input. Got {model!r} instead."
                 )
             model._validate_params()  # nobody calls its `fit`
-        if not self.curve.operator_class.memoryless:
+        if self.curve.operator_class.memoryless is not True:  # or as its values say
             raise TypeError(
                 "The 'curve' parameter of Feedback must be a memoryless model. Got "
                 f"{self.curve!r} instead."
