@@ -38,10 +38,10 @@ _WORDS = (  # what a column does, and what quantity it is; the former comes firs
     },
     {
         "drive": "voltage|volts?|current|spannung|strom|courant|voltaje|tensione|corriente"
-        "|corrente|电压|电流|電圧|電流",
+        "|corrente|电压|电流|電圧|電流|flow|inflow|zufluss|durchfluss",
         "response": "position|pos|displacement|disp|stroke|path|deflection|deformation|extension"
         "|elongation|strain|angle|rotation|gauge|encoder|interferometer|lvdt|x|z|weg|déplacement"
-        "|posici[oó]n|desplazamiento|posizione|spostamento|位移|変位|位置",
+        "|posici[oó]n|desplazamiento|posizione|spostamento|位移|変位|位置|level|pegel|füllstand",
     },
 )
 _UNITS = {"drive": "[mk]?V|m?A|[kM]?A/m|k?Oe", "response": "[munpµμ]?m|[muµμ]?rad|deg|°|[muµμ]?T"}
