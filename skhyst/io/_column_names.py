@@ -18,9 +18,9 @@ _SPELLED = {  # other spellings
     "ns": ("nsec", "nanosecond", "nanoseconds"),
     "min": ("minute", "minutes"),
     "h": ("hr", "hrs", "hour", "hours"),
-    "d": ("day", "days"),
 }
 _TIMES = {word: unit for unit, words in _SPELLED.items() for word in (unit, *words)}
+_BRACKETED_TIMES = _TIMES | dict.fromkeys(("d", "day", "days"), "d")  # by itself d is a distance
 
 
 def unit_of(name) -> str:
@@ -59,6 +59,8 @@ def time_unit_of(name):
         If the unit in brackets is not a unit of time.
     """
     said = unit_of(name)
-    if said and said.lower() not in _TIMES:
+    if said and said.lower() not in _BRACKETED_TIMES:
         raise ValueError(said)
-    return _TIMES.get(said.lower() or re.split(r"[\W_]", str(name))[-1].lower(), "")
+    if said:
+        return _BRACKETED_TIMES[said.lower()]
+    return _TIMES.get(re.split(r"[\W_]", str(name))[-1].lower(), "")

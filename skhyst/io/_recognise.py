@@ -293,7 +293,8 @@ def _time(free):
     """Return the time column and the reason, None if there is none, and the candidates."""
     named = [c for c in free if c.called_time and c.rises]
     if named:  # the time of each signal may be the same
-        same = all(np.array_equal(c.stored, named[0].stored) for c in named)
+        first, unit = named[0].stored, time_unit_of(named[0].name)
+        same = all(np.array_equal(c.stored, first) and time_unit_of(c.name) == unit for c in named)
         return ((named[0], _NAMED), []) if same else (None, named)
     even = [c for c in free if (not c.role or c.has("x")) and c.rises_evenly]  # X_Value of LabVIEW
     if len(even) == 1:
