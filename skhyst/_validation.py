@@ -6,6 +6,7 @@ from reprlib import repr as shortened
 
 import numpy as np
 import pandas as pd
+from scipy.special import chdtrc, factorial, lambertw
 from sklearn.frozen import FrozenEstimator
 from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import (
@@ -24,6 +25,8 @@ from .records import MISMATCH, chosen_interval, record_slices, refuse_lost_index
 # squares of such values, of their gains and of the inverses of these are finite.
 EXTREME = 1e100
 _FEWEST = 64  # rows of which an order can be told: eight standard deviations, or a ratio of one
+_UNLIKELY = 1e-3  # p-value of numbers of repeats, if rows are drawn
+_OF_A_CLASS = 5.0  # expected in each, for Pearson's test to hold
 _DRAWN = 0.05  # of the rows, which are there again where as many as a tenth of all are drawn
 # Fraction of the range of a fit by which a drive may leave it without a warning. Of two records of
 # one Gaussian drive, 300 to 1000 independent samples each, one in ten goes that much further.
@@ -97,7 +100,8 @@ def _is_time(drive, slices):
 
 
 def _is_memoryless(estimator):
-    return getattr(getattr(estimator, "operator_class", None), "memoryless", False)
+    # of some operators their values say it
+    return getattr(getattr(estimator, "operator_class", None), "memoryless", False) is True
 
 
 def refuse_drawn(frame, drive, X, response):
@@ -112,6 +116,13 @@ def refuse_drawn(frame, drive, X, response):
     if isinstance(index, pd.Index) and not isinstance(index, pd.RangeIndex):
         return
     n = len(X)
+    if _is_drawn_in_order(np.column_stack([X, response])):
+        raise RecordError(
+            "The rows must be a recording. Got rows that are there once, twice, three times and so "
+            "on as often as in a random sample of them that was sorted, in which others lack, "
+            "instead. Give the repetitions of all rows as sample_weight; if the rows are a "
+            "recording, an index of their times says so."
+        )
     if n < _FEWEST or not all(_is_disordered(values) for values in (drive, response)):
         return
     if n - len(np.unique(response)) <= _DRAWN * n:
@@ -137,6 +148,34 @@ def refuse_drawn(frame, drive, X, response):
             "repetitions as sample_weight, as BaggingRegressor does for a model that is in no "
             "pipeline; if the rows are in order, an index of their times says so."
         )
+
+
+def _is_drawn_in_order(rows):
+    """Whether rows repeat as often, one behind the other, as in a sorted draw with repeats.
+
+    How often a row is drawn is a Poisson variable, and independent of how often the next one is. A
+    sensor that is read too often is there by two neighbouring numbers of times, and a signal of few
+    digits where it is slow. Whether the numbers are such is a test of Pearson's, which needs five
+    of each class.
+    """
+    starts = np.flatnonzero(np.any(rows[1:] != rows[:-1], axis=1)) + 1
+    repeats = np.diff(starts, prepend=0, append=len(rows))
+    mean, n = repeats.mean(), len(repeats)
+    if mean == 1.0:
+        return False
+    rate = mean + lambertw(-mean * np.exp(-mean)).real  # of those drawn at least once
+    for classes in (np.arange(1, 4), np.arange(1, 3)):  # and one of all that are drawn more often
+        expected = n * rate**classes / factorial(classes) / np.expm1(rate)
+        expected = np.append(expected, n - expected.sum())
+        if expected.min() >= _OF_A_CLASS:
+            break
+    else:
+        return False
+    found = np.bincount(np.minimum(repeats, len(expected)), minlength=len(expected) + 1)[1:]
+    p_value = chdtrc(len(expected) - 2, np.sum(np.square(found - expected) / expected))
+    if p_value < _UNLIKELY or len(np.unique(rows, axis=0)) < n:
+        return False
+    return abs(np.corrcoef(repeats[1:], repeats[:-1])[0, 1]) < 4.0 / np.sqrt(n)
 
 
 def _is_disordered(values):

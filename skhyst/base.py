@@ -7,6 +7,7 @@ from abc import abstractmethod
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache, partial
+from itertools import pairwise
 from numbers import Integral, Real
 from threading import Lock
 from typing import Literal, Self, overload
@@ -62,6 +63,7 @@ from .optimize import (
     input_history_of,
     is_coloured,
     is_left_early,
+    later_halves,
     start_p_value,
     with_further_starts,
     with_input_history,
@@ -427,9 +429,10 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """
         data = self._read_records(X, y)
         data = data if records is None else list(records)
+        tree = self.tree(operator)
+        _refuse_other_parts(tree)
         with _calculable():
-            result = refine(self, [self.tree(operator)], data, method)
-            return self.finish(result, data)
+            return self.finish(refine(self, [tree], data, method), data)
 
     def _doubt_drive(self, X, y, weights):
         """Warn where a straight line through an ignored column predicts better than the model."""
@@ -715,11 +718,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         if not np.ptp(np.concatenate([record.drive for record in records])):  # which is told
             return
         # what has no rest does not forget how it began
-        asked = (
-            is_coloured(result, records)
-            if operator.n_start
-            else is_left_early(result, records, self._begins())
-        )
+        asked = is_coloured(result, records) if operator.n_start else is_left_early(result, records)
         if not asked:
             return
         state, best, before = "rest", result, "rest"
@@ -738,16 +737,12 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         if state != "rest":
             warnings.warn(
                 f"The records begin otherwise than at the rest that {type(self).__name__} starts "
-                f"from: with initial_state={state!r} the error is {best.error:.3g} in place of "
+                "from, at their first rows or behind rows that are missing: with "
+                f"initial_state={state!r} the error is {best.error:.3g} in place of "
                 f"{result.error:.3g}.",
                 ConvergenceWarning,
                 stacklevel=5,
             )
-
-    def _begins(self):
-        """Return for each record of the fit whether no rows of the same record come before it."""
-        labels = [s.label for s in self.records_]
-        return [i == 0 or label != labels[i - 1] for i, label in enumerate(labels)]
 
     def _without_rest(self, result, records):
         """Return what a start from zero leaves room for, if the response has no state of rest.
@@ -786,7 +781,10 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         if estimated and result.input_history is None:
             kept = "start" if result.operator.n_start else "before"
             if any(getattr(record, kept) is None for record in records):
-                result = with_input_history(result, records, self.method)
+                # the fit from rest may be a local optimum of its own
+                late = identified(self, later_halves(records))[1]
+                further = [(late.operator, late.disturbances)]
+                result = with_input_history(result, records, self.method, further)
             else:
                 known = np.array([np.atleast_1d(getattr(record, kept)) for record in records])
                 result = replace(result, input_history=known)
@@ -962,6 +960,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
                 ConvergenceWarning,
                 stacklevel=2,
             )
+        _warn_gaps(self, slices, going)
         if not self.operator_.signal_linear:
             warn_beyond(self, X, self.operator_.acting_columns)
         warn_schedules(self, self.operator_, schedules)
@@ -1247,10 +1246,46 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         return "zero" if known else "rest"
 
 
+def _refuse_other_parts(tree):
+    """Refuse a tree of which some operator is none of the model that it belongs to."""
+    model = tree.model  # a part that is held is in no ParametricModel
+    kind = model.operator_class if isinstance(model, ParametricModel) else Operator
+    if not isinstance(tree, kind):
+        raise ValueError(
+            f"The operator of {type(model).__name__} must be a {kind.__name__}. Got a "
+            f"{type(tree).__name__} instead."
+        )
+    for part in tree.children:
+        _refuse_other_parts(part)
+
+
+def _warn_gaps(model, slices, going):
+    """Warn of rows that are missing within a record whose response depends on them.
+
+    ``going`` has the numbers of the records of which a response is known.
+    """
+    if model.operator_.memoryless:
+        return
+    behind = [
+        own
+        for number, (one, own) in enumerate(pairwise(slices), start=1)
+        if one.label == own.label and number not in going
+    ]
+    if behind:
+        warnings.warn(
+            f"Rows are missing before row {behind[0].rows.start}, and before {len(behind)} row(s) "
+            f"in all: {type(model).__name__} starts there as at the beginning of a record. Give "
+            "the drive of these rows, or some response behind them by 'y_start'.",
+            ConvergenceWarning,
+            stacklevel=3,
+        )
+
+
 def _better_slope(drives, result, records):
     """Return a slope where a straight line explains most, also of what a fit leaves, or zero."""
     counts = np.concatenate([record.counts() for record in records])
     y = np.concatenate([record.y for record in records])
+    counts, y, drives = (values[counts > 0.0] for values in (counts, y, drives))
     if not (np.ptp(y) > 0.0 and np.ptp(drives) > 0.0):
         return 0.0
     both = y / np.ptp(y), drives / np.ptp(drives)

@@ -209,15 +209,22 @@ def test_records_whose_start_is_known_are_run_once(monkeypatch):
     assert n_run == [1, 2]
 
 
-def test_a_record_that_is_cut_is_not_told_to_begin_elsewhere():
-    """As in a fold: what follows the rows that are left out begins in motion, which is known."""
+def test_rows_behind_missing_ones_begin_elsewhere():
+    """A fit says so where they show it; a prediction, which cannot know, wherever rows follow."""
     u = drive().cumsum() / 10
     y = FirstOrderLagOperator(0.4).run(u, DT)[0] + 1e-3 * np.random.default_rng(0).normal(size=N)
     frame = pd.DataFrame({"u": u}, pd.Index(TIME, name="time"))
+    for kept in ((np.arange(N) < 60) | (np.arange(N) >= 80), np.arange(N) >= 80):
+        with pytest.warns(ConvergenceWarning, match="begin otherwise.*'estimate'"):
+            FirstOrderLag().fit(frame[kept], y[kept])
     kept = (np.arange(N) < 60) | (np.arange(N) >= 80)
-    FirstOrderLag().fit(frame[kept], y[kept])  # warnings are errors
-    with pytest.warns(ConvergenceWarning, match="begin otherwise"):
-        FirstOrderLag().fit(frame[80:], y[80:])
+    model = FirstOrderLag(initial_state="estimate").fit(frame[kept], y[kept])
+    assert model.params_["gain"] == pytest.approx(1.0, abs=4.0 * model.params_std_["gain"])
+    with pytest.warns(ConvergenceWarning, match="missing before row 60"):
+        model.predict(frame[kept])
+    known = np.where(np.arange(N) < 120, y, np.nan)[kept]
+    found = model.predict(frame[kept], y_start=known)  # warnings are errors
+    np.testing.assert_allclose(found, y[kept], atol=0.02)
 
 
 @pytest.mark.parametrize("factor", [1e3, 1e-3, -1.0])
@@ -249,6 +256,35 @@ def test_shuffled_rows(model):
         model.fit(shuffled, Y[order])
     with pytest.raises(RecordError, match="not in the order of time"):
         model.fit(frame(), Y).predict(shuffled)
+
+
+def test_samples_that_count_and_a_drive_that_rests_in_them():
+    """No straight line is held against the model: warnings of a division are errors."""
+    step = (np.arange(N) > 0.0)[:, None].astype(float)
+    with pytest.warns(ConvergenceWarning, match="do not determine"):
+        Gain(dt=DT).fit(step, Y, sample_weight=step[:, 0])
+
+
+def test_masked_values_are_refused():
+    masked = np.arange(N) == 5
+    drive_, response = np.ma.array(X, mask=masked[:, None]), np.ma.array(Y, mask=masked)
+    model = FirstOrderLag(dt=DT).fit(np.ma.array(X), np.ma.array(Y))
+    for attempt in (
+        lambda: model.fit(drive_, Y),
+        lambda: model.fit(X, response),
+        lambda: model.fit(X, Y, sample_weight=np.ma.array(np.ones(N), mask=masked)),
+        lambda: model.predict(drive_),
+        lambda: model.predict(X, y_start=response),
+        lambda: stack_records([(drive_, Y)], dt=DT),
+        lambda: stack_records([(X, response)], dt=DT),
+    ):
+        with pytest.raises(RecordError, match=r"must be known\. Got 1 masked"):
+            attempt()
+
+
+def test_a_fit_from_an_operator_of_another_model_is_refused():
+    with pytest.raises(ValueError, match="must be a SecondOrderModeOperator"):
+        SecondOrderMode(dt=DT).fit_from(FirstOrderLagOperator(0.1), X, Y)
 
 
 def test_a_known_response_is_that_of_the_rows(model):

@@ -172,13 +172,16 @@ def test_drawn_rows_are_refused(kind, share):
         Cascade([("lag", LAG)]).fit(u[rows], y[rows])
     with pytest.raises(RecordError, match="a second time, in no order"):
         make_pipeline(LaggedFeatures([0, 1]), LinearRegression()).fit(u[rows], y[rows])
+    if share == 1.0:
+        with pytest.raises(RecordError, match="a random sample of them that was sorted"):
+            LAG.fit(u[np.sort(rows)], y[np.sort(rows)])
     SmoothCurve(3).fit(u[rows], y[rows])  # without a memory, rows have no order
     time = pd.Index(DT * np.arange(len(rows)), name="time")
     LAG.fit(pd.DataFrame({"u": u[rows, 0]}, time), y[rows])  # says that they are in order
 
 
 @UNDETERMINED
-@pytest.mark.parametrize("kind", ["periods", "quantised", "levels", "rests"])
+@pytest.mark.parametrize("kind", ["periods", "quantised", "levels", "rests", "polled", "slow"])
 def test_rows_that_are_equal_in_a_recording_are_not_drawn(kind):
     rng, n = np.random.default_rng(3), 600
     u = rng.normal(size=n)
@@ -190,5 +193,9 @@ def test_rows_that_are_equal_in_a_recording_are_not_drawn(kind):
         u = rng.choice([-1.0, 0.0, 2.0], size=n)
     if kind == "rests":
         u = np.repeat(u[: n // 2], 2)
+    if kind == "polled":  # by a clock that jitters, 1.6 times as often as there are values
+        u = u[((np.arange(n) + rng.uniform(-0.5, 0.5, n)) / 1.6 + 1.0).astype(int)]
+    if kind == "slow":  # of 6 bit
+        u = np.round(32.0 * np.sin(np.arange(n) / 40.0))
     y = np.round(u + 3.0 * rng.normal(size=n)) if kind == "quantised" else 2.0 * u
     LAG.fit(u[:, None], y)

@@ -139,7 +139,8 @@ class Feedback(ParametricModel):
                     f"one input. Got {model!r} instead."
                 )
             model._validate_params()  # nobody calls its `fit`
-        if self.argument != "both" and not self.curve.operator_class.memoryless:
+        # or as its values say
+        if self.argument != "both" and self.curve.operator_class.memoryless is not True:
             raise TypeError(
                 "The 'curve' parameter of Feedback must be a memoryless model. Got "
                 f"{self.curve!r} instead."

@@ -189,14 +189,15 @@ def _measured_response(claim, numbers):
 def _lines(inputs, outputs, dt):
     """Return frequency (Hz) and frequency response between signals, where they are coherent."""
     sizes = [len(x) for x in inputs]
-    length = min(1024, *sizes, max(sum(sizes) // 4, 2))  # several segments, even from one record
+    length = min(1024, *sizes, max(sum(sizes) // 4, 4))  # several segments, even from one record
     options = {"method": "h1", "segment_length": length, "detrend": "linear"}
     pairs = zip(inputs, outputs, strict=True)
     found = frequency_response(*stack_records(pairs, dt=dt), **options)
     frequency, density = spectrum(np.concatenate(inputs), _spans(inputs), dt)
-    # 60 dB below the strongest line, the input is mostly leakage of the window
-    excited = np.interp(found.frequency, frequency, density) > 1e-3 * density.max()
-    kept = (np.ravel(found.coherence) > 0.8) & (found.frequency > 0.0) & excited
+    kept = (np.ravel(found.coherence) > 0.8) & (found.frequency > 0.0)
+    if frequency.size:  # not of a dozen samples
+        # 60 dB below the strongest line, the input is mostly leakage of the window
+        kept &= np.interp(found.frequency, frequency, density) > 1e-3 * density.max()
     return found.frequency[kept], np.ravel(found.response)[kept]
 
 

@@ -545,6 +545,7 @@ class TankChain(ParametricModel):
     True
     """
 
+    operator_class = TankChainOperator
     _parameter_constraints = {
         **ParametricModel._parameter_constraints,
         "n_tanks": [Interval(Integral, 1, None, closed="left")],

@@ -88,6 +88,7 @@ class Backlash(ParametricModel):
     0.13
     """
 
+    operator_class = BacklashOperator
     _parameter_constraints = {
         **ParametricModel._parameter_constraints,
         "place": [StrOptions({"drive", "sensor"})],

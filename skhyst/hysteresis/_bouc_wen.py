@@ -778,6 +778,7 @@ class BoucWen(ParametricModel):
     2.0000 1.5000 0.5000
     """
 
+    operator_class = BoucWenOperator
     _parameter_constraints = {
         **ParametricModel._parameter_constraints,
         "exponent": [Interval(Real, 0.5, 20.0, closed="both"), StrOptions({"fit"})],
@@ -785,8 +786,6 @@ class BoucWen(ParametricModel):
         "fit_gain": ["boolean"],
         "fit_intercept": ["boolean"],
     }
-
-    stage_order = BoucWenOperator.stage_order
 
     def __init__(
         self,

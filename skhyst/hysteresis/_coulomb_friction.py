@@ -264,6 +264,7 @@ class CoulombFriction(FrictionModel):
     5.00 0.30
     """
 
+    operator_class = CoulombFrictionOperator
     _parameter_constraints = {
         **FrictionModel._parameter_constraints,
         "stribeck": ["boolean"],

@@ -159,6 +159,7 @@ class Dahl(FrictionModel):
     5.00 0.30
     """
 
+    operator_class = DahlOperator
     _parameter_constraints = {
         **FrictionModel._parameter_constraints,
         "exponent": [Interval(Real, 0, None, closed="neither")],

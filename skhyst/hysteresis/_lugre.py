@@ -208,6 +208,7 @@ class LuGre(FrictionModel):
     0.600 0.500
     """
 
+    operator_class = LuGreOperator
     _parameter_constraints = {
         **FrictionModel._parameter_constraints,
         "stribeck": ["boolean"],

@@ -232,6 +232,7 @@ class MaxwellSlip(FrictionModel):
     array([0., 1., 0.])
     """
 
+    operator_class = MaxwellSlipOperator
     _parameter_constraints = {
         **FrictionModel._parameter_constraints,
         "n_elements": [Interval(Integral, 1, None, closed="left")],

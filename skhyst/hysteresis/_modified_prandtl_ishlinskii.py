@@ -76,7 +76,8 @@ class ModifiedPrandtlIshlinskii(PlayModel):
         "dead_zone_thresholds": [StrOptions({"quantile"}), "array-like"],
     }
 
-    operator_class = PrandtlIshlinskiiOperator
+    operator_class = Series
+    stage_order = PrandtlIshlinskiiOperator.stage_order
 
     def __init__(
         self,

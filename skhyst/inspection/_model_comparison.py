@@ -10,12 +10,16 @@ section 3.4.3, for paired differences). Models that join two mechanisms show how
 model can come. They are not taken: what a second mechanism adds is what a search tests. But where
 one of them has an error three times smaller than any model of one mechanism, one of its parts is
 taken, since from another model the search would have to find both.
+
+A device may be in motion at the first sample, as tanks that are half full. A start that is
+estimated from the record is compared where it helps the mode, which is near to most of them.
 """
 
 import math
 import warnings
 from dataclasses import replace
-from typing import Self
+from functools import partial
+from typing import NamedTuple, Self
 
 import numpy as np
 import pandas as pd
@@ -23,7 +27,7 @@ from sklearn.base import clone
 
 from .._documentation import documented_like
 from .._validation import read_data, refuse_no_experiment, refuse_still
-from ..base import ParametricModel, identified, scored_where
+from ..base import ParametricModel, identified, refine, scored_where
 from ..compose import Cascade
 from ..fluid import TankChain
 from ..hysteresis import (
@@ -59,24 +63,22 @@ _SINGLE = {  # the simplest first: what --model takes, the model, what it is
     "tank_chain": (TankChain(), "tanks: flow to level"),
     "transfer_function(n_poles=3)": (TransferFunction(n_poles=3), "linear, of order 3"),
 }
-_FROM_ZERO = {  # of a device that is switched on with the drive's first value
-    "first_order_lag(initial_state='zero')": (
-        FirstOrderLag(initial_state="zero"),
-        "lag, from zero",
-    ),
-    "second_order_mode(initial_state='zero')": (
-        SecondOrderMode(initial_state="zero"),
-        "mass, spring and damper: force to motion, from zero",
-    ),
-    "tank_chain(initial_state='zero')": (
-        TankChain(initial_state="zero"),
-        "tanks: flow to level, from empty",
-    ),
-    "transfer_function(n_poles=3, initial_state='zero')": (
-        TransferFunction(n_poles=3, initial_state="zero"),
-        "linear, of order 3, from zero",
-    ),
-}
+
+
+def _begun(initial_state, how):
+    """Return what a device whose past acts for long is compared as from another start."""
+    names = "first_order_lag", "second_order_mode", "tank_chain", "transfer_function(n_poles=3)"
+    start, found = f"initial_state={initial_state!r}", {}
+    for name in names:
+        model, about = _SINGLE[name]
+        own = f"{name[:-1]}, {start})" if name[-1] == ")" else f"{name}({start})"
+        found[own] = clone(model).set_params(initial_state=initial_state), f"{about}, {how}"
+    return found
+
+
+_FROM_ZERO = _begun("zero", "from zero")
+_IN_MOTION = _begun("estimate", "from any start")
+_MODE_IN_MOTION = "second_order_mode(initial_state='estimate')"
 _JOINED = {  # the simplest first
     "prandtl_ishlinskii+first_order_lag": (
         Cascade([("prandtl_ishlinskii", _PLAYS), ("first_order_lag", _LAG)]),
@@ -111,7 +113,8 @@ def compare_models(X, y, models=None, *, cv=5, max_samples=5000) -> "ModelCompar
         and a free mass, the forces that go with a motion, tanks and a linear model, by the names
         that ``skhyst diagnose --model`` takes, and four that join two of these mechanisms; where
         the drive of a record does not begin near zero, the lag, the mode, the tanks and the linear
-        model from zero, too.
+        model from zero, too; where the mode predicts better from a start that is estimated, all of
+        them from such a start, which is that of the whole record.
     cv : int, default=5
         Folds of contiguous blocks, as in :func:`skhyst.model_selection.segment_folds`.
     max_samples : int or None, default=5000
@@ -166,25 +169,49 @@ def compare_models(X, y, models=None, *, cv=5, max_samples=5000) -> "ModelCompar
         for start, stop in own
     ]
     masks = [[_rows(spans, part, len(rows)) & read for part in fold] for fold in folds]
-    table, squares, failure = [], {}, None
-    for name, (model, about) in known.items():
-        try:
-            with warnings.catch_warnings(), np.errstate(all="ignore"):
-                warnings.simplefilter("ignore")  # of fits that are only compared
-                count, e = _held_out(clone(model), X, y, read, masks)
-        except (ValueError, ArithmeticError) as error:
-            count, e, failure = 0, np.full(len(response), np.nan), failure or error
-        squares[name] = [np.mean(np.square(e[test])) for _, test in masks]
-        scored = np.logical_or.reduce([test for _, test in masks])
-        error = float(np.sqrt(np.mean(np.square(e[scored]))))
-        table.append((name, about, name not in _JOINED or models is not None, error, count))
-    names = ["model", "about", "single", "error", "n_parameters"]
-    table = pd.DataFrame(table, columns=names).set_index("model")
+    score = partial(_scored, X=X, y=y, read=read, masks=masks)
+    found = {name: score(model) for name, (model, _) in known.items()}
+    if models is None:
+        rested = [own.error for name, own in found.items() if name.startswith("second_order_mode")]
+        if _MATTERS * score(_IN_MOTION[_MODE_IN_MOTION][0]).error < np.nanmin(rested):
+            found |= {name: score(model) for name, (model, _) in _IN_MOTION.items()}
+        known = _SINGLE | _FROM_ZERO | _IN_MOTION | _JOINED
+    table = pd.DataFrame.from_dict(
+        {
+            name: (about, name not in _JOINED or models is not None, own.error, own.n_parameters)
+            for name, (_, about) in known.items()
+            if (own := found.get(name))
+        },
+        orient="index",
+        columns=["about", "single", "error", "n_parameters"],
+    ).rename_axis("model")
     if table["error"].isna().all():
-        raise failure
+        raise next(own.failure for own in found.values())
+    squares = {name: own.squares for name, own in found.items()}
     whole, taken, as_good = _taken(table, squares)
     own = {"whole": whole, "response_name": str(getattr(y, "name", None) or "response")}
     return ModelComparisonDisplay(table, taken, as_good, float(np.ptp(response)), **own)
+
+
+class _Score(NamedTuple):
+    """How well a model predicts what is held out: NaN where its fit has failed."""
+
+    error: float
+    squares: list  # mean squared error of each fold
+    n_parameters: int
+    failure: Exception | None = None
+
+
+def _scored(model, X, y, read, masks):
+    try:
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")  # of fits that are only compared
+            count, e = _held_out(clone(model), X, y, read, masks)
+    except (ValueError, ArithmeticError) as error:
+        return _Score(np.nan, [np.nan] * len(masks), 0, error)
+    scored = np.logical_or.reduce([test for _, test in masks])
+    squares = [np.mean(np.square(e[test])) for _, test in masks]
+    return _Score(float(np.sqrt(np.mean(np.square(e[scored])))), squares, count)
 
 
 def _begins_driven(drive, slices):
@@ -207,19 +234,24 @@ def _rows(spans, chosen, n):
 def _held_out(model, X, y, read, masks):
     """Return the number of parameters, and the residual of each sample (n_samples,) held out.
 
-    Samples that were not ``read`` (n_samples,) are not fitted.
+    Samples that were not ``read`` (n_samples,) are not fitted. A start that is estimated is that of
+    the whole record.
     """
     slices, array, response = read_data(model, X, y, reset=True)
     records = scored_where(model.record_data(slices, array, response), slices, read)
     whole, result = identified(model, records)  # from its starts, without the further ones of a fit
-    whole, left = whole.adopt(result), np.full(len(response), np.nan)
+    whole, left = whole.finish(result, records), np.full(len(response), np.nan)
+    if hasattr(whole, "initial_drive_"):
+        starts = zip(records, whole.initial_drive_, strict=True)
+        records = [replace(record, before=before) for record, before in starts]
+    begin, state = [whole.tree(whole.operator_)], whole.free_run_state
     for train, test in masks:
         weighted = [
             replace(record, weights=train[s.rows].astype(float))
             for record, s in zip(records, slices, strict=True)
         ]
-        own = clone(whole).fit_from(whole.operator_, X, y, records=weighted, method=_NEAR)
-        left[test] = (response - own.predict(X))[test]
+        own = refine(whole, begin, weighted, _NEAR, with_errors=False)
+        left[test] = (response - np.concatenate(own.outputs(weighted, state)))[test]
     return len(whole.params_), left
 
 

@@ -81,7 +81,8 @@ def times(path, column, unit):
     column = column.mask(is_blank(column), None)
     if coerced(path, name, column).notna().any():
         return _seconds(path, name, numbers(path, name, values), unit)
-    clock = pd.to_timedelta(column, errors="coerce")
+    # a comma is a decimal one, which pandas would leave out
+    clock = pd.to_timedelta(column.map(_with_point, na_action="ignore"), errors="coerce")
     if clock.notna().any() and (clock.notna() | column.isna()).all():
         return pd.TimedeltaIndex(clock)
     with reading(path):
@@ -97,6 +98,10 @@ def times(path, column, unit):
                     f"(hh:mm:ss.fff). It starts with {first!r} instead"
                 ) from error
     return pd.DatetimeIndex(dates).tz_localize(None)
+
+
+def _with_point(cell):
+    return cell.replace(",", ".") if isinstance(cell, str) else cell
 
 
 def _national_dates(column):

@@ -5,21 +5,22 @@ import re
 _SYMBOL = (
     r"(?:%|°[CF]?|deg[CF]?|(?:[YZEPTGMkhdcmuµμnpfazy]|da)?"
     r"(?:m|s|g|A|K|V|N|Pa|J|W|Hz|C|F|Ω|[Oo]hm|T|H|L|l|Wb|S|rad|bar|Nm|eV|mol)"
-    r"|sec|min|hr?|psi|dB|rpm|a\.u\.|counts)(?:\^?-?[1-9]|[²³])?"
+    r"|sec|毫?秒|min|hr?|psi|dB|rpm|a\.u\.|counts)(?:\^?-?[1-9]|[²³])?"
 )
 SYMBOLS = rf"(?:1/)?{_SYMBOL}(?:[/*·]{_SYMBOL})*"  # of a unit, without brackets
 _BRACKETED = re.compile(r"[(\[](?![\d\s:,.-]+[)\]])([^()\[\]]{1,12})[)\]]\s*$")
 _BEHIND = re.compile(rf"(?<=\S)\s+(?:/|in)\s+({SYMBOLS})\s*$")  # "Force / N", "Kraft in N"
-SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
 _SPELLED = {  # other spellings
-    "s": ("sec", "secs", "second", "seconds"),
-    "ms": ("msec", "millis", "millisecond", "milliseconds"),
+    "s": ("sec", "secs", "second", "seconds", "秒"),
+    "ms": ("msec", "millis", "millisecond", "milliseconds", "毫秒"),
     "us": ("µs", "μs", "usec", "micros", "microsecond", "microseconds"),
     "ns": ("nsec", "nanosecond", "nanoseconds"),
     "min": ("minute", "minutes"),
     "h": ("hr", "hrs", "hour", "hours"),
 }
 _TIMES = {word: unit for unit, words in _SPELLED.items() for word in (unit, *words)}
+_BRACKETED_TIMES = _TIMES | dict.fromkeys(("d", "day", "days"), "d")  # by itself d is a distance
 
 
 def unit_of(name) -> str:
@@ -58,6 +59,8 @@ def time_unit_of(name):
         If the unit in brackets is not a unit of time.
     """
     said = unit_of(name)
-    if said and said.lower() not in _TIMES:
+    if said and said.lower() not in _BRACKETED_TIMES:
         raise ValueError(said)
-    return _TIMES.get(said.lower() or re.split(r"[\W_]", str(name))[-1].lower(), "")
+    if said:
+        return _BRACKETED_TIMES[said.lower()]
+    return _TIMES.get(re.split(r"[\W_]", str(name))[-1].lower(), "")

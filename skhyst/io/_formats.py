@@ -596,4 +596,6 @@ _ELSEWHERE = {
     ".xls": " Save the workbook as .xlsx.",
     ".xlsm": " Save the workbook as .xlsx.",
     ".ods": " Save the workbook as .xlsx.",
+    ".gz": " Unpack it first.",
+    ".zip": " Unpack it first.",
 }

@@ -42,7 +42,8 @@ _UNITS_OF = re.compile(r"((vert(ical)?|[vy]_?)[ _]?)?units?([ _]label)?", re.IGN
 _UNIT_OF_TIME = re.compile(r"(horizontal|[hx]_?)[ _]?units?([ _]label)?", re.IGNORECASE)
 _NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 _INTERVAL = re.compile(
-    r"(sampl(e|ing)[ _]?)?interval|sampl(e|ing)[ _]?time|delta_x|hresolution|t_?inc|increment",
+    r"(sampl(e|ing)[ _]?)?interval|sampl(e|ing)[ _]?(time|cycle|period)|delta_x|hresolution|t_?inc"
+    r"|increment",
     re.IGNORECASE,
 )
 _RATE = re.compile(r"(sample|sampling)[ _](rate|frequency)( ?[(\[]Hz[)\]])?", re.I)
@@ -198,7 +199,8 @@ class Layout:
                     if not re.fullmatch(_NUMBER, beside) or not float(beside) > 0.0:
                         continue
                     if _INTERVAL.fullmatch(without_unit(name)):
-                        return float(beside) * SECONDS.get(unit_of(name), 1.0)
+                        unit = unit_of(name) or next(iter(row[i + 2 : i + 3]), "")
+                        return float(beside) * SECONDS.get(unit, 1.0)
                     if _RATE.fullmatch(name):
                         return 1.0 / float(beside)
         return None

@@ -38,10 +38,10 @@ _WORDS = (  # what a column does, and what quantity it is; the former comes firs
     },
     {
         "drive": "voltage|volts?|current|spannung|strom|courant|voltaje|tensione|corriente"
-        "|corrente|电压|电流|電圧|電流",
+        "|corrente|电压|电流|電圧|電流|flow|inflow|zufluss|durchfluss",
         "response": "position|pos|displacement|disp|stroke|path|deflection|deformation|extension"
         "|elongation|strain|angle|rotation|gauge|encoder|interferometer|lvdt|x|z|weg|déplacement"
-        "|posici[oó]n|desplazamiento|posizione|spostamento|位移|変位|位置",
+        "|posici[oó]n|desplazamiento|posizione|spostamento|位移|変位|位置|level|pegel|füllstand",
     },
 )
 _UNITS = {"drive": "[mk]?V|m?A|[kM]?A/m|k?Oe", "response": "[munpµμ]?m|[muµμ]?rad|deg|°|[muµμ]?T"}
@@ -292,8 +292,10 @@ class _Candidate:
 def _time(free):
     """Return the time column and the reason, None if there is none, and the candidates."""
     named = [c for c in free if c.called_time and c.rises]
-    if named:
-        return ((named[0], _NAMED), []) if len(named) == 1 else (None, named)
+    if named:  # the time of each signal may be the same
+        first, unit = named[0].stored, time_unit_of(named[0].name)
+        same = all(np.array_equal(c.stored, first) and time_unit_of(c.name) == unit for c in named)
+        return ((named[0], _NAMED), []) if same else (None, named)
     even = [c for c in free if (not c.role or c.has("x")) and c.rises_evenly]  # X_Value of LabVIEW
     if len(even) == 1:
         return (even[0], "it alone rises evenly"), []

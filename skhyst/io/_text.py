@@ -17,6 +17,13 @@ _HEADS = 8  # lines that come again and are tried as names
 _LINE = re.compile(r"[^\r\n]+")
 _ARRIVED = re.compile(r"^(\d\d:\d\d:\d\d[.,]\d+) -> (?=.*?([;\t,]|$))", re.MULTILINE)
 _NOWHERE = "\x1f"  # a delimiter that no text has
+_IDEOGRAPHS = "\u3005\u4e00-\u9fff"
+_SCRIPTS = {  # encodings that are tried: letters of the script
+    "cp932": f"\u3040-\u30ff{_IDEOGRAPHS}",  # Japanese
+    "euc_kr": "\uac00-\ud7a3",  # whose letters have no others among the Chinese ones
+    "gb2312": _IDEOGRAPHS,
+    "cp1251": "\u0400-\u04ff",  # Cyrillic
+}
 
 
 def read_table(path, delimiter=None, decimal=None):
@@ -108,12 +115,28 @@ def _parsed(text, delimiter, decimal):
         na_values=sorted(BEYOND),
     )
     names, units = layout.head
-    columns = [frame[column].to_numpy() for column in frame.columns]
+    columns = [_ungrouped(frame[column], layout.commas).to_numpy() for column in frame.columns]
     while len(columns) > 1 and _is_unnamed(names[-1]) and pd.isna(columns[-1]).all():
         for own in (names, units, columns):  # a delimiter at the end of every line
             own.pop()
     names = [name or str(i) for i, name in enumerate(names)]
     return names, units, columns, layout.interval
+
+
+def _ungrouped(column, commas):
+    """Return a column as numbers if it is text that groups thousands, as in 1.234,50 or 1'234.5."""
+    if column.dtype.kind != "O":
+        return column
+    mark, other = (",", ".") if commas else (".", ",")
+    groups = rf"\d{{1,3}}(?:[{other}'’\s]\d{{3}})+|\d+"
+    text = column.dropna().astype(str).str.strip()
+    if text.empty or not text.str.fullmatch(rf"[+-]?(?:{groups})(?:\{mark}\d+)?").all():
+        return column
+    return pd.to_numeric(
+        column.astype("string")
+        .str.replace(rf"[{other}'’\s]", "", regex=True)
+        .str.replace(mark, ".")
+    )
 
 
 def _is_unnamed(name):
@@ -150,4 +173,28 @@ def _decode(data):
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
-        return data.decode("latin-1")
+        head = data[:_SAMPLE].rsplit(b"\n", 1)[0]  # which ends with a whole character
+        found = next((c for c in _SCRIPTS if _is_written_in(head, c)), "latin-1")
+        return data.decode(found, "replace")
+
+
+def _is_written_in(data, encoding):
+    """Whether a text is of the script of an encoding: all its letters are, beside one another.
+
+    In another encoding the same bytes are other letters, or single ones within words of ASCII, as
+    an é and what follows it are in Japanese.
+    """
+    try:
+        text = data.decode(encoding)
+    except UnicodeDecodeError:
+        return False
+    own, latin, least = f"[{_SCRIPTS[encoding]}]", "[A-Za-z]", 2
+    within = f"{latin}{own}+{latin}"
+    if encoding == "cp1251":  # in which all bytes are letters
+        within, least = f"{latin}{own}|{own}{latin}", 4
+    letters = [c for c in text if not c.isascii() and c.isalpha()]
+    return (
+        all(re.match(f"{own}|[\u00b5\u0370-\u03ff]", c) for c in letters)  # and Greek ones
+        and re.search(f"{own}{{{least}}}", text) is not None
+        and re.search(within, text) is None
+    )

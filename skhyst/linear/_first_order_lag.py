@@ -70,6 +70,8 @@ class FirstOrderLag(LinearModel):
     0.100 s
     """
 
+    operator_class = FirstOrderLagOperator
+
     def starting_values(self, records):
         dt, span = time_span(records)
         return [

@@ -106,6 +106,7 @@ class Gain(LinearModel):
     (2.0, 1.0)
     """
 
+    operator_class = GainOperator
     _parameter_constraints = dict(LinearModel._parameter_constraints)
     del _parameter_constraints["hold"]
 

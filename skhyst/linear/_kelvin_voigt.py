@@ -136,6 +136,7 @@ class KelvinVoigt(LinearModel):
     0.500 s
     """
 
+    operator_class = KelvinVoigtOperator
     _parameter_constraints = {
         **LinearModel._parameter_constraints,
         "n_units": [Interval(Integral, 1, None, closed="left")],

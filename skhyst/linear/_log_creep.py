@@ -285,6 +285,7 @@ class LogCreep(LinearModel):
     0.0200, 0.50 s
     """
 
+    operator_class = LogCreepOperator
     _parameter_constraints = {
         **LinearModel._parameter_constraints,
         "time_constant": [StrOptions({"fit"}), Interval(Real, 0, None, closed="neither")],

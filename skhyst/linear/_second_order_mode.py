@@ -104,6 +104,8 @@ class SecondOrderMode(LinearModel):
     60.00 rad/s
     """
 
+    operator_class = SecondOrderModeOperator
+
     def starting_values(self, records):
         dt, span = time_span(records)
         found = [(w, zeta) for w in log_grid(6.0 / span, 1.5 / dt, 2) for zeta in (0.05, 0.5)]

@@ -968,6 +968,7 @@ class TransferFunction(ModesMixin, LinearModel):
     3.000
     """
 
+    operator_class = TransferFunctionOperator
     _parameter_constraints = {
         **LinearModel._parameter_constraints,
         "n_poles": [Interval(Integral, 0, None, closed="left"), StrOptions({"auto"})],

@@ -1,17 +1,28 @@
 """Errors relative to the response: to its range, its deviation from the mean, its value."""
 
 import numpy as np
+import pandas as pd
 from sklearn.metrics import root_mean_squared_error
 from sklearn.utils import check_array, check_consistent_length, column_or_1d
 
 from .._documentation import documented_like
+from ..records import refuse_masked
 
 
 def _check_responses(y_true, y_pred, sample_weight):
     """Return both as finite arrays of one shape (n_samples, n_outputs), and the weights."""
+    own, other = (getattr(values, "index", None) for values in (y_true, y_pred))
+    timed = all(isinstance(i, pd.Index) and not isinstance(i, pd.RangeIndex) for i in (own, other))
+    if timed and len(own) == len(other) and not own.equals(other):
+        raise ValueError(
+            "The index of y_true and that of y_pred must be equal. Got rows in another order or of "
+            "another recording instead; align them (y_pred.loc[y_true.index])."
+        )
     if sample_weight is None:
         sample_weight = np.ones(len(y_true))
     named = {"y_true": y_true, "y_pred": y_pred, "sample_weight": sample_weight}
+    for name, values in named.items():
+        refuse_masked(name, values)
     arrays = [
         check_array(values, ensure_2d=False, dtype=np.float64, input_name=name)
         for name, values in named.items()

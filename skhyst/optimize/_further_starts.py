@@ -92,7 +92,7 @@ def _is_noise(series, records):
     return power > NOISELESS * sum(record.power() for record in records)
 
 
-def is_left_early(result, records, begins):
+def is_left_early(result, records):
     """Whether a fit from rest leaves more where records begin, at the level ``LEVEL``.
 
     A filter makes them white; the variance in the first quarter, eighth, ... of each record is held
@@ -103,8 +103,6 @@ def is_left_early(result, records, begins):
     result : IdentificationResult
     records : sequence of RecordData
         Those of the fit.
-    begins : sequence of bool
-        Whether each record begins there: it does not where rows are left out, as by a fold.
 
     Returns
     -------
@@ -113,9 +111,6 @@ def is_left_early(result, records, begins):
     series = _residuals(result, records, "rest")
     if not _is_noise(series, records):
         return False
-    n_segments = [len(record.segments) for record in records]
-    known = np.repeat(begins, n_segments)
-    series = [own for own, is_known in zip(series, known, strict=True) if is_known]
     squares = [np.square(own) for own in _whitened(series, whitening_filter(series))]
     total, n = sum(own.sum() for own in squares), sum(map(len, squares))
     parts = [2.0**-k for k in range(2, max(map(len, squares)).bit_length())]

@@ -47,7 +47,14 @@ _FAR = 1e10  # residual of a run that diverges, relative to the response
 
 
 def estimate_input_history(
-    operator, disturbances, records, *, fixed=(), method="variable_projection", with_errors=True
+    operator,
+    disturbances,
+    records,
+    *,
+    fixed=(),
+    method="variable_projection",
+    with_errors=True,
+    further=(),
 ):
     """Identify parameters and the drive before each record.
 
@@ -62,6 +69,8 @@ def estimate_input_history(
     method : str or Method, default="variable_projection"
     with_errors : bool, default=True
         As of :func:`identify`.
+    further : sequence of (Operator, sequence of DisturbanceOperator), default=()
+        Further starts of the same structure, such as a fit to the later halves.
 
     Returns
     -------
@@ -77,12 +86,10 @@ def estimate_input_history(
     start = [(operator, disturbances)]
     how = {"fixed": fixed, "method": method, "with_errors": with_errors}
     best = identify(start, records, **how)
-    late = [
-        replace(r, weights=r.counts() * (np.arange(len(r.u)) >= len(r.u) // 2)) for r in records
-    ]
+    late = later_halves(records)
     chance = sum(_rest(r, count).size for r in records) / sum(r.counts().sum() for r in records)
     rough = how | {"with_errors": False}
-    result, evaluations, gain = identify(start, late, **rough), 0, 1.0
+    result, evaluations, gain = identify([*start, *further], late, **rough), 0, 1.0
     while gain > chance:
         operator, disturbances = result.operator, result.disturbances
         found, runs = input_history_of(operator, disturbances, records)
@@ -101,15 +108,21 @@ def estimate_input_history(
     return replace(best, n_evaluations=best.n_evaluations + evaluations), input_history
 
 
-def with_input_history(result, records, method="variable_projection"):
+def later_halves(records):
+    """Return records of which only the later half counts, which depends least on their start."""
+    return [
+        replace(r, weights=r.counts() * (np.arange(len(r.u)) >= len(r.u) // 2)) for r in records
+    ]
+
+
+def with_input_history(result, records, method="variable_projection", further=()):
     """Return what identification found, fitted again together with the drive before each record.
 
     What it has held is held again; see :func:`estimate_input_history`.
     """
     fixed = {name for name, _ in result.operator.entries()} - set(result.params)
-    found, drives = estimate_input_history(
-        result.operator, result.disturbances, records, fixed=fixed, method=method
-    )
+    options = {"fixed": fixed, "method": method, "further": further}
+    found, drives = estimate_input_history(result.operator, result.disturbances, records, **options)
     evaluations = result.n_evaluations + found.n_evaluations
     return replace(found, n_evaluations=evaluations, input_history=drives)
 

@@ -11,6 +11,7 @@ from ._index import chosen_interval as chosen_interval
 from ._index import first_of_equals as first_of_equals
 from ._index import record_names as record_names
 from ._index import refuse_lost_index as refuse_lost_index
+from ._index import refuse_masked as refuse_masked
 from ._lost_rows import fill_lost_rows as fill_lost_rows
 from ._lost_rows import with_lost_rows as with_lost_rows
 from ._periods import drive_period as drive_period

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import RecordError
-from ._index import record_slices, refuse_interval, time_level, time_stamps
+from ._index import record_slices, refuse_interval, refuse_masked, time_level, time_stamps
 
 
 def iter_records(X, y=None, *, dt=None) -> Iterator[tuple]:
@@ -176,6 +176,7 @@ def as_frame(x):
         return x.to_frame("drive" if x.name is None else x.name)
     # names of an Arrow table or of a polars frame
     columns = getattr(x, "column_names", getattr(x, "columns", None))
+    refuse_masked("X", x)
     x = np.asarray(x)
     if x.ndim == 1:
         x = x[:, None]
@@ -191,6 +192,7 @@ def as_frame(x):
 def as_series(y):
     """Return a response as a series, named "response" if it has no name."""
     if not isinstance(y, pd.Series):
+        refuse_masked("y", y)
         y = np.asarray(y)
         if y.ndim == 2 and y.shape[1] == 1:
             y = y[:, 0]

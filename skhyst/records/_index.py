@@ -157,6 +157,7 @@ def record_slices(
     dt = 1.0 if dt is None else dt
     refuse_interval(dt, "record_slices")
     dt = float(dt)
+    refuse_masked("X", X)
     if y is not None:
         refuse_lost_index(X, y)
     index = getattr(X, "index", None)
@@ -284,6 +285,7 @@ def refuse_lost_index(X, y, name="y"):
 
     ``name`` is what the message calls y.
     """
+    refuse_masked(name, y)
     own, index = getattr(X, "index", None), getattr(y, "index", None)
     if not isinstance(index, pd.Index) or _has_no_time(index):
         return
@@ -299,6 +301,16 @@ def refuse_lost_index(X, y, name="y"):
             "Got an X without them instead: a step before this one has returned an array. Call "
             'set_output(transform="pandas") on that step or on the pipeline, or pass '
             f"{name}.to_numpy() if the rows are one record."
+        )
+
+
+def refuse_masked(name, values):
+    """Raise a RecordError if values are masked, which arithmetic of arrays would not see."""
+    if np.ma.is_masked(values):
+        raise RecordError(
+            f"The values of {name} must be known. Got {np.ma.count_masked(values)} masked ones "
+            "instead: leave out their rows, of frames with a time in the index, or weigh rows "
+            "without a response by a 'sample_weight' of zero."
         )
 
 

@@ -85,7 +85,7 @@ def read_records(
         Value that stands for a missing reading, in all columns or by column. None: a value such as
         -9999 or 1e30 that lies far from all others counts as missing, and ``on_missing`` decides
         its treatment. NaN: there is no such value.
-    time_unit : {"s", "ms", "us", "ns", "min", "h"} or None, default=None
+    time_unit : {"s", "ms", "us", "ns", "min", "h", "d"} or None, default=None
         Unit of a time column of numbers. None: the unit given in the file, in the column's name
         (``t [ms]``, ``time_ms``), a line of units or an attribute, and s if there is none.
     units : dict of column to str, optional

@@ -19,7 +19,13 @@ from skhyst.diagnosis import (
 )
 from skhyst.disturbance import Drift
 from skhyst.hysteresis import PrandtlIshlinskii
-from skhyst.linear import DynamicStiffness, FirstOrderLag, SecondOrderMode
+from skhyst.linear import (
+    DynamicStiffness,
+    FirstOrderLag,
+    FirstOrderLagOperator,
+    Gain,
+    SecondOrderMode,
+)
 from skhyst.records import stack_records
 
 SEED = 9000
@@ -83,6 +89,17 @@ def test_every_claim_has_a_sentence_numbers_and_a_picture(effect):
             assert len(x) == len(y) > 0
             assert np.isfinite([x, y]).all()
             assert style in ("line", "points", "dashed")
+
+
+def test_a_dozen_samples_have_a_picture():
+    """Of what was identified: no line of so few is told from the noise."""
+    u = np.random.default_rng(0).normal(size=12).cumsum()
+    y, _ = FirstOrderLagOperator(3.0).run(u, 1.0)
+    search = EffectSearchCV(Gain(), effects=["lag"], cv=2, max_effects=1).fit(u[:, None], y)
+    ((_, frequency, gain, _),) = [
+        c for c in search.evidence_["lag"].picture.curves if c[0] != "measured"
+    ]
+    assert len(frequency) == len(gain) > 0
 
 
 CREEP = "creep over the settled response"

@@ -8,7 +8,14 @@ from skhyst.discovery import parse_model
 from skhyst.exceptions import RecordError
 from skhyst.hysteresis import BacklashOperator, PrandtlIshlinskii
 from skhyst.inspection import ModelComparisonDisplay, compare_models
-from skhyst.inspection._model_comparison import _FROM_ZERO, _JOINED, _PARTS, _SINGLE, _taken
+from skhyst.inspection._model_comparison import (
+    _FROM_ZERO,
+    _IN_MOTION,
+    _JOINED,
+    _PARTS,
+    _SINGLE,
+    _taken,
+)
 from skhyst.linear import (
     FirstOrderLag,
     FirstOrderLagOperator,
@@ -57,25 +64,30 @@ def test_units_of_the_response_change_no_choice(scale):
 
 
 def test_every_default_model_is_one_that_can_be_declared_by_its_name():
-    for name, (model, about) in (_SINGLE | _FROM_ZERO | _JOINED).items():
+    for name, (model, about) in (_SINGLE | _FROM_ZERO | _IN_MOTION | _JOINED).items():
         assert repr(parse_model(name)) == repr(model)
         assert about
     assert _PARTS.keys() == _JOINED.keys()
     assert {part for parts in _PARTS.values() for part in parts} <= _SINGLE.keys()
 
 
-def test_a_device_that_is_switched_on_is_compared_from_zero(monkeypatch):
-    """Its drive begins at a value under which it has not rested."""
-    names = "first_order_lag", "first_order_lag(initial_state='zero')"
-    for own, name in (("_SINGLE", names[0]), ("_FROM_ZERO", names[1]), ("_JOINED", None)):
-        module = "skhyst.inspection._model_comparison"
-        monkeypatch.setattr(f"{module}.{own}", {name: globals()[own][name]} if name else {})
+@pytest.mark.parametrize(
+    ("start", "taken"), [(0.0, "(initial_state='zero')"), (9.0, "(initial_state='estimate')")]
+)
+def test_a_device_that_has_not_rested_is_compared_from_its_start(monkeypatch, start, taken):
+    """Its drive begins at a value under which it has not rested: switched on, or after a larger."""
+    kept = ("first_order_lag", "second_order_mode")
+    for own in ("_SINGLE", "_FROM_ZERO", "_IN_MOTION", "_JOINED"):
+        models = {n: m for n, m in globals()[own].items() if n.startswith(kept)}
+        monkeypatch.setattr(f"skhyst.inspection._model_comparison.{own}", models)
     u = np.repeat([5.0, 1.0, 4.0, 2.0, 3.0, 5.0, 0.5, 4.0], 50)
     device = FirstOrderLagOperator(60.0)
-    y = device.run(u, 1.0, device.init(0.0))[0]
+    state = device.init(start, "rest" if start else "zero")
+    y = device.run(u, 1.0, state)[0]
     y = y + 1e-3 * np.random.default_rng(0).normal(size=u.size)
-    assert compare_models(u[:, None], y).taken == names[1]
-    assert compare_models(u[:, None] - 5.0, y).table.index.tolist() == [names[0]]
+    assert compare_models(u[:, None], y).taken == kept[0] + taken
+    rested = device.run(u - 5.0, 1.0)[0] + y - device.run(u, 1.0, state)[0]
+    assert compare_models(u[:, None] - 5.0, rested).table.index.tolist() == [*kept]
 
 
 def test_a_model_of_two_mechanisms_is_shown_and_not_taken():

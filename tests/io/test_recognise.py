@@ -51,6 +51,7 @@ def recognised(table, **given):
             (None, "Target Position", "Current Position"),
         ),
         ({"t [s]": T, "u": U, "y": Y, "T [K]": Z, "n": np.arange(N)}, ("t [s]", "u", "y")),
+        ({"t [s]": T, "d": U, "time [s]": T, "level": Y}, ("t [s]", "d", "level")),
     ],
 )
 def test_what_names_and_values_tell(table, names):
@@ -63,7 +64,8 @@ def test_what_names_and_values_tell(table, names):
         ({"a": T, "b": U, "c": Y}, "the drive: .* Candidates: 'b', 'c'"),
         ({"t": T, "voltage": U, "current": Z, "x": Y}, "the drive: .* 'voltage', 'current'"),
         ({"t": T, "voltage": U, "b": Y, "c": Z}, "the response: .* 'b', 'c'"),
-        ({"t": T, "time": T, "voltage": U, "position": Y}, "the time: .* 't', 'time'"),
+        ({"t": T, "time": 2.0 * T, "voltage": U, "position": Y}, "the time: .* 't', 'time'"),
+        ({"t [s]": T, "t [ms]": T, "u": U, "y": Y}, "the time: .* 't \\[s\\]'"),
         ({"t": T, "x": U, "y": Y}, "the drive: .* 'x'"),
         ({"n": np.arange(N), "voltage": U}, "the response"),
         ({"t": T, "drive output": U, "position": Y}, "the drive: .* 'drive output'"),

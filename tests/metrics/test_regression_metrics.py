@@ -117,6 +117,11 @@ def test_broken_arguments_are_refused_by_name(metric):
             metric(y, broken)
         with pytest.raises(ValueError, match="sample_weight"):
             metric(y, p, sample_weight=broken)
+    times = pd.Index(0.1 * np.arange(50))
+    with pytest.raises(ValueError, match="index of y_true and that of y_pred must be equal"):
+        metric(pd.Series(y, times), pd.Series(p, times[::-1]))
+    with pytest.raises(ValueError, match=r"values of y_pred must be known\. Got 2 masked"):
+        metric(y, np.ma.array(p, mask=np.arange(50) < 2))
     with pytest.raises(ValueError, match="minimum of 1"):
         metric([], [])
     with pytest.raises(ValueError, match="inconsistent"):

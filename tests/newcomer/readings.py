@@ -162,6 +162,19 @@ def _stamps(form):
     return [(start + pd.Timedelta(t, unit="s")).strftime(form) for t in T]
 
 
+def keyence(folder):
+    """A displacement sensor's program: the cycle of sampling with its unit beside it, numbers."""
+    rows = "".join(f"{i},{u:+f},{y:+f}\n" for i, (u, y) in enumerate(zip(U, Y, strict=True)))
+    head = "LK-Navigator\nSampling Cycle,1000,us\nNumber,OUT1,OUT2\n"
+    (folder / "laser.csv").write_text(head + rows)
+    return [folder / "laser.csv"]
+
+
+def grouped(values):
+    """Return numbers as text with points between thousands and a decimal comma."""
+    return [f"{v:,.6f}".translate(str.maketrans(",.", ".,")) for v in values]
+
+
 READINGS = {
     "tektronix.csv": Reading(of_maker("tektronix"), "CH1 [V]", "CH2 [V]", ("--drive", "CH1")),
     "keysight.csv": Reading(of_maker("keysight"), "1 [V]", "2 [V]", ("--drive", "1 [V]")),
@@ -268,6 +281,40 @@ READINGS = {
     "simulink.mat": Reading(simulink_structure, "command", "position"),
     "to_file.mat": Reading(signals_in_rows, "ans[1, :]", "ans[2, :]", ("--drive", "ans[1, :]")),
     "channel_groups.h5": Reading(channel_groups, "daq/command/data [V]", "daq/position/data [um]"),
+    "chinese.csv": Reading(
+        table({"时间(s)": T, "电压(V)": U, "位移(μm)": Y}, encoding="gb18030"),
+        "电压(V)",
+        "位移(μm)",
+    ),
+    "japanese.csv": Reading(
+        table({"時間[s]": T, "電圧[V]": U, "変位[μm]": Y}, encoding="shift_jis"),
+        "電圧[V]",
+        "変位[μm]",
+    ),
+    "korean.csv": Reading(
+        table({"시간(s)": T, "전압(V)": U, "변위(mm)": Y}, encoding="cp949"), "전압(V)", "변위(mm)"
+    ),
+    "russian.csv": Reading(
+        table({"Время, с": T, "Напряжение, В": U, "Ход, мкм": Y}, sep=";", encoding="cp1251"),
+        "Напряжение, В",
+        "Ход, мкм",
+        ("--drive", "Напряжение, В"),
+    ),
+    "clock_with_commas.csv": Reading(
+        table({"Uhrzeit": _stamps("%H:%M:%S,%f"), "Sollwert": U, "Istwert": Y}, sep=";"),
+        "Sollwert",
+        "Istwert",
+    ),
+    "thousands.csv": Reading(
+        table({"Zeit [s]": T, "Kraft [N]": U, "Weg [mm]": grouped(1e4 * Y)}, sep=";", decimal=","),
+        "Kraft [N]",
+        "Weg [mm]",
+        factor=1e4,
+    ),
+    "times_of_each.csv": Reading(
+        table({"Time_1": T, "voltage": U, "Time_2": T, "position": Y}), "voltage", "position"
+    ),
+    "keyence.csv": Reading(keyence, "OUT1", "OUT2", ("--drive", "OUT1")),
     "four_dimensions.npy": Reading(four_dimensions, refused="(2, 3, 4, 5)"),
     "bench.mf4": Reading(measurement_data_format, refused="asammdf"),
 }
