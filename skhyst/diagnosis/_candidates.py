@@ -78,7 +78,7 @@ def screened(effect, structure, records):
         for start in variant:
             problem = start.problem(records)
             cost = predicted_cost(problem, problem.x0)
-            n_parameters = len(problem.x0) + start.n_coefficients()
+            n_parameters = len(problem.x0) + start.n_besides()
             starts.append(Candidate((effect.name,), start, np.inf, cost, n_parameters, problem.x0))
         found.append(min(starts, key=lambda c: c.predicted_cost))
     return found
@@ -87,7 +87,7 @@ def screened(effect, structure, records):
 def refitted(candidate, structure, records, max_evaluations=FACTOR**4):
     """Return a candidate with another structure, refitted."""
     problem = structure.problem(records)
-    n_parameters = len(problem.x0) + structure.n_coefficients()
+    n_parameters = len(problem.x0) + structure.n_besides()
     solution = variable_projection(
         problem, problem.x0, tolerance=TOLERANCE, max_evaluations=max_evaluations
     )

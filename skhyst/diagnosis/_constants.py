@@ -20,7 +20,6 @@ REWEIGHTED = 2  # fits before the first round: the first weights come from an un
 # ---- definitions of effects. Where a name begins and ends is a convention; these are ours.
 FLAT = 0.25  # largest slope of a saturating curve at an end, relative to the centre
 HARD = 5.0  # shape of a Bouc-Wen force beyond which it follows the motion like a spring
-LAST_PIECE = 0.1  # of the motion, at least: the end piece, whose slope is extrapolated
 REPEATS = 2.0  # periods of a sinusoid in the longest record, at least; a slower one is a drift
 TANKS = 3  # in series, at the most
 KNEE = 0.6  # of the largest response, added to a knee's starting levels

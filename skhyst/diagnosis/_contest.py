@@ -11,6 +11,8 @@ in pairs with every other one.
 against the model without it, so that chance is the residual of the full model. Of the effects that
 the criterion (``_criterion``) does not need, the one whose removal costs least goes; and so on. A
 function of time alone stays only where the course of the noise does not explain it (``_course``).
+What was chosen beside an effect that is removed, such as the number of plays, may be wrong without
+it: if it is the first effect of a path, the model grows again without it.
 
 **Name.** Each remaining effect is contested by all others at its place. The name is that of the
 least held-out error. A simpler effect replaces it if it is nested in it, as far as the recording
@@ -167,13 +169,33 @@ class Contest:
 
     # ------------------------------------------------------------------ grow
 
-    def grow(self, base):
-        """Add effects until the held-out error no longer falls; return the ends of the paths."""
+    def found(self, base):
+        """Return the best model that grows from a base, pruned and named.
+
+        The first effect of a path that is pruned has misled the choices beside it: the search goes
+        back and grows without it, as if it were not among the effects.
+        """
+        barred, every, depth = set(), [], len(base.structure.effects)
+        while True:
+            pruned = set()
+            for path in self.grow(base, barred):
+                every.append(self.prune(path))
+                first = path.structure.effects[depth : depth + 1]
+                pruned.update(set(first).difference(every[-1].structure.effects))
+            if not pruned:
+                return self.named(min(every, key=lambda c: c.error))[0]
+            barred |= pruned
+
+    def grow(self, base, barred=()):
+        """Add effects until the held-out error no longer falls; return the ends of the paths.
+
+        Effects of the names in ``barred`` are not added.
+        """
         paths, ends = [base], []
         while paths:
             further, claims = [], []
             for number, path in enumerate(paths):
-                better = self._better(path, fully=number == 0)
+                better = self._better(path, number == 0, barred)
                 if not better:
                     ends.append(path)
                 further += better
@@ -183,21 +205,27 @@ class Contest:
                 self._say(f"{' + '.join(c.structure.effects)}: held-out error {c.error:.4g}")
         return ends
 
-    def _better(self, path, fully):
+    def _better(self, path, fully, barred=()):
         """Return the candidates with more effects that predict better than the end of a path.
 
-        With ``fully``, all effects are tried; else those that have helped some model before.
+        With ``fully``, all effects are tried; else those that have helped some model before. Those
+        whose names are in ``barred`` are left out.
         """
+
+        def allowed(candidates):
+            return [c for c in candidates if set(barred).isdisjoint(c.structure.effects)]
+
         room = self.max_effects - len(path.structure.effects)
         if room <= 0 or path.error <= self.negligible:
             return []
-        driven = self.extended(path, fully=fully)
+        driven = allowed(self.extended(path, fully=fully))
         found = [c for c in driven if self.criterion.matters(path, c)]
         if not found:
-            added = self.extended(path, additive=True)
+            added = allowed(self.extended(path, additive=True))
             found = [c for c in added if self.criterion.is_better(path, c, self.n_tried)]
         if not found and room > 1 and self.judgement(path).structured:
-            found = [c for c in self._pairs(path, driven) if self.criterion.matters(path, c)]
+            pairs = allowed(self._pairs(path, driven))
+            found = [c for c in pairs if self.criterion.matters(path, c)]
         return found
 
     def _few(self, candidates, claims):
@@ -357,7 +385,7 @@ class Contest:
 
     def named(self, base):
         """Return a candidate with the best name at each place, and the ambiguous names of each."""
-        seen = set()
+        seen, base = set(), self._least(base)
         while self._set(base) not in seen:
             seen.add(self._set(base))
             for name in base.structure.effects:
@@ -396,14 +424,19 @@ class Contest:
             for c in rivals
             if self.criterion.is_better(reduced, c, family)
             and self._has_course(c)
-            # another variant of the same effect is a rival only if the error falls noticeably
-            and (c.effects != (name,) or self.criterion.matters(base, c))
+            # another variant of the same effect is a rival if it is simpler or the error falls
+            # noticeably
+            and (
+                c.effects != (name,)
+                or c.n_parameters < base.n_parameters
+                or self.criterion.matters(base, c)
+            )
         ]
         own = replace(base, effects=(name,))
         rivals.sort(key=lambda c: c.error)
         # the best rivals are identified from scratch, as the model was
         rivals = [
-            replace(self._refreshed(c), effects=c.effects) if i < FACTOR else c
+            replace(self._variant([c, self._refreshed(c)]), effects=c.effects) if i < FACTOR else c
             for i, c in enumerate(rivals)
         ]
         alpha = self.criterion.alpha

@@ -13,7 +13,7 @@ from scipy.stats import norm
 from ..noise import largest_noise
 from ..operators import parts_with_resolution
 from ..records import near_period
-from ._constants import FLAT, HARD, LAST_PIECE, NOTICEABLE, REPEATS
+from ._constants import FLAT, HARD, NOTICEABLE, REPEATS
 from ._traits import n_ringing, presliding_displacement
 from ._turns import turns
 
@@ -234,7 +234,7 @@ def bends(operator, motion, records):
 
 
 def shows_its_slopes(operator, motion, records):
-    """Return by how much more of the motion than required lies behind the outermost kinks.
+    """Return how much of the motion lies behind the outermost kinks, beyond what is noticeable.
 
     Beyond the recorded motion a curve goes on with the slope that it has at the end. Over a small
     part of the motion that follows how a loop closes, not how the device goes on.
@@ -242,7 +242,7 @@ def shows_its_slopes(operator, motion, records):
     kinks = operator.run(operator.thresholds, 1.0)[0]
     behind = np.minimum(motion.max() - kinks, kinks - motion.min())
     seen = behind[behind > 0.0]  # other kinks have no part in what was recorded
-    return seen.min(initial=np.inf) / np.ptp(motion) - LAST_PIECE
+    return seen.min(initial=np.inf) / np.ptp(motion) - NOTICEABLE
 
 
 def has_own_lines(operator, motion, records):

@@ -162,4 +162,5 @@ class _Place:
         operator = self._with(part)
         if part.model is None:  # it belongs to a single model
             operator = replace(operator, model=operator.model.resolved(operator))
-        return self.tree.with_stage(self.at_stage, operator)
+        tree = self.tree.with_stage(self.at_stage, operator)
+        return replace(tree, moved=(*tree.moved, self.tree.names[self.at_stage]))

@@ -500,8 +500,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         contest.declared = base.structure
         base, raised = contest.raised(base)
         while True:
-            ends = [contest.prune(end) for end in contest.grow(base)]
-            found, _ = contest.named(min(ends, key=lambda c: c.error))
+            found = contest.found(base)
             if not contest.criterion.matters(base, found):
                 break
             base, _ = contest.raised(contest.weighed(found))
@@ -557,9 +556,12 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         columns, self.evidence_ = list(getattr(self, "feature_names_in_", ())), {}
         if columns and self.reference is not None:
             del columns[column_of(self)]
+        structure = base.structure
+        if structure.moved and history:
+            structure, result = structure.counted(result, records)
         for row in history:
             effect = EFFECTS[row["effect"]]
-            own = base.structure, result, tuple(records), tuple(columns), self.units_
+            own = structure, result, tuple(records), tuple(columns), self.units_
             row["evidence"] = gather_evidence(
                 Claim(effect, *own), row["error_before"], row["error_after"]
             )

@@ -9,6 +9,7 @@ from sklearn.base import clone
 
 from ..base import informed, refine
 from ..operators import (
+    MovableOperator,
     Series,
     Stage,
     parts_with_resolution,
@@ -23,6 +24,7 @@ from ..optimize import (
     OperatorProblem,
     VariableProjection,
     ages,
+    as_of,
     begun,
     constant_entries,
     estimate_input_history,
@@ -77,6 +79,9 @@ class Tree:
     input_history : tuple of ndarray of shape (n_values,) or (n_values, n_inputs)
         Drive before each record, see ``RecordData``, or starting values of the state for a model
         without a state of rest; empty if all records begin at rest.
+    moved : tuple of str
+        Names of the stages whose terms were moved to the positions that the data ask for. A fit
+        holds these positions, but they are estimates and count as such.
     """
 
     root: object
@@ -85,6 +90,7 @@ class Tree:
     edits: tuple = ()
     name: str | None = None
     input_history: tuple = ()
+    moved: tuple = ()
 
     @classmethod
     def of(cls, model, operator, disturbances=(), input_history=()):
@@ -101,7 +107,7 @@ class Tree:
             operator = state.pop("operator"), state.pop("disturbances")
             state["columns"] = state.pop("model")
             state["root"] = state["columns"].tree(operator)
-        vars(self).update({f.name: state[f.name] for f in fields(self)})
+        vars(self).update({f.name: state.get(f.name, f.default) for f in fields(self)})
 
     def __getstate__(self):
         return {field.name: vars(self).get(field.name) for field in fields(self)}
@@ -296,7 +302,8 @@ class Tree:
             edits = [tree._moved_up(edit, self.names) for edit in self.edits_of(name)]
             if name != effect and all(edit.place in (None, *tree.names) for edit in edits):
                 tree = tree.edited(name, *edits)
-        return tree._at_values_of(self)
+        moved = tuple(name for name in self.moved if name in tree.names)
+        return replace(tree._at_values_of(self), moved=moved)
 
     def _moved_up(self, edit, names):
         """Return an edit at a joint, moved behind the nearest earlier stage of this tree."""
@@ -379,10 +386,31 @@ class Tree:
         """Return the tree with the operators at ``x``."""
         return self.with_operators(*problem.unpack(x))
 
-    def n_coefficients(self):
-        """Number of coefficients that are estimated for each record."""
+    def n_besides(self):
+        """Number of estimates beside the unknowns of the problem.
+
+        These are the coefficients of each record and the positions that were moved.
+        """
         beside = sum(np.size(disturbance.coefficients) for disturbance in self.disturbances)
-        return beside + sum(map(np.size, self.input_history[:1]))
+        moving = self._with_positions() if self.moved else self
+        positions = moving.root.n_parameters - self.root.n_parameters
+        return beside + positions + sum(map(np.size, self.input_history[:1]))
+
+    def _with_positions(self):
+        """Return the tree with the moved positions of its terms as parameters."""
+        tree = self
+        for at in (self.names.index(name) for name in set(self.moved)):
+            for number in range(len(parts_with_resolution(self.operators[at]))):
+                _, part, put = parts_with_resolution(tree.operators[at])[number]
+                if part.resolution.holds_positions(part):
+                    tree = tree.with_stage(at, put(MovableOperator.around(part, np.inf)))
+        return tree
+
+    def counted(self, result, records):
+        """Return the tree with its moved positions as parameters, and its result with theirs."""
+        tree = self.with_operators(result.operator, result.disturbances)._with_positions()
+        how = {"fixed": tree.held, "initial_state": self.state}
+        return tree, as_of(result, tree.operator, self.read(records), **how)
 
     def stages_at(self, number):
         """Return the stages with the parameters of a record of this schedule value."""
@@ -468,6 +496,8 @@ class Tree:
         method = BRIEFLY if are_long(records) else None
         starts = [(self.operator, self.disturbances)]
         result = refine(estimator, starts, self.read(records), method)
+        if self.moved:
+            result = result.narrowed(self.counted(result, records)[1])
         estimator.records_ = slices
         if self.input_history:
             result = replace(result, input_history=np.array(self.input_history))

@@ -676,7 +676,7 @@ def _smoothed(site, model, flexible, tree, records, independent=1.0):
 def _candidate(tree, records):
     problem = tree.problem(records)
     cost = predicted_cost(problem, problem.x0)
-    size = len(problem.x0) + tree.n_coefficients()
+    size = len(problem.x0) + tree.n_besides()
     return Candidate(tree.effects[-1:], tree, np.inf, cost, size, problem.x0)
 
 

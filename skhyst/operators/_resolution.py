@@ -56,6 +56,21 @@ class Resolution:
         """
         return np.size(getattr(operator, self.weights))
 
+    def holds_positions(self, operator):
+        """Whether terms have positions that a fit holds.
+
+        Parameters
+        ----------
+        operator : Operator
+            That has this resolution.
+
+        Returns
+        -------
+        bool
+            False where they are parameters, or terms have none.
+        """
+        return self.positions is not None and self.positions not in operator.parameter_specs()
+
     def stays(self, operator):
         """Mark the terms that stay.
 
@@ -117,9 +132,9 @@ def with_terms(operator, positions):
 
 def same_places(operator, other):
     """Whether the terms of two operators of one kind stand at the same fixed positions."""
-    field = operator.resolution.positions
-    if field is None or field in operator.parameter_specs():
+    if not operator.resolution.holds_positions(operator):
         return True
+    field = operator.resolution.positions
     return np.array_equal(getattr(operator, field), getattr(other, field))
 
 
@@ -241,7 +256,10 @@ class MovableOperator(WrappedOperator):
 
     def entries(self):
         rows = zip(np.flatnonzero(self.moving).tolist(), self.limits.tolist(), strict=True)
-        own = [(f"{self._field}[{i}]", ParameterSpec(lower=a, upper=b)) for i, (a, b) in rows]
+        own = [
+            (f"{self._field}[{i}]", ParameterSpec(lower=a, upper=b, unit="drive"))
+            for i, (a, b) in rows
+        ]
         return [*self.operator.entries(), *own]
 
     def pack(self):

@@ -17,6 +17,7 @@ from ._further_starts import with_further_starts as with_further_starts
 from ._identify import METHODS as METHODS
 from ._identify import NOISELESS as NOISELESS
 from ._identify import IdentificationResult, identify
+from ._identify import as_of as as_of
 from ._identify import calibrated as calibrated
 from ._identify import constant_entries as constant_entries
 from ._input_history import estimate_input_history as estimate_input_history

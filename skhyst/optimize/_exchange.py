@@ -100,7 +100,7 @@ def exchanged(place, folds):
     if least == np.inf:
         return place
     best = found = place
-    for candidate in (_pursued(place, folds, anew=True), place):
+    for candidate in filter(None, (_pursued(place, folds, anew=True), place)):
         candidate = _settled(candidate)
         power = _held_out(candidate, folds)
         if power < least:
@@ -237,8 +237,7 @@ def merged_segments(records, folds):
 def _movable(place):
     """Return the part with positions that are parameters, where they are not already."""
     part = place.part
-    kind = part.resolution
-    if kind.positions is None or kind.positions in part.parameter_specs():
+    if not part.resolution.holds_positions(part):
         return part
     return MovableOperator.around(part, float(np.max(part.finer(place.inputs()))))
 
@@ -353,7 +352,10 @@ def _pursued(place, folds, *, anew=False):
         if all(own is None for own in following):
             break
         steps = [old if new is None else new for old, new in zip(steps, following, strict=True)]
-    wanted = int(np.argmin(powers))
+    fewest = int(loose.all())  # a part has one term at least
+    if len(powers) <= fewest:
+        return None
+    wanted = fewest + int(np.argmin(powers[fewest:]))
     if wanted == 0 and not anew:
         return None
     *_, step = islice(pursuit.steps(problem.total(blocks)), wanted + 1)

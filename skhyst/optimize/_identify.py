@@ -12,7 +12,7 @@ from ._levenberg_marquardt import LevenbergMarquardt
 from ._population import CuckooSearch, DifferentialEvolution, ModifiedCuckooSearch, ParticleSwarm
 from ._problem import OperatorProblem
 from ._standard_errors import FEWEST, coloured_covariance
-from ._variable_projection import VariableProjection, variable_projection
+from ._variable_projection import Solution, VariableProjection, variable_projection
 
 METHODS = {
     "variable_projection": VariableProjection,
@@ -126,6 +126,18 @@ class IdentificationResult:
         found = self.joint_covariance[: len(unknown), : len(unknown)].copy()
         found[unknown], found[:, unknown] = np.nan, np.nan
         return found
+
+    def narrowed(self, wide):
+        """Return the result with the errors that its parameters have among those of a wider one."""
+        names = list(wide.params)
+        at = [names.index(name) for name in self.params]
+        at += range(len(names), len(wide.joint_covariance))
+        return replace(
+            self,
+            params_std={name: wide.params_std[name] for name in self.params},
+            params_std_white={name: wide.params_std_white[name] for name in self.params},
+            joint_covariance=wide.joint_covariance[np.ix_(at, at)],
+        )
 
     def operator_covariance(self):
         """Return the covariance of all values of the operator with its disturbances, or None.
@@ -432,6 +444,39 @@ def solve(problems, method, with_errors=True):
         x=solution.x,
         damping=tuple(solution.damping),
         **uncertainty,
+    )
+
+
+def as_of(result, operator, records, *, fixed=(), initial_state="rest"):
+    """Return a result as if it were that of another operator with the same response.
+
+    Such as one whose positions of terms are parameters too: what the data have given besides makes
+    the errors larger.
+
+    Parameters
+    ----------
+    result : IdentificationResult
+    operator : Operator
+        Without additive disturbances, at its solution.
+    records, fixed, initial_state
+        As for :func:`identify`.
+
+    Returns
+    -------
+    IdentificationResult
+        With the parameters and the errors of the operator, nothing is fitted.
+    """
+    start = operator, result.disturbances
+    (problem,) = problems_of([start], records, fixed=fixed, initial_state=initial_state)
+    blocks = problem.evaluate(problem.x0)
+    gram = problem.total(blocks)
+    solution = Solution(problem.x0, float(gram[-1, -1]), gram, 1, result.converged, result.message)
+    return replace(
+        result,
+        operator=operator,
+        params=dict(zip(problem.names, problem.values(solution.x).tolist(), strict=True)),
+        x=solution.x,
+        **_uncertainty(problem, solution, blocks, problem.coefficients(blocks)),
     )
 
 

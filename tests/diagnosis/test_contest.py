@@ -405,7 +405,7 @@ def test_paths_go_on_until_nothing_is_better(known):
     contest = contest_of(tell=lambda *own: told.append(own[0]))
     better = {"": ["a", "b"], "a": [], "b": ["bc"], "bc": []}
     errors = {"": 1.0, "a": 0.5, "b": 0.6, "bc": 0.3}
-    contest._better = lambda path, fully: [
+    contest._better = lambda path, *_: [
         candidate(n, errors[n]) for n in better["".join(path.structure.effects)]
     ]
     contest._few = lambda candidates, claims: candidates
@@ -413,6 +413,25 @@ def test_paths_go_on_until_nothing_is_better(known):
     ends = contest.grow(candidate("", 1.0))
     assert ["".join(c.structure.effects) for c in ends] == ["a", "bc"]
     assert told[-1].endswith("b + c: held-out error 0.3")
+
+
+@pytest.mark.parametrize("names", ["p", "ap"])
+def test_an_effect_that_misleads_hides_nothing_that_is_found_without_it(known, names):
+    """What p is beside a, which helps and is not needed, the noise makes; alone it is more."""
+    contest = contest_of(
+        effects=[e for e in DRIVEN + ADDITIVE if e.name in names],
+        judge=lambda c: SimpleNamespace(structured=False),
+    )
+    screening(contest, {"a": 0.88, "ap": 0.6, "p": 0.7})
+    left = {("ap", "a"): 0.62, ("ap", "p"): 0.88}
+    contest.without = lambda base, name: candidate(
+        base.structure.without(name).effects, left.get(("".join(base.structure.effects), name), 1.0)
+    )
+    contest._refreshed, contest._keeps_names = lambda c: c, lambda *_: True
+    contest._has_course = lambda c: c.error == 0.7
+    contest._contested = lambda base, name: (None, ())
+    found = contest.found(candidate("", 1.0))
+    assert (found.structure.effects, found.error) == (("p",), 0.7)
 
 
 def test_what_is_taken_out_is_fitted_again_once(known, monkeypatch):

@@ -129,13 +129,13 @@ def test_at_puts_the_solution_back(records):
 
 def test_coefficients_are_those_of_the_disturbances(records):
     tree, _ = taken_apart(PrandtlIshlinskii(4), records)
-    assert tree.n_coefficients() == 0
+    assert tree.n_besides() == 0
     tree = tree.edited("offset", Beside(Offset(), OffsetOperator(np.zeros(1))))
     assert "intercept" not in "".join(tree.problem(records).names)  # each record has its own
     tree = tree.edited("drift", Beside(Drift(3), DriftOperator(np.zeros(4), 1.0)))
-    assert tree.n_coefficients() == 5
+    assert tree.n_besides() == 5
     tree = replace(tree, input_history=tuple(np.zeros((3, 2))))  # and two values before each
-    assert tree.n_coefficients() == 7
+    assert tree.n_besides() == 7
 
 
 def test_estimator_is_the_declared_model_with_what_was_added(records):
