@@ -23,7 +23,7 @@ from sklearn.base import clone
 from skhyst.compose import Cascade, Feedback, Modulated
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.exceptions import ConvergenceWarning
-from skhyst.hysteresis import CoulombFriction, FreeMass, PrandtlIshlinskii
+from skhyst.hysteresis import CoulombFriction, FreeMass, FrictionStage, PrandtlIshlinskii
 from skhyst.linear import FirstOrderLag, Gain, SecondOrderMode, TransferFunction
 from skhyst.static import DeadBand, DeadZones, Saturation, SmoothCurve
 
@@ -346,6 +346,54 @@ def _carriage(rng):
     return np.column_stack([u, load]), y, Modulated(mass, 1, **own, dt=DT), true
 
 
+@njit
+def slide_on_a_spring(u, load, w, zeta, level, stiffness):
+    """Return the displacement of a mass on a spring under LuGre friction times a load.
+
+    ``x'' / w^2 + 2 zeta x' / w + x + load f = u`` and ``f' = stiffness x' (1 - sgn(x') f / level)``
+    by Runge-Kutta steps, from rest at zero.
+    """
+    h = DT / SLIDING
+    x, v, f, found = 0.0, 0.0, 0.0, np.zeros(len(u))
+    a, total = np.zeros(3), np.zeros(3)
+    for k in range(1, len(u)):
+        for i in range(SLIDING):
+            total[:], a[:] = 0.0, 0.0
+            for part, weight in ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0)):
+                at = (i + part) / SLIDING
+                drive = u[k - 1] + (u[k] - u[k - 1]) * at
+                factor = load[k - 1] + (load[k] - load[k - 1]) * at
+                x1, v1, f1 = x + part * h * a[0], v + part * h * a[1], f + part * h * a[2]
+                force = drive - x1 - factor * f1
+                a[0], a[1] = v1, w * w * force - 2.0 * zeta * w * v1
+                a[2] = stiffness * (v1 - abs(v1) * f1 / level)
+                total += weight * a
+            x, v, f = x + h / 6.0 * total[0], v + h / 6.0 * total[1], f + h / 6.0 * total[2]
+        found[k] = x
+    return found
+
+
+def _loaded_stage(rng):
+    """Return force and load, the displacement of a stage whose friction grows with the load, ..."""
+    true = {
+        "natural_frequency": float(rng.uniform(12.0, 35.0)),
+        "damping_ratio": float(rng.uniform(0.1, 0.5)),
+        "static_level": float(rng.uniform(0.1, 0.3)),
+        "bristle_stiffness": float(rng.uniform(5.0, 20.0)),
+        "sensitivity": float(rng.uniform(0.2, 1.0)),
+        "gain": float(rng.uniform(0.5, 3.0)),
+        "intercept": float(rng.normal()),
+    }
+    w, zeta, level, stiffness, growth, gain, offset = true.values()
+    u, load = multisine(rng, N), 1.0 + _wave(rng, [2, 7])(np.arange(N) / N)
+    x = slide_on_a_spring(u, 1.0 + growth * np.abs(load), w, zeta, level, stiffness)
+    y = gain * x + offset
+    y += LEVEL * np.ptp(y) * rng.normal(size=N)
+    stage = FrictionStage(False, fit_bristle_damping=False)
+    own = {"scales": ["friction"], "magnitude": True, "reference": 0.0}
+    return np.column_stack([u, load]), y, Modulated(stage, 1, **own, dt=DT), true
+
+
 def _by_state(rng, with_lag=False):
     """Return a drive and a temperature, what plays whose thresholds it sets respond, and so on."""
     motion, slow = _wave(rng, [11, 19, 31]), _wave(rng, [1, 3])
@@ -409,6 +457,7 @@ def _coil(rng):
 BY_COLUMNS = {
     "friction of a load": _joint,
     "friction of a load, in motion": _carriage,
+    "friction of a load, on a spring": _loaded_stage,
     "width of a temperature": _by_state,
     "width before a lag": partial(_by_state, with_lag=True),
     "gain of a coil": _coil,
@@ -431,6 +480,7 @@ def columns_searched(n_plants):
     declared = {
         "friction of a load": (CoulombFriction(dt=DT), "friction"),
         "friction of a load, in motion": (FreeMass(fit_force_offset=False, dt=DT), "friction"),
+        "friction of a load, on a spring": (SecondOrderMode(dt=DT), "friction"),
         "width of a temperature": (PrandtlIshlinskii(8, dt=DT), "auxiliary_input"),
         "gain of a coil": (Gain(dt=DT), "auxiliary_input"),
     }

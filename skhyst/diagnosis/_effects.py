@@ -311,7 +311,12 @@ _BUILT_IN = (
             _of_free_mass(friction=True, damping_asymmetry=True),
             _of_free_mass(friction=True, stribeck=True),
             LoadedForce(CoulombFriction(fit_damping=False, fit_intercept=False)),
-            LoadedMotion(_of_free_mass(friction=True)),
+            LoadedMotion(
+                (
+                    InMotion(FrictionStage(stribeck=False, fit_bristle_damping=False)),
+                    _of_free_mass(friction=True),
+                )
+            ),
         ],
         "A force against the motion that hardly depends on how fast it is.",
         "Move at several constant speeds in both directions: the force jumps with the direction.",

@@ -36,9 +36,11 @@ from ._oscillator import (
     P,
     decay,
     loops,
+    mean_factor,
     move_tangents,
     oscillator,
     propagate,
+    scaled,
     set_identity,
     solve_tangents,
 )
@@ -136,8 +138,9 @@ def friction(mode, law, h, q, p, f, u0, u1):
 
 @jit
 def friction_tangents(
-    mode, mode_by, law, h, n_substeps, u, du, before, dbefore, q, p, f, d, out, dout
-):
+    mode, mode_by, law, h, n_substeps, u, du, factor, dfactor, before, dbefore, q, p, f, d,
+    out, dout,
+):  # fmt: skip
     """Write q and its tangents; the parameters are w, zeta, Fs, c, vs, rho and zeta_b."""
     w, fs, ratio, vs, rho, bristle = law
     eta_bristle = 2.0 / (w * h)
@@ -151,21 +154,22 @@ def friction_tangents(
         for i in range(n_substeps):
             start, stop = i / n_substeps, (i + 1) / n_substeps
             u1 = before + (u[k] - before) * stop
-            free_d, free_p = oscillator(mode, q, p, u0, u1)
+            loaded = scaled(mode, mean_factor(factor[k], factor[k + 1], start, stop))
+            free_d, free_p = oscillator(loaded, q, p, u0, u1)
             delta, new = h * w * p, f
             for j in _NONZERO:
                 by[0, j] = 0.0
             by[0, P], by[0, _W] = h * w, h * p
             for _ in range(2):
                 delta, force, new = displacement_tangents(
-                    delta, free_d, mode[2], f, own, vs, -eta / w, eta_bristle, by
+                    delta, free_d, loaded[2], f, own, vs, -eta / w, eta_bristle, by
                 )
-            move_tangents(mode, mode_by, force, by, q, p, u0, u1, start, stop, step)
+            move_tangents(loaded, mode_by, force, by, q, p, u0, u1, start, stop, step)
             q += delta
-            p = free_p - mode[3] * force
+            p = free_p - loaded[3] * force
             f = new
             u0 = u1
-        propagate(step, k, du, dbefore, d, dout)
+        propagate(step, k, du, dfactor, dbefore, d, dout)
         before = u[k]
         out[k] = q
 
@@ -223,6 +227,11 @@ class FrictionStageOperator(OscillatorOperator, loops=(*loops(friction), frictio
     hold: str = "foh"
 
     _force = ("static_level", "bristle_stiffness")
+
+    @property
+    def scaled_within(self):
+        """The friction but for its viscous part, where the drive is not refined between samples."""
+        return ("friction",) if self.causal else ()
 
     def physical(self, mass=1.0):
         """Return the quantities of the equation of motion for a known mass.

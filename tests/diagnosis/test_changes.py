@@ -38,6 +38,7 @@ from skhyst.hysteresis import (
     CoulombFriction,
     FreeMass,
     FreeMassOperator,
+    FrictionStage,
     MaxwellSlip,
     PrandtlIshlinskii,
     PrandtlIshlinskiiOperator,
@@ -119,7 +120,8 @@ BY_A_COLUMN = [
     (FollowedWidth(), {"plays", "plays, mode"}),
     (PerRecord("column", "all"), EVERY),
     (LoadedForce(CoulombFriction()), {"force"}),
-    (LoadedMotion(MoreTerms(FreeMass(friction=True))), set()),
+    (LoadedMotion((MoreTerms(FreeMass(friction=True)),)), set()),
+    (LoadedMotion((InMotion(FrictionStage(False)),)), {"mode", "poles"}),
 ]
 
 
@@ -354,7 +356,7 @@ def test_friction_of_a_mass_follows_each_load():
     loads = np.column_stack([rng.normal(size=150), np.full(150, 2.0)])
     y = np.cumsum(np.cumsum(u)) * DT**2
     records = [RecordData(u, y, DT, auxiliary=loads)]
-    change = LoadedMotion(MoreTerms(FreeMass(friction=True)))
+    change = LoadedMotion((MoreTerms(FreeMass(friction=True)),))
     for model in (FreeMass(), FreeMass(friction=True)):
         tree = Tree.from_result(model, model.identify(records))
         found = change.trees("effect", Scene(tree, records))
