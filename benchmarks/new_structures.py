@@ -20,11 +20,23 @@ from scipy.optimize import root
 from scipy.signal import cont2discrete, lfilter
 from sklearn.base import clone
 
-from skhyst.compose import Cascade, Feedback, Modulated
+from skhyst.compose import Cascade, Feedback, Modulated, Sum
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.exceptions import ConvergenceWarning
-from skhyst.hysteresis import CoulombFriction, FreeMass, FrictionStage, PrandtlIshlinskii
-from skhyst.linear import FirstOrderLag, Gain, SecondOrderMode, TransferFunction
+from skhyst.hysteresis import (
+    CoulombFriction,
+    FreeMass,
+    FrictionStage,
+    LuGre,
+    PrandtlIshlinskii,
+)
+from skhyst.linear import (
+    DynamicStiffness,
+    FirstOrderLag,
+    Gain,
+    SecondOrderMode,
+    TransferFunction,
+)
 from skhyst.static import DeadBand, DeadZones, Saturation, SmoothCurve
 
 BAR = 0.90, 0.99
@@ -464,6 +476,34 @@ BY_COLUMNS = {
 }
 
 
+def velocity(n_plants):
+    """Yield a row of friction with presliding whose drive is the velocity."""
+
+    def plant(rng):
+        X, y, model, true = _of_velocity(rng)
+        return model.fit(X, y), true
+
+    yield _row("friction of a velocity", plant, n_plants)
+
+
+def velocity_searched(n_plants):
+    """Yield a row of how often a search around a viscous force names what is beside it."""
+    viscous = DynamicStiffness(drive="velocity", fit_mass=False, dt=DT)
+    named, claimed, start = 0, 0, time.perf_counter()
+    for seed in range(n_plants):
+        X, y, *_ = _of_velocity(np.random.default_rng(seed))
+        found = EffectSearchCV(clone(viscous), random_state=0).fit(X, y).effects_
+        named, claimed = named + bool({"friction", "hysteresis"} & {*found}), claimed + len(found)
+    seconds = (time.perf_counter() - start) / n_plants
+    told = f"{claimed - named} others"
+    yield (
+        "searched, friction of a velocity",
+        f"{named / n_plants:.3f} named",
+        told,
+        f"{seconds:.1f}",
+    )
+
+
 def columns(n_plants):
     """Yield rows of parameters that a further column sets."""
     for name, drawn in BY_COLUMNS.items():
@@ -495,6 +535,45 @@ def columns_searched(n_plants):
         yield f"searched, {name}", f"{named / n_plants:.3f} named", told, f"{seconds:.1f}"
 
 
+@njit
+def presliding(v, length, stribeck, ratio):
+    """Return the LuGre force of a velocity, from zero, relative to that of slow sliding.
+
+    ``v`` are the velocities at FINE times the sampling rate, which are constant in between.
+    """
+    h, z, found = DT / FINE, 0.0, np.zeros(len(v))
+    for k in range(len(v)):
+        found[k] = z
+        level = ratio + (1.0 - ratio) * np.exp(-((v[k] / stribeck) ** 2))
+        end = np.sign(v[k]) * level
+        z = end + (z - end) * np.exp(-abs(v[k]) * h / (length * level))
+    return found
+
+
+def _of_velocity(rng):
+    """Return a velocity, a viscous force and LuGre friction, their parameters, and the model."""
+    true = {
+        "friction__friction__presliding_displacement": rng.uniform(0.03, 0.1),
+        "friction__friction__stribeck_velocity": rng.uniform(0.3, 0.8),
+        "friction__friction__coulomb_ratio": rng.uniform(0.4, 0.8),
+        "friction__friction__static_force": rng.uniform(1.0, 3.0),
+        "viscous__damping": rng.uniform(0.1, 0.5),
+        "viscous__intercept": rng.normal(),
+    }
+    length, stribeck, ratio, level, damping, offset = true.values()
+    wave, t = _wave(rng, [3, 8, 17]), np.arange(N * FINE) / (N * FINE)
+    middle = 0.7 * wave(t + 0.5 / (N * FINE))
+    force = level * presliding(middle, length, stribeck, ratio)[::FINE]
+    v = 0.7 * wave(t[::FINE])
+    y = force + damping * v + offset
+    y += LEVEL * np.ptp(y) * rng.normal(size=N)
+    friction = LuGre(fit_bristle_damping=False, fit_damping=False, fit_intercept=False)
+    steps = [("displacement", TransferFunction(0, integrators=1)), ("friction", friction)]
+    viscous = DynamicStiffness(drive="velocity", fit_mass=False)
+    model = Sum([("viscous", viscous), ("friction", Cascade(steps))], dt=DT)
+    return v[:, None], y, model, true
+
+
 def _row(name, plant, n_plants):
     held, start = defaultdict(list), time.perf_counter()
     for seed in range(n_plants):
@@ -514,6 +593,8 @@ STRUCTURES = {
     "no_rest": no_rest,
     "columns": columns,
     "columns_searched": columns_searched,
+    "velocity": velocity,
+    "velocity_searched": velocity_searched,
 }
 
 

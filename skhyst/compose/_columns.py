@@ -241,7 +241,8 @@ class Modulated(_ColumnModel):
         What is scaled: the whole response; all thresholds of a
         :class:`~skhyst.hysteresis.PrandtlIshlinskii`; ``["friction"]`` of a
         :class:`~skhyst.hysteresis.FreeMass` or a :class:`~skhyst.hysteresis.FrictionStage`, all
-        friction but the viscous one in the equation of motion; or parameters in which the response is linear, by their names in ``params_``, such
+        friction but the viscous one in the equation of motion; or parameters in which the response
+        is linear, by their names in ``params_``, such
         as ``["coulomb_force"]``. ``"weights"`` stands for all of ``"weights[0]"``, ...
     reference : float or None, default=None
         :math:`a_0`, units of the column, at which the model is as its own parameters say; None: the

@@ -281,8 +281,9 @@ class OscillatorOperator(HeldInput):
     ``dt fastest_rate() / n_substeps = 0.1`` about three digits are exact.
 
     A subclass passes its loops, ``class MyOperator(OscillatorOperator, loops=(run, compiled_step,
-    loaded_step, tangents))``, and defines the state at rest and the constants of the law. Its first two
-    parameters are the first two here, its last two ``gain`` and ``intercept``.
+    loaded_step, tangents))``, and defines the state at rest and the constants of the law. Its first
+    two parameters are the first two here, its last two ``gain`` and ``intercept``. Where the force
+    may follow a load, it names it in ``scaled_within``.
 
     Parameters
     ----------
