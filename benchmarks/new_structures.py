@@ -237,10 +237,10 @@ def wiener_hammerstein_searched(n_plants):
 
 
 @njit
-def slide(u, mass, damping, friction, offset, load):
+def slide(u, mass, damping, friction, offset, load, gradient=0.0):
     """Return the displacement of a mass under Coulomb friction, implicit in the velocity.
 
-    The friction is multiplied by the load.
+    The friction is multiplied by the load, and by one and a gradient times the displacement.
     """
     h = DT / SLIDING
     x, v, found = 0.0, 0.0, np.zeros(len(u))
@@ -248,6 +248,7 @@ def slide(u, mass, damping, friction, offset, load):
         for i in range(SLIDING):
             force = u[k - 1] + (u[k] - u[k - 1]) * (i + 0.5) / SLIDING + offset
             level = friction * (load[k - 1] + (load[k] - load[k - 1]) * (i + 0.5) / SLIDING)
+            level *= max(1.0 + gradient * x, 0.0)
             free = v + h * (force - damping * v) / mass
             new = np.sign(free) * max(abs(free) - h * level / mass, 0.0)
             x, v = x + 0.5 * h * (v + new), new
@@ -266,6 +267,31 @@ def sliding_mass(rng):
     u = 4.0 * multisine(rng, N)
     y = slide(u, *true.values(), np.ones(N))
     return _fit(FreeMass(True, dt=DT), u, y, 1.0, 0.0, rng), true
+
+
+def along_the_way(rng):
+    """Return a fit of a mass whose friction changes along the way, and the true values."""
+    X, y, true = _tight_at_one_end(rng)
+    model = FreeMass(True, friction_gradient=True, fit_force_offset=False, dt=DT).fit(X, y)
+    level = 1.0 + true["friction_gradient"] * model.operator_.friction_center
+    true["friction"] *= level
+    true["friction_gradient"] /= level
+    return model, true
+
+
+def _tight_at_one_end(rng):
+    """Return drive and response of a mass whose friction changes along the way, and its values."""
+    true = {
+        "mass": float(np.exp(rng.uniform(-1.5, 0.5))),
+        "damping": float(np.exp(rng.uniform(-1.0, 0.5))),
+        "friction": float(rng.uniform(0.4, 1.0)),
+    }
+    u = 4.0 * multisine(rng, N)
+    reach = np.abs(slide(u, *true.values(), 0.0, np.ones(N))).max()
+    true["friction_gradient"] = float(rng.choice([-1.0, 1.0]) * rng.uniform(0.3, 0.8) / reach)
+    *own, gradient = true.values()
+    y = slide(u, *own, 0.0, np.ones(N), gradient)
+    return u[:, None], y + LEVEL * np.ptp(y) * rng.normal(size=N), true
 
 
 def mode_and_integrator(rng):
@@ -300,6 +326,7 @@ def in_a_loop(rng):
 def no_rest(n_plants):
     """Yield rows of plants without a rest: a mass without a spring, an integrator, unstable."""
     yield _row("mass without a spring, friction", sliding_mass, n_plants)
+    yield _row("mass, friction along the way", along_the_way, n_plants)
     yield _row("mode and integrator", mode_and_integrator, n_plants)
     yield _row("unstable, in a loop", in_a_loop, n_plants)
 

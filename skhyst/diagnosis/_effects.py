@@ -310,6 +310,7 @@ _BUILT_IN = (
             _of_free_mass(friction=True),
             _of_free_mass(friction=True, damping_asymmetry=True),
             _of_free_mass(friction=True, stribeck=True),
+            _of_free_mass(friction=True, friction_gradient=True),
             LoadedForce(CoulombFriction(fit_damping=False, fit_intercept=False)),
             LoadedMotion(
                 (

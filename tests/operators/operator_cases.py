@@ -244,7 +244,18 @@ def make_operators():
         ),
         "free mass, rigid": op.FreeMassOperator(0.01, friction=1.5),
         "free mass, Stribeck curve": op.FreeMassOperator(
-            0.01, 0.1, 0.3, 0.5, 0.2, 0.3, 0.7, force_offset=0.3, intercept=0.2, n_substeps=3
+            0.01,
+            0.1,
+            0.3,
+            0.5,
+            0.2,
+            0.3,
+            0.7,
+            friction_gradient=0.9,
+            friction_center=0.137,
+            force_offset=0.3,
+            intercept=0.2,
+            n_substeps=3,
         ),
         "free mass, spring and stops": op.FreeMassOperator(
             0.01,
