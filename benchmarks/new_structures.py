@@ -327,6 +327,7 @@ def no_rest(n_plants):
     """Yield rows of plants without a rest: a mass without a spring, an integrator, unstable."""
     yield _row("mass without a spring, friction", sliding_mass, n_plants)
     yield _row("mass, friction along the way", along_the_way, n_plants)
+    yield _row("stage, friction along the way", stage_along_the_way, n_plants)
     yield _row("mode and integrator", mode_and_integrator, n_plants)
     yield _row("unstable, in a loop", in_a_loop, n_plants)
 
@@ -386,11 +387,11 @@ def _carriage(rng):
 
 
 @njit
-def slide_on_a_spring(u, load, w, zeta, level, stiffness):
-    """Return the displacement of a mass on a spring under LuGre friction times a load.
+def slide_on_a_spring(u, load, w, zeta, level, stiffness, gradient=0.0):
+    """Return the displacement of a mass on a spring under LuGre friction times a factor.
 
-    ``x'' / w^2 + 2 zeta x' / w + x + load f = u`` and ``f' = stiffness x' (1 - sgn(x') f / level)``
-    by Runge-Kutta steps, from rest at zero.
+    ``x'' / w^2 + 2 zeta x' / w + x + load (1 + gradient x) f = u`` and
+    ``f' = stiffness x' (1 - sgn(x') f / level)`` by Runge-Kutta steps, from rest at zero.
     """
     h = DT / SLIDING
     x, v, f, found = 0.0, 0.0, 0.0, np.zeros(len(u))
@@ -403,7 +404,7 @@ def slide_on_a_spring(u, load, w, zeta, level, stiffness):
                 drive = u[k - 1] + (u[k] - u[k - 1]) * at
                 factor = load[k - 1] + (load[k] - load[k - 1]) * at
                 x1, v1, f1 = x + part * h * a[0], v + part * h * a[1], f + part * h * a[2]
-                force = drive - x1 - factor * f1
+                force = drive - x1 - factor * max(1.0 + gradient * x1, 0.0) * f1
                 a[0], a[1] = v1, w * w * force - 2.0 * zeta * w * v1
                 a[2] = stiffness * (v1 - abs(v1) * f1 / level)
                 total += weight * a
@@ -431,6 +432,25 @@ def _loaded_stage(rng):
     stage = FrictionStage(False, fit_bristle_damping=False)
     own = {"scales": ["friction"], "magnitude": True, "reference": 0.0}
     return np.column_stack([u, load]), y, Modulated(stage, 1, **own, dt=DT), true
+
+
+def stage_along_the_way(rng):
+    """Return a fit of a stage whose friction changes along the way, and the true values."""
+    true = {
+        "natural_frequency": float(rng.uniform(12.0, 35.0)),
+        "damping_ratio": float(rng.uniform(0.1, 0.5)),
+        "static_level": float(rng.uniform(0.1, 0.3)),
+        "bristle_stiffness": float(rng.uniform(5.0, 20.0)),
+    }
+    u, gain, offset = multisine(rng, N), float(rng.uniform(0.5, 3.0)), float(rng.normal())
+    gradient = float(rng.choice([-1.0, 1.0]) * rng.uniform(0.2, 0.5))
+    x = slide_on_a_spring(u, np.ones(N), *true.values(), gradient)
+    stage = FrictionStage(False, fit_bristle_damping=False, friction_gradient=True, dt=DT)
+    model = _fit(stage, u, x, gain, offset, rng)
+    factor = 1.0 + gradient * model.operator_.friction_center
+    true["static_level"] *= factor
+    true["bristle_stiffness"] *= factor
+    return model, true | {"friction_gradient": gradient / factor, "gain": gain, "intercept": offset}
 
 
 def _by_state(rng, with_lag=False):

@@ -305,6 +305,7 @@ _BUILT_IN = (
             InMotion(FrictionStage(stribeck=False, fit_bristle_damping=False)),
             InMotion(FrictionStage(fit_bristle_damping=False)),
             InMotion(FrictionStage()),
+            InMotion(FrictionStage(False, fit_bristle_damping=False, friction_gradient=True)),
             BesideForce(CoulombFriction(fit_damping=False, fit_intercept=False)),
             BesideForce(CoulombFriction(True, fit_damping=False, fit_intercept=False)),
             _of_free_mass(friction=True),

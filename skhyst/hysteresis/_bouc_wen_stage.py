@@ -285,7 +285,7 @@ def bouc_wen_tangents(
         for i in range(n_substeps):
             start, stop = i / n_substeps, (i + 1) / n_substeps
             u1 = before + (u[k] - before) * stop
-            loaded = scaled(mode, mean_factor(factor[k], factor[k + 1], start, stop))
+            loaded = scaled(mode, mean_factor(factor[k], factor[k + 1], start, stop), q, p)
             b, bp = loaded[2], loaded[3]
             free_d, free_p = oscillator(loaded, q, p, u0, u1)
             side = 1.0 if free_d >= b * f else -1.0

@@ -120,7 +120,7 @@ def end_stops_tangents(
         for i in range(n_substeps):
             start, stop = i / n_substeps, (i + 1) / n_substeps
             u1 = before + (u[k] - before) * stop
-            loaded = scaled(mode, mean_factor(factor[k], factor[k + 1], start, stop))
+            loaded = scaled(mode, mean_factor(factor[k], factor[k + 1], start, stop), q, p)
             free_d, free_p = oscillator(loaded, q, p, u0, u1)
             delta, force, slope = stopped(free_d, loaded[2], q, kappa, eta, lower, upper)
             end = q + delta

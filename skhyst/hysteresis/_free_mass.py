@@ -49,7 +49,7 @@ from ..optimize import (
     estimate_start_values,
     identify_from_own_starts,
 )
-from ._oscillator import FINE, ROUGHLY, WINDOWS, decay, least_squares, weigh
+from ._oscillator import FINE, ROUGHLY, WINDOWS, along, decay, least_squares, weigh
 
 _EVENTS = 12  # in a substep: a straight force stops and frees the mass at most three times
 _HALVINGS = 80  # of an interval, down to rounding
@@ -282,15 +282,6 @@ def bell(v, stribeck):
     z = v / stribeck
     value = math.exp(-min(z * z, 700.0))
     return value, -2.0 * z * value / stribeck
-
-
-@jit
-def along(x, gradient, place):
-    """Return the factor of the friction at a displacement, and its slope."""
-    factor = 1.0 + gradient * (x - place)
-    if factor > 0.0:
-        return factor, gradient
-    return 0.0, 0.0
 
 
 @jit

@@ -25,8 +25,10 @@ that enter it (``FREE_D``: D without F, ``FREE_P``: p1 without F, then q, p, f, 
 the parameters themselves.
 
 A factor of the force, such as that of a load, is a straight line between samples and held at its
-mean over a substep. The force enters by ``B F`` and ``B' F`` alone, so that a law under a factor is
-that law with B and B' times the factor (:func:`scaled`).
+mean over a substep. Where the force changes along the way by ``1 + c (q - q_f)``, but not below
+zero, this is held at its value half a substep ahead of the start. Both are of second order. The
+force enters by ``B F`` and ``B' F`` alone, so that a law under a factor is that law with B and B'
+times the factor (:func:`scaled`).
 """
 
 import dataclasses
@@ -47,8 +49,8 @@ from ..optimize import VariableProjection
 # columns of a law's derivatives; its own parameters begin at OWN
 FREE_D, FREE_P, Q, P, F, B, SLOPE_B, OWN = range(8)
 # columns of a sample's Jacobian, after those of the state: drive before and at the sample, factor
-# of the force before and at it, then the parameters
-_DRIVES, _FACTORS, PARAMETERS = 3, 5, 7
+# of the force before and at it, its gradient along the way, then the parameters
+_DRIVES, _FACTORS, GRADIENT, PARAMETERS = 3, 5, 7, 8
 _SERIES = 0.1  # below it the quotients cancel and the series converges fast
 _C3, _C4, _C5, _C6, _C7, _C8, _C9, _C10 = (1.0 / math.factorial(k) for k in range(3, 11))
 
@@ -72,13 +74,29 @@ def decay(a):
 
 
 @jit
-def scaled(mode, factor):
-    """Return what a substep takes as its mode, for (A, A', B, B', R, R') and a factor of the force.
+def along(x, gradient, place):
+    """Return the factor of a force at a displacement, and its slope."""
+    factor = 1.0 + gradient * (x - place)
+    if factor > 0.0:
+        return factor, gradient
+    return 0.0, 0.0
 
-    B and B' of the force come third and fourth, those of the drive after all, then the factor.
+
+@jit
+def scaled(mode, factor, q, p):
+    """Return what a substep that begins at q and p takes as its mode, for a factor of the force.
+
+    ``mode`` is (A, A', B, B', R, R', gradient and centre of the force along the way, w h / 2). B
+    and B' of the force come third and fourth, those of the drive after R'. Then come the whole
+    factor, that along the way, its derivatives by q and by the gradient, and w h / 2.
     """
     b, bp = mode[2], mode[3]
-    return mode[0], mode[1], factor * b, factor * bp, mode[4], mode[5], b, bp, factor
+    way = q + mode[8] * p - mode[7]
+    local, slope = along(way, mode[6], 0.0)
+    total, by_gradient = factor * local, factor * way * (local > 0.0)
+    force = total * b, total * bp
+    own = total, local, factor * slope, by_gradient, mode[8]
+    return mode[0], mode[1], force[0], force[1], mode[4], mode[5], b, bp, *own
 
 
 @jit
@@ -111,7 +129,7 @@ def sample(mode, law, h, n_substeps, before, u, loaded, load, q, p, f):
     for i in range(n_substeps):
         start, stop = i / n_substeps, (i + 1) / n_substeps
         u1 = before + (u - before) * stop
-        own = scaled(mode, mean_factor(loaded, load, start, stop))
+        own = scaled(mode, mean_factor(loaded, load, start, stop), q, p)
         q, p, f = step(own, law, h, q, p, f, u0, u1)
         u0 = u1
     return q, p, f
@@ -190,11 +208,11 @@ def by_state(mode, by, i):
 
 @jit
 def move_tangents(mode, mode_by, force, by, q, p, u0, u1, start, stop, step):
-    """Move the Jacobian ``step`` (3, 7 + n) of a sample over a substep that begins at q and p.
+    """Move the Jacobian ``step`` (3, 8 + n) of a sample over a substep that begins at q and p.
 
     ``by`` (3, 7 + n) are the derivatives of D, of the mean F (``force``) and of the new f by
     ``FREE_D``, ... and by the n parameters; B and B' are those of the force. ``mode`` is that of
-    :func:`scaled`, ``mode_by`` (2, 6) are the derivatives of what it was made of by the first two
+    :func:`scaled`, ``mode_by`` (2, 9) are the derivatives of what it was made of by the first two
     parameters. The substep lasts from ``start`` to ``stop``, fractions of the sampling interval.
     """
     bp = mode[3]
@@ -202,28 +220,39 @@ def move_tangents(mode, mode_by, force, by, q, p, u0, u1, start, stop, step):
     e, f, g = by_state(mode, by, 1)
     x, y, z = by_state(mode, by, 2)
     a, e, f, g = 1.0 + a, -mode[7] - bp * e, mode[1] - bp * f, -bp * g
+    # by the factor of the force, which depends on q and p along the way
+    d_by = by[0, B] * mode[6] + by[0, SLOPE_B] * mode[7]
+    p_by = -mode[7] * force - bp * (by[1, B] * mode[6] + by[1, SLOPE_B] * mode[7])
+    f_by = by[2, B] * mode[6] + by[2, SLOPE_B] * mode[7]
+    by_q, by_p = mode[10], mode[10] * mode[12]
+    a, e, x = a + by_q * d_by, e + by_q * p_by, x + by_q * f_by
+    b, f, y = b + by_p * d_by, f + by_p * p_by, y + by_p * f_by
     for j in range(step.shape[1]):
         dq, dp, df = step[0, j], step[1, j], step[2, j]
         step[0, j] = a * dq + b * dp + c * df
         step[1, j] = e * dq + f * dp + g * df
         step[2, j] = x * dq + y * dp + z * df
-    # derivatives by drive and factor before and at the sample, then by the first two parameters
+    # derivatives by drive and factor before and at the sample, by the gradient, and by the first
+    # two parameters
     pull, slope, middle = u0 - q, u1 - u0, 0.5 * (start + stop)
-    for i in range(6):
-        db = dbp = free_d = free_p = 0.0
+    for i in range(7):
+        db = dbp = free_d = free_p = moved = 0.0
         if i < 2:
             fraction = start if i else 1.0 - start
             length = stop - start if i else start - stop
             free_d = mode[6] * fraction + mode[4] * length
             free_p = mode[7] * fraction + mode[5] * length
         elif i < 4:
-            share = middle if i == 3 else 1.0 - middle
-            db, dbp = share * mode[6], share * mode[7]
+            moved = (middle if i == 3 else 1.0 - middle) * mode[9]
+        elif i == 4:
+            moved = mode[11]
         else:
-            m = mode_by[i - 4]
+            m = mode_by[i - 5]
             db, dbp = mode[8] * m[2], mode[8] * m[3]
             free_d = m[0] * p + m[2] * pull + m[4] * slope
             free_p = m[1] * p + m[3] * pull + m[5] * slope
+            moved = mode[10] * m[8] * p
+        db, dbp = db + moved * mode[6], dbp + moved * mode[7]
         for k in range(3):
             value = by[k, FREE_D] * free_d + by[k, FREE_P] * free_p
             value += by[k, B] * db + by[k, SLOPE_B] * dbp
@@ -251,7 +280,7 @@ def propagate(step, k, du, dfactor, dbefore, d, dout):
     The first m are tangents of the input: ``du`` (n_samples, m) are those of the drive, ``dbefore``
     (m,) those before the first sample, and ``dfactor`` (n_samples + 1, m) those of the factor of
     the force, from before it. The others are derivatives by parameters. The sample's Jacobian
-    ``step`` is (3, 7 + n).
+    ``step`` is (3, 8 + n).
     """
     m = du.shape[1]
     for j in range(m):
@@ -313,6 +342,7 @@ class OscillatorOperator(HeldInput):
     at_once = False
     stage_order = 10
     _force = ("level", "hysteresis_stiffness")  # limit of the hysteretic force, its initial slope
+    _way = (0.0, 0.0)  # gradient of the force along the way, and where it has its own level
 
     def __init_subclass__(cls, loops, **options):
         super().__init_subclass__(**options)
@@ -431,15 +461,18 @@ class OscillatorOperator(HeldInput):
         return self.linear_mode()  # kept, since it caches its discrete forms
 
     def _substep(self, dt):
-        """Return the coefficients (6,) of the oscillator's substep and its length in s."""
+        """Return the mode (9,) of :func:`scaled` for a substep, and its length in s."""
         h = float(dt) / self.n_substeps
         ad, b0, b1, _, _ = self._mode.discrete(h)
-        return np.array([ad[0, 1], ad[1, 1], *(b0 + b1), *b1]), h
+        ahead = 0.5 * h * self._mode.natural_frequency
+        return np.array([ad[0, 1], ad[1, 1], *(b0 + b1), *b1, *self._way, ahead]), h
 
     def _substep_tangents(self, h):
-        """Return the derivatives (2, 6) of these coefficients by frequency and damping ratio."""
+        """Return the derivatives (2, 9) of the mode by frequency and damping ratio."""
         ad, b0, b1, _, _, _ = self._mode._discrete_tangents(h)
-        return np.column_stack([ad[:2, 0, 1], ad[:2, 1, 1], (b0 + b1)[:2], b1[:2]])
+        none, ahead = np.zeros((2, 2)), [0.5 * h, 0.0]
+        own = ad[:2, 0, 1], ad[:2, 1, 1], (b0 + b1)[:2], b1[:2]
+        return np.column_stack([*own, none, ahead])
 
     def init(self, u0, initial_state="rest"):
         return self.scaled_init(u0, 1.0, initial_state)[:-1]
@@ -469,14 +502,21 @@ class OscillatorOperator(HeldInput):
         that at the drive v without a factor for which ``v + (factor - 1) f = u0``; Newton's method
         from zero gets there for a first loading that grows less and less.
         """
-        v, more = u0 if factor == 1.0 else 0.0, factor - 1.0
+        gradient, place = self._way
+        v = u0 if factor == 1.0 and gradient == 0.0 else 0.0
         for _ in range(_LOADINGS):
             q, force, by = self._rest(v)
-            error, slope = u0 - v - more * force, 1.0 + more * by[1, 0]
+            local, slope = along(q, gradient, place)
+            more = factor * local - 1.0
+            error, by_v = u0 - v - more * force, 1.0 + more * by[1, 0]
+            by_v += factor * slope * force * by[0, 0]
             if not abs(error) > _ROUNDING * max(abs(u0), abs(v)):
                 break
-            v += error / slope
-        dv = np.concatenate([[1.0], -more * by[1, 1:], [-force]]) / slope
+            v += error / by_v
+        dmore = factor * slope * by[0, 1:]
+        if "friction_gradient" in self._sizes:  # the last of its own
+            dmore[-1] += factor * (q - place) * (local > 0.0)
+        dv = np.concatenate([[1.0], -more * by[1, 1:] - force * dmore, [-local * force]]) / by_v
         own = np.pad(by[:, 1:], ((0, 0), (1, 1)))
         return q, force, by[:, :1] * dv + own
 

@@ -158,7 +158,7 @@ def restoring_tangents(
         for i in range(n_substeps):
             start, stop = i / n_substeps, (i + 1) / n_substeps
             u1 = preload + before + (u[k] - before) * stop
-            loaded = scaled(mode, mean_factor(factor[k], factor[k + 1], start, stop))
+            loaded = scaled(mode, mean_factor(factor[k], factor[k + 1], start, stop), q, p)
             b, bp = loaded[2], loaded[3]
             free_d, free_p = oscillator(loaded, q, p, u0, u1)
             # with the force at the start

@@ -243,8 +243,8 @@ OPERATORS = {
     "friction of a stage under a load": Scaled(
         OnColumnOperator(STAGE, 0), 1, 0.4, 0.3, magnitude=True, scales=("friction",)
     ),
-    "friction of a stage, down to none, behind a lag": Scaled(
-        OnColumnOperator(STAGE, 0),
+    "friction of a stage, along the way, too, down to none, behind a lag": Scaled(
+        OnColumnOperator(replace(STAGE, friction_gradient=0.7, friction_center=0.037), 0),
         2,
         0.4,
         0.9,

@@ -210,7 +210,15 @@ def make_operators():
             90.0, 0.15, 0.29, 0.7, 3.0, 8.0, 0.1, 0.8, 0.1, n_substeps=4
         ),
         "friction stage, stiff bristles": op.FrictionStageOperator(
-            20.0, 3.0, 0.03, 0.7, 0.3, 1e3, n_substeps=1
+            20.0,
+            3.0,
+            0.03,
+            0.7,
+            0.3,
+            1e3,
+            n_substeps=1,
+            friction_gradient=0.9,
+            friction_center=0.137,
         ),
         "restoring force": op.RestoringForceOperator(
             90.0, 0.15, [0.2, 0.05], [0.1], 2.0, 0.1, 0.07, 0.8, 0.1, scale=0.9, n_substeps=4
