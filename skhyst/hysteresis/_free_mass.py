@@ -455,8 +455,8 @@ def free_mass_tangents(
     m, n = du.shape[1], d.shape[1]
     offset, drift, _, _, bent = law[13:]
     by, old = np.zeros((9, n)), np.empty((2, n))
-    dforce, dcurve, dlocal, dnow = np.empty((4, n))
-    dmean, dtotal = np.zeros(n), np.empty(n)
+    dforce, dcurve, dlocal, dmean, dtotal = np.zeros((5, n))
+    dnow = np.empty(n)
     dstart, dend = np.zeros(n), np.zeros(n)
     dstart[m + _U0] = dend[m + _U0] = 1.0
     for k in range(u.size):
@@ -475,22 +475,23 @@ def free_mass_tangents(
                     dmean[q] = dfactor[k - 1, q] + rise * (0.5 * (first + last))
                 dstart[m + _R], dend[m + _R] = ramp
                 mean = factor[k - 1] + (factor[k] - factor[k - 1]) * (0.5 * (first + last))
-                x1, v1, force, curve, local = x, v, 0.0, 0.0, 0.0
+                x1, v1, force, curve, local = x, v, 0.0, 0.0, 1.0
                 for q in range(n):
                     old[0, q], old[1, q] = d[0, q], d[1, q]
-                    dforce[q] = dcurve[q] = dlocal[q] = 0.0
+                    dtotal[q] = dmean[q]
                 for p in range(2 if bent > 0.0 else 1):
-                    share = 1.0 if p == 0 else 0.5
-                    for q in range(n):
-                        dforce[q] *= share
-                        dcurve[q] *= share
-                        dlocal[q] *= share
-                    held_now = force_tangents(law, x1, v1, d, share, dforce, dcurve, dlocal)
-                    force = held_now[0] if p == 0 else 0.5 * (force + held_now[0])
-                    curve = held_now[1] if p == 0 else 0.5 * (curve + held_now[1])
-                    local = held_now[2] if p == 0 else 0.5 * (local + held_now[2])
-                    for q in range(n):
-                        dtotal[q] = mean * dlocal[q] + local * dmean[q]
+                    if bent > 0.0:
+                        share = 1.0 if p == 0 else 0.5
+                        for q in range(n):
+                            dforce[q] *= 0.5 * p
+                            dcurve[q] *= 0.5 * p
+                            dlocal[q] *= 0.5 * p
+                        held_now = force_tangents(law, x1, v1, d, share, dforce, dcurve, dlocal)
+                        force = share * held_now[0] + 0.5 * p * force
+                        curve = share * held_now[1] + 0.5 * p * curve
+                        local = share * held_now[2] + 0.5 * p * local
+                        for q in range(n):
+                            dtotal[q] = mean * dlocal[q] + local * dmean[q]
                     friction_tangents(law, curve, dcurve, mean * local, dtotal, by)
                     for q in range(n):
                         by[_START, q], by[_END, q] = dstart[q] - dforce[q], dend[q] - dforce[q]
