@@ -93,10 +93,12 @@ def scaled(mode, factor, q, p):
     b, bp = mode[2], mode[3]
     way = q + mode[8] * p - mode[7]
     local, slope = along(way, mode[6], 0.0)
-    total, by_gradient = factor * local, factor * way * (local > 0.0)
-    force = total * b, total * bp
-    own = total, local, factor * slope, by_gradient, mode[8]
-    return mode[0], mode[1], force[0], force[1], mode[4], mode[5], b, bp, *own
+    by_gradient = factor * way if local > 0.0 else 0.0
+    total = factor * local
+    return (
+        mode[0], mode[1], total * b, total * bp, mode[4], mode[5], b, bp, total, local,
+        factor * slope, by_gradient, mode[8],
+    )  # fmt: skip
 
 
 @jit
