@@ -175,6 +175,7 @@ def test_parameters_are_found_within_their_errors():
     assert model.operator_.n_substeps == 1
 
 
+@pytest.mark.slow
 def test_friction_along_the_way_is_found_within_its_errors():
     """Its level is that at the middle of the response, where the gradient does not change it."""
     plant = FreeMassOperator(0.5, 0.8, friction=0.5, friction_gradient=0.3, friction_center=0.0)
