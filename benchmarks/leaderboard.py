@@ -180,10 +180,15 @@ def emps_by_hand(data=SHARED):
 
     In the estimation record the force at constant speed shows what there is: it rises with the
     speed by 154 N s/m forward and by 230 N s/m backward, and what it is more forward than backward
-    falls by half a newton in the course of the record.
+    falls by half a newton in the course of the record. Either half of it has the same gradient of
+    the friction along the way, at six and at eight times its standard error.
     """
     model = FreeMass(
-        friction=True, damping_asymmetry=True, fit_force_drift=True, initial_state="estimate"
+        friction=True,
+        damping_asymmetry=True,
+        friction_gradient=True,
+        fit_force_drift=True,
+        initial_state="estimate",
     )
     return _emps_error(model.fit(*_emps("train", data)), data)
 

@@ -20,11 +20,23 @@ from scipy.optimize import root
 from scipy.signal import cont2discrete, lfilter
 from sklearn.base import clone
 
-from skhyst.compose import Cascade, Feedback, Modulated
+from skhyst.compose import Cascade, Feedback, Modulated, Sum
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.exceptions import ConvergenceWarning
-from skhyst.hysteresis import CoulombFriction, FreeMass, PrandtlIshlinskii
-from skhyst.linear import FirstOrderLag, Gain, SecondOrderMode, TransferFunction
+from skhyst.hysteresis import (
+    CoulombFriction,
+    FreeMass,
+    FrictionStage,
+    LuGre,
+    PrandtlIshlinskii,
+)
+from skhyst.linear import (
+    DynamicStiffness,
+    FirstOrderLag,
+    Gain,
+    SecondOrderMode,
+    TransferFunction,
+)
 from skhyst.static import DeadBand, DeadZones, Saturation, SmoothCurve
 
 BAR = 0.90, 0.99
@@ -225,10 +237,10 @@ def wiener_hammerstein_searched(n_plants):
 
 
 @njit
-def slide(u, mass, damping, friction, offset, load):
+def slide(u, mass, damping, friction, offset, load, gradient=0.0):
     """Return the displacement of a mass under Coulomb friction, implicit in the velocity.
 
-    The friction is multiplied by the load.
+    The friction is multiplied by the load, and by one and a gradient times the displacement.
     """
     h = DT / SLIDING
     x, v, found = 0.0, 0.0, np.zeros(len(u))
@@ -236,6 +248,7 @@ def slide(u, mass, damping, friction, offset, load):
         for i in range(SLIDING):
             force = u[k - 1] + (u[k] - u[k - 1]) * (i + 0.5) / SLIDING + offset
             level = friction * (load[k - 1] + (load[k] - load[k - 1]) * (i + 0.5) / SLIDING)
+            level *= max(1.0 + gradient * x, 0.0)
             free = v + h * (force - damping * v) / mass
             new = np.sign(free) * max(abs(free) - h * level / mass, 0.0)
             x, v = x + 0.5 * h * (v + new), new
@@ -254,6 +267,31 @@ def sliding_mass(rng):
     u = 4.0 * multisine(rng, N)
     y = slide(u, *true.values(), np.ones(N))
     return _fit(FreeMass(True, dt=DT), u, y, 1.0, 0.0, rng), true
+
+
+def along_the_way(rng):
+    """Return a fit of a mass whose friction changes along the way, and the true values."""
+    X, y, true = _tight_at_one_end(rng)
+    model = FreeMass(True, friction_gradient=True, fit_force_offset=False, dt=DT).fit(X, y)
+    level = 1.0 + true["friction_gradient"] * model.operator_.friction_center
+    true["friction"] *= level
+    true["friction_gradient"] /= level
+    return model, true
+
+
+def _tight_at_one_end(rng):
+    """Return drive and response of a mass whose friction changes along the way, and its values."""
+    true = {
+        "mass": float(np.exp(rng.uniform(-1.5, 0.5))),
+        "damping": float(np.exp(rng.uniform(-1.0, 0.5))),
+        "friction": float(rng.uniform(0.4, 1.0)),
+    }
+    u = 4.0 * multisine(rng, N)
+    reach = np.abs(slide(u, *true.values(), 0.0, np.ones(N))).max()
+    true["friction_gradient"] = float(rng.choice([-1.0, 1.0]) * rng.uniform(0.3, 0.8) / reach)
+    *own, gradient = true.values()
+    y = slide(u, *own, 0.0, np.ones(N), gradient)
+    return u[:, None], y + LEVEL * np.ptp(y) * rng.normal(size=N), true
 
 
 def mode_and_integrator(rng):
@@ -288,6 +326,8 @@ def in_a_loop(rng):
 def no_rest(n_plants):
     """Yield rows of plants without a rest: a mass without a spring, an integrator, unstable."""
     yield _row("mass without a spring, friction", sliding_mass, n_plants)
+    yield _row("mass, friction along the way", along_the_way, n_plants)
+    yield _row("stage, friction along the way", stage_along_the_way, n_plants)
     yield _row("mode and integrator", mode_and_integrator, n_plants)
     yield _row("unstable, in a loop", in_a_loop, n_plants)
 
@@ -344,6 +384,73 @@ def _carriage(rng):
     mass = FreeMass(True, fit_force_offset=False)
     own = {"scales": ["friction"], "magnitude": True, "reference": 0.0}
     return np.column_stack([u, load]), y, Modulated(mass, 1, **own, dt=DT), true
+
+
+@njit
+def slide_on_a_spring(u, load, w, zeta, level, stiffness, gradient=0.0):
+    """Return the displacement of a mass on a spring under LuGre friction times a factor.
+
+    ``x'' / w^2 + 2 zeta x' / w + x + load (1 + gradient x) f = u`` and
+    ``f' = stiffness x' (1 - sgn(x') f / level)`` by Runge-Kutta steps, from rest at zero.
+    """
+    h = DT / SLIDING
+    x, v, f, found = 0.0, 0.0, 0.0, np.zeros(len(u))
+    a, total = np.zeros(3), np.zeros(3)
+    for k in range(1, len(u)):
+        for i in range(SLIDING):
+            total[:], a[:] = 0.0, 0.0
+            for part, weight in ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0)):
+                at = (i + part) / SLIDING
+                drive = u[k - 1] + (u[k] - u[k - 1]) * at
+                factor = load[k - 1] + (load[k] - load[k - 1]) * at
+                x1, v1, f1 = x + part * h * a[0], v + part * h * a[1], f + part * h * a[2]
+                force = drive - x1 - factor * max(1.0 + gradient * x1, 0.0) * f1
+                a[0], a[1] = v1, w * w * force - 2.0 * zeta * w * v1
+                a[2] = stiffness * (v1 - abs(v1) * f1 / level)
+                total += weight * a
+            x, v, f = x + h / 6.0 * total[0], v + h / 6.0 * total[1], f + h / 6.0 * total[2]
+        found[k] = x
+    return found
+
+
+def _loaded_stage(rng):
+    """Return force and load, the displacement of a stage whose friction grows with the load, ..."""
+    true = {
+        "natural_frequency": float(rng.uniform(12.0, 35.0)),
+        "damping_ratio": float(rng.uniform(0.1, 0.5)),
+        "static_level": float(rng.uniform(0.1, 0.3)),
+        "bristle_stiffness": float(rng.uniform(5.0, 20.0)),
+        "sensitivity": float(rng.uniform(0.2, 1.0)),
+        "gain": float(rng.uniform(0.5, 3.0)),
+        "intercept": float(rng.normal()),
+    }
+    w, zeta, level, stiffness, growth, gain, offset = true.values()
+    u, load = multisine(rng, N), 1.0 + _wave(rng, [2, 7])(np.arange(N) / N)
+    x = slide_on_a_spring(u, 1.0 + growth * np.abs(load), w, zeta, level, stiffness)
+    y = gain * x + offset
+    y += LEVEL * np.ptp(y) * rng.normal(size=N)
+    stage = FrictionStage(False, fit_bristle_damping=False)
+    own = {"scales": ["friction"], "magnitude": True, "reference": 0.0}
+    return np.column_stack([u, load]), y, Modulated(stage, 1, **own, dt=DT), true
+
+
+def stage_along_the_way(rng):
+    """Return a fit of a stage whose friction changes along the way, and the true values."""
+    true = {
+        "natural_frequency": float(rng.uniform(12.0, 35.0)),
+        "damping_ratio": float(rng.uniform(0.1, 0.5)),
+        "static_level": float(rng.uniform(0.1, 0.3)),
+        "bristle_stiffness": float(rng.uniform(5.0, 20.0)),
+    }
+    u, gain, offset = multisine(rng, N), float(rng.uniform(0.5, 3.0)), float(rng.normal())
+    gradient = float(rng.choice([-1.0, 1.0]) * rng.uniform(0.2, 0.5))
+    x = slide_on_a_spring(u, np.ones(N), *true.values(), gradient)
+    stage = FrictionStage(False, fit_bristle_damping=False, friction_gradient=True, dt=DT)
+    model = _fit(stage, u, x, gain, offset, rng)
+    factor = 1.0 + gradient * model.operator_.friction_center
+    true["static_level"] *= factor
+    true["bristle_stiffness"] *= factor
+    return model, true | {"friction_gradient": gradient / factor, "gain": gain, "intercept": offset}
 
 
 def _by_state(rng, with_lag=False):
@@ -409,10 +516,43 @@ def _coil(rng):
 BY_COLUMNS = {
     "friction of a load": _joint,
     "friction of a load, in motion": _carriage,
+    "friction of a load, on a spring": _loaded_stage,
     "width of a temperature": _by_state,
     "width before a lag": partial(_by_state, with_lag=True),
     "gain of a coil": _coil,
 }
+
+
+def velocity(n_plants):
+    """Yield a row of friction with presliding whose drive is the velocity."""
+
+    def plant(rng):
+        X, y, model, true = _of_velocity(rng)
+        return model.fit(X, y), true
+
+    yield _row("friction of a velocity", plant, n_plants)
+
+
+def velocity_searched(n_plants):
+    """Yield a row of how often a search around a viscous force names what is beside it.
+
+    Which may be called hysteresis while it builds up, and friction for its fall with the speed.
+    """
+    viscous = DynamicStiffness(drive="velocity", fit_mass=False, dt=DT)
+    named, others, start = 0, 0, time.perf_counter()
+    for seed in range(n_plants):
+        X, y, *_ = _of_velocity(np.random.default_rng(seed))
+        found = EffectSearchCV(clone(viscous), random_state=0).fit(X, y).effects_
+        other = {*found} - {"friction", "hysteresis"}
+        named, others = named + (len(other) < len(found)), others + len(other)
+    seconds = (time.perf_counter() - start) / n_plants
+    told = f"{others} others"
+    yield (
+        "searched, friction of a velocity",
+        f"{named / n_plants:.3f} named",
+        told,
+        f"{seconds:.1f}",
+    )
 
 
 def columns(n_plants):
@@ -431,6 +571,7 @@ def columns_searched(n_plants):
     declared = {
         "friction of a load": (CoulombFriction(dt=DT), "friction"),
         "friction of a load, in motion": (FreeMass(fit_force_offset=False, dt=DT), "friction"),
+        "friction of a load, on a spring": (SecondOrderMode(dt=DT), "friction"),
         "width of a temperature": (PrandtlIshlinskii(8, dt=DT), "auxiliary_input"),
         "gain of a coil": (Gain(dt=DT), "auxiliary_input"),
     }
@@ -443,6 +584,45 @@ def columns_searched(n_plants):
         seconds = (time.perf_counter() - start) / n_plants
         told = f"{claimed - named} others"
         yield f"searched, {name}", f"{named / n_plants:.3f} named", told, f"{seconds:.1f}"
+
+
+@njit
+def presliding(v, length, stribeck, ratio):
+    """Return the LuGre force of a velocity, from zero, relative to that of slow sliding.
+
+    ``v`` are the velocities at FINE times the sampling rate, which are constant in between.
+    """
+    h, z, found = DT / FINE, 0.0, np.zeros(len(v))
+    for k in range(len(v)):
+        found[k] = z
+        level = ratio + (1.0 - ratio) * np.exp(-((v[k] / stribeck) ** 2))
+        end = np.sign(v[k]) * level
+        z = end + (z - end) * np.exp(-abs(v[k]) * h / (length * level))
+    return found
+
+
+def _of_velocity(rng):
+    """Return a velocity, a viscous force and LuGre friction, their parameters, and the model."""
+    true = {
+        "friction__friction__presliding_displacement": rng.uniform(0.03, 0.1),
+        "friction__friction__stribeck_velocity": rng.uniform(0.3, 0.8),
+        "friction__friction__coulomb_ratio": rng.uniform(0.4, 0.8),
+        "friction__friction__static_force": rng.uniform(1.0, 3.0),
+        "viscous__damping": rng.uniform(0.1, 0.5),
+        "viscous__intercept": rng.normal(),
+    }
+    length, stribeck, ratio, level, damping, offset = true.values()
+    wave, t = _wave(rng, [3, 8, 17]), np.arange(N * FINE) / (N * FINE)
+    middle = 0.7 * wave(t + 0.5 / (N * FINE))
+    force = level * presliding(middle, length, stribeck, ratio)[::FINE]
+    v = 0.7 * wave(t[::FINE])
+    y = force + damping * v + offset
+    y += LEVEL * np.ptp(y) * rng.normal(size=N)
+    friction = LuGre(fit_bristle_damping=False, fit_damping=False, fit_intercept=False)
+    steps = [("displacement", TransferFunction(0, integrators=1)), ("friction", friction)]
+    viscous = DynamicStiffness(drive="velocity", fit_mass=False)
+    model = Sum([("viscous", viscous), ("friction", Cascade(steps))], dt=DT)
+    return v[:, None], y, model, true
 
 
 def _row(name, plant, n_plants):
@@ -464,6 +644,8 @@ STRUCTURES = {
     "no_rest": no_rest,
     "columns": columns,
     "columns_searched": columns_searched,
+    "velocity": velocity,
+    "velocity_searched": velocity_searched,
 }
 
 

@@ -240,8 +240,9 @@ class Modulated(_ColumnModel):
     scales : "response", "thresholds" or list of str, default="response"
         What is scaled: the whole response; all thresholds of a
         :class:`~skhyst.hysteresis.PrandtlIshlinskii`; ``["friction"]`` of a
-        :class:`~skhyst.hysteresis.FreeMass`, Coulomb and Stribeck friction in its equation of
-        motion; or parameters in which the response is linear, by their names in ``params_``, such
+        :class:`~skhyst.hysteresis.FreeMass` or a :class:`~skhyst.hysteresis.FrictionStage`, all
+        friction but the viscous one in the equation of motion; or parameters in which the response
+        is linear, by their names in ``params_``, such
         as ``["coulomb_force"]``. ``"weights"`` stands for all of ``"weights[0]"``, ...
     reference : float or None, default=None
         :math:`a_0`, units of the column, at which the model is as its own parameters say; None: the
@@ -377,8 +378,9 @@ class Modulated(_ColumnModel):
         linear = ", ".join(name for name, spec in operator.entries() if spec.linear)
         raise ValueError(
             "The 'scales' parameter of Modulated must be 'response', 'thresholds' of a "
-            "PrandtlIshlinskii, ['friction'] of a FreeMass without hold='bandlimited', or names of "
-            f"parameters in which the response is linear: {linear}. Got {self.scales!r} instead."
+            "PrandtlIshlinskii, ['friction'] of a FreeMass or FrictionStage without "
+            "hold='bandlimited', or names of parameters in which the response is linear: "
+            f"{linear}. Got {self.scales!r} instead."
         )
 
     def unfitted(self, operator) -> Self:

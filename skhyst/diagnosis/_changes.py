@@ -9,7 +9,16 @@ from functools import partial
 
 import numpy as np
 
-from ..compose import Divisions, Feedback, Modulated, amplitude, is_constant, lags_of_column
+from ..base import with_params
+from ..compose import (
+    Cascade,
+    Divisions,
+    Feedback,
+    Modulated,
+    amplitude,
+    is_constant,
+    lags_of_column,
+)
 from ..fluid import TankChain
 from ..hysteresis import (
     CoulombFrictionOperator,
@@ -18,7 +27,7 @@ from ..hysteresis import (
 )
 from ..linear import DynamicStiffnessOperator, GainOperator, TransferFunction
 from ..operators import Scaled as ModulatedBy
-from ..operators import SumOperator, bare, is_straight, of_columns
+from ..operators import SumOperator, bare, is_straight, of_columns, snake_case
 from ..optimize import identify, predicted_cost, variable_projection
 from ._constants import ENOUGH, FACTOR, FULL, KNEE, NOTICEABLE, TANKS, TOLERANCE
 from ._edits import (
@@ -423,11 +432,26 @@ class BesideForce:
             rest = [
                 replace(r, u=u) for r, u in zip(scene.residuals, scene.signals(at), strict=True)
             ]
-            starts = driven_starts(self.model, rest)
+            model = _of_motion(self.model, parts[0])
+            starts = driven_starts(model, rest)
             if all(type(part) is not type(starts[0]) for part in parts):
-                edits = [AddForce(place, self.model, start) for start in starts]
+                edits = [AddForce(place, model, start) for start in starts]
                 found += [tree.edited(name, edit) for edit in edits]
         return found
+
+
+def _of_motion(model, declared):
+    """Return a force model whose drive is the motion that a declared force has for a drive.
+
+    What a force model of a displacement is of a velocity comes behind an integrator.
+    """
+    motion = getattr(declared, "motion", getattr(declared, "drive", None))
+    if motion != "velocity":
+        return model
+    if "motion" in model.get_params():
+        return with_params(model, motion="velocity")
+    integrator = TransferFunction(0, integrators=1)
+    return Cascade([("displacement", integrator), (snake_case(type(model).__name__), model)])
 
 
 @dataclass(frozen=True)
@@ -455,10 +479,11 @@ class LoadedForce:
             if declared:
                 found.append(tree.edited(name, ScaleEntries(place, *load, **own)))
                 continue
-            model = Modulated(self.model, column, magnitude=True)
-            for start in driven_starts(self.model, scene.residuals):
-                force = ModulatedBy(of_columns(start), *load, magnitude=True)
-                found.append(tree.edited(name, AddForce(place, model, force)))
+            force = _of_motion(self.model, parts[0])
+            model = Modulated(force, column, magnitude=True)
+            for start in driven_starts(force, scene.residuals):
+                loaded = ModulatedBy(of_columns(start), *load, magnitude=True)
+                found.append(tree.edited(name, AddForce(place, model, loaded)))
         return found
 
 
@@ -466,20 +491,23 @@ class LoadedForce:
 class LoadedMotion:
     """Friction in the equation of motion that grows with the magnitude of a further column.
 
-    It scales the friction that another change adds, or else the friction of the first stage.
+    It scales the friction that other changes add, or else the friction of the first stage.
     """
 
-    change: object
+    changes: tuple
 
     def trees(self, name, scene):
-        tree = scene.tree
-        if not tree.stages or tree.multi_input or _LEVELS.isdisjoint(_within_first(tree)):
+        tree, found = scene.tree, []
+        if not tree.stages or tree.multi_input:
             return []
         loads = [(c, float(np.abs(_column(scene, c)).mean())) for c in _moving_columns(scene)]
-        own = {"magnitude": True, "scales": _within_first(tree)}
-        edits = [ScaleEntries(tree.names[0], *load, **own) for load in loads]
-        slides = self.change.trees(name, scene) if edits else []
-        return [one.edited(name, edit) for one in slides or [tree] for edit in edits]
+        slides = [one for own in self.changes if loads for one in own.trees(name, scene)]
+        for one in slides or [tree]:
+            own = {"magnitude": True, "scales": _within_first(one)}
+            if not _LEVELS.isdisjoint(own["scales"]):
+                edits = [ScaleEntries(one.names[0], *load, **own) for load in loads]
+                found += [one.edited(name, edit) for edit in edits]
+        return found
 
 
 def _within_first(tree):

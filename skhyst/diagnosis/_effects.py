@@ -305,13 +305,20 @@ _BUILT_IN = (
             InMotion(FrictionStage(stribeck=False, fit_bristle_damping=False)),
             InMotion(FrictionStage(fit_bristle_damping=False)),
             InMotion(FrictionStage()),
+            InMotion(FrictionStage(False, fit_bristle_damping=False, friction_gradient=True)),
             BesideForce(CoulombFriction(fit_damping=False, fit_intercept=False)),
             BesideForce(CoulombFriction(True, fit_damping=False, fit_intercept=False)),
             _of_free_mass(friction=True),
             _of_free_mass(friction=True, damping_asymmetry=True),
             _of_free_mass(friction=True, stribeck=True),
+            _of_free_mass(friction=True, friction_gradient=True),
             LoadedForce(CoulombFriction(fit_damping=False, fit_intercept=False)),
-            LoadedMotion(_of_free_mass(friction=True)),
+            LoadedMotion(
+                (
+                    InMotion(FrictionStage(stribeck=False, fit_bristle_damping=False)),
+                    _of_free_mass(friction=True),
+                )
+            ),
         ],
         "A force against the motion that hardly depends on how fast it is.",
         "Move at several constant speeds in both directions: the force jumps with the direction.",

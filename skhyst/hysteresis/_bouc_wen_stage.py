@@ -35,9 +35,11 @@ from ._oscillator import (
     OscillatorOperator,
     decay,
     loops,
+    mean_factor,
     move_tangents,
     oscillator,
     propagate,
+    scaled,
     set_identity,
     solve_tangents,
 )
@@ -217,7 +219,7 @@ def bouc_wen(mode, law, h, q, p, f, u0, u1):
     return q, free_p - mode[3] * side * size * mean, f
 
 
-bouc_wen_run, bouc_wen_step = loops(bouc_wen)
+bouc_wen_run, *_BOUC_WEN_STEPS = loops(bouc_wen)
 
 
 @jit
@@ -267,13 +269,13 @@ def force_tangents(side, force, x, t, w, rho, level, shape, sigma, by_branch, ds
 
 @jit
 def bouc_wen_tangents(
-    mode, mode_by, law, h, n_substeps, u, du, before, dbefore, q, p, f, d, out, dout
-):
+    mode, mode_by, law, h, n_substeps, u, du, factor, dfactor, before, dbefore, q, p, f, d,
+    out, dout,
+):  # fmt: skip
     """Write q and its tangents, the parameters being w, zeta, rho, level, shape and exponent."""
     rho, level, shape, exponent, bound = law
     size = max(level, _TINY)
     rate = rho / size
-    b, bp = mode[2], mode[3]
     step = np.empty((3, PARAMETERS + 6))
     by = np.zeros((3, OWN + 6))
     dsigma = np.zeros(OWN + 6)
@@ -283,7 +285,9 @@ def bouc_wen_tangents(
         for i in range(n_substeps):
             start, stop = i / n_substeps, (i + 1) / n_substeps
             u1 = before + (u[k] - before) * stop
-            free_d, free_p = oscillator(mode, q, p, u0, u1)
+            loaded = scaled(mode, mean_factor(factor[k], factor[k + 1], start, stop), q, p)
+            b, bp = loaded[2], loaded[3]
+            free_d, free_p = oscillator(loaded, q, p, u0, u1)
             side = 1.0 if free_d >= b * f else -1.0
             w = side * f / size
             sigma = 1.0
@@ -299,7 +303,7 @@ def bouc_wen_tangents(
                 dsigma[_EXPONENT] = sharpness(mean, shape, exponent)[3]
             displacement_tangents(x, side, b, w, rho, size, shape, sigma, dsigma, by)
             force = side * size * mean
-            move_tangents(mode, mode_by, force, by, q, p, u0, u1, start, stop, step)
+            move_tangents(loaded, mode_by, force, by, q, p, u0, u1, start, stop, step)
             q += side * x
             p = free_p - bp * force
             f = side * size * end
@@ -308,7 +312,7 @@ def bouc_wen_tangents(
             out[k:] = np.nan
             dout[k:] = np.nan
             return
-        propagate(step, k, du, dbefore, d, dout)
+        propagate(step, k, du, dfactor, dbefore, d, dout)
         before = u[k]
         out[k] = q
         largest = 0.0
@@ -318,7 +322,8 @@ def bouc_wen_tangents(
         if not largest <= _SENSITIVE:
             # chaotic motion: the sums of squares of its tangents would overflow
             dout[k + 1 :] = np.nan
-            bouc_wen_run(mode, law, h, n_substeps, u[k + 1 :], before, q, p, f, out[k + 1 :])
+            later = u[k + 1 :], factor[k + 1 :], before
+            bouc_wen_run(mode, law, h, n_substeps, *later, q, p, f, out[k + 1 :])
             return
 
 
@@ -426,7 +431,7 @@ _LARGEST = 1e12  # bound of displacement and force, relative to drive and level:
 
 @dataclass(frozen=True)
 class BoucWenStageOperator(
-    OscillatorOperator, loops=(bouc_wen_run, bouc_wen_step, bouc_wen_tangents)
+    OscillatorOperator, loops=(bouc_wen_run, *_BOUC_WEN_STEPS, bouc_wen_tangents)
 ):
     r"""Mass, spring and damper with a Bouc-Wen force, driven by a force or a voltage.
 

@@ -26,9 +26,11 @@ from ._oscillator import (
     OscillatorOperator,
     Q,
     loops,
+    mean_factor,
     move_tangents,
     oscillator,
     propagate,
+    scaled,
     set_identity,
     solve_tangents,
 )
@@ -102,8 +104,9 @@ def impact(mode, law, h, q, p, f, u0, u1):
 
 @jit
 def end_stops_tangents(
-    mode, mode_by, law, h, n_substeps, u, du, before, dbefore, q, p, f, d, out, dout
-):
+    mode, mode_by, law, h, n_substeps, u, du, factor, dfactor, before, dbefore, q, p, f, d,
+    out, dout,
+):  # fmt: skip
     """Write q and its tangents; the parameters are w, zeta, kappa, zeta_s and finite levels."""
     w, kappa, damping, lower, upper = law
     eta_damping = 2.0 / (w * h)
@@ -117,8 +120,9 @@ def end_stops_tangents(
         for i in range(n_substeps):
             start, stop = i / n_substeps, (i + 1) / n_substeps
             u1 = before + (u[k] - before) * stop
-            free_d, free_p = oscillator(mode, q, p, u0, u1)
-            delta, force, slope = stopped(free_d, mode[2], q, kappa, eta, lower, upper)
+            loaded = scaled(mode, mean_factor(factor[k], factor[k + 1], start, stop), q, p)
+            free_d, free_p = oscillator(loaded, q, p, u0, u1)
+            delta, force, slope = stopped(free_d, loaded[2], q, kappa, eta, lower, upper)
             end = q + delta
             above, above0, above1, more_above = contact(q - upper, end - upper)
             below, below0, below1, more_below = contact(lower - q, lower - end)
@@ -135,12 +139,12 @@ def end_stops_tangents(
                 column += 1
             if upper < math.inf:
                 by[1, column] = -by_upper
-            solve_tangents(mode[2], slope, force, by)
-            move_tangents(mode, mode_by, force, by, q, p, u0, u1, start, stop, step)
+            solve_tangents(loaded[2], slope, force, by)
+            move_tangents(loaded, mode_by, force, by, q, p, u0, u1, start, stop, step)
             q = end
-            p = free_p - mode[3] * force
+            p = free_p - loaded[3] * force
             u0 = u1
-        propagate(step, k, du, dbefore, d, dout)
+        propagate(step, k, du, dfactor, dbefore, d, dout)
         before = u[k]
         out[k] = q
 

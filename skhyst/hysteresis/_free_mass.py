@@ -9,7 +9,8 @@ forces at rest, as long as these are below ``q (F_c + F_d)``,
 
     F_s = q [F_c (1 + s a) + F_d exp(-(v / v_s)^2)],    d = d_0 (1 + s b),
 
-with a factor q that is 1, or follows a load from sample to sample.
+with a factor q that is 1, or follows a load from sample to sample, times ``1 + c (x - x_f)``, but
+not below zero, where friction changes along the way.
 
 Over a substep h the other forces are replaced by a straight line. Mass and damper then move by
 
@@ -20,10 +21,11 @@ phi, psi, chi of ``q t`` (see ``_oscillator.decay``), until the velocity is zero
 it is, the root of a scalar equation, is found to rounding; there the mass sticks, or turns round.
 From a stick it breaks away when the force reaches the level. So motion under Coulomb friction
 (``F_d = 0``) is exact for a force that is held, or a straight line, between samples, as is the
-linear part. The force of spring and stops, and the level of the Stribeck curve, are held at their
-values at the start of the substep for a first motion, then at the mean of both ends: second order,
-of first order where the damper of a stop begins to act at once. The factor q is a straight line
-between samples, and held at its mean over a substep: second order.
+linear part. The force of spring and stops, the level of the Stribeck curve and the change of
+friction along the way are held at their values at the start of the substep for a first motion, then
+at the mean of both ends: second order, of first order where the damper of a stop begins to act at
+once. The factor of a load is a straight line between samples, and held at its mean over a substep:
+second order.
 
 Derivatives are carried along, with those of the times at which the mass stops and breaks away. At a
 stop the velocity is zero, and so are all its derivatives if the mass sticks.
@@ -47,7 +49,7 @@ from ..optimize import (
     estimate_start_values,
     identify_from_own_starts,
 )
-from ._oscillator import FINE, ROUGHLY, WINDOWS, decay, least_squares, weigh
+from ._oscillator import FINE, ROUGHLY, WINDOWS, along, decay, least_squares, weigh
 
 _EVENTS = 12  # in a substep: a straight force stops and frees the mass at most three times
 _HALVINGS = 80  # of an interval, down to rounding
@@ -314,24 +316,27 @@ def sample(law, h, n_substeps, held, before, u, loaded, load, time, x, v):
 
     The factor of the friction goes from ``loaded`` to ``load``.
 
-    ``law`` is (m, d_0, b, F_c, a, F_d, v_s, k_3, x_0, k_s, d_s, lower, upper, u_0, r, whether
-    forces are held over a substep); ``time`` is that since the first sample, ``held`` whether the
-    drive is constant in between.
+    ``law`` is (m, d_0, b, F_c, a, F_d, v_s, k_3, x_0, k_s, d_s, lower, upper, u_0, r, c, x_f,
+    whether forces are held over a substep); ``time`` is that since the first sample, ``held``
+    whether the drive is constant in between.
     """
     _, _, _, _, _, _, stribeck, cubic, center, stiffness, damping, lower, upper = law[:13]
-    offset, drift, bent = law[13:]
+    offset, drift, gradient, place, bent = law[13:]
     way = 0.0 if held > 0.0 else u - before
     for i in range(n_substeps):
         start = before + way * (i / n_substeps) + offset + drift * (time + i * h)
         end = before + way * ((i + 1) / n_substeps) + offset + drift * (time + (i + 1) * h)
         factor = loaded + (load - loaded) * ((i + 0.5) / n_substeps)
-        x1, v1, force, curve = x, v, 0.0, 0.0
+        x1, v1, force, curve, local = x, v, 0.0, 0.0, 0.0
         for k in range(2 if bent > 0.0 else 1):
             own, _, _, _ = spring(x1, v1, cubic, center, stiffness, damping, lower, upper)
             level, _ = bell(v1, stribeck)
+            share, _ = along(x1, gradient, place)
             force = own if k == 0 else 0.5 * (force + own)
             curve = level if k == 0 else 0.5 * (curve + level)
-            x1, v1 = move(h, start - force, end - force, resistance(law, curve, factor), x, v)
+            local = share if k == 0 else 0.5 * (local + share)
+            friction = resistance(law, curve, factor * local)
+            x1, v1 = move(h, start - force, end - force, friction, x, v)
         x, v = x1, v1
     if not abs(x) <= _LARGEST:
         return math.nan, math.nan
@@ -378,30 +383,28 @@ def loaded_mass_step(u, c, s):
 
 
 # columns of the own derivatives, in the order of the law
-_M, _D, _B, _FC, _A, _FD, _VS, _K3, _X0, _KS, _DS, _LOWER, _UPPER, _U0, _R = range(15)
+_M, _D, _B, _FC, _A, _FD, _VS, _K3, _X0, _KS, _DS, _LOWER, _UPPER, _U0, _R, _C, _OWN = range(17)
 
 
 @jit
 def friction_tangents(law, curve, dcurve, factor, dfactor, by):
     """Write the derivatives of what :func:`resistance` returns to ``by``.
 
-    ``dcurve`` (n,) are those of the value of the Stribeck curve, ``dfactor`` (m,) those of the
+    ``dcurve`` (n,) are those of the value of the Stribeck curve, ``dfactor`` (n,) those of the
     factor; the own ones come last.
     """
     damping, b, coulomb, a, more = law[1], law[2], law[3], law[4], law[5]
     n = by.shape[1]
-    first = n - 15
+    first = n - _OWN
+    ahead, back = coulomb * (1.0 + a), coulomb * (1.0 - a)
     for k in range(n):
         change = factor * more * dcurve[k]
-        by[_AHEAD, k] = by[_BACK, k] = change
-        for row in range(_STUCK_AHEAD, _MASS + 1):
-            by[row, k] = 0.0
-    ahead, back = coulomb * (1.0 + a), coulomb * (1.0 - a)
-    for k in range(dfactor.size):
-        by[_AHEAD, k] += (ahead + more * curve) * dfactor[k]
-        by[_BACK, k] += (back + more * curve) * dfactor[k]
+        by[_AHEAD, k] = (ahead + more * curve) * dfactor[k] + change
+        by[_BACK, k] = (back + more * curve) * dfactor[k] + change
         by[_STUCK_AHEAD, k] = (ahead + more) * dfactor[k]
         by[_STUCK_BACK, k] = (back + more) * dfactor[k]
+        for row in range(_DAMP_AHEAD, _MASS + 1):
+            by[row, k] = 0.0
     for row, sign in ((_AHEAD, 1.0), (_BACK, -1.0), (_STUCK_AHEAD, 1.0), (_STUCK_BACK, -1.0)):
         by[row, first + _FC] += factor * (1.0 + sign * a)
         by[row, first + _A] += factor * sign * coulomb
@@ -412,19 +415,22 @@ def friction_tangents(law, curve, dcurve, factor, dfactor, by):
 
 
 @jit
-def force_tangents(law, x, v, d, share, dforce, dcurve):
-    """Add ``share`` of the derivatives of spring, stops and Stribeck curve at x and v.
+def force_tangents(law, x, v, d, share, dforce, dcurve, dlocal):
+    """Add ``share`` of the derivatives of what is held over a substep, at x and v.
 
-    ``d`` (2, n) are those of x and v; returns the force and the curve.
+    Spring and stops, the Stribeck curve, and the factor along the way, which are returned. ``d``
+    (2, n) are those of x and v.
     """
     _, _, _, _, _, _, stribeck, cubic, center, stiffness, damping, lower, upper = law[:13]
     force, by_x, by_v, depth = spring(x, v, cubic, center, stiffness, damping, lower, upper)
     curve, slope = bell(v, stribeck)
+    local, rise = along(x, law[_C], law[_C + 1])
     n = dforce.size
-    first = n - 15
+    first = n - _OWN
     for k in range(n):
         dforce[k] += share * (by_x * d[0, k] + by_v * d[1, k])
         dcurve[k] += share * slope * d[1, k]
+        dlocal[k] += share * rise * d[0, k]
     way = x - center
     dforce[first + _K3] += share * way * way * way
     dforce[first + _X0] -= share * 3.0 * cubic * way * way
@@ -433,25 +439,26 @@ def force_tangents(law, x, v, d, share, dforce, dcurve):
         dforce[first + _DS] += share * v
         dforce[first + (_UPPER if depth > 0.0 else _LOWER)] -= share * stiffness
     dcurve[first + _VS] -= share * slope * v / stribeck
-    return force, curve
+    dlocal[first + _C] += share * (x - law[_C + 1]) * (local > 0.0)
+    return force, curve, local
 
 
 @jit
 def free_mass_tangents(
     law, h, n_substeps, held, u, du, factor, dfactor, before, time, begun, x, v, d, out, dout
 ):
-    """Write x and its derivatives to ``out`` (n,) and ``dout`` (n, m + 15).
+    """Write x and its derivatives to ``out`` (n,) and ``dout`` (n, m + 16).
 
     ``du`` and ``dfactor`` (n, m) are those of the drive and of the factor of the friction; those by
-    the law come behind them. ``d`` (2, m + 15) are those of x and v at the start.
+    the law come behind them. ``d`` (2, m + 16) are those of x and v at the start.
     """
     m, n = du.shape[1], d.shape[1]
-    offset, drift, bent = law[13:]
+    offset, drift, _, _, bent = law[13:]
     by, old = np.zeros((9, n)), np.empty((2, n))
-    dforce, dcurve, dnow = np.empty(n), np.empty(n), np.empty(n)
+    dforce, dcurve, dlocal, dmean, dtotal = np.zeros((5, n))
+    dnow = np.empty(n)
     dstart, dend = np.zeros(n), np.zeros(n)
     dstart[m + _U0] = dend[m + _U0] = 1.0
-    dmean = np.empty(m)
     for k in range(u.size):
         if begun > 0.0:
             way = 0.0 if held > 0.0 else u[k] - before
@@ -468,23 +475,28 @@ def free_mass_tangents(
                     dmean[q] = dfactor[k - 1, q] + rise * (0.5 * (first + last))
                 dstart[m + _R], dend[m + _R] = ramp
                 mean = factor[k - 1] + (factor[k] - factor[k - 1]) * (0.5 * (first + last))
-                x1, v1, force, curve = x, v, 0.0, 0.0
+                x1, v1, force, curve, local = x, v, 0.0, 0.0, 1.0
                 for q in range(n):
                     old[0, q], old[1, q] = d[0, q], d[1, q]
-                    dforce[q] = dcurve[q] = 0.0
+                    dtotal[q] = dmean[q]
                 for p in range(2 if bent > 0.0 else 1):
-                    share = 1.0 if p == 0 else 0.5
-                    for q in range(n):
-                        dforce[q] *= share
-                        dcurve[q] *= share
-                    own, level = force_tangents(law, x1, v1, d, share, dforce, dcurve)
-                    force = own if p == 0 else 0.5 * (force + own)
-                    curve = level if p == 0 else 0.5 * (curve + level)
-                    friction_tangents(law, curve, dcurve, mean, dmean, by)
+                    if bent > 0.0:
+                        share = 1.0 if p == 0 else 0.5
+                        for q in range(n):
+                            dforce[q] *= 0.5 * p
+                            dcurve[q] *= 0.5 * p
+                            dlocal[q] *= 0.5 * p
+                        held_now = force_tangents(law, x1, v1, d, share, dforce, dcurve, dlocal)
+                        force = share * held_now[0] + 0.5 * p * force
+                        curve = share * held_now[1] + 0.5 * p * curve
+                        local = share * held_now[2] + 0.5 * p * local
+                        for q in range(n):
+                            dtotal[q] = mean * dlocal[q] + local * dmean[q]
+                    friction_tangents(law, curve, dcurve, mean * local, dtotal, by)
                     for q in range(n):
                         by[_START, q], by[_END, q] = dstart[q] - dforce[q], dend[q] - dforce[q]
                         d[0, q], d[1, q] = old[0, q], old[1, q]
-                    now = resistance(law, curve, mean)
+                    now = resistance(law, curve, mean * local)
                     x1, v1 = move_tangents(h, start - force, end - force, now, x, v, by, d, dnow)
                 x, v = x1, v1
             if not abs(x) <= _LARGEST:
@@ -536,6 +548,9 @@ class FreeMassOperator(HeldInput):
         ``u_0``: constant force beside the drive, units of the drive.
     force_drift : float, default=0.0
         ``r``: rate at which it grows with the time since the first sample, drive/s.
+    friction_gradient : float, default=0.0
+        ``c``, one over the units of the response: friction of both kinds is
+        ``1 + c (x - x_f)`` times these, but not below zero.
     intercept : float, default=0.0
         Response at the first sample, units of the response.
     hold : {"foh", "zoh", "bandlimited"}, default="foh"
@@ -543,7 +558,10 @@ class FreeMassOperator(HeldInput):
         sampling rate. Fixed structure.
     n_substeps : int, default=1
         Integration steps per sampling interval, above 0; one is exact without Stribeck curve, cubic
-        stiffness and stops. Fixed structure.
+        stiffness, stops and friction gradient. Fixed structure.
+    friction_center : float, default=nan
+        ``x_f``: response at which friction is as its own parameters say. NaN: it is the same
+        everywhere, and the gradient is not identified. Fixed structure.
 
     Raises
     ------
@@ -584,9 +602,11 @@ class FreeMassOperator(HeldInput):
     upper: float = parameter(default=math.inf, unit="response")
     force_offset: float = parameter(default=0.0, unit="drive")
     force_drift: float = parameter(default=0.0, unit="drive/s")
+    friction_gradient: float = parameter(default=0.0, unit="1/response")
     intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
     hold: str = "foh"
     n_substeps: int = 1
+    friction_center: float = math.nan
 
     owns_gain = True
     strictly_proper = True
@@ -607,6 +627,7 @@ class FreeMassOperator(HeldInput):
         absent = {name for name in specs if not np.isfinite(getattr(self, name))}
         absent |= {"stribeck_force"} if "stribeck_velocity" in absent else set()
         absent |= {"cubic_stiffness"} if "center" in absent else set()
+        absent |= set() if math.isfinite(self.friction_center) else {"friction_gradient"}
         absent |= {"stop_stiffness", "stop_damping"} if {"lower", "upper"} <= absent else set()
         return {name: spec for name, spec in specs.items() if name not in absent}
 
@@ -616,7 +637,7 @@ class FreeMassOperator(HeldInput):
 
     @property
     def _is_placed(self):
-        return self._has_stops or math.isfinite(self.center)
+        return self._has_stops or math.isfinite(self.center) or math.isfinite(self.friction_center)
 
     @property
     def _is_bent(self):
@@ -633,9 +654,16 @@ class FreeMassOperator(HeldInput):
         known = self.parameter_specs()
         names = [f.name for f in dataclasses.fields(self) if "parameter" in f.metadata][:-1]
         own = dict(zip(names, (float(getattr(self, name)) for name in names), strict=True))
-        for name in ("stribeck_force", "cubic_stiffness", "center", "stop_stiffness"):
+        for name in (
+            "stribeck_force",
+            "cubic_stiffness",
+            "center",
+            "stop_stiffness",
+            "friction_gradient",
+        ):
             own[name] = own[name] if name in known else 0.0
-        return *own.values(), float(self._is_bent)
+        place = self.friction_center if math.isfinite(self.friction_center) else 0.0
+        return *own.values(), float(place), float(self._is_bent)
 
     def resampled(self, own, dt):
         return super().resampled(own, dt) if self._is_bent else self
@@ -660,7 +688,7 @@ class FreeMassOperator(HeldInput):
         return float(dt) / self.n_substeps, self.n_substeps, held, *self._law()
 
     def _tangents(self, signals, dt, state, d):
-        """Return the displacement and its derivatives (n_samples, m + 15); ``d`` as the loop."""
+        """Return the displacement and its derivatives (n_samples, m + 16); ``d`` as the loop."""
         u, du, factor, dfactor = map(as_signal, signals)
         x, v, before, time, begun = state
         out, dout = np.empty(u.size), np.empty((u.size, d.shape[1]))
@@ -702,7 +730,7 @@ class FreeMassOperator(HeldInput):
         m, p = du.shape[1], dfactor.shape[1]
         state = self.init(u[0] if len(u) else 0.0, initial_state)
         # the start takes a column of the input's: a start at the intercept is its displacement
-        d, none = np.zeros((2, p + 1 + 15)), np.zeros((len(u), p + 1 - m))
+        d, none = np.zeros((2, p + 1 + _OWN)), np.zeros((len(u), p + 1 - m))
         d[0, p] = float(isinstance(initial_state, str))
         signals = np.column_stack([du, none]), factor, np.column_stack([dfactor, none[:, :1]])
         y, dy = self._tangents((u, *signals), dt, state, d)
@@ -712,7 +740,7 @@ class FreeMassOperator(HeldInput):
         return y, np.ascontiguousarray(dy[:, [*range(m), *columns, p, *range(m, p)]])
 
     def scaled_by_start(self, u, factor, dt, start):
-        d, none = np.zeros((2, 2 + 15)), np.zeros((len(u), 2))
+        d, none = np.zeros((2, 2 + _OWN)), np.zeros((len(u), 2))
         d[0, 0] = d[1, 1] = 1.0
         signals, state = (u, none, factor, none), self.init(u[0], start)
         return self._tangents(signals, dt, state, d)[1][:, :2].copy()
@@ -739,6 +767,8 @@ class FreeMassOperator(HeldInput):
             0 where one substep is exact.
         """
         m, stiffness = self.mass, 3.0 * abs(self.cubic_stiffness) * reach**2
+        # friction that changes along the way is a spring of either sign while the mass slides
+        stiffness += (self.friction + self.stribeck_force) * abs(self.friction_gradient)
         rates = [self.stribeck_force / (m * self.stribeck_velocity)]
         if self._has_stops:
             stiffness += self.stop_stiffness
@@ -765,6 +795,7 @@ _OF = {
     "friction_asymmetry": {"friction_asymmetry"},
     "damping_asymmetry": {"damping_asymmetry"},
     "stribeck": {"stribeck_force", "stribeck_velocity"},
+    "friction_gradient": {"friction_gradient"},
     "cubic_stiffness": {"cubic_stiffness", "center"},
 }
 
@@ -777,16 +808,16 @@ class FreeMass(ParametricModel):
         m \ddot x + d(\dot x) \dot x + F(\dot x) + k_3 (x - x_0)^3 + S(x, \dot x) = u + u_0 + r t,
         \qquad y = x
 
-        F = \operatorname{sgn}(\dot x) \left(F_c (1 \pm a) + F_d e^{-(\dot x/v_s)^2}\right), \qquad
-        d = d_0 (1 \pm b)
+        F = \operatorname{sgn}(\dot x) \left(F_c (1 \pm a) + F_d e^{-(\dot x/v_s)^2}\right)
+        \left(1 + c (x - x_f)\right), \qquad d = d_0 (1 \pm b)
 
     with the upper sign forward, the lower one backward. At rest F balances the other forces, as
     long as they do not exceed ``F_c (1 +- a) + F_d``: the mass sticks. S is the force of end stops,
     ``k_s (x - x_s) + d_s x'`` beyond a stop at ``x_s``. The drive ``u`` is a force, or a voltage
     or current that is proportional to one; forces are in its units.
 
-    Without Stribeck curve, cubic stiffness and stops the response is exact for a drive that is held
-    or a straight line between samples.
+    Without Stribeck curve, gradient, cubic stiffness and stops the response is exact for a drive
+    that is held or a straight line between samples.
 
     Parameters
     ----------
@@ -799,6 +830,8 @@ class FreeMass(ParametricModel):
         Whether viscous friction differs forward and backward.
     stribeck : bool, default=False
         Whether friction falls by ``F_d`` as the speed rises.
+    friction_gradient : bool, default=False
+        Whether friction changes along the way, as that of a guide that is tighter at one end.
     cubic_stiffness : bool, default=False
         Whether there is a cubic spring.
     lower_stop, upper_stop : bool, default=False
@@ -833,8 +866,9 @@ class FreeMass(ParametricModel):
     operator_ : FreeMassOperator
         ``mass`` (drive s^2/response), ``damping`` (drive s/response), ``damping_asymmetry`` b,
         ``friction`` F_c, ``friction_asymmetry`` a, ``stribeck_force`` F_d, ``stribeck_velocity``
-        v_s, ``cubic_stiffness`` k_3, ``center`` x_0, ``stop_stiffness``, ``stop_damping``,
-        ``lower``, ``upper``, ``force_offset`` u_0, ``force_drift`` r, ``intercept``.
+        v_s, ``friction_gradient`` c, ``friction_center`` x_f, ``cubic_stiffness`` k_3, ``center``
+        x_0, ``stop_stiffness``, ``stop_damping``, ``lower``, ``upper``, ``force_offset`` u_0,
+        ``force_drift`` r, ``intercept``.
 
     See Also
     --------
@@ -889,6 +923,7 @@ class FreeMass(ParametricModel):
         friction_asymmetry=False,
         damping_asymmetry=False,
         stribeck=False,
+        friction_gradient=False,
         cubic_stiffness=False,
         lower_stop=False,
         upper_stop=False,
@@ -908,6 +943,7 @@ class FreeMass(ParametricModel):
         self.friction_asymmetry = friction_asymmetry
         self.damping_asymmetry = damping_asymmetry
         self.stribeck = stribeck
+        self.friction_gradient = friction_gradient
         self.cubic_stiffness = cubic_stiffness
         self.lower_stop = lower_stop
         self.upper_stop = upper_stop
@@ -921,8 +957,8 @@ class FreeMass(ParametricModel):
     @property
     def any_interval(self):
         """Whether the response to a straight drive is the same at any sampling interval."""
-        bent = self.stribeck or self.cubic_stiffness or self.lower_stop or self.upper_stop
-        return self.hold == "foh" and not bent
+        bent = self.stribeck, self.friction_gradient, self.cubic_stiffness
+        return self.hold == "foh" and not any((*bent, self.lower_stop, self.upper_stop))
 
     def held_parameters(self) -> frozenset[str]:
         held = super().held_parameters()
@@ -965,6 +1001,8 @@ class FreeMass(ParametricModel):
                 more["damping_asymmetry"] = _LITTLE
             if speed is not None:
                 more |= {"stribeck_force": little, "stribeck_velocity": speed * scales.speed}
+            if self.friction_gradient and not math.isfinite(near.friction_center):
+                more["friction_center"] = scales.middle
             if self.cubic_stiffness and not math.isfinite(near.center):
                 stiffness = little / scales.length**3
                 more |= {"cubic_stiffness": stiffness, "center": scales.middle}
@@ -1008,6 +1046,8 @@ class FreeMass(ParametricModel):
                 columns["ahead"] = np.ones(len(v))
             if self.stribeck:
                 columns["stribeck_force"] = sign * np.exp(-np.minimum((v / speed) ** 2, 700.0))
+            if self.friction_gradient:
+                columns["along"] = sign * way
             if self.cubic_stiffness:
                 columns |= {"cube": way**3, "square": way**2, "line": way}
             if self.fit_force_offset or self.cubic_stiffness:
@@ -1044,6 +1084,11 @@ class FreeMass(ParametricModel):
         if self.stribeck:
             force = own["stribeck_force"] if own["stribeck_force"] > 0.0 else little
             more |= {"stribeck_force": force, "stribeck_velocity": speed}
+        if self.friction_gradient:
+            more["friction_center"] = scales.middle
+            level = more.get("friction", 0.0) + more.get("stribeck_force", 0.0)
+            if level:
+                more["friction_gradient"] = _within(own["along"] / level) / scales.length
         offset = -own.get("constant", 0.0)
         if self.cubic_stiffness:
             cube, square = own["cube"], own["square"]

@@ -17,7 +17,7 @@ any exponent keeps the energy balance, because f1 and the mean are those of one 
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -27,6 +27,7 @@ from ..operators import parameter
 from ._lugre import LuGreOperator
 from ._oscillator import (
     FREE_D,
+    GRADIENT,
     OWN,
     PARAMETERS,
     B,
@@ -36,9 +37,11 @@ from ._oscillator import (
     P,
     decay,
     loops,
+    mean_factor,
     move_tangents,
     oscillator,
     propagate,
+    scaled,
     set_identity,
     solve_tangents,
 )
@@ -136,14 +139,19 @@ def friction(mode, law, h, q, p, f, u0, u1):
 
 @jit
 def friction_tangents(
-    mode, mode_by, law, h, n_substeps, u, du, before, dbefore, q, p, f, d, out, dout
-):
-    """Write q and its tangents; the parameters are w, zeta, Fs, c, vs, rho and zeta_b."""
+    mode, mode_by, law, h, n_substeps, u, du, factor, dfactor, before, dbefore, q, p, f, d,
+    out, dout,
+):  # fmt: skip
+    """Write q and its tangents.
+
+    The parameters are w, zeta, Fs, c, vs, rho, zeta_b and, if there is one, the gradient.
+    """
     w, fs, ratio, vs, rho, bristle = law
     eta_bristle = 2.0 / (w * h)
     eta = bristle * eta_bristle
     own = fs, ratio, 1.0 / (h * vs), rho, eta
-    step = np.empty((3, PARAMETERS + 7))
+    n_own = dout.shape[1] - du.shape[1]
+    step = np.empty((3, PARAMETERS + n_own))
     by = np.zeros((3, OWN + 7))
     for k in range(u.size):
         u0 = before
@@ -151,21 +159,24 @@ def friction_tangents(
         for i in range(n_substeps):
             start, stop = i / n_substeps, (i + 1) / n_substeps
             u1 = before + (u[k] - before) * stop
-            free_d, free_p = oscillator(mode, q, p, u0, u1)
+            loaded = scaled(mode, mean_factor(factor[k], factor[k + 1], start, stop), q, p)
+            free_d, free_p = oscillator(loaded, q, p, u0, u1)
             delta, new = h * w * p, f
             for j in _NONZERO:
                 by[0, j] = 0.0
             by[0, P], by[0, _W] = h * w, h * p
             for _ in range(2):
                 delta, force, new = displacement_tangents(
-                    delta, free_d, mode[2], f, own, vs, -eta / w, eta_bristle, by
+                    delta, free_d, loaded[2], f, own, vs, -eta / w, eta_bristle, by
                 )
-            move_tangents(mode, mode_by, force, by, q, p, u0, u1, start, stop, step)
+            move_tangents(loaded, mode_by, force, by, q, p, u0, u1, start, stop, step)
             q += delta
-            p = free_p - mode[3] * force
+            p = free_p - loaded[3] * force
             f = new
             u0 = u1
-        propagate(step, k, du, dbefore, d, dout)
+        if n_own > 7:
+            step[:, -1] = step[:, GRADIENT]
+        propagate(step, k, du, dfactor, dbefore, d, dout)
         before = u[k]
         out[k] = q
 
@@ -191,6 +202,12 @@ class FrictionStageOperator(OscillatorOperator, loops=(*loops(friction), frictio
         :math:`\rho = \sigma_0 / k`, relative to the spring.
     bristle_damping : float, default=0.0
         :math:`\zeta_b = \sigma_1 / (2 \sqrt{k m})`, added to :math:`\zeta` before sliding.
+    friction_gradient : float, default=0.0
+        ``c``, one over the units of the drive: all friction but the viscous one is
+        ``1 + c (q - q_f)`` times its own, but not below zero.
+    friction_center : float, default=nan
+        ``q_f``, units of the drive. NaN: friction is the same everywhere, and the gradient is not
+        identified. Fixed structure.
 
     Notes
     -----
@@ -221,24 +238,54 @@ class FrictionStageOperator(OscillatorOperator, loops=(*loops(friction), frictio
     intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
     n_substeps: int = 8
     hold: str = "foh"
+    friction_gradient: float = parameter(default=0.0, unit="1/drive")
+    friction_center: float = math.nan
 
     _force = ("static_level", "bristle_stiffness")
+
+    def parameter_specs(self):
+        specs = super().parameter_specs()
+        ends = {name: specs.pop(name) for name in ("gain", "intercept")}
+        if not math.isfinite(self.friction_center):
+            del specs["friction_gradient"]
+        return specs | ends
+
+    @property
+    def _way(self):
+        known = math.isfinite(self.friction_center)
+        return (self.friction_gradient, self.friction_center) if known else (0.0, 0.0)
+
+    def fastest_rate(self):
+        # friction that changes along the way is a spring of either sign while the mass slides
+        spring = self.static_level * abs(self._way[0])
+        return float(self.natural_frequency * math.sqrt(1.0 + self.bristle_stiffness + spring))
+
+    @property
+    def scaled_within(self):
+        """The friction but for its viscous part, where the drive is not refined between samples."""
+        return ("friction",) if self.causal else ()
 
     def physical(self, mass=1.0):
         """Return the quantities of the equation of motion for a known mass.
 
         Those of :meth:`OscillatorOperator.physical`, with the viscous friction in the damping, and
         ``coulomb_force``, ``static_force``, ``stribeck_velocity``, ``bristle_stiffness`` and
-        ``bristle_damping``.
+        ``bristle_damping``; where friction changes along the way, ``friction_gradient``, one over
+        the units of the response, and the response ``friction_center``.
         """
         p = super().physical(mass)
         static_force = abs(p["drive_gain"]) * self.static_level
+        along = {}
+        if math.isfinite(self.friction_center):
+            along["friction_gradient"] = self.friction_gradient / self.gain
+            along["friction_center"] = float(self.gain * self.friction_center + self.intercept)
         return p | {
             "coulomb_force": static_force * self.coulomb_ratio,
             "static_force": static_force,
             "stribeck_velocity": abs(self.gain) * self.stribeck_velocity,
             "bristle_stiffness": self.bristle_stiffness * p["stiffness"],
             "bristle_damping": 2.0 * self.bristle_damping * self.natural_frequency * mass,
+            **along,
         }
 
     def characteristics(self, seen):
@@ -255,6 +302,8 @@ class FrictionStageOperator(OscillatorOperator, loops=(*loops(friction), frictio
             "stribeck_velocity": self.stribeck_velocity * s,
             "bristle_stiffness": self.bristle_stiffness / s,
             "bristle_damping": self.bristle_damping / math.sqrt(s),
+            "friction_gradient": self.friction_gradient / s,
+            "friction_center": s * self.friction_center + shift,
         }
 
     def _rest(self, u0):
@@ -322,13 +371,17 @@ class FrictionStage(OscillatorModel):
         equal.
     fit_bristle_damping : bool, default=True
         Whether :math:`\sigma_1` is fitted (0 otherwise).
+    friction_gradient : bool, default=False
+        Whether F but for :math:`\sigma_2` changes along the way, by a factor
+        :math:`1 + c (x - x_f)`.
 
     Attributes
     ----------
     operator_ : FrictionStageOperator
         ``natural_frequency`` (rad/s), ``damping_ratio``, ``static_level`` (units of the drive),
         ``coulomb_ratio``, ``stribeck_velocity`` (drive/s), ``bristle_stiffness`` (relative to the
-        spring), ``bristle_damping`` (a damping ratio), ``gain``, ``intercept``.
+        spring), ``bristle_damping`` (a damping ratio), ``friction_gradient`` (1/drive), ``gain``,
+        ``intercept``.
 
     See Also
     --------
@@ -372,6 +425,7 @@ class FrictionStage(OscillatorModel):
         **OscillatorModel._parameter_constraints,
         "stribeck": ["boolean"],
         "fit_bristle_damping": ["boolean"],
+        "friction_gradient": ["boolean"],
     }
 
     def __init__(
@@ -379,6 +433,7 @@ class FrictionStage(OscillatorModel):
         stribeck=True,
         *,
         fit_bristle_damping=True,
+        friction_gradient=False,
         fit_intercept=True,
         mass=1.0,
         n_substeps=None,
@@ -391,6 +446,7 @@ class FrictionStage(OscillatorModel):
         super().__init__(initial_state=initial_state, dt=dt, drive=drive, method=method)
         self.stribeck = stribeck
         self.fit_bristle_damping = fit_bristle_damping
+        self.friction_gradient = friction_gradient
         self.fit_intercept = fit_intercept
         self.mass = mass
         self.n_substeps = n_substeps
@@ -402,6 +458,12 @@ class FrictionStage(OscillatorModel):
             [(part * length, fraction * speed, ratio) for part in _DISPLACEMENTS]
             for ratio, fraction in kinds
         ]
+
+    def _stage(self, law, mode, scales, factors=None, **level):
+        stage = super()._stage(law, mode, scales, factors, **level)
+        if stage is None or not self.friction_gradient:
+            return stage
+        return replace(stage, friction_center=float((scales[1] - stage.intercept) / stage.gain))
 
     def _forces(self, law, y, dt, length):
         displacement, speed, ratio = law

@@ -23,6 +23,12 @@ together with the derivatives by the parameters, is accumulated over the substep
 A law gives the derivatives of D, of the mean F and of the new f by the quantities of the oscillator
 that enter it (``FREE_D``: D without F, ``FREE_P``: p1 without F, then q, p, f, B and B'), and by
 the parameters themselves.
+
+A factor of the force, such as that of a load, is a straight line between samples and held at its
+mean over a substep. Where the force changes along the way by ``1 + c (q - q_f)``, but not below
+zero, this is held at its value half a substep ahead of the start. Both are of second order. The
+force enters by ``B F`` and ``B' F`` alone, so that a law under a factor is that law with B and B'
+times the factor (:func:`scaled`).
 """
 
 import dataclasses
@@ -42,7 +48,9 @@ from ..optimize import VariableProjection
 
 # columns of a law's derivatives; its own parameters begin at OWN
 FREE_D, FREE_P, Q, P, F, B, SLOPE_B, OWN = range(8)
-PARAMETERS = 5  # first parameter's column in a sample's Jacobian, after the state and both drives
+# columns of a sample's Jacobian, after those of the state: drive before and at the sample, factor
+# of the force before and at it, its gradient along the way, then the parameters
+_DRIVES, _FACTORS, GRADIENT, PARAMETERS = 3, 5, 7, 8
 _SERIES = 0.1  # below it the quotients cancel and the series converges fast
 _C3, _C4, _C5, _C6, _C7, _C8, _C9, _C10 = (1.0 / math.factorial(k) for k in range(3, 11))
 
@@ -66,12 +74,46 @@ def decay(a):
 
 
 @jit
+def along(x, gradient, place):
+    """Return the factor of a force at a displacement, and its slope."""
+    factor = 1.0 + gradient * (x - place)
+    if factor > 0.0:
+        return factor, gradient
+    return 0.0, 0.0
+
+
+@jit
+def scaled(mode, factor, q, p):
+    """Return what a substep that begins at q and p takes as its mode, for a factor of the force.
+
+    ``mode`` is (A, A', B, B', R, R', gradient and centre of the force along the way, w h / 2). B
+    and B' of the force come third and fourth, those of the drive after R'. Then come the whole
+    factor, that along the way, its derivatives by q and by the gradient, and w h / 2.
+    """
+    b, bp = mode[2], mode[3]
+    way = q + mode[8] * p - mode[7]
+    local, slope = along(way, mode[6], 0.0)
+    by_gradient = factor * way if local > 0.0 else 0.0
+    total = factor * local
+    return (
+        mode[0], mode[1], total * b, total * bp, mode[4], mode[5], b, bp, total, local,
+        factor * slope, by_gradient, mode[8],
+    )  # fmt: skip
+
+
+@jit
+def mean_factor(loaded, load, start, stop):
+    """Return the mean over a part of the interval in which a factor goes along a straight line."""
+    return loaded + (load - loaded) * (0.5 * (start + stop))
+
+
+@jit
 def oscillator(mode, q, p, u0, u1):
-    """Return D and p1 without a force F; ``mode`` is (A, A', B, B', R, R')."""
+    """Return D and p1 without a force F; ``mode`` is that of :func:`scaled`."""
     pull, slope = u0 - q, u1 - u0
     return (
-        mode[0] * p + mode[2] * pull + mode[4] * slope,
-        mode[1] * p + mode[3] * pull + mode[5] * slope,
+        mode[0] * p + mode[6] * pull + mode[4] * slope,
+        mode[1] * p + mode[7] * pull + mode[5] * slope,
     )
 
 
@@ -80,20 +122,28 @@ def step(mode, law, h, q, p, f, u0, u1):
     raise NotImplementedError
 
 
-def sample(mode, law, h, n_substeps, before, u, q, p, f):
-    """Return q, p and f after an interval in which the drive goes from ``before`` to ``u``."""
+def sample(mode, law, h, n_substeps, before, u, loaded, load, q, p, f):
+    """Return q, p and f after an interval in which the drive goes from ``before`` to ``u``.
+
+    The factor of the force goes from ``loaded`` to ``load``.
+    """
     u0 = before
     for i in range(n_substeps):
-        u1 = before + (u - before) * ((i + 1) / n_substeps)
-        q, p, f = step(mode, law, h, q, p, f, u0, u1)
+        start, stop = i / n_substeps, (i + 1) / n_substeps
+        u1 = before + (u - before) * stop
+        own = scaled(mode, mean_factor(loaded, load, start, stop), q, p)
+        q, p, f = step(own, law, h, q, p, f, u0, u1)
         u0 = u1
     return q, p, f
 
 
-def run(mode, law, h, n_substeps, u, before, q, p, f, out):
-    """Write q to ``out`` (n,) and return the last q, p and f; ``step`` is :func:`sample` here."""
+def run(mode, law, h, n_substeps, u, factor, before, q, p, f, out):
+    """Write q to ``out`` (n,) and return the last q, p and f; ``step`` is :func:`sample` here.
+
+    ``factor`` (n + 1,) is that of the force, from before the first sample.
+    """
     for k in range(u.size):
-        q, p, f = step(mode, law, h, n_substeps, before, u[k], q, p, f)
+        q, p, f = step(mode, law, h, n_substeps, before, u[k], factor[k], factor[k + 1], q, p, f)
         before = u[k]
         out[k] = q
     return q, p, f
@@ -106,15 +156,24 @@ def compiled_step(u, c, s):
     """
     q, p, f = s[0], s[1], s[2]
     if s[4] > 0.0:
-        q, p, f = step(c[0], c[5:], c[1], int(c[2]), s[3], u, q, p, f)
+        q, p, f = step(c[0], c[5:], c[1], int(c[2]), s[3], u, 1.0, 1.0, q, p, f)
     s[0], s[1], s[2], s[3], s[4] = q, p, f, u, 1.0
     return c[3] * q + c[4]
 
 
+def loaded_step(u, c, s):
+    """Do :func:`compiled_step` for a drive and a factor of the force, the last state."""
+    q, p, f = s[0], s[1], s[2]
+    if s[4] > 0.0:
+        q, p, f = step(c[0], c[5:], c[1], int(c[2]), s[3], u[0], s[5], u[1], q, p, f)
+    s[0], s[1], s[2], s[3], s[4], s[5] = q, p, f, u[0], 1.0, u[1]
+    return c[3] * q + c[4]
+
+
 def loops(substep):
-    """Return the run and the compiled step of a law, given its substep (see :func:`step`)."""
+    """Return the run and the compiled steps of a law, given its substep (see :func:`step`)."""
     own = bind(sample, substep, inline=True)
-    return bind(run, own), bind(compiled_step, own)
+    return tuple(bind(loop, own) for loop in (run, compiled_step, loaded_step))
 
 
 @jit
@@ -143,7 +202,7 @@ def by_state(mode, by, i):
     """
     free_d, free_p = by[i, FREE_D], by[i, FREE_P]
     return (
-        by[i, Q] - mode[2] * free_d - mode[3] * free_p,
+        by[i, Q] - mode[6] * free_d - mode[7] * free_p,
         by[i, P] + mode[0] * free_d + mode[1] * free_p,
         by[i, F],
     )
@@ -151,38 +210,51 @@ def by_state(mode, by, i):
 
 @jit
 def move_tangents(mode, mode_by, force, by, q, p, u0, u1, start, stop, step):
-    """Move the Jacobian ``step`` (3, 5 + n) of a sample over a substep that begins at q and p.
+    """Move the Jacobian ``step`` (3, 8 + n) of a sample over a substep that begins at q and p.
 
     ``by`` (3, 7 + n) are the derivatives of D, of the mean F (``force``) and of the new f by
-    ``FREE_D``, ... and by the n parameters, ``mode_by`` (2, 6) those of ``mode`` by the first two.
-    The substep lasts from ``start`` to ``stop``, fractions of the sampling interval.
+    ``FREE_D``, ... and by the n parameters; B and B' are those of the force. ``mode`` is that of
+    :func:`scaled`, ``mode_by`` (2, 9) are the derivatives of what it was made of by the first two
+    parameters. The substep lasts from ``start`` to ``stop``, fractions of the sampling interval.
     """
     bp = mode[3]
     a, b, c = by_state(mode, by, 0)
     e, f, g = by_state(mode, by, 1)
     x, y, z = by_state(mode, by, 2)
-    a, e, f, g = 1.0 + a, -bp - bp * e, mode[1] - bp * f, -bp * g
+    a, e, f, g = 1.0 + a, -mode[7] - bp * e, mode[1] - bp * f, -bp * g
+    # by the factor of the force, which depends on q and p along the way
+    d_by = by[0, B] * mode[6] + by[0, SLOPE_B] * mode[7]
+    p_by = -mode[7] * force - bp * (by[1, B] * mode[6] + by[1, SLOPE_B] * mode[7])
+    f_by = by[2, B] * mode[6] + by[2, SLOPE_B] * mode[7]
+    by_q, by_p = mode[10], mode[10] * mode[12]
+    a, e, x = a + by_q * d_by, e + by_q * p_by, x + by_q * f_by
+    b, f, y = b + by_p * d_by, f + by_p * p_by, y + by_p * f_by
     for j in range(step.shape[1]):
         dq, dp, df = step[0, j], step[1, j], step[2, j]
         step[0, j] = a * dq + b * dp + c * df
         step[1, j] = e * dq + f * dp + g * df
         step[2, j] = x * dq + y * dp + z * df
-    # derivatives by the drive before and at the sample, then by the first two parameters
-    pull, slope = u0 - q, u1 - u0
-    for i in range(4):
-        db = dbp = 0.0
+    # derivatives by drive and factor before and at the sample, by the gradient, and by the first
+    # two parameters
+    pull, slope, middle = u0 - q, u1 - u0, 0.5 * (start + stop)
+    for i in range(7):
+        db = dbp = free_d = free_p = moved = 0.0
         if i < 2:
             fraction = start if i else 1.0 - start
             length = stop - start if i else start - stop
-            free_d, free_p = (
-                mode[2] * fraction + mode[4] * length,
-                mode[3] * fraction + mode[5] * length,
-            )
+            free_d = mode[6] * fraction + mode[4] * length
+            free_p = mode[7] * fraction + mode[5] * length
+        elif i < 4:
+            moved = (middle if i == 3 else 1.0 - middle) * mode[9]
+        elif i == 4:
+            moved = mode[11]
         else:
-            m = mode_by[i - 2]
-            db, dbp = m[2], m[3]
-            free_d = m[0] * p + db * pull + m[4] * slope
-            free_p = m[1] * p + dbp * pull + m[5] * slope
+            m = mode_by[i - 5]
+            db, dbp = mode[8] * m[2], mode[8] * m[3]
+            free_d = m[0] * p + m[2] * pull + m[4] * slope
+            free_p = m[1] * p + m[3] * pull + m[5] * slope
+            moved = mode[10] * m[8] * p
+        db, dbp = db + moved * mode[6], dbp + moved * mode[7]
         for k in range(3):
             value = by[k, FREE_D] * free_d + by[k, FREE_P] * free_p
             value += by[k, B] * db + by[k, SLOPE_B] * dbp
@@ -204,12 +276,13 @@ def set_identity(step):
 
 
 @jit
-def propagate(step, k, du, dbefore, d, dout):
+def propagate(step, k, du, dfactor, dbefore, d, dout):
     """Move the tangents ``d`` (3, m + n) over sample k and write those of q to ``dout[k]``.
 
     The first m are tangents of the input: ``du`` (n_samples, m) are those of the drive, ``dbefore``
-    (m,) those before the first sample. The others are derivatives by parameters. The sample's
-    Jacobian ``step`` is (3, 5 + n).
+    (m,) those before the first sample, and ``dfactor`` (n_samples + 1, m) those of the factor of
+    the force, from before it. The others are derivatives by parameters. The sample's Jacobian
+    ``step`` is (3, 8 + n).
     """
     m = du.shape[1]
     for j in range(m):
@@ -217,7 +290,9 @@ def propagate(step, k, du, dbefore, d, dout):
         old = du[k - 1, j] if k else dbefore[j]
         for i in range(3):
             value = step[i, 0] * a + step[i, 1] * b + step[i, 2] * c
-            d[i, j] = value + step[i, 3] * old + step[i, 4] * du[k, j]
+            value += step[i, _DRIVES] * old + step[i, _DRIVES + 1] * du[k, j]
+            value += step[i, _FACTORS] * dfactor[k, j] + step[i, _FACTORS + 1] * dfactor[k + 1, j]
+            d[i, j] = value
         dout[k, j] = d[0, j]
     for j in range(m, d.shape[1]):
         a, b, c = d[0, j], d[1, j], d[2, j]
@@ -237,8 +312,9 @@ class OscillatorOperator(HeldInput):
     ``dt fastest_rate() / n_substeps = 0.1`` about three digits are exact.
 
     A subclass passes its loops, ``class MyOperator(OscillatorOperator, loops=(run, compiled_step,
-    tangents))``, and defines the state at rest and the constants of the law. Its first two
-    parameters are the first two here, its last two ``gain`` and ``intercept``.
+    loaded_step, tangents))``, and defines the state at rest and the constants of the law. Its first
+    two parameters are the first two here, its last two ``gain`` and ``intercept``. Where the force
+    may follow a load, it names it in ``scaled_within``.
 
     Parameters
     ----------
@@ -268,10 +344,12 @@ class OscillatorOperator(HeldInput):
     at_once = False
     stage_order = 10
     _force = ("level", "hysteresis_stiffness")  # limit of the hysteretic force, its initial slope
+    _way = (0.0, 0.0)  # gradient of the force along the way, and where it has its own level
 
     def __init_subclass__(cls, loops, **options):
         super().__init_subclass__(**options)
-        cls._loop, cls._compiled_step, cls._tangent_loop = map(staticmethod, loops)
+        cls._loop, *steps, cls._tangent_loop = map(staticmethod, loops)
+        cls._compiled_step, cls._loaded_step = steps
 
     def __post_init__(self):
         super().__post_init__()
@@ -290,11 +368,12 @@ class OscillatorOperator(HeldInput):
     def _law(self, u):
         """Return the constants that the loops take as ``law``, for a drive of at most ``u``.
 
-        A loop of tangents, ``(mode, mode_by, law, h, n_substeps, u, du, before, dbefore, q, p, f,
-        d, out, dout)``, writes q (n,) and its tangents (n, m + n_own). The columns are those of
-        ``du`` (n, m), then the derivatives by all parameters but the last two. ``dbefore`` (m,)
-        and ``d`` (3, m + n_own) are the tangents of the drive and of the state before the first
-        sample.
+        A loop of tangents, ``(mode, mode_by, law, h, n_substeps, u, du, factor, dfactor, before,
+        dbefore, q, p, f, d, out, dout)``, writes q (n,) and its tangents (n, m + n_own). The
+        columns are those of ``du`` (n, m), then the derivatives by all parameters but the last two.
+        ``factor`` (n + 1,) and ``dfactor`` (n + 1, m) are those of the force from before the first
+        sample, ``dbefore`` (m,) and ``d`` (3, m + n_own) the tangents of the drive and of the state
+        there.
         """
 
     @abstractmethod
@@ -384,64 +463,110 @@ class OscillatorOperator(HeldInput):
         return self.linear_mode()  # kept, since it caches its discrete forms
 
     def _substep(self, dt):
-        """Return the coefficients (6,) of the oscillator's substep and its length in s."""
+        """Return the mode (9,) of :func:`scaled` for a substep, and its length in s."""
         h = float(dt) / self.n_substeps
         ad, b0, b1, _, _ = self._mode.discrete(h)
-        return np.array([ad[0, 1], ad[1, 1], *(b0 + b1), *b1]), h
+        ahead = 0.5 * h * self._mode.natural_frequency
+        return np.array([ad[0, 1], ad[1, 1], *(b0 + b1), *b1, *self._way, ahead]), h
 
     def _substep_tangents(self, h):
-        """Return the derivatives (2, 6) of these coefficients by frequency and damping ratio."""
+        """Return the derivatives (2, 9) of the mode by frequency and damping ratio."""
         ad, b0, b1, _, _, _ = self._mode._discrete_tangents(h)
-        return np.column_stack([ad[:2, 0, 1], ad[:2, 1, 1], (b0 + b1)[:2], b1[:2]])
+        none, ahead = np.zeros((2, 2)), [0.5 * h, 0.0]
+        own = ad[:2, 0, 1], ad[:2, 1, 1], (b0 + b1)[:2], b1[:2]
+        return np.column_stack([*own, none, ahead])
 
     def init(self, u0, initial_state="rest"):
-        if initial_state == "zero":
-            return 0.0, 0.0, 0.0, float(u0), 0.0
-        q, force, _ = self._rest(float(u0))
-        return q, 0.0, force, float(u0), 1.0
+        return self.scaled_init(u0, 1.0, initial_state)[:-1]
 
     def run(self, u, dt, state=None):
         u = as_signal(u)
         if state is None:
             state = self.init(u[0] if u.size else 0.0)
-        *state, before, begun = state
-        q, first = np.empty(u.size), _first(begun, u)
-        mode, h = self._substep(dt)
-        law = self._law(np.abs(u).max(initial=0.0))
-        q[:first] = state[0]
-        before = u[0] if first else before
-        state = self._loop(mode, law, h, self.n_substeps, u[first:], before, *state, q[first:])
-        after = (float(u[-1]), 1.0) if u.size else (before, begun)
-        return self.gain * q + self.intercept, (*state, *after)
+        y, state = self.scaled_run(u, np.ones(u.size), dt, (*state, 1.0))
+        return y, state[:-1]
 
     def compiled_step(self, dt, state):
-        mode, h = self._substep(dt)
-        own = mode, h, self.n_substeps, self.gain, self.intercept
-        return CompiledLaw(self._compiled_step, (*own, *self._law(math.inf)), state)
+        return CompiledLaw(self._compiled_step, self._constants(dt), state)
+
+    def _constants(self, dt):
+        return *self._substep(dt), self.n_substeps, self.gain, self.intercept, *self._law(math.inf)
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
-        u, du = as_signal(u), as_signal(du)
-        m, n_own = du.shape[1], self.n_parameters - 2
-        u0 = float(u[0]) if u.size else 0.0
-        d, dbefore = np.zeros((3, m + n_own)), du[0] if u.size else np.zeros(m)
-        if initial_state == "zero" or not u.size:
-            *state, before, begun = self.init(u0, initial_state)
-        else:  # as `init` gives it, with its derivatives
-            q, force, by = self._rest(u0)
-            state, before, begun = (q, 0.0, force), u0, 1.0
-            d[::2, :m] = np.outer(by[:, 0], dbefore)
-            d[::2, m:] = by[:, 1:]
-        q, dq, first = np.empty(u.size), np.empty((u.size, m + n_own)), _first(begun, u)
+        return self.scaled_sensitivities(u, du, np.ones(len(u)), 0.0 * du, dt, initial_state)
+
+    # ------------------------------------------------------------ a force that follows a load
+
+    def _loaded_rest(self, u0, factor):
+        """Return q and the hysteretic force at rest, and their derivatives (2, 1 + n_own + 1).
+
+        The derivatives are as in :meth:`_rest`, then those by the factor of the force. The rest is
+        that at the drive v without a factor for which ``v + (factor - 1) f = u0``; Newton's method
+        from zero gets there for a first loading that grows less and less.
+        """
+        gradient, place = self._way
+        v = u0 if factor == 1.0 and gradient == 0.0 else 0.0
+        for _ in range(_LOADINGS):
+            q, force, by = self._rest(v)
+            local, slope = along(q, gradient, place)
+            more = factor * local - 1.0
+            error, by_v = u0 - v - more * force, 1.0 + more * by[1, 0]
+            by_v += factor * slope * force * by[0, 0]
+            if not abs(error) > _ROUNDING * max(abs(u0), abs(v)):
+                break
+            v += error / by_v
+        dmore = factor * slope * by[0, 1:]
+        if "friction_gradient" in self._sizes:  # the last of its own
+            dmore[-1] += factor * (q - place) * (local > 0.0)
+        dv = np.concatenate([[1.0], -more * by[1, 1:] - force * dmore, [-local * force]]) / by_v
+        own = np.pad(by[:, 1:], ((0, 0), (1, 1)))
+        return q, force, by[:, :1] * dv + own
+
+    def scaled_init(self, u0, factor, initial_state="rest"):
+        if initial_state == "zero":
+            return 0.0, 0.0, 0.0, float(u0), 0.0, float(factor)
+        q, force, _ = self._loaded_rest(float(u0), float(factor))
+        return q, 0.0, force, float(u0), 1.0, float(factor)
+
+    def scaled_run(self, u, factor, dt, state):
+        u, factor = as_signal(u), as_signal(factor)
+        if not u.size:
+            return np.empty(0), state
+        *state, before, begun, loaded = state
+        q, first = np.empty(u.size), _first(begun, u)
+        q[:first] = state[0]
+        if first:
+            before, loaded = u[0], factor[0]
+        (mode, h), law = self._substep(dt), self._law(np.abs(u).max())
+        drive = u[first:], np.append(loaded, factor[first:]), before
+        state = self._loop(mode, law, h, self.n_substeps, *drive, *state, q[first:])
+        return self.gain * q + self.intercept, (*state, float(u[-1]), 1.0, float(factor[-1]))
+
+    def scaled_step(self, dt, state):
+        return CompiledLaw(self._loaded_step, self._constants(dt), state, n_inputs=2)
+
+    def scaled_sensitivities(self, u, du, factor, dfactor, dt, initial_state="rest"):
+        u, factor, dfactor = as_signal(u), as_signal(factor), as_signal(dfactor)
+        m, p, n_own = du.shape[1], dfactor.shape[1], self.n_parameters - 2
+        du = np.pad(as_signal(du), ((0, 0), (0, p - m)))  # the factor's own have no part in it
+        d, dy = np.zeros((3, p + n_own)), np.empty((u.size, p + n_own + 2))
+        if not u.size:
+            return np.empty(0), dy
+        *state, before, begun, loaded = self.scaled_init(u[0], factor[0], initial_state)
+        if begun:
+            _, _, by = self._loaded_rest(before, loaded)
+            d[::2, :p] = np.outer(by[:, 0], du[0]) + np.outer(by[:, -1], dfactor[0])
+            d[::2, p:] = by[:, 1:-1]
+        q, dq, first = np.empty(u.size), np.empty((u.size, p + n_own)), _first(begun, u)
         q[:first] = dq[:first] = 0.0
         mode, h = self._substep(dt)
-        largest = np.abs(u).max(initial=0.0)
-        head = mode, self._substep_tangents(h), self._law(largest), h, self.n_substeps
-        drive = u[first:], du[first:], before, as_signal(dbefore)
-        self._tangent_loop(*head, *drive, *state, d, q[first:], dq[first:])
-        dy = np.empty((u.size, m + n_own + 2))
-        dy[:, :-2] = self.gain * dq
-        dy[:, -2] = q
-        dy[:, -1] = 1.0
+        head = mode, self._substep_tangents(h), self._law(np.abs(u).max()), h, self.n_substeps
+        drive = u[first:], du[first:], np.append(loaded, factor[first:])
+        past = np.concatenate([dfactor[:1], dfactor[first:]]), before, du[0]
+        self._tangent_loop(*head, *drive, *past, *state, d, q[first:], dq[first:])
+        own = dy[:, m : m + n_own + 2]
+        dy[:, :m], dy[:, m + n_own + 2 :] = self.gain * dq[:, :m], self.gain * dq[:, m:p]
+        own[:, :-2], own[:, -2], own[:, -1] = self.gain * dq[:, p:], q, 1.0
         return self.gain * q + self.intercept, dy
 
     def _force_characteristics(self, level):
@@ -460,6 +585,7 @@ def _first(begun, u):
     return 0 if begun else min(len(u), 1)
 
 
+_LOADINGS, _ROUNDING = 100, 4e-16  # most steps to a rest under a factor, and its relative error
 _COARSE, FINE = 0.3, 0.1  # longest substep, in radians of the fastest motion
 _MOST_COARSE, _MOST_FINE = 16, 64  # most substeps per sampling interval
 WINDOWS = (4, 10, 25, 60)  # half lengths of the modulating function, samples

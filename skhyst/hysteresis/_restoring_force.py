@@ -33,9 +33,11 @@ from ._oscillator import (
     P,
     Q,
     loops,
+    mean_factor,
     move_tangents,
     oscillator,
     propagate,
+    scaled,
     set_identity,
     solve_tangents,
 )
@@ -104,9 +106,6 @@ def restoring(mode, law, h, q, p, z, u0, u1):
     return q, free_p - bp * (force + mean), z
 
 
-restoring_run, restoring_step = loops(restoring)
-
-
 @jit
 def add_powers(x, scale, out, first, n):
     """Add ``x (x/scale)^(2i)``, i = 1, ..., n, to ``out`` from column ``first`` on."""
@@ -140,14 +139,14 @@ def slide_tangents(b, k, delta, mean, part, polynomial, first, dpolynomial, by):
 
 @jit
 def restoring_tangents(
-    mode, mode_by, law, h, n_substeps, u, du, before, dbefore, q, p, z, d, out, dout
-):
+    mode, mode_by, law, h, n_substeps, u, du, factor, dfactor, before, dbefore, q, p, z, d,
+    out, dout,
+):  # fmt: skip
     """Write q and its tangents.
 
     The parameters are w, zeta, the coefficients of spring and damper, k_s, z_s and the preload.
     """
     k_s, limit, preload, scale, bound, springs, dampers = law
-    b, bp = mode[2], mode[3]
     n_springs, n_dampers = springs.size, dampers.size
     first = OWN + 2 + n_springs + n_dampers
     step = np.empty((3, PARAMETERS + first + 3 - OWN))
@@ -159,7 +158,9 @@ def restoring_tangents(
         for i in range(n_substeps):
             start, stop = i / n_substeps, (i + 1) / n_substeps
             u1 = preload + before + (u[k] - before) * stop
-            free_d, free_p = oscillator(mode, q, p, u0, u1)
+            loaded = scaled(mode, mean_factor(factor[k], factor[k + 1], start, stop), q, p)
+            b, bp = loaded[2], loaded[3]
+            free_d, free_p = oscillator(loaded, q, p, u0, u1)
             # with the force at the start
             from_q, by_q = odd_terms(q, springs, scale)
             from_p, by_p = odd_terms(p, dampers, scale)
@@ -186,7 +187,7 @@ def restoring_tangents(
             delta, mean, z, part = slide(free_d - b * force, b, z, k_s, limit)
             slide_tangents(b, k_s, delta, mean, part, force, first, dforce, by)
             force += mean
-            move_tangents(mode, mode_by, force, by, q, p, u0, u1, start, stop, step)
+            move_tangents(loaded, mode_by, force, by, q, p, u0, u1, start, stop, step)
             q += delta
             p = free_p - bp * force
             u0 = u1
@@ -197,7 +198,7 @@ def restoring_tangents(
         # the preload is added to the drive both before and at the sample
         for i in range(step.shape[0]):
             step[i, -1] = step[i, 3] + step[i, 4]
-        propagate(step, k, du, dbefore, d, dout)
+        propagate(step, k, du, dfactor, dbefore, d, dout)
         before = u[k]
         out[k] = q
 
@@ -208,9 +209,7 @@ _LARGEST = 1e12  # bound of the displacement relative to the drive; its squares 
 
 
 @dataclass(frozen=True, eq=False)
-class RestoringForceOperator(
-    OscillatorOperator, loops=(restoring_run, restoring_step, restoring_tangents)
-):
+class RestoringForceOperator(OscillatorOperator, loops=(*loops(restoring), restoring_tangents)):
     r"""Mass with polynomial spring and damper and a bilinear hysteretic force.
 
     The equations of :class:`RestoringForce` divided by ``b``: displacement ``q``, forces and

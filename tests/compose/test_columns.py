@@ -19,6 +19,7 @@ from skhyst.hysteresis import (
     CoulombFrictionOperator,
     FreeMass,
     FreeMassOperator,
+    FrictionStageOperator,
     PrandtlIshlinskii,
     PrandtlIshlinskiiOperator,
 )
@@ -45,6 +46,7 @@ DT, N = 0.01, 400
 
 LAG = FirstOrderLagOperator(0.05, gain=1.2)
 PLAYS = PrandtlIshlinskiiOperator([0.0, 0.3], [0.6, 0.4])
+STAGE = FrictionStageOperator(60.0, 0.3, 0.3, 0.65, 4.0, 10.0, 0.2, 0.8, 0.1, n_substeps=3)
 MASS = FreeMassOperator(0.02, 0.1, 0.3, 0.5, 0.2, 0.1, force_offset=0.1, intercept=0.2)
 FRICTION = CoulombFrictionOperator(1.3, 0.8, 2.9, 0.3, 0.1, 0.3, 0.02, 0.1)
 
@@ -238,6 +240,18 @@ OPERATORS = {
         (0.1,),
         scales=("friction",),
     ),
+    "friction of a stage under a load": Scaled(
+        OnColumnOperator(STAGE, 0), 1, 0.4, 0.3, magnitude=True, scales=("friction",)
+    ),
+    "friction of a stage, along the way, too, down to none, behind a lag": Scaled(
+        OnColumnOperator(replace(STAGE, friction_gradient=0.7, friction_center=0.037), 0),
+        2,
+        0.4,
+        0.9,
+        FirstOrderLagOperator(0.05),
+        (0.1,),
+        scales=("friction",),
+    ),
     "sum": SumOperator(
         ("model", "load"),
         (
@@ -314,6 +328,23 @@ def test_a_load_at_rest_makes_a_mass_of_another_friction():
     other = replace(mass, friction=1.5 * mass.friction, stribeck_force=1.5 * mass.stribeck_force)
     y = loaded(mass, 0.25, 3.0).run(X, DT)[0]
     np.testing.assert_allclose(y, other.run(U[:, 0], DT)[0], atol=1e-12)
+
+
+@pytest.mark.parametrize("start", [0.5, -0.5])
+def test_a_load_at_rest_makes_a_stage_of_another_friction(start):
+    """All of the friction but the viscous one is that of the load, at rest, too; or none is."""
+    u = U[:, 0] - U[0, 0] + start
+    for load, factor in ((-5.0, 1.5), (1.0, 0.5), (-1.0, 0.5)):
+        other = replace(
+            STAGE,
+            static_level=factor * STAGE.static_level,
+            bristle_stiffness=factor * STAGE.bristle_stiffness,
+            bristle_damping=factor * STAGE.bristle_damping,
+        )
+        y = loaded(STAGE, 0.25, 3.0).run(np.column_stack([u, np.full(len(u), load)]), DT)[0]
+        np.testing.assert_allclose(y, other.run(u, DT)[0], atol=1e-12)
+    y = loaded(STAGE, 0.25, 4.0).run(np.column_stack([u, np.zeros(len(u))]), DT)[0]
+    np.testing.assert_allclose(y, STAGE.linear_mode().run(u, DT)[0], atol=1e-12)
 
 
 def test_friction_in_motion_that_grows_steadily_is_of_second_order():

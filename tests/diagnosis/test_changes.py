@@ -38,6 +38,8 @@ from skhyst.hysteresis import (
     CoulombFriction,
     FreeMass,
     FreeMassOperator,
+    FrictionStage,
+    LuGre,
     MaxwellSlip,
     PrandtlIshlinskii,
     PrandtlIshlinskiiOperator,
@@ -119,7 +121,8 @@ BY_A_COLUMN = [
     (FollowedWidth(), {"plays", "plays, mode"}),
     (PerRecord("column", "all"), EVERY),
     (LoadedForce(CoulombFriction()), {"force"}),
-    (LoadedMotion(MoreTerms(FreeMass(friction=True))), set()),
+    (LoadedMotion((MoreTerms(FreeMass(friction=True)),)), set()),
+    (LoadedMotion((InMotion(FrictionStage(False)),)), {"mode", "poles"}),
 ]
 
 
@@ -354,7 +357,7 @@ def test_friction_of_a_mass_follows_each_load():
     loads = np.column_stack([rng.normal(size=150), np.full(150, 2.0)])
     y = np.cumsum(np.cumsum(u)) * DT**2
     records = [RecordData(u, y, DT, auxiliary=loads)]
-    change = LoadedMotion(MoreTerms(FreeMass(friction=True)))
+    change = LoadedMotion((MoreTerms(FreeMass(friction=True)),))
     for model in (FreeMass(), FreeMass(friction=True)):
         tree = Tree.from_result(model, model.identify(records))
         found = change.trees("effect", Scene(tree, records))
@@ -367,6 +370,21 @@ def test_friction_of_a_mass_follows_each_load():
             assert change.trees("more", Scene(own, records)) == []
         behind = tree.edited("front", InsertAt(None, FirstOrderLag(), LAG))
         assert change.trees("effect", Scene(behind, records)) == []
+
+
+@pytest.mark.parametrize("declared", [DynamicStiffness(drive="velocity"), CoulombFriction()])
+def test_a_force_beside_one_of_a_velocity_is_of_that_velocity(declared):
+    """Behind an integrator, or with the motion as the model has it."""
+    if isinstance(declared, CoulombFriction):
+        declared.set_params(motion="velocity")
+    tree = Tree.from_result(declared, declared.identify(recordings()))
+    [found] = BesideForce(LuGre(False)).trees("effect", Scene(tree, recordings()))[:1]
+    place, friction = found.models[0].steps[1][1].steps
+    assert isinstance(place[1], TransferFunction)
+    assert isinstance(friction[1], LuGre)
+    if isinstance(declared, DynamicStiffness):
+        sliding = BesideForce(CoulombFriction()).trees("effect", Scene(tree, recordings()))
+        assert {own.models[0].steps[1][1].motion for own in sliding} == {"velocity"}
 
 
 def test_what_is_there_is_not_added_again():

@@ -80,6 +80,8 @@ PLANT = FreeMassOperator(
     friction=0.4,
     stribeck_force=0.3,
     stribeck_velocity=0.5,
+    friction_gradient=-1.7,
+    friction_center=0.2,
     cubic_stiffness=0.6,
     center=0.1,
     stop_stiffness=80.0,
@@ -96,7 +98,7 @@ def test_other_forces_are_of_second_order():
     """Against SciPy with a steep friction law in place of the jump."""
 
     def force(x, v):
-        curve = 0.4 + 0.3 * np.exp(-((v / 0.5) ** 2))
+        curve = (0.4 + 0.3 * np.exp(-((v / 0.5) ** 2))) * max(1.0 - 1.7 * (x - 0.2), 0.0)
         contact = (80.0 * (x - 0.6) + 0.3 * v) * (x > 0.6)
         return 0.8 * v + np.tanh(v / 1e-4) * curve + 0.6 * (x - 0.1) ** 3 + contact
 
@@ -173,6 +175,21 @@ def test_parameters_are_found_within_their_errors():
     assert model.operator_.n_substeps == 1
 
 
+@pytest.mark.slow
+def test_friction_along_the_way_is_found_within_its_errors():
+    """Its level is that at the middle of the response, where the gradient does not change it."""
+    plant = FreeMassOperator(0.5, 0.8, friction=0.5, friction_gradient=0.3, friction_center=0.0)
+    model = FreeMass(True, friction_gradient=True, fit_force_offset=False, dt=DT)
+    found = model.fit(U[:, None], noisy(dataclasses.replace(plant, n_substeps=4), 0)).operator_
+    at_middle = 1.0 + plant.friction_gradient * found.friction_center
+    expected = {
+        "friction": plant.friction * at_middle,
+        "friction_gradient": plant.friction_gradient / at_middle,
+    }
+    assert_within(model, dataclasses.replace(plant, **expected))
+    assert model.params_std_["friction_gradient"] < 0.02
+
+
 def test_each_record_has_its_own_start():
     plant = FreeMassOperator(0.5, 0.8, friction=1.0, force_offset=0.1)
     starts = np.array([[3.0, 1.5], [-2.0, -0.7]])
@@ -204,6 +221,7 @@ def test_asymmetry_is_an_offset_where_the_mass_slides():
     ("effect", "entry"),
     [
         ("friction", "friction"),
+        ("friction", "friction_gradient"),
         ("offset", "force_offset"),
         ("drift", "force_drift"),
         ("cubic_stiffness", "cubic_stiffness"),

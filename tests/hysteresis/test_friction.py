@@ -18,6 +18,8 @@ from skhyst.hysteresis import (
     MaxwellSlip,
     MaxwellSlipOperator,
 )
+from skhyst.linear import TransferFunctionOperator
+from skhyst.operators import Series, Stepper
 
 R, K = np.array([0.5, 1.3, 4.0, 20.0]), np.array([2.0, 0.7, 0.2, 0.05])
 CUBIC = DuhemOperator(2.3, [0.9, 0.1, -0.2], [0.4, 0.1, 0.2], 0.1, center=0.21, scale=1.3)
@@ -51,6 +53,20 @@ def test_more_samples_on_the_same_lines_change_nothing(name, u):
     np.testing.assert_allclose(fine[::5], y, rtol=0, atol=tolerance)
     if name != "LuGre":
         np.testing.assert_array_equal(operator.run(part * u, 7.0)[0], y)
+
+
+@EVERY
+def test_a_velocity_drives_it_behind_an_integrator(name):
+    """The straight line between two velocities is a way that both ends share."""
+    operator, part, tolerance = SMOOTH[name]
+    integrator = TransferFunctionOperator(*4 * (np.empty(0),), integrators=1)
+    model = Series(("displacement", "friction"), (integrator, operator))
+    v = 30.0 * part * np.cumsum(np.random.default_rng(2).normal(size=60))
+    way = 0.1 * np.cumsum(0.5 * (v + np.r_[0.0, v[:-1]]) * np.r_[0.0, np.ones(59)])
+    expected, _ = operator.run(way, 0.1)
+    np.testing.assert_allclose(model.run(v, 0.1)[0], expected, rtol=0, atol=1e3 * tolerance)
+    stepped = Stepper(model.compiled_step(0.1, model.init(v[0]))).run(v)
+    np.testing.assert_allclose(stepped, expected, rtol=0, atol=1e3 * tolerance)
 
 
 @EVERY

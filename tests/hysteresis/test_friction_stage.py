@@ -68,17 +68,28 @@ def test_derivatives_at_rest_are_the_mean_of_both_directions():
     assert np.abs(ahead - value).max() > 1e-3 * h  # to either side it is not
 
 
-def test_without_stribeck_effect():
+@pytest.mark.parametrize("gradient", [0.0, 0.3])
+def test_without_stribeck_effect(gradient):
+    """The level of friction that changes along the way is that at its centre."""
     plant = FrictionStageOperator(20.0, 0.5, 0.4, 1.0, 1.5, 10.0, 0.0, 3.0, n_substeps=7)
+    if gradient:
+        plant = dataclasses.replace(plant, friction_gradient=gradient, friction_center=0.0)
     y, _ = plant.run(U, DT)
     model = FrictionStage(
-        False, fit_bristle_damping=False, fit_intercept=False, n_substeps=7, dt=DT
+        False,
+        fit_bristle_damping=False,
+        friction_gradient=gradient != 0.0,
+        fit_intercept=False,
+        n_substeps=7,
+        dt=DT,
     )
     found = model.fit(U[:, None], y).operator_
     held = ("coulomb_ratio", "stribeck_velocity", "bristle_damping", "intercept")
     assert list(model.params_) == [name for name in plant.parameter_specs() if name not in held]
     assert (found.coulomb_ratio, found.bristle_damping, found.intercept) == (1.0, 0.0, 0.0)
-    assert found.static_level == pytest.approx(0.4, rel=1e-5)
+    at_center = 1.0 + gradient * found.friction_center if gradient else 1.0
+    assert found.static_level == pytest.approx(0.4 * at_center, rel=1e-5)
+    assert found.friction_gradient == pytest.approx(gradient / at_center, rel=1e-4)
 
 
 def test_records_too_short_for_a_balance_of_forces():

@@ -27,6 +27,7 @@ from skhyst.optimize import RecordData
 
 W, ZETA = 60.0, 0.3
 FRICTION = FrictionStageOperator(W, ZETA, 0.3, 0.65, 4.0, 10.0, 0.2)
+ALONG = dataclasses.replace(FRICTION, friction_gradient=1.3, friction_center=0.2)
 BOUC_WEN = BoucWenStageOperator(W, ZETA, 4.0, 0.3, 0.3)
 BILINEAR = RestoringForceOperator(W, ZETA, [0.3, 0.1], [0.2], 4.0, 0.2)
 STOPS = EndStopsOperator(W, ZETA, 12.0, 0.2, -0.3, 0.4)
@@ -63,6 +64,9 @@ def friction(p, n):
         g = p["coulomb_force"] + fall * np.exp(-((v / p["stribeck_velocity"]) ** 2))
         slip = v - p["bristle_stiffness"] * np.abs(v) / g * z
         force = p["bristle_stiffness"] * z + p["bristle_damping"] * slip
+        if "friction_gradient" in p:
+            way = x - (p["friction_center"] - 1.0)  # about the intercept
+            force *= np.maximum(1.0 + p["friction_gradient"] * way, 0.0)
         return p["stiffness"] * x + p["damping"] * v + force, slip
 
     return force
@@ -137,6 +141,7 @@ KINKED = {"method": "DOP853", "rtol": 1e-8, "atol": 1e-10, "max_step": 0.001}
     ("law", "stage", "u", "dt", "options", "coarsest", "bounds"),
     [
         (friction, FRICTION, walk(50), 0.02, STIFF, 8, (1.8, 2.3, 3e-5)),
+        (friction, ALONG, walk(50), 0.02, STIFF, 8, (1.8, 2.3, 3e-5)),
         (bouc_wen, BOUC_WEN, 0.6 * walk(60), 0.01, SMOOTH, 4, (1.7, 2.4, 1e-3)),
         (bouc_wen, of_bouc_wen(1.6, 2.0), 0.6 * walk(60), 0.01, SMOOTH, 4, (1.7, 2.4, 1e-3)),
         (bouc_wen, of_bouc_wen(-1.2, 1.0), 0.6 * walk(60), 0.01, SMOOTH, 4, (1.7, 2.4, 1e-3)),

@@ -224,7 +224,15 @@ def make_operators():
             90.0, 0.15, 0.29, 0.7, 3.0, 8.0, 0.1, 0.8, 0.1, n_substeps=4
         ),
         "friction stage, stiff bristles": op.FrictionStageOperator(
-            20.0, 3.0, 0.03, 0.7, 0.3, 1e3, n_substeps=1
+            20.0,
+            3.0,
+            0.03,
+            0.7,
+            0.3,
+            1e3,
+            n_substeps=1,
+            friction_gradient=0.9,
+            friction_center=0.137,
         ),
         "restoring force": op.RestoringForceOperator(
             90.0, 0.15, [0.2, 0.05], [0.1], 2.0, 0.1, 0.07, 0.8, 0.1, scale=0.9, n_substeps=4
@@ -258,7 +266,18 @@ def make_operators():
         ),
         "free mass, rigid": op.FreeMassOperator(0.01, friction=1.5),
         "free mass, Stribeck curve": op.FreeMassOperator(
-            0.01, 0.1, 0.3, 0.5, 0.2, 0.3, 0.7, force_offset=0.3, intercept=0.2, n_substeps=3
+            0.01,
+            0.1,
+            0.3,
+            0.5,
+            0.2,
+            0.3,
+            0.7,
+            friction_gradient=0.9,
+            friction_center=0.137,
+            force_offset=0.3,
+            intercept=0.2,
+            n_substeps=3,
         ),
         "free mass, spring and stops": op.FreeMassOperator(
             0.01,
