@@ -22,8 +22,12 @@ def small(effect, n_samples=1250):
     return make_recording(effect, "prandtl_ishlinskii", SEED, n_samples=n_samples)
 
 
+THRESHOLDS = small("none").truth["thresholds"]  # of all: finer ones are not sought
+
+
 def few(**options):
-    options = {"estimator": PrandtlIshlinskii(), "effects": FEW, "random_state": 0} | options
+    declared = PrandtlIshlinskii(thresholds=THRESHOLDS)
+    options = {"estimator": declared, "effects": FEW, "random_state": 0} | options
     return EffectSearchCV(**options)
 
 
@@ -40,7 +44,7 @@ def one_record(effect="lag", n_samples=6000):
 @pytest.mark.parametrize("washout", [0, 23])
 def test_what_is_washed_out_counts_nowhere(washout):
     X, y, recording = one_record()
-    model = PrandtlIshlinskii(dt=recording.sampling_interval)
+    model = PrandtlIshlinskii(thresholds=THRESHOLDS, dt=recording.sampling_interval)
     search = EffectSearchCV(model, effects=FEW, cv=4, washout=washout, random_state=0).fit(X, y)
     assert search.effects_ == ["lag"]
     washed = np.arange(len(y)) < washout
@@ -60,8 +64,10 @@ def test_arrays_with_an_interval_are_frames_with_a_time_index():
     X, y, recording = one_record()
     dt = recording.sampling_interval
     array = few(estimator=PrandtlIshlinskii(dt=dt), effects=["lag"]).fit(X, y)
-    index = pd.Index(dt * np.arange(len(y)), name="time")
-    frame = few(effects=["lag"]).fit(pd.DataFrame(X, index=index), pd.Series(y, index))
+    index, declared = pd.Index(dt * np.arange(len(y)), name="time"), PrandtlIshlinskii()
+    frame = few(estimator=declared, effects=["lag"]).fit(
+        pd.DataFrame(X, index=index), pd.Series(y, index)
+    )
     assert array.effects_ == frame.effects_ == ["lag"]
     assert array.records_[0].dt == pytest.approx(frame.records_[0].dt)
     assert array.error_after_ == pytest.approx(frame.error_after_, rel=1e-6)
@@ -120,7 +126,9 @@ def test_blocks_of_records_that_foretell_nothing_of_each_other():
 @pytest.mark.slow
 def test_budget_of_effects():
     recording = small("output_saturation", 2500)
-    none = few(max_effects=0).fit(recording.X_train, recording.y_train)
+    none = few(estimator=PrandtlIshlinskii(), max_effects=0).fit(
+        recording.X_train, recording.y_train
+    )
     assert none.effects_ == []
     assert len(none.ranking_) == 0
     assert none.error_after_ == none.error_before_
