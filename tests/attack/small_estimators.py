@@ -44,9 +44,9 @@ _EXAMPLES = {
     "InverseCompensator": lambda: InverseCompensator(  # at any drive: by default it is limited
         Ridge(), method="learned", drive_limits=(-1e300, 1e300), rate_limit=1e300
     ),
-    "Observer": lambda: Observer(FirstOrderLag(method=_BRIEFLY)),
-    "Monitor": lambda: Monitor(Observer(FirstOrderLag(method=_BRIEFLY))),
-    "Corrected": lambda: Corrected(Ridge(), FirstOrderLag(method=_BRIEFLY), cv=2, max_iter=1),
+    "Observer": lambda: Observer(FirstOrderLag()),
+    "Monitor": lambda: Monitor(Observer(FirstOrderLag())),
+    "Corrected": lambda: Corrected(Ridge(), FirstOrderLag(), cv=2, max_iter=1),
     "OnColumn": lambda: OnColumn(PrandtlIshlinskii(5), 0),
     "Modulated": lambda: Modulated(PrandtlIshlinskii(5), "amplitude"),
     "PerDevice": lambda: PerDevice(PrandtlIshlinskii(5)),

@@ -35,8 +35,9 @@ from skhyst.static import SaturationOperator, SmoothCurve, StaticOperator
 EFFECTS = [e for e in plants.EFFECTS[:11] if e not in ("delay", "input_saturation")]
 SEED = 9000
 DECLARED = ("prandtl_ishlinskii", "cascade")
-# of each the rivals that come nearest; `lag`, and nothing, have all of them
+# of each the rivals that come nearest; nothing, and the demonstration, have all effects
 RIVALS = {
+    "lag": ["delay", "resonance", "creep"],
     "asymmetry": ["static_nonlinearity", "output_saturation", "lag"],
     "static_nonlinearity": ["asymmetry", "output_saturation", "lag"],
     "output_saturation": ["asymmetry", "static_nonlinearity", "lag"],
@@ -93,8 +94,8 @@ def _searched(effect, declared):
     options = {"effects": names, "max_effects": 3}
     if declared == "cascade":  # which costs more: it is asked for the first name only
         options["max_effects"] = 1
-        if effect == "lag":
-            options["effects"] = [effect, "delay", "resonance", "output_saturation"]
+        if effect != "none":
+            options["effects"] = ["lag", "output_saturation", "delay"]
     search = search_of(declared, **options)
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -11,6 +11,7 @@ from sklearn.preprocessing import StandardScaler
 
 from skhyst.diagnosis import EFFECTS, EffectSearchCV
 from skhyst.hysteresis import PrandtlIshlinskii
+from skhyst.linear import Gain
 from skhyst.model_selection import RecordKFold
 from skhyst.records import stack_records
 
@@ -22,12 +23,8 @@ def small(effect, n_samples=1250):
     return make_recording(effect, "prandtl_ishlinskii", SEED, n_samples=n_samples)
 
 
-THRESHOLDS = small("none").truth["thresholds"]  # of all: finer ones are not sought
-
-
 def few(**options):
-    declared = PrandtlIshlinskii(thresholds=THRESHOLDS)
-    options = {"estimator": declared, "effects": FEW, "random_state": 0} | options
+    options = {"estimator": PrandtlIshlinskii(), "effects": FEW, "random_state": 0} | options
     return EffectSearchCV(**options)
 
 
@@ -44,7 +41,7 @@ def one_record(effect="lag", n_samples=6000):
 @pytest.mark.parametrize("washout", [0, 23])
 def test_what_is_washed_out_counts_nowhere(washout):
     X, y, recording = one_record()
-    model = PrandtlIshlinskii(thresholds=THRESHOLDS, dt=recording.sampling_interval)
+    model = PrandtlIshlinskii(dt=recording.sampling_interval)
     search = EffectSearchCV(model, effects=FEW, cv=4, washout=washout, random_state=0).fit(X, y)
     assert search.effects_ == ["lag"]
     washed = np.arange(len(y)) < washout
@@ -64,10 +61,8 @@ def test_arrays_with_an_interval_are_frames_with_a_time_index():
     X, y, recording = one_record()
     dt = recording.sampling_interval
     array = few(estimator=PrandtlIshlinskii(dt=dt), effects=["lag"]).fit(X, y)
-    index, declared = pd.Index(dt * np.arange(len(y)), name="time"), PrandtlIshlinskii()
-    frame = few(estimator=declared, effects=["lag"]).fit(
-        pd.DataFrame(X, index=index), pd.Series(y, index)
-    )
+    index = pd.Index(dt * np.arange(len(y)), name="time")
+    frame = few(effects=["lag"]).fit(pd.DataFrame(X, index=index), pd.Series(y, index))
     assert array.effects_ == frame.effects_ == ["lag"]
     assert array.records_[0].dt == pytest.approx(frame.records_[0].dt)
     assert array.error_after_ == pytest.approx(frame.error_after_, rel=1e-6)
@@ -126,9 +121,7 @@ def test_blocks_of_records_that_foretell_nothing_of_each_other():
 @pytest.mark.slow
 def test_budget_of_effects():
     recording = small("output_saturation", 2500)
-    none = few(estimator=PrandtlIshlinskii(), max_effects=0).fit(
-        recording.X_train, recording.y_train
-    )
+    none = few(max_effects=0).fit(recording.X_train, recording.y_train)
     assert none.effects_ == []
     assert len(none.ranking_) == 0
     assert none.error_after_ == none.error_before_
@@ -218,13 +211,13 @@ def test_an_unfitted_search_says_so():
 @pytest.mark.slow
 def test_progress_goes_to_the_standard_error_stream(capsys):
     recording = small("lag")
-    few(verbose=1, effects=["lag"]).fit(recording.X_train, recording.y_train)
+    few(estimator=Gain(), verbose=1, effects=["lag"]).fit(recording.X_train, recording.y_train)
     written = capsys.readouterr()
     assert written.out == ""
     assert "round 1: lag: held-out error" in written.err
-    few(effects=["lag"]).fit(recording.X_train, recording.y_train)
+    few(estimator=Gain(), effects=["lag"]).fit(recording.X_train, recording.y_train)
     assert capsys.readouterr().err == ""
-    few(verbose=1, effects=["offset"]).fit(recording.X_train, recording.y_train)
+    few(estimator=Gain(), verbose=1, effects=["offset"]).fit(recording.X_train, recording.y_train)
     written = capsys.readouterr().err
     assert "declared model: held-out error" in written
     assert "offset: held-out error" not in written  # no effect was put in
@@ -234,8 +227,9 @@ def test_progress_goes_to_the_standard_error_stream(capsys):
 def test_folds_of_records_are_taken_as_a_splitter_gives_them():
     recording = small("lag")
     X, y = recording.X_train, recording.y_train
-    search = few(cv=RecordKFold(3), effects=["lag"]).fit(X, y)
-    given = few(cv=list(RecordKFold(3).split(X)), effects=["lag"]).fit(X, y)
+    search = few(estimator=Gain(), cv=RecordKFold(3), effects=["lag"]).fit(X, y)
+    cv = list(RecordKFold(3).split(X))
+    given = few(estimator=Gain(), cv=cv, effects=["lag"]).fit(X, y)
     assert search.effects_ == given.effects_ == ["lag"]
     assert search.error_after_ == given.error_after_
 
