@@ -318,7 +318,7 @@ def test_the_declared_model_is_left_unfitted(found):
     assert search.declared_estimator_ is not search.estimator
 
 
-@pytest.mark.parametrize("effect", ["lag", *slow("periodic_disturbance")])
+@pytest.mark.parametrize("effect", slow("lag", "periodic_disturbance"))
 def test_a_pickled_search_predicts_in_a_fresh_process(effect, tmp_path, found):
     recording, search = found(effect, "prandtl_ishlinskii")
     path = tmp_path / "search.pickle"

@@ -322,6 +322,7 @@ def test_forces_beside_a_declared_force(effect, extra, name, level):
     assert max(np.abs(y).max() for _, _, y, _ in evidence.picture.curves) < 1.5 * level
 
 
+@pytest.mark.slow
 def test_an_effect_of_ones_own_beside_the_model_has_evidence_too():
     register_effect(Effect("own", lambda: [Drift(3)], "A law.", "An experiment.", beside=True))
     try:

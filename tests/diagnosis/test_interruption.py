@@ -129,12 +129,10 @@ class Stopped(BaseException):
     """As Ctrl-C comes: no exception that anyone catches."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "declared",
-    [
-        pytest.param(PrandtlIshlinskii(3), id="model"),
-        pytest.param(Ridge(), id="black box", marks=pytest.mark.slow),
-    ],
+    [pytest.param(PrandtlIshlinskii(3), id="model"), pytest.param(Ridge(), id="black box")],
 )
 def test_a_search_goes_on_where_it_was_interrupted(
     recording, whole, declared, tmp_path, monkeypatch

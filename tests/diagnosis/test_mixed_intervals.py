@@ -115,6 +115,7 @@ def test_the_effect_and_its_numbers_are_those_of_the_plant(kind, truth):
     assert "<svg" in mixed.report().to_html()
 
 
+@pytest.mark.slow
 def test_where_nothing_is_missing_nothing_is_claimed():
     found = search("nothing", MIXED, effects="all")
     assert found.effects_ == []

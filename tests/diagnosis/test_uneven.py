@@ -58,6 +58,7 @@ def test_an_uneven_recording_gives_the_name_and_the_number_of_the_device(uneven)
     assert uneven.error_after_ < 1.2 * NOISE
 
 
+@pytest.mark.slow
 def test_even_records_are_left_as_they_are():
     X, y = recording(False)
     even = search(resample="auto", effects=["offset"]).fit(X, y)

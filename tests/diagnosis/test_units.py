@@ -28,7 +28,7 @@ def recording():
 
 @pytest.fixture(
     scope="module",
-    params=["array", "index", pytest.param("interval", marks=pytest.mark.slow)],
+    params=["array", *(pytest.param(o, marks=pytest.mark.slow) for o in ("index", "interval"))],
 )
 def searched(request):
     """A search, and the interval in s where it is known."""
