@@ -388,58 +388,53 @@ def test_standard_deviation_of_a_new_sample(fitted, data):
     np.testing.assert_array_equal(std, np.concatenate(alone))
 
 
-def test_order_of_records_does_not_matter(model, fitted, data):
-    X, y = data
-    order = ["c", "a", "b"]
-    other = clone(model).fit(
-        pd.concat([X.loc[[label]] for label in order]),
-        pd.concat([y.loc[[label]] for label in order]),
-    )
-    np.testing.assert_allclose(other.predict(X), fitted.predict(X), rtol=1e-4, atol=1e-4)
-    swapped = pd.concat([X.loc[[label]] for label in order])
-    expected = np.concatenate([fitted.predict(X.loc[[label]]) for label in order])
-    np.testing.assert_array_equal(fitted.predict(swapped), expected)
+ORDER = ["c", "a", "b"]
+
+
+def in_order(signal):
+    return pd.concat([signal.loc[[label]] for label in ORDER])
 
 
 def test_records_do_not_know_each_other(fitted, data):
     X, _ = data
-    alone = np.concatenate([fitted.predict(X.loc[[label]]) for label in "abc"])
-    np.testing.assert_array_equal(fitted.predict(X), alone)
+    alone = {label: fitted.predict(X.loc[[label]]) for label in "abc"}
+    np.testing.assert_array_equal(fitted.predict(X), np.concatenate([*alone.values()]))
+    swapped = np.concatenate([alone[label] for label in ORDER])
+    np.testing.assert_array_equal(fitted.predict(in_order(X)), swapped)
 
 
 # ---------------------------------------------------------------------------------------- units
 
 
-@pytest.mark.parametrize(("response", "drive", "time"), [(1e-6, 1.0, 1.0), (-250.0, 1e-6, 1000.0)])
-def test_units(name, model, fitted, data, response, drive, time):
-    """The same recording in other units, one of which turns the response around where it may."""
+@pytest.mark.parametrize(
+    ("response", "drive", "time", "offset"), [(1e-6, 1.0, 1.0, 50.0), (-250.0, 1e-6, 1000.0, 0.0)]
+)
+def test_neither_units_nor_an_offset_nor_the_order_of_records_matter(
+    name, model, fitted, data, response, drive, time, offset
+):
+    """The same recording otherwise: once turned around where it may be, its last record first."""
     if name in ONE_SIGN:
         response = abs(response)
     if name in NO_GAIN:
         drive = response
+    if name not in {"Offset", "Drift", "Sum"} and "intercept" not in " ".join(fitted.params_):
+        offset = 0.0
     X, y = data
     index = X.index.set_levels(X.index.levels[1] * time, level="time")
     delay = {"delay": time * model.delay} if hasattr(model, "delay") else {}
     X_other = (drive * X).set_axis(index)
-    other = clone(model).set_params(**delay).fit(X_other, (response * y).set_axis(index))
+    y_other = (response * (y + offset)).set_axis(index)
+    given = (in_order(X_other), in_order(y_other)) if time != 1.0 else (X_other, y_other)
+    other = clone(model).set_params(**delay).fit(*given)
     np.testing.assert_allclose(
-        other.predict(X_other), response * fitted.predict(X), atol=2e-4 * abs(response)
+        other.predict(X_other) / response, fitted.predict(X) + offset, rtol=0.0, atol=2e-4
     )
-
-
-@pytest.mark.parametrize("offset", [50.0])
-def test_offset_of_the_response(name, model, fitted, data, offset):
-    if name not in {"Offset", "Drift", "Sum"} and "intercept" not in " ".join(fitted.params_):
-        pytest.skip("no constant")
-    X, y = data
-    other = clone(model).fit(X, y + offset)
-    np.testing.assert_allclose(other.predict(X), fitted.predict(X) + offset, atol=2e-4)
 
 
 def test_index_and_dt_say_the_same(model, data):
     X, y = data[0].loc["a"], data[1].loc["a"]
-    with_index = briefly(clone(model)).fit(X, y)
-    array = briefly(clone(model)).set_params(dt=DT).fit(X.to_numpy(), y.to_numpy())
+    with_index = briefly(clone(model), 1).fit(X, y)
+    array = briefly(clone(model), 1).set_params(dt=DT).fit(X.to_numpy(), y.to_numpy())
     np.testing.assert_array_equal(array.predict(X.to_numpy()), with_index.predict(X))
 
 
@@ -520,7 +515,7 @@ def test_clone_and_parameters(model):
 
 def test_cross_validate(model, data):
     X, y = data
-    found = cross_validate(briefly(clone(model)), X, y, cv=2, scoring="r2", error_score="raise")
+    found = cross_validate(briefly(clone(model), 1), X, y, cv=2, scoring="r2", error_score="raise")
     assert np.isfinite(found["test_score"]).all()
 
 

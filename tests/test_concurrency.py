@@ -116,7 +116,7 @@ sys.stdout.buffer.write(pickle.dumps(found))
 @pytest.mark.slow
 def test_first_use_from_threads_of_two_processes(tmp_path):
     """Nothing is compiled yet, and both write to one empty folder."""
-    model = MODELS["hysteresis"]
+    model = FirstOrderLag(initial_state="zero", dt=DT)
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
     call, given = [sys.executable, "-W", "error", "-c", COLD], pickle.dumps((model, X, Y))
     with ThreadPoolExecutor(2) as pool:

@@ -246,7 +246,7 @@ def test_zero():
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
-@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("dtype", ["float64", pytest.param("float32", marks=pytest.mark.slow)])
 def test_c(tmp_path, dtype):
     names, lines, calls = [], [], ""
     for k, name in enumerate(IN_C):

