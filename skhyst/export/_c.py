@@ -15,7 +15,8 @@ from ._content import Source, answers, legend, watched_ends
 from ._fixed import MARGIN, Fixed, FixedPrinter, boundary
 from ._model import model_step
 from ._printer import Dialect, Printer
-from ._ranges import Ranges, explore
+from ._ranges import Ranges, explore, limits
+from ._reach import reachable
 from ._tunable import configuration
 from ._values import TAKEN
 
@@ -694,8 +695,9 @@ def _rest(own, expected, printer):
 
 
 def _in_integers(stepper, common, drive, units):
-    step = model_step(stepper.compiled_step, with_numbers=True)
     counts = np.round(drive / units[0]).astype(np.int64)
+    step = model_step(stepper.compiled_step, with_numbers=True)
+    step = reachable(step, stepper.state, limits(counts)[0] * units[0])
     ranges = Ranges(step, stepper.state, counts * units[0])
     counts, ends = explore(ranges, counts, units, MARGIN, lambda u: answers(stepper, u))
     printer = _reserve(FixedPrinter(common["name"], Fixed(), ranges=ranges))
