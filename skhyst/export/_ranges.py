@@ -17,7 +17,7 @@ from ._interpreter import Interpreter
 _OF_INFINITY = {*COMPARISONS, "min", "max", "abs", "neg", "math.fabs", "math.copysign"}
 _LONGEST_TRIAL = 1000  # iterations of a loop, which may not end in a branch that is only tried
 _FAILED = (ArithmeticError, ValueError, IndexError, KeyError)
-_LONGEST_RUN = 1_500_000  # operations after the drive, some seconds
+_LONGEST_RUN = 2_000_000  # operations after the drive, some seconds
 _BITS = 44  # of rounded numbers: fewer than the 50 of the program, to find effects of rounding
 _BEYOND = (16, 8, 4, 2)  # multiples of the largest input of the drive at which input is limited
 _REST = 100  # samples

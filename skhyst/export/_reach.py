@@ -5,8 +5,8 @@ limits, until the intervals of the state no longer grow (Cousot and Cousot, *POP
 a condition that is not entered then is never entered.
 
 The intervals hold for fixed-point numbers, too. Rounding keeps zero, the sign of a number and the
-order of two numbers, and moves a number by at most 2^-49 of the largest operand: results are widened
-by more. There is no "not a number".
+order of two numbers, and moves a number by at most 2^-49 of the largest operand: results are
+widened by more. There is no "not a number".
 """
 
 import math

@@ -80,7 +80,7 @@ def root_step(y, c, s):
             u = above - long * (above - below) / (long - short)
             u = min(max(middle - near, u), middle + near)  # also if u is NaN
     s[2] = 0.0
-    if is_open and (above == math.inf and u < high or below == -math.inf and u > low):
+    if is_open and ((above == math.inf and u < high) or (below == -math.inf and u > low)):
         u = s[0]  # no input gives it
         s[2] = 1.0
     s[1] = max(abs(u - s[0]), 0.5 * s[1], least)  # never zero, however long the rest
