@@ -56,6 +56,7 @@ SANITIZED = (
     "-fno-sanitize-recover=all",
 )
 UNKEPT = r"the advisory rules ([^*]+) are not kept"  # in the header
+BRANCHES = r"; (\d+) of (\d+) branches taken(?:, not ([^\\]+))?"  # in the test
 HELD = r"Input below (.+) or above (.+), and output"  # in the header: where input is held
 CASES = Path(__file__).parents[1] / "tests" / "operators"  # of operator_cases
 
@@ -194,12 +195,17 @@ def sanitized(folder, name, dtype, by_row=False):
 
 
 def in_integers(stepper, u, folder, name):
-    """Return the error within the range, its limit, whether input is held, and what is told."""
+    """Return the error within the range, its limit, whether input is held, and what is told.
+
+    In between are the branches: those that its test takes, all, and the names of others.
+    """
     u = np.asarray(u, dtype=float).reshape(len(u), -1)
     row = stepper.compiled_step.n_inputs is not None
     respond = lambda u: stepper.copy().run(u if row else u[:, 0])  # noqa: E731
     unit, of_y = ((np.ptp(x) or 1.0) / COUNTS for x in (u, respond(u)))
-    header, *_ = to_c(stepper, folder, name, "int32", drive=u, input_unit=unit, output_unit=of_y)
+    options = {"drive": u, "input_unit": unit, "output_unit": of_y}
+    header, _, test = to_c(stepper, folder, name, "int32", **options)
+    *branches, others = re.search(BRANCHES, test.read_text()).groups()
     ends = [np.fromstring(x, int, sep=",") for x in re.search(HELD, header.read_text()).groups()]
     counts = np.round(u / unit).astype(int)
     ranges = zip(counts.min(axis=0), counts.max(axis=0), range(u.shape[1]), strict=True)
@@ -217,7 +223,7 @@ def in_integers(stepper, u, folder, name):
     allowed = 2.0 * np.abs(np.subtract(moved, expected)).max() / of_y
     expected = np.clip(expected / of_y, 1 - 2**31, 2**31 - 1)
     error = np.abs(found[: len(fast)] - expected).max() if len(found) >= len(fast) else np.inf
-    return error, allowed, np.array_equal(found, held), told
+    return error, allowed, (*map(int, branches), others), np.array_equal(found, held), told
 
 
 def devices():
@@ -515,21 +521,27 @@ def everything(every):
 
 def check_integers(every):
     """Run all programs in integers with any input."""
-    errors, not_held, findings, n = {}, [], [], 0
+    errors, not_held, findings, n, branches, others = {}, [], [], 0, np.zeros(2, dtype=int), []
     with tempfile.TemporaryDirectory() as place:
         for k, (name, stepper, u, is_inverse, _) in enumerate(everything(every)):
             try:
-                *error, held, told = in_integers(stepper, u, Path(place), f"i{k}")
+                *error, (taken, there_are, missed), held, told = in_integers(
+                    stepper, u, Path(place), f"i{k}"
+                )
             except ValueError as reason:
                 print(f"integers, {name}: refused: {str(reason)[:90]}", flush=True)
                 continue
             n += 1
+            branches += taken, there_are
+            others += [f"{name} ({missed})"] if missed else []
             not_held += [] if held else [name]
             findings += [f"{name}: {told[:200]}"] if told else []
             if not is_inverse:  # which need not reach what is asked
                 errors[name] = error
     print(f"integers, any input, {n} programs: nothing found by sanitizers: {verdict(findings)}")
     print(f"integers, any input, {n} programs: input beyond is held: {verdict(not_held)}")
+    taken, there_are = branches
+    print(f"integers, {taken} of {there_are} branches have a test vector: {verdict(others)}")
     line("integers, fast drives within the range", errors, "int32")
 
 
