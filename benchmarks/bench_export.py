@@ -525,15 +525,13 @@ def check_integers(every):
     with tempfile.TemporaryDirectory() as place:
         for k, (name, stepper, u, is_inverse, _) in enumerate(everything(every)):
             try:
-                *error, (taken, there_are, missed), held, told = in_integers(
-                    stepper, u, Path(place), f"i{k}"
-                )
+                *error, own, held, told = in_integers(stepper, u, Path(place), f"i{k}")
             except ValueError as reason:
                 print(f"integers, {name}: refused: {str(reason)[:90]}", flush=True)
                 continue
             n += 1
-            branches += taken, there_are
-            others += [f"{name} ({missed})"] if missed else []
+            branches += own[:2]
+            others += [f"{name} ({own[2]})"] if own[2] else []
             not_held += [] if held else [name]
             findings += [f"{name}: {told[:200]}"] if told else []
             if not is_inverse:  # which need not reach what is asked
