@@ -71,8 +71,11 @@ def reachable(model, state, ends):
 
     def after(state):
         run.places = set()
-        given = {"s": ("s", (0, 0))}
-        given |= {param.name: ("u", (0, 0))} if isinstance(param, Array) else {"u": inputs[0]}
+        row = isinstance(param, Array)
+        given = {
+            "s": ("s", (0, 0), len(state)),
+            "u": ("u", (0, 0), len(inputs)) if row else inputs[0],
+        }
         _, arrays = run.results(model, None, given | {_ARRAYS: {"s": list(state), "u": inputs}})
         return list(map(_joined, first, arrays["s"]))
 
@@ -172,7 +175,8 @@ class _Pruning:
 class _Run:
     """A run of a step on intervals.
 
-    Variables are intervals, arrays the key of their numbers and the interval of their offset.
+    Variables are intervals, arrays the key of their numbers, the interval of their first place
+    among these, and the place after their last.
 
     Attributes
     ----------
@@ -212,7 +216,7 @@ class _Run:
             case Listed(array, values):
                 key = (frame, array.name)
                 env[_ARRAYS][key] = [self._value(x, env, frame) for x in values]
-                env[array.name] = key, (0, 0)
+                env[array.name] = key, (0, 0), len(values)
             case Call(_, args, outs):
                 outs = [out for out in outs if out is not None]
                 part, step = called(statement, outs), k if frame[0] is None else frame[0]
@@ -323,26 +327,27 @@ class _Run:
         for arg, param in zip(part.args(args), part.args(part.function.params), strict=True):
             if isinstance(arg, Array):
                 offset = self._value(arg.offset, env, frame)
-                key, own = self._view(arg, env)
-                given[param.name] = key, (own[0] + offset[0], own[1] + offset[1])
+                key, own, end = self._view(arg, env)
+                own = own[0] + offset[0], own[1] + offset[1]
+                given[param.name] = key, own, min(end, own[1] + math.prod(param.shape))
             else:
                 given[param.args[0]] = self._value(arg, env, frame)
         return self.results(part, step, given)
 
     def _view(self, array, env):
-        """Return the key of the numbers of an array, and where it begins."""
+        """Return the key of the numbers of an array, where it begins, and where it ends."""
         if array.values is None:
             return env[array.name]
         self._tables.setdefault(id(array.values), [_wider((x, x)) for x in array.values])
-        return id(array.values), (0, 0)
+        return id(array.values), (0, 0), len(array.values)
 
     def _numbers(self, array, place, env, frame):
         """Return a list of numbers, and the first and the last place in it that may be meant."""
-        key, begin = self._view(array, env)
+        key, begin, end = self._view(array, env)
         place = self._value(place, env, frame)
         numbers = self._tables.get(key) or env[_ARRAYS][key]
-        most = len(numbers) - 1
-        first, last = (int(max(0, min(a + b, most))) for a, b in zip(begin, place, strict=True))
+        first = int(min(begin[0] + max(place[0], 0), end - 1))  # a law keeps to its arrays
+        last = int(max(first, min(begin[1] + place[1], end - 1)))
         self._left -= (last - first) // 16
         return numbers, first, last
 
@@ -378,7 +383,7 @@ class _Run:
             env[x.args[0]] = met
         elif x.op == "load" and x.args[0].values is None:
             numbers, first, last = self._numbers(*x.args, env, frame)
-            key, _ = env[x.args[0].name]
+            key, *_ = env[x.args[0].name]
             if first == last and key in env[_ARRAYS]:
                 env[_ARRAYS][key] = numbers = [*numbers]
                 numbers[first] = met
