@@ -96,7 +96,8 @@ class Ranges(Interpreter):
         bits : int
             Number of bits by which sizes may exceed those seen before.
         grows : bool
-            Whether all sizes are updated; else only those of numbers that had none, or were 0.
+            Whether all sizes are updated; else only those of numbers that no sample has computed,
+            or that were 0. Those of a branch that was only tried may be far from what it computes.
 
         Returns
         -------
@@ -111,12 +112,12 @@ class Ranges(Interpreter):
             fits = all(self._left <= 0 or math.isfinite(self.answer(u)) for u in drive)
         except _FAILED:
             fits = False
-        sizes, new = {**tried, **known}, self._seen
-        self._seen, self._tried = dict(known), {**self._tried, **tried}
+        new, self._seen = self._seen, dict(known)
+        self._tried = {**self._tried, **tried}
         for key, size in new.items():
-            if size and sizes.get(key):
-                fits = fits and exponent(size) <= exponent(sizes[key]) + bits
-            if grows or not sizes.get(key):
+            if size and known.get(key):
+                fits = fits and exponent(size) <= exponent(known[key]) + bits
+            if grows or not known.get(key):
                 self._seen[key] = max(size, known.get(key, 0.0))
         self._sizes = self._seen
         if not fits:
@@ -135,17 +136,13 @@ class Ranges(Interpreter):
         self._infinite, self._led, self._passed = sets
         self._sizes = self._seen
 
-    def lead(self, places):
-        """Note branches that samples take in rounded numbers."""
-        self._led |= places
-
     def keep(self, places):
         """Forget all branches but these, which the program has."""
         self._led &= places
         self._passed &= places
 
     def take_back(self, led):
-        """Reset the branches that are taken to an earlier set; the others count as not taken."""
+        """Reset the branches that are taken to another set; the others count as not taken."""
         self._passed |= self._led - led
         self._led = led
 
@@ -275,7 +272,7 @@ def explore(ranges, counts, units, spare, answers):
     unit, allowed = units[0], 0.25 * units[1]  # a quarter of what the test allows
     drive, rounded = unit * counts, _Rounded(ranges, spare)
     rounded.agrees(drive, answers(drive), math.inf)
-    ranges.lead(rounded.led)
+    ranges.take_back(set(rounded.led))
     *wider, (low, high) = limits(counts)
     n_states = len(ranges.begin[1])
 
@@ -291,7 +288,7 @@ def explore(ranges, counts, units, spare, answers):
         )
         if is_tested:
             drive = more
-            ranges.lead(rounded.led)
+            ranges.take_back(set(rounded.led))
         else:
             ranges.take_back(led)
         return True, is_tested
