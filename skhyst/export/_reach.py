@@ -293,7 +293,7 @@ class _Run:
         op, args = x.op, x.args
         match op:
             case "const":
-                return x.value, x.value
+                return _wider((x.value, x.value)) if x.kind == "real" else (x.value, x.value)
             case "name":
                 return env.get(*args, _ANY)
             case "load":
