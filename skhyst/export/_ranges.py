@@ -17,7 +17,8 @@ from ._interpreter import Interpreter
 _OF_INFINITY = {*COMPARISONS, "min", "max", "abs", "neg", "math.fabs", "math.copysign"}
 _LONGEST_TRIAL = 1000  # iterations of a loop, which may not end in a branch that is only tried
 _FAILED = (ArithmeticError, ValueError, IndexError, KeyError)
-_LONGEST_RUN = 2_000_000  # operations after the drive, some seconds
+_LONGEST_RUN = 1_000_000  # operations after the drive, some seconds
+_LONGEST_SEARCH = 400_000  # operations that lead to further branches, about a second
 _BITS = 44  # of rounded numbers: fewer than the 50 of the program, to find effects of rounding
 _BEYOND = (16, 8, 4, 2)  # multiples of the largest input of the drive at which input is limited
 _REST = 100  # samples
@@ -71,6 +72,10 @@ class Ranges(Interpreter):
     def is_cut(self):
         """Whether the number of operations was exhausted before all samples were run."""
         return self._left <= 0
+
+    def limit(self, most):
+        """Run no more than so many operations from now on."""
+        self._left = min(self._left, most)
 
     @property
     def led(self):
@@ -321,6 +326,7 @@ def explore(ranges, counts, units, spare, answers):
             counts = np.append(counts, jumps, axis=0)
         if fits:
             break
+    ranges.limit(_LONGEST_SEARCH)
     for jumps in itertools.chain(*(_searches(*own, n_states) for own in ((low, high), ends))):
         taken, there_are = ranges.branches
         if taken == there_are or ranges.is_cut:
@@ -353,15 +359,15 @@ def _rows(levels, low, high):
 def _searches(low, high, n_states):
     """Yield drives that lead to branches which jumps do not take.
 
-    Values one unit apart, swings that grow, and die so slowly that each leaves its turning point in
-    a memory, a ramp over the pieces of a curve, random ones, and rests longer than the dynamics.
+    Values one unit apart, a ramp over the pieces of a curve, random ones, rests longer than
+    dynamics, and swings that grow, and die so slowly that each leaves its turning point in memory.
     """
     for level in (0.0, 1.0, 0.5):
         nudges = np.array([0, 1, 0, 0, -1, 0, -1, 1, 0])[:, None]
         yield np.clip(_rows(np.full(len(nudges), level), low, high) + nudges, low, high)
-    fades = np.append(np.linspace(0.0, 1.0, _REST), np.linspace(1.0, 0.0, n_states + 2))
-    yield _rows(0.5 + 0.5 * fades * (-1.0) ** np.arange(len(fades)), low, high)
     ramp = np.linspace(0.0, 1.0, _REST)
     yield _rows(np.append(ramp, ramp[::-1]), low, high)
     yield _rows(np.random.default_rng(0).random(_REST), low, high)
     yield _rows(np.repeat([1.0, 0.0], 2 * _REST), low, high)
+    fades = np.append(np.linspace(0.0, 1.0, _REST), np.linspace(1.0, 0.0, n_states + 2))
+    yield _rows(0.5 + 0.5 * fades * (-1.0) ** np.arange(len(fades)), low, high)
