@@ -56,6 +56,7 @@ SANITIZED = (
     "-fno-sanitize-recover=all",
 )
 UNKEPT = r"the advisory rules ([^*]+) are not kept"  # in the header
+BRANCHES = r"; (\d+) of (\d+) branches taken(?:, not ([^\\]+))?"  # in the test
 HELD = r"Input below (.+) or above (.+), and output"  # in the header: where input is held
 CASES = Path(__file__).parents[1] / "tests" / "operators"  # of operator_cases
 
@@ -194,12 +195,17 @@ def sanitized(folder, name, dtype, by_row=False):
 
 
 def in_integers(stepper, u, folder, name):
-    """Return the error within the range, its limit, whether input is held, and what is told."""
+    """Return the error within the range, its limit, whether input is held, and what is told.
+
+    In between are the branches: those that its test takes, all, and the names of others.
+    """
     u = np.asarray(u, dtype=float).reshape(len(u), -1)
     row = stepper.compiled_step.n_inputs is not None
     respond = lambda u: stepper.copy().run(u if row else u[:, 0])  # noqa: E731
     unit, of_y = ((np.ptp(x) or 1.0) / COUNTS for x in (u, respond(u)))
-    header, *_ = to_c(stepper, folder, name, "int32", drive=u, input_unit=unit, output_unit=of_y)
+    options = {"drive": u, "input_unit": unit, "output_unit": of_y}
+    header, _, test = to_c(stepper, folder, name, "int32", **options)
+    *branches, others = re.search(BRANCHES, test.read_text()).groups()
     ends = [np.fromstring(x, int, sep=",") for x in re.search(HELD, header.read_text()).groups()]
     counts = np.round(u / unit).astype(int)
     ranges = zip(counts.min(axis=0), counts.max(axis=0), range(u.shape[1]), strict=True)
@@ -217,7 +223,7 @@ def in_integers(stepper, u, folder, name):
     allowed = 2.0 * np.abs(np.subtract(moved, expected)).max() / of_y
     expected = np.clip(expected / of_y, 1 - 2**31, 2**31 - 1)
     error = np.abs(found[: len(fast)] - expected).max() if len(found) >= len(fast) else np.inf
-    return error, allowed, np.array_equal(found, held), told
+    return error, allowed, (*map(int, branches), others), np.array_equal(found, held), told
 
 
 def devices():
@@ -300,16 +306,19 @@ def python_answers(stepper, drive):
     return np.array(found)
 
 
-def on_any_drive(stepper, u, folder, name, dtype):
+def on_any_drive(stepper, u, folder, name, dtype, effect=None):
     """Return the largest error of each drive with its limit, and what the sanitizers say.
 
-    Limits are twice what rounding the input makes; an error is infinite where C is finite and
-    Python is not, or the other way round.
+    An inverse is judged by the effect of its drive. Limits are twice what rounding the input makes,
+    or the drive of an inverse; an error is infinite where C is finite and Python is not, or the
+    other way round.
     """
-    header, *_ = to_c(stepper, folder, name, dtype, drive=u)
+    header, _, test = to_c(stepper, folder, name, dtype, drive=u)
     by_row = re.search(rf"{name}_step\(.*\*u\)", header.read_text()) is not None
-    run, errors, said, span = sanitized(folder, name, dtype, by_row), {}, "", 0.0
-    eps = np.finfo(dtype).eps
+    run, errors, said = sanitized(folder, name, dtype, by_row), {}, ""
+    span = float(re.search(TOLD, test.read_text())[2])
+    span = span if effect is None else np.ptp(np.append(effect(stepper.copy().run(u)), 0.0))
+    effect, eps = effect or np.asarray, np.finfo(dtype).eps
     for kind, drive in any_drives(np.asarray(u, dtype=float)).items():
         drive = drive.astype(dtype).astype(float)
         found, told = run(drive)
@@ -318,15 +327,16 @@ def on_any_drive(stepper, u, folder, name, dtype):
             errors[kind] = np.inf, 0.0
             continue
         with np.errstate(all="ignore"):
-            expected = python_answers(stepper, drive)
-            sign = 1.0 - 2.0 * (np.arange(len(drive)) % 2)
-            sign = sign.reshape(-1, *[1] * (drive.ndim - 1))
-            moved = [python_answers(stepper, drive * (1.0 + 0.5 * eps * s)) for s in (sign, -sign)]
+            answer, sign = python_answers(stepper, drive), 1.0 - 2.0 * (np.arange(len(drive)) % 2)
+            rounding = 0.5 * eps * sign.reshape(-1, *[1] * (drive.ndim - 1))
+            moved = [python_answers(stepper, drive * (1.0 + s * rounding)) for s in (1, -1)]
+            moved += [answer * (1.0 + s * 0.5 * eps * sign) for s in (1, -1)]
+            moved, expected = [effect(own) for own in moved], effect(answer)
             good = np.isfinite(expected) & (np.abs(expected) < 0.1 * np.finfo(dtype).max)
-            span = max(span, np.ptp(np.append(expected[good], 0.0))) or 1.0  # that of random ones
-            error = np.abs(found - expected)[good].max(initial=0.0) / span
-            allowed = 2.0 * np.abs(np.subtract(moved, expected))[:, good].max(initial=0.0) / span
-        errors[kind] = error if np.isfinite(error) else np.inf, allowed
+            span = max(span, np.ptp(np.append(expected[good], 0.0)))
+            error = np.abs(effect(found) - expected)[good].max(initial=0.0) / (span or 1.0)
+            allowed = 2.0 * np.abs(np.subtract(moved, expected))[:, good].max(initial=0.0)
+        errors[kind] = error if np.isfinite(error) else np.inf, allowed / (span or 1.0)
     return errors, said
 
 
@@ -337,12 +347,12 @@ def check_any_input(every):
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
 
-        def one(name, stepper, u):
+        def one(name, stepper, u, effect):
             nonlocal n
             for dtype in ("float64", "float32"):
                 n += 1
                 try:
-                    errors, told = on_any_drive(stepper, u, folder, f"a{n}", dtype)
+                    errors, told = on_any_drive(stepper, u, folder, f"a{n}", dtype, effect)
                 except (ValueError, NotImplementedError, TypeError) as reason:
                     refused.append(f"{name}, {dtype}: {str(reason)[:90]}")
                     continue
@@ -350,8 +360,8 @@ def check_any_input(every):
                 for kind, pair in errors.items():
                     found.setdefault((dtype, kind), {})[name] = pair
 
-        for name, stepper, u, _ in everything(every):
-            one(name, stepper, u)
+        for name, stepper, u, _, effect in everything(every):
+            one(name, stepper, u, effect)
     for reason in refused:
         print(f"any input, refused: {reason}")
     print(f"any input, {n} programs, C with warnings: nothing found by sanitizers: {verdict(said)}")
@@ -398,7 +408,7 @@ def check_structured_text(every):
     for dtype in ("float64", "float32"):
         errors, stops, refused = {}, [], 0
         with tempfile.TemporaryDirectory() as place:
-            for name, stepper, u, _ in stepped:
+            for name, stepper, u, *_ in stepped:
                 try:
                     files = to_structured_text(stepper, place, "own", dtype, drive=u[:60])
                 except ValueError:
@@ -497,31 +507,39 @@ def main():
 
 
 def everything(every):
-    """Yield the name, the stepper and an input of all programs, and whether it is of an inverse."""
+    """Yield the name, the stepper and an input of all programs, and whether it is of an inverse.
+
+    Last comes the effect of the drive of an inverse without a preview, else None.
+    """
     for system in systems(every):
         name = f"{system.name}{', inverse' * system.is_inverse}"
-        yield name, system.stepper, system.u, system.is_inverse
+        effect = system.effect if system.is_inverse and not system.ahead else None
+        yield name, system.stepper, system.u, system.is_inverse, effect
     for name, device, u in itertools.islice(devices(), 0, None, every):
-        yield name, device.stepper(1e-3), u, "compensator" in name
+        yield name, device.stepper(1e-3), u, "compensator" in name, None
 
 
 def check_integers(every):
     """Run all programs in integers with any input."""
-    errors, not_held, findings, n = {}, [], [], 0
+    errors, not_held, findings, n, branches, others = {}, [], [], 0, np.zeros(2, dtype=int), []
     with tempfile.TemporaryDirectory() as place:
-        for k, (name, stepper, u, is_inverse) in enumerate(everything(every)):
+        for k, (name, stepper, u, is_inverse, _) in enumerate(everything(every)):
             try:
-                *error, held, told = in_integers(stepper, u, Path(place), f"i{k}")
+                *error, own, held, told = in_integers(stepper, u, Path(place), f"i{k}")
             except ValueError as reason:
                 print(f"integers, {name}: refused: {str(reason)[:90]}", flush=True)
                 continue
             n += 1
+            branches += own[:2]
+            others += [f"{name} ({own[2]})"] if own[2] else []
             not_held += [] if held else [name]
             findings += [f"{name}: {told[:200]}"] if told else []
             if not is_inverse:  # which need not reach what is asked
                 errors[name] = error
     print(f"integers, any input, {n} programs: nothing found by sanitizers: {verdict(findings)}")
     print(f"integers, any input, {n} programs: input beyond is held: {verdict(not_held)}")
+    taken, there_are = branches
+    print(f"integers, {taken} of {there_are} branches have a test vector: {verdict(others)}")
     line("integers, fast drives within the range", errors, "int32")
 
 

@@ -54,9 +54,7 @@ def bounded(values, bound):
 @jit
 def clipped(value, bound):
     """Return a value cut off at ``bound``; NaN becomes ``bound``."""
-    if not abs(value) <= bound:
-        value = -bound if value < 0.0 else bound
-    return value
+    return max(-bound, min(bound, value))
 
 
 def free_runs(one_step, starts, lags, bound):

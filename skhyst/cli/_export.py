@@ -6,7 +6,7 @@ from ..persistence import load_model
 from ..records import read_records
 
 _OF_TEXTS = ("name", "dtype", "drive", "column", "form")
-_OPTIONS = {"c": (*_OF_TEXTS, "sizes"), "st": _OF_TEXTS, "fmu": ("fmi_version",)}
+_OPTIONS = {"c": (*_OF_TEXTS, "sizes", "simulink"), "st": _OF_TEXTS, "fmu": ("fmi_version",)}
 
 
 def export(options):
@@ -31,6 +31,8 @@ def export(options):
 def _export_text(model, options, more):
     name, folder = options.name or options.model.stem, options.c or options.st
     ends = (".h", ".c", "_test.c") if options.c else (".st", "_test.st")
+    if options.simulink:
+        ends, more["simulink"] = (*ends, "_sfun.c"), True
     files = [folder / f"{name}{end}" for end in ends]
     _check([*files, *([_sizes_file(options)] if options.sizes else [])], options)
     for unit in ("input_unit", "output_unit"):

@@ -260,6 +260,8 @@ def _add_export(commands):
     add("--form", choices=("table", "step"), help="laws by tables or integrated (default: table)")
     sizes = "C alone: flash, RAM, stack and instructions on Cortex-M0, Cortex-M4F, AVR and x86-64"
     add("--sizes", action="store_const", const=True, help=sizes)
+    simulink = "C alone: an S-function of Simulink, too"
+    add("--simulink", action="store_const", const=True, help=simulink)
     add("--drive", type=Path, metavar="FILE", help="input of the test program; int32 needs it")
     column = "column of the drive (default: the second); repeat it for a model of several inputs"
     add("--column", action="append", metavar="COL", help=column)

@@ -15,7 +15,8 @@ from ._content import Source, answers, legend, watched_ends
 from ._fixed import MARGIN, Fixed, FixedPrinter, boundary
 from ._model import model_step
 from ._printer import Dialect, Printer
-from ._ranges import Ranges, explore
+from ._ranges import Ranges, explore, limits
+from ._reach import reachable
 from ._tunable import configuration
 from ._values import TAKEN
 
@@ -23,6 +24,7 @@ DIALECTS = {
     "float64": Dialect("double", "", np.float64),
     "float32": Dialect("float", "f", np.float32),
 }
+_OF_SIMULINK = {"float64": "SS_DOUBLE", "float32": "SS_SINGLE", "int32": "SS_INT32"}
 _OWN = (  # names of what is not of a model
     *("init", "step", "state", "status", "test", "refuses", "run", "init_at", "params", "defaults"),
     *("configure", "chebyshev"),
@@ -282,6 +284,7 @@ def to_c(
     tunable=(),
     form="table",
     tolerance=None,
+    simulink=False,
 ) -> list[Path]:
     """Write a model, compensator, controller or operator as a C99 program, run sample by sample.
 
@@ -346,11 +349,14 @@ def to_c(
         Error that the test allows in floating point, as a fraction of the range of the response; by
         default as below. Single precision is refused where its error is larger. Laws that need
         double precision are written in single precision only if it is given.
+    simulink : bool, default=False
+        Whether ``name_sfun.c`` is written, too: the program as an S-function of Simulink. Its
+        outputs are that of ``name_step`` and the status; parameters are those of the fit.
 
     Returns
     -------
     list of Path
-        Header, source and test program.
+        Header, source and test program, and the S-function where it is asked for.
 
     Raises
     ------
@@ -400,7 +406,7 @@ def to_c(
         )
     texts = program(
         *(model, name, dtype, dt, initial_state, u0, drive, (input_unit, output_unit), tunable),
-        *(form, tolerance),
+        *(form, tolerance, simulink),
     )
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -441,10 +447,23 @@ class Program:
 
 
 def program(
-    model, name, dtype, dt, initial_state, u0, drive, units, tunable, form="table", tolerance=None
+    model,
+    name,
+    dtype,
+    dt,
+    initial_state,
+    u0,
+    drive,
+    units,
+    tunable,
+    form="table",
+    tolerance=None,
+    simulink=False,
 ):
     """Return the :class:`Program` that :func:`to_c` writes; parameters are as there."""
     own = Source(model, dtype, dt, initial_state, u0, tunable, form, tolerance)
+    if simulink and own.dt is None:
+        raise ValueError("The 'dt' parameter of to_c must be given, in s, for Simulink.")
     type_ = DIALECTS[dtype].type if dtype in DIALECTS else "int32_t"
     digest = digest_of(own)
     common = dict.fromkeys(_ADDED, "") | {
@@ -477,6 +496,10 @@ def program(
         texts = _in_integers(own.stepper, common, drive, units)
     else:
         texts = _in_reals(own, expected, common, dtype)
+    if simulink:
+        template = Path(__file__).with_name("sfunction.c").read_text(encoding="utf-8")
+        of = {"type": type_, "simulink_type": _OF_SIMULINK[dtype]}
+        texts[f"{name}_sfun.c"] = Template(template).substitute(common | of)
     return Program(texts, own.dt, digest, own.n_inputs, own.by_row, own.entries, begins_at)
 
 
@@ -694,8 +717,9 @@ def _rest(own, expected, printer):
 
 
 def _in_integers(stepper, common, drive, units):
-    step = model_step(stepper.compiled_step, with_numbers=True)
     counts = np.round(drive / units[0]).astype(np.int64)
+    step = model_step(stepper.compiled_step, with_numbers=True)
+    step = reachable(step, stepper.state, limits(counts)[0] * units[0])
     ranges = Ranges(step, stepper.state, counts * units[0])
     counts, ends = explore(ranges, counts, units, MARGIN, lambda u: answers(stepper, u))
     printer = _reserve(FixedPrinter(common["name"], Fixed(), ranges=ranges))

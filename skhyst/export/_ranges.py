@@ -4,6 +4,7 @@ A branch that no sample takes is tried on a copy of the variables wherever it is
 the sizes of its numbers are known, too. If such a trial fails, the branch has no sizes.
 """
 
+import itertools
 import math
 from collections import Counter
 
@@ -17,8 +18,10 @@ _OF_INFINITY = {*COMPARISONS, "min", "max", "abs", "neg", "math.fabs", "math.cop
 _LONGEST_TRIAL = 1000  # iterations of a loop, which may not end in a branch that is only tried
 _FAILED = (ArithmeticError, ValueError, IndexError, KeyError)
 _LONGEST_RUN = 1_000_000  # operations after the drive, some seconds
+_LONGEST_SEARCH = 100_000  # operations that lead to further branches, about a second
 _BITS = 44  # of rounded numbers: fewer than the 50 of the program, to find effects of rounding
 _BEYOND = (16, 8, 4, 2)  # multiples of the largest input of the drive at which input is limited
+_REST = 100  # samples
 _PARTS = (1.0, 1 / 16, 1 / 256)  # fractions of the drive's range
 # relative levels: jumps between the ends every sample and every third sample, rests, ramps
 _JUMPS = [0, 1] * 4 + 2 * ([0] * 3 + [1] * 3) + [0.5] * 3 + [0, 0.2, 0.4, 0.6, 0.8, 1, 0.7, 0.4]
@@ -70,6 +73,10 @@ class Ranges(Interpreter):
         """Whether the number of operations was exhausted before all samples were run."""
         return self._left <= 0
 
+    def limit(self, most):
+        """Run no more than so many operations from now on."""
+        self._left = min(self._left, most)
+
     @property
     def led(self):
         """Branches that samples have taken."""
@@ -94,14 +101,15 @@ class Ranges(Interpreter):
         bits : int
             Number of bits by which sizes may exceed those seen before.
         grows : bool
-            Whether all sizes are updated; else only those of numbers that had none, or were 0.
+            Whether all sizes are updated; else only those of numbers that no sample has computed,
+            or that were 0. Those of a branch that was only tried may be far from what it computes.
 
         Returns
         -------
         bool
             Whether the samples were accepted; else nothing has changed.
         """
-        before = self._state.copy(), set(self._infinite), set(self._led), set(self._passed)
+        before = self.memory()
         known, tried = self._seen, self._tried
         self._sizes = self._seen = {}
         self._tried = dict(tried)
@@ -109,18 +117,29 @@ class Ranges(Interpreter):
             fits = all(self._left <= 0 or math.isfinite(self.answer(u)) for u in drive)
         except _FAILED:
             fits = False
-        sizes, new = {**tried, **known}, self._seen
-        self._seen, self._tried = dict(known), {**self._tried, **tried}
+        new, self._seen = self._seen, dict(known)
+        self._tried = {**self._tried, **tried}
         for key, size in new.items():
-            if size and sizes.get(key):
-                fits = fits and exponent(size) <= exponent(sizes[key]) + bits
-            if grows or not sizes.get(key):
+            if size and known.get(key):
+                fits = fits and exponent(size) <= exponent(known[key]) + bits
+            if grows or not known.get(key):
                 self._seen[key] = max(size, known.get(key, 0.0))
-        if not fits:
-            self._seen, self._tried = known, tried
-            self._state[:], self._infinite, self._led, self._passed = before
         self._sizes = self._seen
+        if not fits:
+            self.recall(before)
         return fits
+
+    def memory(self):
+        """Return what :meth:`recall` returns to."""
+        seen, tried = dict(self._seen), dict(self._tried)
+        sets = (set(places) for places in (self._infinite, self._led, self._passed))
+        return self._state.copy(), seen, tried, *sets
+
+    def recall(self, memory):
+        """Return to where :meth:`memory` was called, except for the operations that are left."""
+        self._state[:], self._seen, self._tried, *sets = memory
+        self._infinite, self._led, self._passed = sets
+        self._sizes = self._seen
 
     def keep(self, places):
         """Forget all branches but these, which the program has."""
@@ -128,7 +147,7 @@ class Ranges(Interpreter):
         self._passed &= places
 
     def take_back(self, led):
-        """Reset the branches that are taken to an earlier set; the others count as not taken."""
+        """Reset the branches that are taken to another set; the others count as not taken."""
         self._passed |= self._led - led
         self._led = led
 
@@ -183,6 +202,7 @@ class _Rounded(Interpreter):
         super().__init__(*ranges.begin)
         self._ranges, self._spare = ranges, spare
         self._lasts = {}  # place value of the last bit of each number, None where it is kept
+        self.led = set()  # branches that samples have taken
 
     def _stored(self, step, *key):
         if not key:
@@ -200,9 +220,20 @@ class _Rounded(Interpreter):
 
         return stored
 
+    def _lead(self, place):
+        self.led.add(place)
+
+    def memory(self):
+        """Return what :meth:`recall` returns to."""
+        return self._state.copy(), set(self.led)
+
+    def recall(self, memory):
+        """Return to where :meth:`memory` was called."""
+        self._state[:], self.led = memory
+
     def agrees(self, drive, outputs, allowed):
         """Run a drive and return whether the responses are these; if not, nothing has changed."""
-        before = self._state.copy()
+        before = self.memory()
         self._lasts.clear()  # sizes may have grown
         try:
             agrees = all(
@@ -211,7 +242,7 @@ class _Rounded(Interpreter):
         except _FAILED:
             agrees = False
         if not agrees:
-            self._state[:] = before
+            self.recall(before)
         return agrees
 
 
@@ -246,8 +277,9 @@ def explore(ranges, counts, units, spare, answers):
     unit, allowed = units[0], 0.25 * units[1]  # a quarter of what the test allows
     drive, rounded = unit * counts, _Rounded(ranges, spare)
     rounded.agrees(drive, answers(drive), math.inf)
-    low, high = counts.min(axis=0), counts.max(axis=0)
-    low, high = low - (low == high), high + (low == high)
+    ranges.take_back(set(rounded.led))
+    *wider, (low, high) = limits(counts)
+    n_states = len(ranges.begin[1])
 
     def follow(jumps, bits, grows):
         """Run jumps; return whether they are accepted, and whether the test can use them."""
@@ -261,9 +293,21 @@ def explore(ranges, counts, units, spare, answers):
         )
         if is_tested:
             drive = more
+            ranges.take_back(set(rounded.led))
         else:
             ranges.take_back(led)
         return True, is_tested
+
+    def seek(jumps):
+        """Run jumps, undone unless the test can use them and they take further branches."""
+        nonlocal drive
+        before, taken = (drive, ranges.memory(), rounded.memory()), ranges.branches[0]
+        if follow(jumps, spare, False)[1] and ranges.branches[0] > taken:
+            return True
+        drive = before[0]
+        ranges.recall(before[1])
+        rounded.recall(before[2])
+        return False
 
     for part in _PARTS:
         jumps = _jumps(low, high, part)
@@ -273,11 +317,7 @@ def explore(ranges, counts, units, spare, answers):
         taken, there_are = ranges.branches
         if taken == there_are:
             break
-    largest = max(abs(low).max(), abs(high).max())
-    for ends in [
-        *(np.full((2, len(low)), [[-1], [1]]) * min(n * largest, 2**31 - 1) for n in _BEYOND),
-        np.array([low, high]),
-    ]:
+    for ends in (*wider, np.array([low, high])):
         jumps = _jumps(*ends)
         fits, is_tested = follow(jumps, spare, False)
         if is_tested:
@@ -286,11 +326,48 @@ def explore(ranges, counts, units, spare, answers):
             counts = np.append(counts, jumps, axis=0)
         if fits:
             break
+    ranges.limit(_LONGEST_SEARCH)
+    for jumps in itertools.chain(*(_searches(*own, n_states) for own in ((low, high), ends))):
+        taken, there_are = ranges.branches
+        if taken == there_are or ranges.is_cut:
+            break
+        if seek(jumps):
+            counts = np.append(counts, jumps, axis=0)
     return counts, ends
 
 
+def limits(counts):
+    """Return possible limits of the input (2, n_inputs), from the widest to the drive's own."""
+    low, high = counts.min(axis=0), counts.max(axis=0)
+    low, high = low - (low == high), high + (low == high)
+    largest = max(abs(low).max(), abs(high).max())
+    symmetric = np.full((2, len(low)), [[-1], [1]])
+    return [*(symmetric * min(n * largest, 2**31 - 1) for n in _BEYOND), np.array([low, high])]
+
+
 def _jumps(low, high, part=1.0):
-    """Return rows of jumps between levels; each column jumps at other samples."""
-    levels = np.transpose([np.roll(_JUMPS, 3 * k) for k in range(len(low))])
-    levels = 0.5 + part * (levels - 0.5)
+    """Return rows of jumps between the ends."""
+    return _rows(0.5 + part * (np.array(_JUMPS) - 0.5), low, high)
+
+
+def _rows(levels, low, high):
+    """Return rows at levels relative to the ends; each column is there at other samples."""
+    levels = np.transpose([np.roll(levels, 3 * k) for k in range(len(low))])
     return np.round(low + (high - low) * levels).astype(np.int64)
+
+
+def _searches(low, high, n_states):
+    """Yield drives that lead to branches which jumps do not take.
+
+    Values one unit apart, a ramp over the pieces of a curve, random ones, rests longer than
+    dynamics, and swings that grow, and die so slowly that each leaves its turning point in memory.
+    """
+    for level in (0.0, 1.0, 0.5):
+        nudges = np.array([0, 1, 0, 0, -1, 0, -1, 1, 0])[:, None]
+        yield np.clip(_rows(np.full(len(nudges), level), low, high) + nudges, low, high)
+    ramp = np.linspace(0.0, 1.0, _REST)
+    yield _rows(np.append(ramp, ramp[::-1]), low, high)
+    yield _rows(np.random.default_rng(0).random(_REST), low, high)
+    yield _rows(np.repeat([1.0, 0.0], 2 * _REST), low, high)
+    fades = np.append(np.linspace(0.0, 1.0, _REST), np.linspace(1.0, 0.0, n_states + 2))
+    yield _rows(0.5 + 0.5 * fades * (-1.0) ** np.arange(len(fades)), low, high)

@@ -50,13 +50,12 @@ def _move(w, q, k, p):
     """Return D and its derivatives by w, q, k and p."""
     o, slope, o_p, bend, slope_p = outflow(w, p)
     z = -k * slope
+    part = -math.expm1(z) / slope  # k (exp(z) - 1) / z
     if z > -_SMALL:
-        part = k * (1.0 + 0.5 * z)  # k (exp(z) - 1) / z
         part_k, part_slope = 1.0 + z, -0.5 * k * k
     else:
-        rest = math.exp(z) if z > _GONE else 0.0  # smaller values would underflow when squared
-        part = (1.0 - rest) / slope
-        part_k, part_slope = rest, (k * rest - part) / slope
+        part_k = math.exp(z) if z > _GONE else 0.0  # smaller values would underflow when squared
+        part_slope = (k * part_k - part) / slope
     f = q - o
     return (
         f * part,
@@ -87,14 +86,10 @@ def tank_sample(before, u, levels, k, p, ceiling, share, offset, scale, n_subste
                 over = max(q - most, 0.0) * (1.0 - room / move)
                 move = room
                 levels[j] = ceiling[j]
-            elif w + move < 0.0:
-                move = -w
-                levels[j] = 0.0
             else:
+                move = max(move, -w)
                 levels[j] = w + move
-            q = q - over - move / k[j] + share[j] * over
-            if q < 0.0:
-                q = 0.0
+            q = max(q - over - move / k[j] + share[j] * over, 0.0)
 
 
 @jit

@@ -40,6 +40,7 @@ def root_step(y, c, s):
     no input gave the last output, else 0, workspace for a state, and the state.
     """
     low, high, sign, least = c[0], c[1], c[2], c[3]
+    is_open = low == -math.inf or high == math.inf  # else a bracket is found before ``_STEPS``
     n = (s.size - 3) // 2
     u, reach = s[0], s[1]
     below, above, short, long = -math.inf, math.inf, 0.0, 0.0
@@ -62,7 +63,7 @@ def root_step(y, c, s):
                 short = 0.5 * short
             side = 1
         if above == math.inf or below == -math.inf:
-            if i == _STEPS or (u >= high if error < 0.0 else u <= low):
+            if (is_open and i == _STEPS) or (u >= high if error < 0.0 else u <= low):
                 break
             u = min(u + reach, high) if error < 0.0 else max(u - reach, low)
             reach = 2.0 * reach
@@ -77,11 +78,9 @@ def root_step(y, c, s):
             most = 0.5 * most
             near = min(most - half, half - digit)
             u = above - long * (above - below) / (long - short)
-            u = min(max(u, middle - near), middle + near)
-            if not (below < u and u < above):
-                u = middle
+            u = min(max(middle - near, u), middle + near)  # also if u is NaN
     s[2] = 0.0
-    if (math.isinf(above) and u < high) or (math.isinf(below) and u > low):
+    if is_open and ((above == math.inf and u < high) or (below == -math.inf and u > low)):
         u = s[0]  # no input gives it
         s[2] = 1.0
     s[1] = max(abs(u - s[0]), 0.5 * s[1], least)  # never zero, however long the rest

@@ -10,6 +10,7 @@ import pytest
 from c_programs import FLAGS
 from operator_cases import DT, OPERATORS, make_drive
 
+from skhyst.control import FeedforwardPI
 from skhyst.export import to_c
 from skhyst.hysteresis import (
     BacklashOperator,
@@ -591,3 +592,86 @@ int main(void)
 }
 """)
     assert compiled(tmp_path, "main.c", "law.c").returncode == 0
+
+
+_SIMSTRUC = """
+#include <stdint.h>
+#include <string.h>
+typedef double real_T;
+typedef int int_T;
+typedef uint32_t uint32_T;
+typedef struct { int parameters, width, type, through; double dt; real_T work[2][64];
+                 void *u; void *y[2]; } SimStruct;
+enum { SS_DOUBLE, SS_SINGLE, SS_INT32, SS_UINT32 };
+#define SS_OPTION_EXCEPTION_FREE_CODE 0
+#define ssSetNumSFcnParams(S, n) ((S)->parameters = (n))
+#define ssGetNumSFcnParams(S) ((S)->parameters)
+#define ssGetSFcnParamsCount(S) 0
+#define ssSetNumInputPorts(S, n) ((S) && (n) == 1)
+#define ssSetNumOutputPorts(S, n) ((S) && (n) == 2)
+#define ssSetInputPortWidth(S, k, n) ((S)->width = (n))
+#define ssSetInputPortDataType(S, k, t) ((S)->type = (t))
+#define ssSetInputPortRequiredContiguous(S, k, n) ((void)(S))
+#define ssSetInputPortDirectFeedThrough(S, k, n) ((S)->through = (n))
+#define ssSetOutputPortWidth(S, k, n) ((void)(S))
+#define ssSetOutputPortDataType(S, k, t) ((void)(S))
+#define ssSetNumDWork(S, n) ((void)(S))
+#define ssSetDWorkWidth(S, k, n) ((void)((n) <= 64 ? (S) : 0))
+#define ssSetDWorkDataType(S, k, t) ((void)(S))
+#define ssSetNumSampleTimes(S, n) ((void)(S))
+#define ssSetOptions(S, n) ((void)(S))
+#define ssSetSampleTime(S, k, t) ((S)->dt = (t))
+#define ssSetOffsetTime(S, k, t) ((void)(S))
+#define ssGetDWork(S, k) ((void *)(S)->work[k])
+#define ssGetInputPortSignal(S, k) ((S)->u)
+#define ssGetOutputPortSignal(S, k) ((S)->y[k])
+"""
+_SIMULATION = """
+#include <stdio.h>
+int main(void)
+{
+    static SimStruct S;
+    double u[2], y;
+    uint32_T bits;
+    S.u = u;
+    S.y[0] = &y;
+    S.y[1] = &bits;
+    mdlInitializeSizes(&S);
+    mdlInitializeSampleTimes(&S);
+    mdlInitializeConditions(&S);
+    printf("%d %d %g\\n", S.width, S.through, S.dt);
+    while (scanf("%lf %lf", u, u + 1) == 2) {
+        u[0] += 0.3;
+        mdlOutputs(&S, 0); /* of a trial input, in an algebraic loop */
+        u[0] -= 0.3;
+        mdlOutputs(&S, 0);
+        mdlUpdate(&S, 0);
+        printf("%.17g %u\\n", y, bits);
+    }
+    mdlTerminate(&S);
+    return 0;
+}
+"""
+
+
+@NEEDS_COMPILER
+def test_an_s_function_answers_as_python(tmp_path):
+    """With the functions that Simulink would call; trial inputs leave no trace."""
+    loop = FeedforwardPI(0.1, 20.0, kd=1e-4, filter_time=2e-3, drive_limits=(-0.1, 0.2))
+    *_, path = to_c(loop, tmp_path, "loop", dt=1e-3, simulink=True)
+    (tmp_path / "simstruc.h").write_text(_SIMSTRUC)
+    (tmp_path / "cg_sfun.h").write_text(_SIMULATION)
+    rows = np.random.default_rng(0).normal(size=(30, 2)).round(3)
+    flags = [*FLAGS, "-fsanitize=address,undefined", path.name, "loop.c", "-o", "program", "-lm"]
+    subprocess.run(["cc", *flags], cwd=tmp_path, check=True)
+    given = "\n".join(f"{r} {y}" for r, y in rows)
+    done = subprocess.run("./program", cwd=tmp_path, input=given, capture_output=True, text=True)
+    assert done.stderr == ""
+    sizes, *lines = done.stdout.splitlines()
+    assert sizes.split() == ["2", "1", "0.001"]
+    stepper = loop.stepper(1e-3)
+    for row, (y, bits) in zip(rows, map(str.split, lines), strict=True):
+        assert float(y) == pytest.approx(stepper.step(row), abs=1e-14)
+        assert (int(bits) != 0) == bool(stepper.status)
+    with pytest.raises(ValueError, match="'dt' parameter of to_c must be given"):
+        to_c(loop.stepper(1e-3).compiled_step, tmp_path, "x", simulink=True)

@@ -10,6 +10,7 @@ import pytest
 
 from skhyst.export import to_c
 from skhyst.export._fixed import Fixed, FixedPrinter
+from skhyst.fluid import TankChainOperator
 from skhyst.hysteresis import BacklashOperator, SlewLimitOperator
 from skhyst.linear import SecondOrderModeOperator
 from skhyst.operators import CompiledLaw, Stepper
@@ -139,7 +140,13 @@ def test_a_slew_limit_is_right_for_a_drive_faster_than_that_of_the_fit(tmp_path,
 @NEEDS_COMPILER
 @pytest.mark.parametrize(
     "operator",
-    [SlewLimitOperator(30.0), BacklashOperator(0.2), SecondOrderModeOperator(200.0, 0.1)],
+    [
+        SlewLimitOperator(30.0),
+        BacklashOperator(0.2),
+        SecondOrderModeOperator(200.0, 0.1),
+        # the drive of the test fills it, only a larger one makes it overflow
+        TankChainOperator([0.11, 0.23], [0.5, 0.7], [1.07, 1.13], [0.7], drive_offset=-0.37),
+    ],
 )
 def test_whatever_comes_is_held(tmp_path, operator):
     u = np.sin(np.linspace(0.0, 6.0, 100))
@@ -219,16 +226,48 @@ def test_the_test_takes_every_branch(tmp_path):
 
 
 def of_ends(u, c, s):
-    """Lead to a place that no drive reaches, and to one that integers do not have."""
+    """Lead to a place beyond the input's limits, and to one that only arithmetic excludes."""
     if u != u:
         return 0.0
     if u > 100.0:
         return 1.0
+    if u * u - u * u > 0.5:
+        return 2.0
     return u if u > 0.5 else 0.5
 
 
 def test_branches_that_are_not_taken_are_told(tmp_path):
+    """Those that no input within its limits reaches are not written."""
     of_ends.py_func = of_ends
     options = {"drive": [0.7, 1.0], "input_unit": 1e-3, "output_unit": 1e-3}
-    *_, test = to_c(Stepper(CompiledLaw(of_ends, (), ())), tmp_path, "x", "int32", **options)
+    _, source, test = to_c(Stepper(CompiledLaw(of_ends, (), ())), tmp_path, "x", "int32", **options)
     assert inputs(test)[1] == ("3", "4", ", not 1 of of_ends")
+    assert len(re.findall(r"\bif \(", source.read_text().split("of_ends(")[1])) == 1
+
+
+def of_marks(u, c, s):
+    """Count up to three, with a mark that stands, a level that is never below zero, and a loop."""
+    level = max(s[0] + u, 0.0)
+    s[0] = level if level < 2.0 else 2.0
+    if s[1] > 0.0:
+        for k in range(3):
+            if k > 2 or level < -1e-9:
+                return -1.0
+            u += 0.5 if s[0] > 3.0 else 0.25
+        return u
+    s[1] = 1.0
+    return 0.0
+
+
+@NEEDS_COMPILER
+def test_what_a_state_never_is_leads_nowhere(tmp_path):
+    """What is left out is what the state excludes: with another first state it is there."""
+    of_marks.py_func = of_marks
+    for mark, branches in ((1.0, "2"), (0.0, "4")):
+        law = Stepper(CompiledLaw(of_marks, (), (0.0, mark)))
+        options = {"drive": [0.7, -1.0], "input_unit": 1e-3, "output_unit": 1e-3}
+        *_, test = to_c(law, tmp_path, "x", "int32", **options)
+        assert inputs(test)[1] == (branches, branches, "")
+        counts = np.random.default_rng(3).integers(-16000, 16000, 50)
+        expected = [1e3 * law.step(1e-3 * count) for count in counts]
+        assert abs(answers(tmp_path, "x", counts) - expected).max() < 1.0
