@@ -277,11 +277,14 @@ class LinearOperator(HeldInput):
         """Return the derivatives of the discrete form and of the state at rest, by parameter."""
         if (dt, "tangents") not in self._memory:
             a, b, c, d = self._stepped()
-            rest = _equilibrium(a, b, self.integrators)
-            parts = (*discretize(a, b, dt, self.hold), c, d, rest)
-            self._memory[dt, "tangents"] = [
-                np.ascontiguousarray(part.imag / _STEP) for part in parts
-            ]
+            by = [np.ascontiguousarray(part.imag / _STEP) for part in (a, b, b, c, d, b)]
+            moves = by[0].any(axis=(1, 2)) | by[1].any(axis=1)  # the others change the output alone
+            if moves.any():
+                a, b = a[moves], b[moves]
+                found = *discretize(a, b, dt, self.hold), _equilibrium(a, b, self.integrators)
+                for place, part in zip((0, 1, 2, 5), found, strict=True):
+                    by[place][moves] = part.imag / _STEP
+            self._memory[dt, "tangents"] = by
         return self._memory[dt, "tangents"]
 
     def inverse(self):

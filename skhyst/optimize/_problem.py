@@ -1,6 +1,7 @@
 """An operator and records as a least-squares problem."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -232,17 +233,26 @@ class OperatorProblem(Unknowns):
             values = np.concatenate([values, disturbance.pack()[skip:]])
             self._moving.append(len(own))
         super().__init__(entries, values)
-        self.scale = float(sum(record.power() for record in self.records))
-        self.segment_record = np.concatenate(
-            [np.full(len(record.segments), i) for i, record in enumerate(self.records)]
-        )
-        self.segment_length = np.array(
-            [stop - start for record in self.records for start, stop in record.segments]
-        )
-        self.segment_weight = np.concatenate([r.segment_weights() for r in self.records])
         self._n_eliminated = sum(np.size(d.coefficients) for d in self.disturbances)
         if self.records[0].beside is not None:
             self._n_eliminated += self.records[0].beside.shape[1]
+
+    @cached_property
+    def scale(self):
+        """Sum of squares of the responses, samples counted by their weights."""
+        return float(sum(record.power() for record in self.records))
+
+    @cached_property
+    def segment_record(self):
+        return np.repeat(np.arange(len(self.records)), [len(r.segments) for r in self.records])
+
+    @cached_property
+    def segment_length(self):
+        return np.array([stop - start for r in self.records for start, stop in r.segments])
+
+    @cached_property
+    def segment_weight(self):
+        return np.concatenate([record.segment_weights() for record in self.records])
 
     def depends_on(self, select):
         """Whether :meth:`evaluate` depends on which segments are selected, of those selected."""
@@ -322,7 +332,8 @@ class OperatorProblem(Unknowns):
         """
         operator, disturbances = self.unpack(x)  # once: an operator remembers its discrete form
         d, n = self._n_eliminated, len(x) * jacobian
-        blocks, last = np.empty((len(self.segment_record), d + n + 1, d + n + 1)), 0
+        blocks = np.empty((sum(len(r.segments) for r in self.records), d + n + 1, d + n + 1))
+        last = 0
         for record in self.records:
             first, last = last, last + len(record.segments)
             if select is not None and not select[first:last].any():
