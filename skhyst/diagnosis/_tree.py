@@ -264,7 +264,12 @@ class Tree:
     def with_operators(self, operator, disturbances):
         """Return the tree with other values of the operator and of its disturbances."""
         both = operator, tuple(disturbances)
-        return replace(self, root=self.model.tree(both) if self.disturbances else operator)
+        tree = replace(self, root=self.model.tree(both) if self.disturbances else operator)
+        # neither depends on values
+        vars(tree).update(
+            {name: vars(self)[name] for name in ("model", "held") if name in vars(self)}
+        )
+        return tree
 
     def with_stages(self, stages):
         """Return the tree with other stages in its series."""
@@ -344,7 +349,7 @@ class Tree:
 
     # ------------------------------------------------------------------ as an operator
 
-    @property
+    @cached_property
     def held(self):
         """Names of the entries that are not free."""
         return self.model.held_parameters() | constant_entries(self.operator, self.disturbances)

@@ -183,11 +183,14 @@ class Unknowns:
             self.lower = np.where(self.log, np.log(np.maximum(lower, 0.0)), lower)
             self.upper = np.where(self.log, np.log(np.maximum(upper, 0.0)), upper)
             self.x0 = np.where(self.log, np.log(np.where(self.log, np.abs(values), 1.0)), values)
-        self._sign = np.where(self.log & (values < 0.0), -1.0, 1.0)
+        self._logs, self._penalised = np.flatnonzero(self.log), self.penalty.any()
+        self._sign = np.where(values[self._logs] < 0.0, -1.0, 1.0)
 
     def values(self, x):
         """Return the unknowns in their own units."""
-        return np.where(self.log, self._sign * np.exp(np.where(self.log, x, 0.0)), x)
+        values = np.array(x, dtype=float)
+        values[self._logs] = self._sign * np.exp(values[self._logs])
+        return values
 
 
 class OperatorProblem(Unknowns):
@@ -352,11 +355,11 @@ class OperatorProblem(Unknowns):
             if record.weights is not None:
                 columns *= np.sqrt(record.weights)[:, None]
             _segment_grams(columns, record.segments, blocks[first:last])
-        if jacobian and self.log.any():
+        if n and len(self._logs):
             chain = np.ones(d + n + 1)
             chain[d:-1] = self._chain(x)
-            blocks *= np.outer(chain, chain)
-        if self.penalty.any():
+            blocks *= chain[:, None] * chain
+        if self._penalised:
             self._penalize(blocks, x)
         return blocks
 
@@ -417,7 +420,9 @@ class OperatorProblem(Unknowns):
 
     def _chain(self, x):
         """Return the derivatives of the values by the unknowns, but for their signs."""
-        return np.where(self.log, np.exp(np.where(self.log, x, 0.0)), 1.0)
+        chain = np.ones(len(x))
+        chain[self._logs] = np.exp(x[self._logs])
+        return chain
 
     @staticmethod
     def _moving_columns(disturbances, record, coefficients):
@@ -430,11 +435,11 @@ class OperatorProblem(Unknowns):
 
     def total(self, blocks, select=None):
         """Return the Gram matrix of ``[J, r]`` over segments, disturbances eliminated."""
-        if select is None:
-            select = np.ones(len(blocks), dtype=bool)
         d = self._n_eliminated
         if not d:
-            return (blocks if select.all() else blocks[select]).sum(axis=0)
+            return (blocks if select is None or select.all() else blocks[select]).sum(axis=0)
+        if select is None:
+            select = np.ones(len(blocks), dtype=bool)
         total = np.zeros((blocks.shape[1] - d,) * 2)
         for number in range(len(self.records)):
             rows = select & (self.segment_record == number)
