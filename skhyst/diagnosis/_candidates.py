@@ -107,7 +107,7 @@ def refitted(candidate, structure, records, max_evaluations=FACTOR**4, begun=Non
         predicted_cost=solution.predicted_cost,
         x=solution.x,
         n_parameters=n_parameters,
-        solution=replace(solution, n_evaluations=1),  # a further budget is one of its own
+        solution=None,
     )
 
 
@@ -204,7 +204,6 @@ def held_out(candidate, records, folds):
         weights=weights,
         explained=tuple(predictions[1]) if predictions[1:] else None,
         error=root_mean_square(residuals, weights),
-        solution=None,
     )
 
 

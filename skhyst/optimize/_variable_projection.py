@@ -96,7 +96,7 @@ def variable_projection(
     blocks : ndarray, optional
         ``problem.evaluate(x0, select=select)`` where it is known already.
     begun : Solution, optional
-        Of the same problem, from :func:`begin` or a smaller budget, to go on from instead of x0.
+        What :func:`begin` returns for x0, where it is known already.
     tolerance : float, default=1e-8
         Stops when a step is predicted to reduce, or has reduced, the sum of squares by less than
         this fraction.
@@ -119,10 +119,8 @@ def variable_projection(
     """
     if begun is None:
         solution = begin(problem, x0, select, blocks)
-    else:
-        goes_on = not begun.converged and np.isfinite(begun.cost)
-        message = "" if goes_on else begun.message
-        solution = replace(begun, message=message, history=[*begun.history], damping=[])
+    else:  # a copy, since it is changed
+        solution = replace(begun, history=[*begun.history], damping=[], predicted_cost=np.inf)
     if not solution.message:
         if project and problem.linear.all():
             solution.converged = True
