@@ -82,11 +82,9 @@ def screened(effect, structure, records):
             problem = start.problem(records)
             starts.append((start, problem, begin_and_predict(problem, problem.x0)))
         start, problem, own = min(starts, key=lambda own: own[2].predicted_cost)
-        n_parameters = len(own.x) + start.n_coefficients()
-        candidate = Candidate(
-            (effect.name,), start, np.inf, own.predicted_cost, n_parameters, own.x
-        )
-        found.append(replace(candidate, structure=start.at(problem, own.x), solution=own))
+        tree, n_parameters = start.at(problem, own.x), len(own.x) + start.n_coefficients()
+        known = tree, np.inf, own.predicted_cost, n_parameters, own.x
+        found.append(Candidate((effect.name,), *known, solution=own))
     return found
 
 
