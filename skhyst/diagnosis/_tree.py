@@ -264,12 +264,7 @@ class Tree:
     def with_operators(self, operator, disturbances):
         """Return the tree with other values of the operator and of its disturbances."""
         both = operator, tuple(disturbances)
-        tree = replace(self, root=self.model.tree(both) if self.disturbances else operator)
-        # neither depends on values
-        vars(tree).update(
-            {name: vars(self)[name] for name in ("model", "held") if name in vars(self)}
-        )
-        return tree
+        return replace(self, root=self.model.tree(both) if self.disturbances else operator)
 
     def with_stages(self, stages):
         """Return the tree with other stages in its series."""
@@ -382,7 +377,11 @@ class Tree:
 
     def at(self, problem, x):
         """Return the tree with the operators at ``x``."""
-        return self.with_operators(*problem.unpack(x))
+        tree = self.with_operators(*problem.unpack(x))
+        # of a problem of this tree neither depends on the values
+        own = {name: vars(self)[name] for name in ("model", "held") if name in vars(self)}
+        vars(tree).update(own)
+        return tree
 
     def n_coefficients(self):
         """Number of coefficients that are estimated for each record."""
