@@ -29,7 +29,6 @@ from ..operators import (
     as_signal,
     block_run,
     block_table,
-    exponentials,
     first_order_run,
     second_order_run,
     state_space_begin,
@@ -71,9 +70,8 @@ def discretize(a, b, dt, hold):
     refuse_open_hold(hold)
     n = a.shape[-1]
     z = np.diagonal(a, axis1=-2, axis2=-1) * dt
-    is_complex = np.iscomplexobj(a)
-    # of triangular matrices `expm` squares in a loop of Python
-    slow = not is_complex and np.max(abs(z), initial=0.0) > _SQUARED
+    # of triangular matrices `expm` squares in a loop of Python, and takes complex ones one by one
+    slow = np.iscomplexobj(a) or np.max(abs(z), initial=0.0) > _SQUARED
     if slow and np.array_equal(z[..., None] * np.eye(n), a * dt):
         e, phi1, phi2 = _exponentials(z)
         ad, g1, g2 = e[..., None] * np.eye(n), phi1 * b * dt, phi2 * b * dt
@@ -82,7 +80,7 @@ def discretize(a, b, dt, hold):
         block[..., :n, :n] = a * dt
         block[..., :n, n] = b * dt
         block[..., n, n + 1] = 1.0
-        e = exponentials(block) if is_complex else expm(block)
+        e = expm(block)
         parts = e[..., :n, :n], e[..., :n, n], e[..., :n, n + 1]
         ad, g1, g2 = map(np.ascontiguousarray, parts)  # kernels are compiled once for each layout
     return (ad, g1 - g2, g2) if hold == "foh" else (ad, g1, np.zeros_like(g1))

@@ -79,7 +79,6 @@ from ._resolution import with_terms_kept as with_terms_kept
 from ._root_inverse import InverseOperator, RootInverseOperator, inverse_of
 from ._state_space import block_run as block_run
 from ._state_space import block_table as block_table
-from ._state_space import exponentials as exponentials
 from ._state_space import first_order_run as first_order_run
 from ._state_space import second_order_run as second_order_run
 from ._state_space import state_space_begin as state_space_begin

@@ -159,48 +159,6 @@ def block_run(table, u, x, u_previous):
     return y, given[1 + length :].copy()
 
 
-@jit
-def exponentials(stack):
-    """Return the exponentials of complex matrices (k, n, n).
-
-    SciPy's take complex matrices one by one in Python. Here each is scaled by a power of two to a
-    norm of 1/2, of which sixteen terms of the series are exact to rounding, and squared back.
-    """
-    n = stack.shape[1]
-    found = np.empty_like(stack)
-    product = np.empty((n, n), dtype=stack.dtype)
-    for k in range(stack.shape[0]):
-        norm = 0.0
-        for i in range(n):
-            row = 0.0
-            for j in range(n):
-                row += abs(stack[k, i, j])
-            norm = max(norm, row)
-        squarings, scale = 0, 1.0
-        while 0.5 < norm * scale < np.inf:
-            scale *= 0.5
-            squarings += 1
-        total = found[k]
-        for i in range(n):
-            for j in range(n):
-                total[i, j] = 1.0 if i == j else 0.0
-        for term in range(16 + squarings):
-            factor = scale / (16 - term) if term < 16 else 0.0
-            for i in range(n):
-                for j in range(n):
-                    value = 0.0j
-                    for q in range(n):
-                        left = total[i, q] if term >= 16 else factor * stack[k, i, q]
-                        value += left * total[q, j]
-                    product[i, j] = value
-            for i in range(n):
-                for j in range(n):
-                    total[i, j] = product[i, j]
-                if term < 16:
-                    total[i, i] += 1.0
-    return found
-
-
 def tangent_system(discrete, by, rest, rest_by, led):
     """Return what :func:`state_space_tangents` takes of a system, whatever its input.
 
