@@ -18,7 +18,7 @@ import numpy as np
 from joblib import delayed
 
 from ..noise import fit_noise
-from ..optimize import predicted_cost, single_step, variable_projection
+from ..optimize import begin_and_predict, single_step, variable_projection
 from ._constants import FACTOR, NOTICEABLE, TOLERANCE
 from ._criterion import weighted
 from ._shortened import are_long
@@ -49,6 +49,8 @@ class Candidate:
         Held-out root mean square error.
     box : object
         Predictions of the declared black box, if one was declared, see ``_black_box``.
+    solution : Solution or None
+        What a descent on the same records begins with, at starting values.
     """
 
     effects: tuple
@@ -63,6 +65,7 @@ class Candidate:
     explained: tuple | None = None
     error: float = np.nan
     box: object = None
+    solution: object = None
 
     @cached_property
     def noise(self):
@@ -77,19 +80,23 @@ def screened(effect, structure, records):
         starts = []
         for start in variant:
             problem = start.problem(records)
-            cost = predicted_cost(problem, problem.x0)
-            n_parameters = len(problem.x0) + start.n_besides()
-            starts.append(Candidate((effect.name,), start, np.inf, cost, n_parameters, problem.x0))
-        found.append(min(starts, key=lambda c: c.predicted_cost))
+            starts.append((start, problem, begin_and_predict(problem, problem.x0)))
+        start, problem, own = min(starts, key=lambda own: own[2].predicted_cost)
+        tree, n_parameters = start.at(problem, own.x), len(own.x) + start.n_besides()
+        known = tree, np.inf, own.predicted_cost, n_parameters, own.x
+        found.append(Candidate((effect.name,), *known, solution=own))
     return found
 
 
-def refitted(candidate, structure, records, max_evaluations=FACTOR**4):
-    """Return a candidate with another structure, refitted."""
+def refitted(candidate, structure, records, max_evaluations=FACTOR**4, begun=None):
+    """Return a candidate with another structure, refitted.
+
+    ``begun`` is what the descent begins with where that is known.
+    """
     problem = structure.problem(records)
     n_parameters = len(problem.x0) + structure.n_besides()
     solution = variable_projection(
-        problem, problem.x0, tolerance=TOLERANCE, max_evaluations=max_evaluations
+        problem, problem.x0, begun=begun, tolerance=TOLERANCE, max_evaluations=max_evaluations
     )
     return replace(
         candidate,
@@ -98,6 +105,7 @@ def refitted(candidate, structure, records, max_evaluations=FACTOR**4):
         predicted_cost=solution.predicted_cost,
         x=solution.x,
         n_parameters=n_parameters,
+        solution=None,
     )
 
 
@@ -148,7 +156,9 @@ def halve(groups, parallel):
 def _rung(found, groups, budget, parallel):
     jobs = [(c, group[1]) for own, group in zip(found, groups, strict=True) for c in own]
     fitted = iter(
-        parallel(delayed(refitted)(c, c.structure, records, budget) for c, records in jobs)
+        parallel(
+            delayed(refitted)(c, c.structure, records, budget, c.solution) for c, records in jobs
+        )
     )
     refined = [[next(fitted) for _ in own] for own in found]
     return [[c for c in own if c is not None] for own in refined]

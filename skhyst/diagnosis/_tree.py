@@ -351,7 +351,7 @@ class Tree:
 
     # ------------------------------------------------------------------ as an operator
 
-    @property
+    @cached_property
     def held(self):
         """Names of the entries that are not free."""
         return self.model.held_parameters() | constant_entries(self.operator, self.disturbances)
@@ -384,7 +384,11 @@ class Tree:
 
     def at(self, problem, x):
         """Return the tree with the operators at ``x``."""
-        return self.with_operators(*problem.unpack(x))
+        tree = self.with_operators(*problem.unpack(x))
+        # of a problem of this tree neither depends on the values
+        own = {name: vars(self)[name] for name in ("model", "held") if name in vars(self)}
+        vars(tree).update(own)
+        return tree
 
     def n_besides(self):
         """Number of estimates beside the unknowns of the problem.

@@ -358,34 +358,36 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
         u, du = as_signal(u), as_signal(du)
-        state = self.init(u[0] if u.size else 0.0, initial_state)
-        y, _ = self.run(u, dt, state)
+        plays, last, _ = self.init(u[0] if u.size else 0.0, initial_state)
+        velocities = np.diff(u, prepend=last) / dt
         # from rest the first loading ends at the first sample: before it, the tangents are the same
         before = du[:1] if initial_state == "rest" else np.zeros((1, du.shape[1]))
-        velocities = np.diff(u, prepend=state[1]) / dt
         rates, drates = self._rate_tangents(
             velocities, np.diff(du, axis=0, prepend=before[: len(du)]) / dt, dt
         )
         m, arguments = du.shape[1], self._arguments()
+        y, start = np.empty(u.size), np.zeros(plays.size)
+        rate_play_run(u, rates, *arguments, plays, y)
         # growth and time constant act through the rate only: they are additional tangents for which
         # that of the drive is zero. A threshold grows by ``growth * rate``, so the tangent by
         # growth itself is that of the rate, ``rate / growth``
-        own = np.zeros((u.size, drates.shape[1] - m))
-        speeds = drates
         growth = self.dilation or self.stretch
         if growth:
-            own = np.column_stack((np.zeros(u.size), own))
-            speeds = np.insert(drates, m, rates / growth, axis=1)
-            drates = np.insert(drates, m, 0.0, axis=1)
-        drive = np.hstack((du, own))
-        out = np.empty((u.size, drive.shape[1] + self.thresholds.size))
-        start = np.zeros(self.thresholds.size)
+            drates = np.column_stack((drates[:, :m], np.zeros(u.size), drates[:, m:]))
+        speeds, drive = drates, np.zeros_like(drates)
+        drive[:, :m] = du
+        if growth:
+            speeds = drates.copy()
+            speeds[:, m] = rates / growth
+        out = np.empty((u.size, drive.shape[1] + plays.size))
         rate_play_tangents(u, as_signal(drive), rates, as_signal(speeds), *arguments, start, out)
-        plays = out[:, drive.shape[1] :]
-        propagated = out[:, : drive.shape[1]] + (plays @ arguments[-1])[:, None] * drates
+        plays, propagated = out[:, drive.shape[1] :], out[:, : drive.shape[1]]
+        if self.rate_weights.size:
+            propagated = propagated + (plays @ self.rate_weights)[:, None] * drates
         scaled = rates[:, None] * plays[:, : self.rate_weights.size]
         ones = np.ones((u.size, 1))
-        return y, np.hstack((propagated[:, :m], plays, scaled, ones, propagated[:, m:]))
+        own = plays, scaled, ones, propagated[:, m:]
+        return y + self.intercept, np.hstack((propagated[:, :m], *own))
 
     def position_tangents(self, u, dt, initial_state="rest"):
         u = as_signal(u)

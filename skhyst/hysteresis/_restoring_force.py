@@ -338,15 +338,13 @@ class RestoringForceOperator(OscillatorOperator, loops=(*loops(restoring), resto
         }
 
     def _spring(self, q):
-        """Return the spring's force, its slope and its derivatives by the coefficients."""
-        degrees = 2 * np.arange(1, self.stiffness_coefficients.size + 1)
-        by = q * (q / self.scale) ** degrees
-        slope = (degrees + 1) * (q / self.scale) ** degrees
-        return (
-            q + float(by @ self.stiffness_coefficients),
-            1.0 + float(slope @ self.stiffness_coefficients),
-            by,
-        )
+        """Return the spring's force and its slope."""
+        force, slope = odd_terms(q, as_signal(self.stiffness_coefficients), float(self.scale))
+        return q + force, 1.0 + slope
+
+    def _by_coefficients(self, q):
+        """Return the derivatives of the spring's force by the coefficients."""
+        return q * (q / self.scale) ** (2 * np.arange(1, self.stiffness_coefficients.size + 1))
 
     def _hysteresis(self, displacement):
         """Return the hysteretic force after a first loading by ``displacement``, and its slope."""
@@ -360,19 +358,19 @@ class RestoringForceOperator(OscillatorOperator, loops=(*loops(restoring), resto
         first = 1 + 2 + n + self.damping_coefficients.size
         by = np.zeros((2, first + 3))
         # the preload alone, without hysteretic force
-        center = _equilibrium(lambda q: self._spring(q)[:2], 0.0, float(self.preload))
-        _, slope, by_coefficients = self._spring(center)
+        center = _equilibrium(self._spring, 0.0, float(self.preload))
+        _, slope = self._spring(center)
         center_by = np.zeros(first + 3)
-        center_by[3 : 3 + n] = -by_coefficients / slope
+        center_by[3 : 3 + n] = -self._by_coefficients(center) / slope
         center_by[first + 2] = 1.0 / slope
 
         def both(q):
-            force, slope, _ = self._spring(q)
+            force, slope = self._spring(q)
             hysteretic, steeper = self._hysteresis(q - center)
             return force + hysteretic, slope + steeper
 
         q = _equilibrium(both, center, u0 + float(self.preload)) if u0 else center
-        _, slope, by_coefficients = self._spring(q)
+        _, slope = self._spring(q)
         z, steeper = self._hysteresis(q - center)
         # derivatives of z at constant q
         if abs(z) < self.slip_level:
@@ -382,7 +380,7 @@ class RestoringForceOperator(OscillatorOperator, loops=(*loops(restoring), resto
             by[1, first + 1] += math.copysign(1.0, q - center)
         by[0] -= by[1]
         by[0, 0] += 1.0
-        by[0, 3 : 3 + n] -= by_coefficients
+        by[0, 3 : 3 + n] -= self._by_coefficients(q)
         by[0, first + 2] += 1.0
         by[0] /= slope + steeper
         by[1] += steeper * by[0]

@@ -35,6 +35,7 @@ from ..operators import (
     state_space_run,
     state_space_step,
     state_space_tangents,
+    tangent_system,
 )
 
 _SQUARED = 4.25  # norm above which `expm` squares: Al-Mohy and Higham, SIAM J. Matrix Anal., 2009
@@ -267,20 +268,21 @@ class LinearOperator(HeldInput):
         """Return A, B, C, D for a complex step in each parameter, (n_parameters, ...) each."""
         values = self.pack()
         points = values + 1j * _STEP * np.eye(values.size)
-        return [
-            np.stack([np.asarray(part, dtype=complex) for part in parts])
-            for parts in zip(*(self._matrices(point) for point in points), strict=True)
-        ]
+        parts = zip(*(self._matrices(point) for point in points), strict=True)
+        return [np.array(part, dtype=complex) for part in parts]
 
     def _discrete_tangents(self, dt):
         """Return the derivatives of the discrete form and of the state at rest, by parameter."""
         if (dt, "tangents") not in self._memory:
             a, b, c, d = self._stepped()
-            rest = _equilibrium(a, b, self.integrators)
-            parts = (*discretize(a, b, dt, self.hold), c, d, rest)
-            self._memory[dt, "tangents"] = [
-                np.ascontiguousarray(part.imag / _STEP) for part in parts
-            ]
+            by = [np.ascontiguousarray(part.imag / _STEP) for part in (a, b, b, c, d, b)]
+            moves = by[0].any(axis=(1, 2)) | by[1].any(axis=1)  # the others change the output alone
+            if moves.any():
+                a, b = a[moves], b[moves]
+                found = *discretize(a, b, dt, self.hold), _equilibrium(a, b, self.integrators)
+                for place, part in zip((0, 1, 2, 5), found, strict=True):
+                    by[place][moves] = part.imag / _STEP
+            self._memory[dt, "tangents"] = by
         return self._memory[dt, "tangents"]
 
     def inverse(self):
@@ -350,33 +352,44 @@ class LinearOperator(HeldInput):
         return np.concatenate([y, rest]), x
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
-        y, dy = self._tangents(u, du, dt, initial_state, self._discrete_tangents(dt))
-        names = [name for name, _ in self.entries()]
-        if "intercept" in names:
-            dy[:, du.shape[1] + names.index("intercept")] = 1.0
+        y, dy = self._tangents(u, du, dt, initial_state, own=True)
+        at = du.shape[1]
+        for name, size in self._sizes.items():
+            if name == "intercept":
+                dy[:, at] = 1.0
+            at += size
         return y, dy
 
     def propagate(self, u, du, dt, initial_state="rest"):
         if du.shape[1] == 0:
             return super().propagate(u, du, dt, initial_state)
-        n = len(self._rest())
-        none = [np.empty((0, *shape)) for shape in ((n, n), (n,), (n,), (n,), (), (n,))]
-        return self._tangents(u, du, dt, initial_state, none)
+        return self._tangents(u, du, dt, initial_state, own=False)
 
     def _tangents(self, u, du, dt, initial_state, own):
-        """Return the output and its tangents; ``own`` is what `_discrete_tangents` returns."""
-        u, du = as_signal(u), as_signal(du)
-        m = du.shape[1]
-        *steps, rest_steps = own
-        x, u0 = self.init(u[0], initial_state)
-        dx = np.zeros((len(x), m + len(rest_steps)))
-        du0 = np.zeros(m)
-        if isinstance(initial_state, str) and initial_state == "rest":
-            du0 = du[0].copy()
-            dx[:, :m] = np.outer(self._rest(), du0)
-            dx[:, m:] = u[0] * rest_steps.T
-        y, dy = state_space_tangents(*self.discrete(dt), *steps, u, du, x, dx, u0, du0)
+        """Return the output and its tangents, ``own`` ones behind those of the input or none."""
+        start = np.zeros(len(self._rest()))
+        if not isinstance(initial_state, str):  # the states at the first sample
+            initial_state, start = "start", np.array(initial_state, dtype=float)
+        key = dt, initial_state, own
+        if key not in self._memory:
+            self._memory[key] = self._tangent_system(*key)
+        y, dy = state_space_tangents(self._memory[key], start, as_signal(u), as_signal(du))
         return y + self.intercept, dy
+
+    def _tangent_system(self, dt, initial_state, own):
+        """Return what the tangents of every input have in common."""
+        discrete, rest = self.discrete(dt), self._rest()
+        n = len(rest)
+        shapes = (n, n), (n,), (n,), (n,), (), (n,)
+        none = [np.empty((0, *shape)) for shape in shapes]
+        *by, rest_by = self._discrete_tangents(dt) if own else none
+        led = self.init(1.0, initial_state)[1] if initial_state != "start" else None
+        if initial_state != "rest":
+            # a last input of zero is as a state of B1 times the first one at the first sample
+            rest, rest_by = np.zeros(n), np.zeros_like(rest_by)
+            if led is not None:
+                rest, rest_by = discrete[2], by[2]
+        return tangent_system(discrete, by, rest, rest_by, bool(led))
 
 
 class LinearModel(ParametricModel):

@@ -85,6 +85,7 @@ from ._state_space import state_space_begin as state_space_begin
 from ._state_space import state_space_run as state_space_run
 from ._state_space import state_space_step as state_space_step
 from ._state_space import state_space_tangents as state_space_tangents
+from ._state_space import tangent_system as tangent_system
 from ._window_inverse import WindowInverseOperator
 
 __all__ = [

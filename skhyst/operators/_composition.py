@@ -976,11 +976,12 @@ class Series(_Composition):
 
     def init(self, u0, initial_state="rest"):
         states = []
-        for stage in self.stages:
+        for number, stage in enumerate(self.stages, 1):
             state = stage.init(u0, _begins(stage, initial_state))
             states.append(state)
-            # the output at rest is the rest input of the next stage; the interval is immaterial
-            u0 = stage.run(np.array([u0], dtype=float), 1.0, state)[0][0]
+            if number < len(self.stages):
+                # the output at rest is the rest input of the next stage, whatever the interval
+                u0 = stage.run(np.array([u0], dtype=float), 1.0, state)[0][0]
         return tuple(states)
 
     def run(self, u, dt, state=None):

@@ -140,6 +140,8 @@ class Operator(Part, ABC):
     """
 
     def __post_init__(self):
+        if "_sizes" in vars(self):
+            return  # a copy with other values, see `_with_values`
         for name, is_right, wanted in _checks(type(self)):
             if not is_right(getattr(self, name)):
                 self._require(name, False, wanted)

@@ -159,39 +159,47 @@ def block_run(table, u, x, u_previous):
     return y, given[1 + length :].copy()
 
 
-def state_space_tangents(ad, b0, b1, c, d, dad, db0, db1, dc, dd, u, du, x, dx, u0, du0):
-    """Return the output and its tangents.
+def tangent_system(discrete, by, rest, rest_by, led):
+    """Return what :func:`state_space_tangents` takes of a system, whatever its input.
 
-    ``du`` (n, m) are tangents of the input; the arrays ``dad`` (p, n_states, n_states) to ``dd``
-    (p,) are derivatives of the discrete form with respect to ``p`` parameters. ``dx``
-    (n_states, m + p) are the tangents of the initial state ``x``, ``u0`` and ``du0`` (m,) the
-    input and its tangents before the first sample. Where ``u0`` is None, no input leads to the
-    first sample, and ``x`` is the state there.
+    ``discrete`` is the discrete form, ``by`` its derivatives by p parameters, ``dad``
+    (p, n_states, n_states) to ``dd`` (p,). The state begins as ``rest`` (n_states,) times the first
+    input, ``rest_by`` (p, n_states) are its derivatives: before the first sample, which the same
+    input leads to (``led``), or at it.
 
     The recursion runs on ``w[k] = x[k] - B1 u[k]``, which needs one sample of the input only:
     ``w[k+1] = Ad w[k] + B u[k]``, ``y[k] = C w[k] + (D + C B1) u[k]`` with ``B = B0 + Ad B1``.
     """
-    m = du.shape[1]
-    b, direct = b0 + ad @ b1, d + c @ b1
-    # derivatives of the coefficients of w and, last, of u; one column per parameter
-    db = db0 + dad @ b1 + db1 @ ad.T
-    by = np.concatenate([dad, db[:, :, None]], axis=2).transpose(1, 2, 0)
-    output_by = np.concatenate([dc, (dd + dc @ b1 + db1 @ c)[:, None]], axis=1).T
-    if u0 is None:
-        w, dw = x - b1 * u[0], dx.copy()
-        dw[:, :m] -= np.outer(b1, du[0])
-        dw[:, m:] -= (db1 * u[0]).T
+    ad, b0, b1, c, d = discrete
+    dad, db0, db1, dc, dd = by
+    if led:
+        first, first_by = ad @ rest + b0, dad @ rest + rest_by @ ad.T + db0
     else:
-        w, dw = ad @ x + b0 * u0, ad @ dx
-        dw[:, :m] += np.outer(b0, du0)
-        dw[:, m:] += (dad @ x + db0 * u0).T
-    columns = np.ascontiguousarray(by), np.ascontiguousarray(output_by)
-    system = np.ascontiguousarray(ad), b, c, float(direct), *columns, w, dw, u, du
-    return _second_order_tangents(*system) if len(x) == 2 else _tangent_loop((0,) * len(x), *system)
+        first, first_by = rest - b1, rest_by - db1
+    # derivatives of the coefficients of w and, last, of u; one column per parameter
+    n, p = len(b0), len(dd)
+    columns, output_by = np.empty((n, n + 1, p)), np.empty((n + 1, p))
+    columns[:, :n] = dad.transpose(1, 2, 0)
+    columns[:, n] = (db0 + dad @ b1 + db1 @ ad.T).T
+    output_by[:n] = dc.T
+    output_by[n] = dd + dc @ b1 + db1 @ c
+    first_by = np.ascontiguousarray(first_by.T)
+    return ad, b0 + ad @ b1, c, float(d + c @ b1), columns, output_by, first, first_by
+
+
+def state_space_tangents(system, start, u, du):
+    """Return the output and its tangents; see :func:`tangent_system`.
+
+    ``du`` (n, m) are tangents of the input; ``start`` (n_states,) is added to the state at the
+    first sample, and depends on nothing.
+    """
+    if len(start) == 2:
+        return _second_order_tangents(*system, start, u, du)
+    return _tangent_loop((0,) * len(start), *system, start, u, du)
 
 
 @jit
-def _second_order_tangents(ad, b, c, direct, by, output_by, w_first, dw_first, u, du):
+def _second_order_tangents(ad, b, c, direct, by, output_by, first, first_by, start, u, du):
     """Do :func:`_tangent_loop` for two states, whose tangents of a column stay in registers."""
     n_samples, m = du.shape
     p = output_by.shape[1]
@@ -201,8 +209,12 @@ def _second_order_tangents(ad, b, c, direct, by, output_by, w_first, dw_first, u
     by00, by01, by0u = by[0, 0].copy(), by[0, 1].copy(), by[0, 2].copy()
     by10, by11, by1u = by[1, 0].copy(), by[1, 1].copy(), by[1, 2].copy()
     out0, out1, outu = output_by[0].copy(), output_by[1].copy(), output_by[2].copy()
-    w0, w1 = w_first[0], w_first[1]
-    dw0, dw1 = dw_first[0].copy(), dw_first[1].copy()
+    w0, w1 = start[0] + first[0] * u[0], start[1] + first[1] * u[0]
+    dw0, dw1 = np.empty(m + p), np.empty(m + p)
+    for q in range(m):
+        dw0[q], dw1[q] = first[0] * du[0, q], first[1] * du[0, q]
+    for q in range(p):
+        dw0[m + q], dw1[m + q] = first_by[0, q] * u[0], first_by[1, q] * u[0]
     y = np.empty(n_samples)
     dy = np.empty((n_samples, m + p))
     for k in range(n_samples):
@@ -227,7 +239,7 @@ def _second_order_tangents(ad, b, c, direct, by, output_by, w_first, dw_first, u
 
 
 @jit
-def _tangent_loop(states, ad, b, c, direct, by, output_by, w_first, dw_first, u, du):
+def _tangent_loop(states, ad, b, c, direct, by, output_by, first, first_by, start, u, du):
     """Run the recursion of :func:`state_space_tangents`; ``states`` is a tuple, one entry a state.
 
     The length of a tuple is known to the compiler, so all states of a column are one body of one
@@ -236,10 +248,16 @@ def _tangent_loop(states, ad, b, c, direct, by, output_by, w_first, dw_first, u,
     n_states = len(states)
     n_samples, m = du.shape
     p = output_by.shape[1]
-    w = w_first.copy()
+    w = np.empty(n_states)
     w_new = np.empty(n_states)
-    dw = dw_first.copy()
+    dw = np.empty((n_states, m + p))
     dw_new = np.empty_like(dw)
+    for i in range(n_states):
+        w[i] = start[i] + first[i] * u[0]
+        for q in range(m):
+            dw[i, q] = first[i] * du[0, q]
+        for q in range(p):
+            dw[i, m + q] = first_by[i, q] * u[0]
     y = np.empty(n_samples)
     dy = np.empty((n_samples, m + p))
     for k in range(n_samples):

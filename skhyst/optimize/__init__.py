@@ -43,6 +43,7 @@ from ._problem import OperatorProblem as OperatorProblem
 from ._problem import RecordData
 from ._problem import ages as ages
 from ._problem import begun as begun
+from ._single_step import begin_and_predict as begin_and_predict
 from ._single_step import predicted_cost as predicted_cost
 from ._single_step import single_step as single_step
 from ._standard_errors import coloured_covariance as coloured_covariance

@@ -1,6 +1,7 @@
 """An operator and records as a least-squares problem."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -182,11 +183,14 @@ class Unknowns:
             self.lower = np.where(self.log, np.log(np.maximum(lower, 0.0)), lower)
             self.upper = np.where(self.log, np.log(np.maximum(upper, 0.0)), upper)
             self.x0 = np.where(self.log, np.log(np.where(self.log, np.abs(values), 1.0)), values)
-        self._sign = np.where(self.log & (values < 0.0), -1.0, 1.0)
+        self._logs, self._penalised = np.flatnonzero(self.log), self.penalty.any()
+        self._sign = np.where(values[self._logs] < 0.0, -1.0, 1.0)
 
     def values(self, x):
         """Return the unknowns in their own units."""
-        return np.where(self.log, self._sign * np.exp(np.where(self.log, x, 0.0)), x)
+        values = np.array(x, dtype=float)
+        values[self._logs] = self._sign * np.exp(values[self._logs])
+        return values
 
 
 class OperatorProblem(Unknowns):
@@ -232,17 +236,26 @@ class OperatorProblem(Unknowns):
             values = np.concatenate([values, disturbance.pack()[skip:]])
             self._moving.append(len(own))
         super().__init__(entries, values)
-        self.scale = float(sum(record.power() for record in self.records))
-        self.segment_record = np.concatenate(
-            [np.full(len(record.segments), i) for i, record in enumerate(self.records)]
-        )
-        self.segment_length = np.array(
-            [stop - start for record in self.records for start, stop in record.segments]
-        )
-        self.segment_weight = np.concatenate([r.segment_weights() for r in self.records])
         self._n_eliminated = sum(np.size(d.coefficients) for d in self.disturbances)
         if self.records[0].beside is not None:
             self._n_eliminated += self.records[0].beside.shape[1]
+
+    @cached_property
+    def scale(self):
+        """Sum of squares of the responses, samples counted by their weights."""
+        return float(sum(record.power() for record in self.records))
+
+    @cached_property
+    def segment_record(self):
+        return np.repeat(np.arange(len(self.records)), [len(r.segments) for r in self.records])
+
+    @cached_property
+    def segment_length(self):
+        return np.array([stop - start for r in self.records for start, stop in r.segments])
+
+    @cached_property
+    def segment_weight(self):
+        return np.concatenate([record.segment_weights() for record in self.records])
 
     def depends_on(self, select):
         """Whether :meth:`evaluate` depends on which segments are selected, of those selected."""
@@ -322,7 +335,8 @@ class OperatorProblem(Unknowns):
         """
         operator, disturbances = self.unpack(x)  # once: an operator remembers its discrete form
         d, n = self._n_eliminated, len(x) * jacobian
-        blocks, last = np.empty((len(self.segment_record), d + n + 1, d + n + 1)), 0
+        blocks = np.empty((sum(len(r.segments) for r in self.records), d + n + 1, d + n + 1))
+        last = 0
         for record in self.records:
             first, last = last, last + len(record.segments)
             if select is not None and not select[first:last].any():
@@ -341,11 +355,11 @@ class OperatorProblem(Unknowns):
             if record.weights is not None:
                 columns *= np.sqrt(record.weights)[:, None]
             _segment_grams(columns, record.segments, blocks[first:last])
-        if jacobian and self.log.any():
+        if n and len(self._logs):
             chain = np.ones(d + n + 1)
             chain[d:-1] = self._chain(x)
-            blocks *= np.outer(chain, chain)
-        if self.penalty.any():
+            blocks *= chain[:, None] * chain
+        if self._penalised:
             self._penalize(blocks, x)
         return blocks
 
@@ -406,7 +420,9 @@ class OperatorProblem(Unknowns):
 
     def _chain(self, x):
         """Return the derivatives of the values by the unknowns, but for their signs."""
-        return np.where(self.log, np.exp(np.where(self.log, x, 0.0)), 1.0)
+        chain = np.ones(len(x))
+        chain[self._logs] = np.exp(x[self._logs])
+        return chain
 
     @staticmethod
     def _moving_columns(disturbances, record, coefficients):
@@ -419,11 +435,11 @@ class OperatorProblem(Unknowns):
 
     def total(self, blocks, select=None):
         """Return the Gram matrix of ``[J, r]`` over segments, disturbances eliminated."""
-        if select is None:
-            select = np.ones(len(blocks), dtype=bool)
         d = self._n_eliminated
         if not d:
-            return (blocks if select.all() else blocks[select]).sum(axis=0)
+            return (blocks if select is None or select.all() else blocks[select]).sum(axis=0)
+        if select is None:
+            select = np.ones(len(blocks), dtype=bool)
         total = np.zeros((blocks.shape[1] - d,) * 2)
         for number in range(len(self.records)):
             rows = select & (self.segment_record == number)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ._variable_projection import STALE, damped_step, eliminate
+from ._variable_projection import begin, damped_step
 
 _PARTS_OF_STEP = (1.0, 0.25, 0.06)
 
@@ -12,13 +12,16 @@ def predicted_cost(problem, x):
 
     The linear parameters are solved first; it is infinite where the model is not finite.
     """
-    gram = problem.total(problem.evaluate(x))
-    if not np.isfinite(gram).all():
-        return np.inf
-    x, gram, _ = eliminate(problem, x, gram, 1.0 - STALE)
-    if not np.isfinite(gram).all():
-        return np.inf
-    return max(gram[-1, -1] - damped_step(problem, x, gram)[1], 0.0)
+    return begin_and_predict(problem, x).predicted_cost
+
+
+def begin_and_predict(problem, x):
+    """Return what a descent from ``x`` begins with, with its ``predicted_cost``; see there."""
+    solution = begin(problem, x)
+    if np.isfinite(solution.gram).all():
+        _, reduction = damped_step(problem, solution.x, solution.gram)
+        solution.predicted_cost = max(solution.cost - reduction, 0.0)
+    return solution
 
 
 def single_step(problem, x, blocks, select):

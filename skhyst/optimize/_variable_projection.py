@@ -75,6 +75,7 @@ def variable_projection(
     *,
     select=None,
     blocks=None,
+    begun=None,
     tolerance=1e-8,
     max_evaluations=100,
     callback=None,
@@ -94,6 +95,8 @@ def variable_projection(
         The segments to fit; all by default.
     blocks : ndarray, optional
         ``problem.evaluate(x0, select=select)`` where it is known already.
+    begun : Solution, optional
+        What :func:`begin` returns for x0, where it is known already.
     tolerance : float, default=1e-8
         Stops when a step is predicted to reduce, or has reduced, the sum of squares by less than
         this fraction.
@@ -114,18 +117,11 @@ def variable_projection(
     -------
     Solution
     """
-    x = np.clip(np.asarray(x0, dtype=float), problem.lower, problem.upper)
-    gram = problem.total(problem.evaluate(x, select=select) if blocks is None else blocks, select)
-    solution = Solution(x, gram[-1, -1], gram, int(blocks is None), False, "")
-    if not np.isfinite(gram).all():
-        solution.cost, solution.n_evaluations = np.inf, 1
-        solution.message = "The model is not finite at the starting values."
-    else:
-        # the columns of the other parameters were evaluated with the linear ones of the start
-        solution.x, gram, more = eliminate(problem, x, gram, 1.0 - STALE, select)
-        solution.n_evaluations += more
-        solution.gram, solution.cost = gram, gram[-1, -1]
-        solution.history.append((solution.n_evaluations, solution.cost))
+    if begun is None:
+        solution = begin(problem, x0, select, blocks)
+    else:  # a copy, since it is changed
+        solution = replace(begun, history=[*begun.history], damping=[], predicted_cost=np.inf)
+    if not solution.message:
         if project and problem.linear.all():
             solution.converged = True
             solution.message = "All parameters are linear and were solved exactly."
@@ -133,6 +129,23 @@ def variable_projection(
             limits = tolerance, max_evaluations
             _descend(problem, solution, limits, callback, (select, project), **options)
     solution.predicted_cost = min(solution.predicted_cost, solution.cost)
+    return solution
+
+
+def begin(problem, x0, select=None, blocks=None):
+    """Return what a descent begins with: the linear parameters are solved; see there."""
+    x = np.clip(np.asarray(x0, dtype=float), problem.lower, problem.upper)
+    gram = problem.total(problem.evaluate(x, select=select) if blocks is None else blocks, select)
+    solution = Solution(x, gram[-1, -1], gram, int(blocks is None), False, "")
+    if not np.isfinite(gram).all():
+        solution.cost, solution.n_evaluations = np.inf, 1
+        solution.message = "The model is not finite at the starting values."
+        return solution
+    # the columns of the other parameters were evaluated with the linear ones of the start
+    solution.x, gram, more = eliminate(problem, x, gram, 1.0 - STALE, select)
+    solution.n_evaluations += more
+    solution.gram, solution.cost = gram, gram[-1, -1]
+    solution.history.append((solution.n_evaluations, solution.cost))
     return solution
 
 

@@ -170,11 +170,11 @@ def test_an_effect_that_may_do_nothing_never_makes_the_fit_worse(name):
 def test_a_start_far_from_its_solution_is_judged_by_its_next_step(budget):
     records = some_records(9010)
     tree = declared_with(records)
-    bent = [
-        replace(r, y=np.clip(v, -0.6, 0.9)) for r, v in zip(records, tree.run(records), strict=True)
-    ]
+    outputs = tree.run(records)
+    ends = np.quantile(np.concatenate(outputs), [0.3, 0.8])
+    bent = [replace(r, y=np.clip(v, *ends)) for r, v in zip(records, outputs, strict=True)]
     candidate, *_ = screened(EFFECTS["dead_zone"], tree, bent)
-    early = refitted(candidate, candidate.structure, bent, budget)
+    early = refitted(candidate, candidate.structure, bent, budget, candidate.solution)
     problem = early.structure.problem(bent)
     assert early.predicted_cost < early.cost
     assert predicted_cost(problem, problem.x0) <= early.predicted_cost * (1.0 + 1e-9)  # undamped
