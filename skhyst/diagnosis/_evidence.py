@@ -38,8 +38,8 @@ class Evidence:
         The evidence in one sentence.
     numbers : dict of str to (float, float, str)
         Value, standard error or NaN, and unit, by name.
-    Curves that show the effect.
-        Curves that show it.
+    picture : Picture
+        Curves that show the effect.
     """
 
     effect: str

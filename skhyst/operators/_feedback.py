@@ -5,15 +5,15 @@ With a linear operator G of the static gain g, and a memoryless curve s,
     w = G[u - f(q)],    q = w / g,    f(q) = s(q) - q,    y = w + c.
 
 So q, in units of the drive, is the response of G with unit gain, and at rest ``s(q) = u``: for a
-mass on a spring, s is the characteristic of the spring. The curve that is the identity leaves G
-alone. (Schoukens and Tóth, *IFAC-PapersOnLine*, 2020, call it NL-LFR; the curve acts on the output
-here, and its force adds to the drive.) Or the force depends on the velocity,
+mass on a spring, s is the characteristic of the spring. With the identity as the curve, G is
+unchanged. (Schoukens and Tóth, *IFAC-PapersOnLine*, 2020, call it NL-LFR; here the curve acts on
+the output, and its force adds to the drive.) Or the force depends on the velocity,
 
     w = G[u - f(q')],    f = s,
 
-for a G of ``C B = D = 0``, whose velocity ``w' = C A x`` does not jump with the drive.
+for a G with ``C B = D = 0``, whose velocity ``w' = C A x`` does not jump with the drive.
 
-Over a substep h drive and force are straight lines, for which G is solved exactly:
+Over a substep h, drive and force are straight lines, for which G is solved exactly:
 
     x1 = Ad x0 + B0 (u0 - f0) + B1 (u1 - f1),    w1 = C x1 + D (u1 - f1).
 
@@ -22,11 +22,11 @@ Let z be w, or w', and E its row of the states, C or C A. The force f1 acts on z
 
     z1 + b f(z1 / g) = r,    r = E (Ad x0 + B0 (u0 - f0) + B1 u1) + D u1,
 
-which has one where ``1 + b f' / g > 0``: always for short substeps, since b goes to D with h, and a
-loop without delay is well posed for the same D. It is found by the secant method from the fixed
-point ``z1 = r - b f1``, in at most 30 trials. The scheme is of second order, exact for f = 0.
-Tangents follow from the same equations, linear in the tangents: the derivatives of a root need no
-trials.
+which has one if ``1 + b f' / g > 0``. That always holds for short substeps, since b goes to D with
+h, and a loop without delay is well posed for the same D. It is found by the secant method from the
+fixed point ``z1 = r - b f1``, in at most 30 evaluations. The scheme is of second order, exact for f
+= 0. Tangents follow from the same equations, which are linear in the tangents: no iteration is
+needed.
 """
 
 import math
@@ -45,9 +45,9 @@ from ._root_inverse import RootInverseOperator
 FEEDBACK_ARGUMENTS = ("displacement", "velocity")
 _TRIALS = 30  # of the secant method, which needs two to five
 _ROUNDING = 1e-15
-_LARGEST = 1e60  # response of a run that has diverged: all that follow are NaN, no square overflows
+_LARGEST = 1e60  # response of a diverged run: all later ones are NaN, no square overflows
 _STEEPEST = 1e100  # derivative of such a run
-_LEAST_SLOPE = 1e-3  # of the equation; below it the fixed point is followed
+_LEAST_SLOPE = 1e-3  # of the equation; below it the fixed-point iteration is used
 
 
 def step(u, c, s):
@@ -59,7 +59,7 @@ def feedback_step(u, c, s):
     """Return the response; ``c`` is that of :meth:`FeedbackOperator._constants`, then the curve's.
 
     ``s`` are the states, the last force, the last drive, a mark that is zero before the first
-    sample of a start from zero, workspace for the states, and z / g of each instant of the sample.
+    sample of a start from zero, workspace for the states, and z / g at each instant of the sample.
     """
     ad, b0, b1, output, d, gain, intercept = c[0], c[1], c[2], c[3], c[4], c[5], c[6]
     n_substeps, is_held, sensed, passed = int(c[7]), c[8], c[9], c[10]
@@ -91,7 +91,7 @@ def feedback_step(u, c, s):
         error = z + b * f - r
         old, older = r, b * f
         for _ in range(_TRIALS):
-            if not abs(error) > _ROUNDING * (abs(z) + abs(r)):  # as it is of NaN
+            if not abs(error) > _ROUNDING * (abs(z) + abs(r)):  # true for NaN, too
                 break
             slope = (error - older) / (z - old) if z != old else 1.0
             old, older = z, error
@@ -137,12 +137,12 @@ def _tangents(
 ):  # fmt: skip
     """Write the tangents (n_samples, m + p + n_own) of w to ``dy``.
 
-    The m are those of the drive, the p by the parameters of the linear part, the number of whose
-    gain is ``at_gain``, the n_own by those of the curve. ``moving`` is (Ad, B0, B1) and their
-    derivatives, ``resting`` the same of no time at all. ``q`` is z / g; it, the force f there, its
-    slope and its derivatives ``own`` are those of each instant, (n_samples, n_substeps + 1, ...).
+    The first m are those of the drive, then p by the parameters of the linear part, with the gain
+    at the index ``at_gain``, then n_own by those of the curve. ``moving`` is (Ad, B0, B1) with
+    derivatives, ``resting`` the same for a step of zero length. ``q`` is z / g; q, the force f, its
+    slope and its derivatives ``own`` are given at each instant, (n_samples, n_substeps + 1, ...).
     ``x``, ``dx``, ``f`` and ``df`` are states, force and their tangents before the first sample;
-    all change.
+    they are overwritten.
     """
     n, m, p = output.size, du.shape[1], by_d.size
     free, dfree = np.empty(n), np.empty(n)
@@ -235,8 +235,7 @@ class FeedbackOperator(_Composition, HeldInput):
     n_substeps : int, default=8
         Integration steps per sampling interval, above 0. Fixed structure.
     argument : {"displacement", "velocity"}, default="displacement"
-        What the curve is a function of: q, or its velocity in units of the drive per s. Fixed
-        structure.
+        Argument of the curve: q, or its velocity in units of the drive per s. Fixed structure.
 
     Raises
     ------
@@ -303,7 +302,7 @@ class FeedbackOperator(_Composition, HeldInput):
 
     @property
     def hold(self):
-        """What the drive does between its samples, that of the linear part."""
+        """Assumed course of the drive between its samples, that of the linear part."""
         return self.linear.hold
 
     @property
@@ -318,7 +317,7 @@ class FeedbackOperator(_Composition, HeldInput):
 
     def _marked(self, parts):
         linear, curve = parts
-        # the loop is linear in the gain, which scales q alone, where nothing else is in its units
+        # the loop is linear in a gain that scales q only, if no other parameter has its units
         alone = sum(spec.linear for spec in linear) == sum(spec.is_shared for spec in linear)
         linear = [replace(s, linear=s.linear and (alone or s.is_constant)) for s in linear]
         return [linear, [replace(s, linear=False, held=s.held or s.is_shared) for s in curve]]
@@ -329,7 +328,7 @@ class FeedbackOperator(_Composition, HeldInput):
         return replace(self, stages=(linear, self.curve), n_substeps=n_substeps)
 
     def _straight(self):
-        """Return the linear part for straight lines over a substep, whatever holds the drive."""
+        """Return the linear part with straight lines over a substep, whatever its hold."""
         if "straight" not in self._memory:
             self._memory["straight"] = replace(self.linear, hold="foh")
         return self._memory["straight"]
@@ -340,16 +339,16 @@ class FeedbackOperator(_Composition, HeldInput):
         return *system, *map(float, own), self._sensed(system[3]), float(not self._of_velocity)
 
     def _sensed(self, output):
-        """Return the row of the states that gives z."""
+        """Return the output row of z."""
         return self._straight().rate_row()[0] if self._of_velocity else output
 
     def poles_at(self, response):
-        """Return the poles of small motions about a rest.
+        """Return the poles of the linearised loop about a rest.
 
         Parameters
         ----------
         response : float
-            Of the rest.
+            At rest.
 
         Returns
         -------
@@ -363,7 +362,7 @@ class FeedbackOperator(_Composition, HeldInput):
         return np.linalg.eigvals(a - np.outer(b, c) * (share / (1.0 + d * share)))
 
     def _rest(self, u0):
-        """Return q at rest, by Newton's method, or by bisection where that does not get there."""
+        """Return q at rest, by Newton's method, or by bisection if that fails."""
         q = u0 = float(u0)
         if self._of_velocity:
             return u0 - float(self._force(np.zeros(1))[0][0])
@@ -384,7 +383,7 @@ class FeedbackOperator(_Composition, HeldInput):
         return y - passed * z, by[:, 0] - passed, by[:, 1:]
 
     def arguments(self, u, dt):
-        """Return what the curve is a function of, from rest.
+        """Return the argument of the curve, from rest.
 
         Parameters
         ----------
@@ -398,13 +397,13 @@ class FeedbackOperator(_Composition, HeldInput):
         ndarray of shape (n_samples,)
             Units of the drive, of a velocity per s.
         """
-        if not self.causal:  # as straight between its samples
+        if not self.causal:  # straight between its samples
             return self._finer(1).arguments(u, dt)
         last = self.n_substeps - (self.linear.hold != "zoh")
         return self._traced(as_signal(u), dt, self.init(u[0]))[1][:, last]
 
     def _traced(self, u, dt, state):
-        """Return the response, and z / g of each instant of each sample."""
+        """Return the response, and z / g at each instant of each sample."""
         law = self.compiled_step(dt, state)
         y, z = np.empty(len(u)), np.zeros((len(u), self.n_substeps + 1))
         _trace(law.step)(u, law.constants, law.state.copy(), y, z)
