@@ -275,7 +275,6 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     has_rest_ : bool
         False if the records of the fit do not begin at a state of rest, as for an integrator; a
         model with the initial state ``"estimate"`` then starts from zero.
-        model with the initial state ``"estimate"`` then starts from zero.
     records_ : tuple of RecordSlice
         The records of the fit.
     dt_ : float or None

@@ -126,7 +126,6 @@ class Backfitting:
         refit : callable
             Takes fitted effects and the out-of-fold predictions; returns the effects fitted to
             these, and their error.
-            these, and their error.
         folds : sequence of ndarray of bool
             Segments of the problem outside each fold.
         turns : int
