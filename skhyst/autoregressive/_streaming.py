@@ -107,7 +107,7 @@ def compiled_lags(step, inputs, outputs, bound, rules, history, call=None, name=
     call : callable, optional
         Maps rows of signals (n, n_signals) to outputs (n,), where there is no step.
     name : str, optional
-        Name of what is called.
+        Name of the called function.
     """
     size, n_outputs = len(rules.row), len(history)
     n_columns = size - len(rules.table)

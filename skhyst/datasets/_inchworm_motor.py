@@ -72,10 +72,9 @@ def walking_drive(
 ) -> pd.DataFrame:
     r"""Return the four voltages that make the inchworm motor walk.
 
-    The pairs of benders take turns: the one that is longer clamps the runner and carries it
-    forward, the other swings back. With the phase :math:`\phi = 2 \pi f t`, the voltages of pair 1
-    are :math:`u_1 = -A \cos \phi` and :math:`u_2 = A \sin \phi`; those of pair 2 lag by half a
-    period.
+    The pairs of benders take turns: the longer one clamps the runner and carries it forward, the
+    other swings back. With the phase :math:`\phi = 2 \pi f t`, the voltages of pair 1 are
+    :math:`u_1 = -A \cos \phi` and :math:`u_2 = A \sin \phi`; those of pair 2 lag by half a period.
 
     Parameters
     ----------

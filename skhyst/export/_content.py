@@ -96,7 +96,7 @@ class Source:
         return _at(self.u0, _N_TEST, self.n_inputs) + swing[:, None] / 1.3
 
     def deviates(self, drive):
-        """Return lines on how far the response without tables is from that of the model."""
+        """Return lines on the deviation of the response without tables from the model's."""
         if self._form == "table":
             return []
         expected = answers(stepper_of(self._model, *self._given, self.u0)[0], drive)
@@ -236,7 +236,7 @@ def stepper_of(model, dt, initial_state, u0):
 
 
 def legend(stepper, dt, units):
-    """Return lines that say what goes in and what comes out, and those on the preview.
+    """Return lines that describe input and output, and lines on the preview.
 
     Returns
     -------

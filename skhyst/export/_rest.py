@@ -2,9 +2,9 @@
 
 A part without dynamics of its own, such as a hysteresis, is at rest at an input after one step to
 it from the state at rest at zero: its memory is that of a first loading. The states of a linear
-part at rest are affine in its input, and a step there leaves them. Which of the two holds is tried
-for each part, and kept only if a device that begins so answers as one that the model itself has put
-to rest.
+part at rest are affine in its input, and a step at this input does not change them. Both are tried
+for each part, and kept only if a device with such an initial state responds like one that the model
+itself has put to rest.
 """
 
 from dataclasses import dataclass
@@ -183,7 +183,7 @@ def _rule(visits):
 
 
 def _is_one_step(first, visit):
-    """Whether one step from the first state leads to the other: by what the part answers then."""
+    """Whether one step from the first state leads to the other, judged by later responses."""
     s = first.state.copy()
     visit.step(visit.v, visit.constants, s)
     size = np.max(np.abs(np.asarray(visit.v) - np.asarray(first.v)))
@@ -196,7 +196,7 @@ def _is_one_step(first, visit):
 
 
 def _begins_equally(stepper, other, level, size):
-    """Whether two devices at rest at a level answer alike."""
+    """Whether two devices at rest at a level respond equally."""
     row = stepper.compiled_step.n_inputs is not None
     for walk in _walks((len(size),)):
         u = level + size * walk

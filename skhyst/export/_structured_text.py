@@ -47,7 +47,7 @@ _FUNCTIONS = {  # of the standard
     **{"abs": "ABS", "min": "MIN", "max": "MAX", "**": "EXPT", "math.pow": "EXPT"},
 }
 _EAGER = {*_SYMBOLS, "neg", "not", "abs", "min", "max"} - {"/"}  # these never fail
-# what the standard does not have: parameters, variables, and statements for the result {n}
+# replacements for missing functions: parameters, variables, and statements for the result {n}
 _HELPERS = {
     "//": (
         "quotient : DINT",
@@ -89,7 +89,7 @@ _HELPERS = {
         "        {n} := {n} * x;\n    END_IF\n    i := i / 2;\n    IF i > 0 THEN\n"
         "        x := x * x;\n    END_IF\nEND_WHILE",
     ),
-    # Kahan: rounding of e^a is undone by the logarithm of what it became
+    # Kahan: the logarithm of the rounded e^a cancels its rounding error
     "math.expm1": (
         "expm1 : {t}",
         "a : {t}",
@@ -204,10 +204,10 @@ def to_structured_text(
 
     Notes
     -----
-    The text keeps to what TwinCAT 3 and CODESYS V3 share. Of laws in plain arithmetic the numbers
-    are those of C and Python to the last digit. ``expm1``, ``log1p`` and ``tanh``, which the
-    standard does not have, are made of ``EXP`` and ``LN`` and are right to some units of the last
-    digit.
+    The text uses the common subset of TwinCAT 3 and CODESYS V3. For laws in plain arithmetic its
+    numbers equal those of C and Python to the last digit. ``expm1``, ``log1p`` and ``tanh``, which
+    the standard does not have, are computed from ``EXP`` and ``LN``, with an error of some units of
+    the last digit.
 
     References
     ----------

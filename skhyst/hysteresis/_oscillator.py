@@ -456,7 +456,7 @@ class OscillatorOperator(HeldInput):
 
 
 def _first(begun, u):
-    """Return the first sample that the stage moves to: before a start from zero is no drive."""
+    """Return the first sample that the stage moves to: 1 for a start from zero."""
     return 0 if begun else min(len(u), 1)
 
 

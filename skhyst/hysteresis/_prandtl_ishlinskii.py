@@ -455,9 +455,9 @@ class PrandtlIshlinskii(PlayModel):
     ----------
     thresholds : {"auto", "grid", "quantile"} or array-like of shape (n_operators,), default="grid"
         Thresholds: evenly spaced over the half range of the drive, by quantiles of the drive's
-        swings, or given, in units of the drive. "auto": as many as predict best what is held out,
-        and where they do so, found by exchange from ``n_operators`` on a grid (sliding conditional
-        gradient). In a composition, from the step's own input.
+        swings, or given, in units of the drive. "auto": the number and positions that predict best
+        out of fold, found by exchange from ``n_operators`` on a grid (sliding conditional
+        gradient). In a composition, for the step's own input.
     form : {"auto", "play", "stop"}, default="auto"
         Superposition of plays or of stops. It matters with ``non_negative``: plays
         then give counter-clockwise loops (displacement over voltage), stops clockwise ones (force

@@ -234,7 +234,7 @@ class RelayGridModel(ParametricModel):
         )
 
     def _solved(self, data):
-        """Return the problem, what :func:`_solve` returns, and the sum of squares.
+        """Return the problem, the solution as from :func:`_solve`, and the sum of squares.
 
         Those of the response turned round, where that is better; see ``in_direction``. Sums of
         relays that follow one drive in opposite directions are not positively correlated: where one
@@ -356,10 +356,10 @@ def _normal_equations(problem, fit_intercept):
 def _solve(gram, shift, fit_intercept, roughness, smoothness, non_negative):
     """Return estimate, covariance, marks, undetermined, condition number, degrees of freedom.
 
-    The estimate holds the weights and the intercept, if any. Marks are NaN for what is at its
-    bound, infinite for what is not determined, and zero; ``undetermined`` is a mask of the weights;
-    the degrees of freedom are the effective number of parameters. The covariance, per unit of the
-    variance of noise, is that of the penalised estimate and does not include its bias.
+    The estimate contains the weights and the intercept, if any. Marks are NaN for a value at its
+    bound, infinite for one that is not determined, else zero; ``undetermined`` is a mask of the
+    weights; the degrees of freedom are the effective number of parameters. The covariance, per unit
+    of the variance of noise, is that of the penalised estimate and does not include its bias.
     """
     n_samples, n = gram[-2, -2], len(gram) - 2
     mean, right, gram_y = gram[-2, :n] / n_samples, gram[-1, :n], gram[-1, -2]

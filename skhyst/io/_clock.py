@@ -100,7 +100,7 @@ def times(path, column, unit):
 
 
 def _national_dates(column):
-    """Return dates with the day or the month first, None where this changes what lies between."""
+    """Return dates with the day or the month first, None if this changes the order of others."""
     text, read = column.astype("string").str.replace(",", ".").astype(object), []
     for how in _NATIONAL:
         with warnings.catch_warnings(record=True) as doubts:  # of a guess, row by row

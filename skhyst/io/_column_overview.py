@@ -31,7 +31,7 @@ class ColumnOverview:
     kind : str
         Type of the values in the file.
     low, high : float
-        Range of the readings, NaN where there are none.
+        Range of the readings, NaN if there are none.
     outline : ndarray of shape (n_parts, 2)
         Smallest and largest reading of each of up to 80 consecutive parts: a small picture.
     """
@@ -77,7 +77,7 @@ def inspect_columns(path, **reading):
 
 
 def _roles(source, variables, reading, faults):
-    """Return (column, reason) by role; what is not recognised is added to the faults."""
+    """Return (column, reason) by role; roles without a column are added to the faults."""
     given = {name: reading.get(name) for name in ROLES}
     timed, others = reading.get("sampling_rate") is not None, reading.get("auxiliary", ())
     known = {role: (column, "as given") for role, column in given.items() if column is not None}

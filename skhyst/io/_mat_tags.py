@@ -47,7 +47,7 @@ def check_tags(data):
 
 
 def _inflated(content, start, longest):
-    """Return what a variable is decompressed to: of all variables no more than a file may."""
+    """Return a decompressed variable; all variables together have at most the allowed size."""
     inflater = zlib.decompressobj()
     try:
         inflated = inflater.decompress(content, max(longest, 1))  # 0 would be no limit

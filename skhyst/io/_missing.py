@@ -14,7 +14,7 @@ _FAR = 5.0  # a code is at least so many times as large as any other reading
 def missing_rows(path, values, names, codes, stamps, labels, on_missing):
     """Mark missing values as NaN, in place, and return a mask of the rows to keep.
 
-    ``codes`` (n_columns,) are values that stand for missing readings, NaN where a column has none.
+    ``codes`` (n_columns,) are values that stand for missing readings, NaN for a column without one.
     Rows without a time (``stamps``) or a record (``labels``), each None or (n_samples,), cannot be
     interpolated: they are refused unless they are dropped.
     """

@@ -45,7 +45,7 @@ _LONG = 512  # samples from which on the table for blocks pays
 
 
 def refuse_open_hold(hold, possible=("foh", "zoh")):
-    """Refuse the hold "auto", which only a fit to records can decide, and what is not possible."""
+    """Refuse the hold "auto", which only a fit to records can decide, and holds without a form."""
     if hold not in possible:
         raise ValueError(
             f"The 'hold' must be {' or '.join(map(repr, possible))} here: 'auto' is decided only "
@@ -92,7 +92,7 @@ def complex_gain(a, b, c, d, points):
 
 
 def decay_of(poles):
-    """Return the longest time in s in which what poles (rad/s) stand for falls to 1/e."""
+    """Return the longest time in s in which a mode of poles (rad/s) decays to 1/e."""
     slowest = np.max(np.real(poles), initial=-np.inf)
     return float(-1.0 / slowest) if slowest < 0.0 else np.inf
 
@@ -299,7 +299,7 @@ class LinearOperator(HeldInput):
         if initial_state == "zero":  # a ramp from zero would lead to the first sample
             begun = self.hold == "zoh" and not self.integrators
             return np.zeros_like(self._rest()), 0.0 if begun else None
-        # an integrator goes on from the first sample, where it has its value
+        # an integrator continues from its value at the first sample
         return self._rest() * u0, None if self.integrators else float(u0)
 
     def by_start(self, u, dt, start):

@@ -538,7 +538,7 @@ def _periodic_lines(records, dt, transient_periods):
 def _record_lines(records, dt):
     """Return s, drives and responses of records that are not periodic.
 
-    One drive per record is a unit pulse in that record: its response is that of the record's
+    The last drives are unit pulses, one per record: the response to a pulse is that to the record's
     unknown initial state.
     """
     s, drives, responses = [], [], []

@@ -220,8 +220,8 @@ def _curvature(seconds, values):
 def _left_out(seconds, values, back, ahead):
     """Return the coefficients of the mean squares of y'' and noise, and the squared error itself.
 
-    The error is that of a line from the reading ``back`` before to the one ``ahead`` after, at a
-    reading between them.
+    The error is that of a line between the readings ``back`` before and ``ahead`` after a reading,
+    at that reading.
     """
     places = np.arange(back, len(seconds) - ahead)
     a, b = seconds[places] - seconds[places - back], seconds[places + ahead] - seconds[places]
@@ -280,7 +280,7 @@ def _resampled_pieces(stamps, dt, max_gap):
             longest = BRIDGED * medians[run]
         for a, b in pairwise(stamps.cuts(start, stop, max(longest, GAP * own))):
             span = (stamps.values[b - 1] - stamps.values[a]) * stamps.unit
-            # between the readings of a single row there is nothing to interpolate
+            # a single row leaves nothing to interpolate
             if b - a > 1 and not (dt == "auto" and span < own):
                 yield stamps.label(a, run), a, b, own
 

@@ -88,7 +88,7 @@ class FoldOperator(StaticOperator):
 
 
 class Fold(StaticModel):
-    r"""Fold: a reading mirrored at a level, as that of a sensor that loses the sign.
+    r"""Fold: a reading mirrored at a level, such as that of a sensor that loses the sign.
 
     .. math:: y = a + |u - a| \text{ or } y = a - |u - a|
 

@@ -124,7 +124,7 @@ class SmoothCurve(StaticModel):
         Highest degree, at least 2.
     reach : float, default=1.0
         Half of the range over which it is a polynomial, relative to that of the fit: above 1 for a
-        law, such as a cubic spring, that goes on as it is.
+        law, such as a cubic spring, that continues beyond the recorded range.
 
     Attributes
     ----------

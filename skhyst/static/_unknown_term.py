@@ -6,18 +6,19 @@ Its argument :math:`a` is the input, its rate or a play of it, and :math:`p` is 
 passes. :math:`B_k` are cubic B-splines on even knots, with the penalty
 :math:`\lambda \sum (\Delta^2 c_k)^2` (P-splines, Eilers and Marx [1]_).
 
-**Smoothness.** Let :math:`G` be the Gram matrix of what the splines make of the response, beside
-everything that the parameters of the rest of the model can do (partial residuals, Frisch and Waugh
-[2]_), and :math:`S` that of the penalty. With :math:`S v_j = d_j G v_j`, :math:`v_i' G v_j =
-\delta_{ij}` (Demmler and Reinsch [3]_) the functions :math:`v_j` are uncorrelated, ever less
-smooth, and the penalty multiplies each one's coefficient by :math:`1 / (1 + \lambda d_j)`.
-:math:`\lambda` is that of the restricted maximum likelihood. The columns of :math:`T` are these
-functions, but for those of which less than a hundredth is left. So the term is linear in its
-weights, the penalty is diagonal, and both take part in a joint fit as anything else does.
+**Smoothness.** Let :math:`G` be the Gram matrix of the response to each spline, with everything
+projected out that the parameters of the rest of the model can reproduce (partial residuals, Frisch
+and Waugh [2]_), and :math:`S` that of the penalty. With :math:`S v_j = d_j G v_j`, :math:`v_i' G
+v_j = \delta_{ij}` (Demmler and Reinsch [3]_) the functions :math:`v_j` are uncorrelated, in order
+of decreasing smoothness, and the penalty multiplies the coefficient of each by :math:`1 / (1 +
+\lambda d_j)`. :math:`\lambda` is that of the restricted maximum likelihood. The columns of
+:math:`T` are these functions, except those of which less than a hundredth remains. So the term is
+linear in its weights, the penalty is diagonal, and both take part in a joint fit like any other
+parameter.
 
-**Orthogonality.** What the parameters can do as well, as a gain does what is straight in the drive,
-has next to no power in :math:`G`. Such functions are left out: the parameters keep what is theirs,
-and the term shows what is missing.
+**Orthogonality.** Functions that the parameters can reproduce, as a gain reproduces a linear
+function of the drive, have almost no power in :math:`G`. They are left out: the parameters keep
+their role, and the term shows what is missing.
 
 References
 ----------
@@ -57,7 +58,7 @@ def unknown_term(u, c, s):
     elif kind == 2:
         v = min(max(s[0], u - half_gap), u + half_gap)
         s[0] = v
-    if math.isnan(v):  # of a run that has diverged: it is no place in the table
+    if math.isnan(v):  # of a diverged run: it is no position in the table
         return v
     n = coefficients.size - 3
     t = min(max((v - low) / width, 0.0), float(n))
@@ -174,7 +175,7 @@ class UnknownTermOperator(Operator):
         return (float(play if self.argument == "play" else u0),)
 
     def arguments(self, u, dt, state=None):
-        """Return what it is a function of.
+        """Return the argument of the function.
 
         Parameters
         ----------
@@ -265,7 +266,7 @@ class UnknownTermOperator(Operator):
         coefficients = np.asarray(self.basis @ self.weights, dtype=float)
         numbers = self.low, self.width, ARGUMENTS.index(self.argument), self.half_gap, self.passed
         law = (coefficients, *numbers, dt)
-        # the law has a place for what only some arguments remember
+        # only some arguments have a state
         return CompiledLaw(unknown_term, law, state or (0.0,))
 
 
@@ -275,8 +276,8 @@ class UnknownTerm(ParametricModel):
     .. math:: y = p\,u + \sum_k c_k B_k(a)
 
     with cubic B-splines of the argument :math:`a`, whose smoothness is found by restricted maximum
-    likelihood, and p = 1 where the input passes. Beyond the range that it has seen, the function
-    is constant.
+    likelihood, and p = 1 where the input passes. Beyond the range of the fit, the function is
+    constant.
 
     Parameters
     ----------
@@ -407,7 +408,7 @@ def smooth(operator, gram, own, n_samples, independent=1.0):
     rest = np.setdiff1d(np.arange(len(gram) - 1), k)
     both = np.append(k, len(gram) - 1)
     left = gram[np.ix_(both, both)]
-    if rest.size:  # the complement of what the other parameters can do
+    if rest.size:  # the complement of what the other parameters can reproduce
         scale = np.sqrt(np.diag(gram)[rest])
         scale[scale == 0.0] = 1.0
         inner = gram[np.ix_(rest, rest)] / np.outer(scale, scale)
@@ -419,7 +420,7 @@ def smooth(operator, gram, own, n_samples, independent=1.0):
     power, axes = np.linalg.eigh(every)
     seen = power > 1e-10 * power.max(initial=0.0)
     axes, unseen = axes[:, seen] / np.sqrt(power[seen]), axes[:, ~seen]
-    # across a gap of the samples a function goes on as smoothly as it can
+    # in a gap between samples a function is continued as smoothly as possible
     axes = axes - unseen @ np.linalg.lstsq(bends @ unseen, bends @ axes, rcond=None)[0]
     part, turned = np.linalg.eigh(axes.T @ left[:-1, :-1] @ axes)
     axes = axes @ turned[:, part > _DOABLE]
@@ -443,7 +444,7 @@ def _smoothing(roughness, found, power, n_samples):
     squares that they are part of. With the penalty as a prior, each has the variance
     ``s^2 (1 + 1 / (lambda d))``, the rest of ``n_samples`` independent samples ``s^2``.
     """
-    # what is straight has a roughness of rounding; the roughest is what hardly any sample sees
+    # a linear function has a roughness of rounding; the roughest are seen by hardly any sample
     rounding = len(roughness) * np.finfo(float).eps
     bent = roughness > 10.0 * rounding * roughness.max(initial=0.0)
     if not bent.any():
