@@ -460,7 +460,7 @@ class NARMAXRegressor(AutoregressiveRegressor):
             self._step = self._polynomial()
 
     def _refuse_broken(self):
-        """Refuse contents of a file that compiled code would read beyond its arrays for."""
+        """Refuse indices and sizes with which compiled code would leave its arrays."""
         n_columns, terms = self._n_columns, np.asarray(self.term_factors_)
         n_signals = len(self.input_lags_) + len(self.output_lags_) + len(self.noise_lags_)
         whole = [

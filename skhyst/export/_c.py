@@ -292,9 +292,8 @@ def to_c(
     :attr:`~skhyst.operators.Stepper.status`: ``name_LIMITED`` if limits have cut the output of a
     compensator or controller, ``name_UNREACHABLE`` if an inverse has found no drive for its
     reference, ``name_EXTRAPOLATED`` if the drive has left the range or the rate of the fit,
-    ``name_REFUSED`` if the input was not finite. The header says what goes in and what comes out,
-    The header describes input and output, with their units if they are given, and the preview of a
-    compensator. C++ can include it.
+    ``name_REFUSED`` if the input was not finite. The header describes input and output, with their
+    units if they are given, and the preview of a compensator. C++ can include it.
 
     ``name_init_at`` puts the device to rest at another input, where the rest of every part is known
     as a function of it: of memories that one step reaches from rest at zero, and of linear parts.
