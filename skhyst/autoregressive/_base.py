@@ -60,10 +60,10 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         Outputs before a record. Inputs before it are at rest at their first values.
 
         - ``"rest"``: the equilibrium output of the model for the record's first inputs.
-        - ``"measured"``: where `predict` or `score` is given ``y``, the first samples, as many as
-          the longest lag, are the measured ones, and the run starts after them.
-        - ``"estimate"``: where it is given ``y``, those with which the free run fits the first
-          samples of the record best.
+        - ``"measured"``: if `predict` or `score` is given ``y``, the first samples, as many as the
+        longest lag, are the measured ones, and the run starts after them.
+        - ``"estimate"``: if it is given ``y``, those with which the free run fits the first samples
+        of the record best.
         - numbers in units of the response: the output before each record, or one number per lag:
           ``y(-1), y(-2), ...``.
 
@@ -204,7 +204,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         X : DataFrame or array-like of shape (n_samples, n_inputs)
             Inputs.
         y : array-like of shape (n_samples,), optional
-            Measured response: for the initial outputs, if `initial_output` asks for it, and for a
+            Measured response: for the initial outputs, if `initial_output` requires it, and for a
             `horizon`.
         horizon : int, optional
             Steps ahead: sample ``k`` is predicted from the response measured up to
@@ -300,8 +300,8 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         X : DataFrame or array-like of shape (n_samples, n_inputs)
             Inputs.
         y : array-like of shape (n_samples,)
-            Measured response; the initial outputs are taken from it if `initial_output` says so. A
-            scorer given by name, such as ``scoring="r2"``, calls ``predict(X)`` without it.
+            Measured response; the initial outputs are taken from it if `initial_output` requires
+            it. A scorer given by name, such as ``scoring="r2"``, calls ``predict(X)`` without it.
         sample_weight : array-like of shape (n_samples,), optional
             Weights.
 
@@ -441,7 +441,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         return max(self.output_lags_, default=0)
 
     def _n_skipped(self):
-        """Return the number of first samples whose lagged signals lie before their record."""
+        """Return the number of first samples whose lagged signals precede their record."""
         return max(self._n_outputs(), *(lag for _, lag in self.input_lags_))
 
     def _regression(self, X, y, records, weights, read):
@@ -497,7 +497,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         records : sequence of RecordSlice
             Rows of each record.
         y : ndarray of shape (n_samples,), default=None
-            Measured outputs, where they are known.
+            Measured outputs, if they are known.
         weights : ndarray of shape (n_samples,), default=None
             Of their squared errors.
 
@@ -590,7 +590,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
 
 
 def _read_values(y, known):
-    """Return responses on a straight line where they are not known."""
+    """Return responses with unknown values on a straight line."""
     rows = np.arange(len(y))
     return y if known.all() or not known.any() else np.interp(rows, rows[known], y[known])
 

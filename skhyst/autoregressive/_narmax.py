@@ -90,7 +90,7 @@ class NARMAXRegressor(AutoregressiveRegressor):
     n_candidates_ : int
         Number of candidate terms.
     n_evaluations_ : int
-        Number of runs over all records in the fit, 0 where it is a linear problem.
+        Number of runs over all records in the fit, 0 for a linear problem.
 
     See Also
     --------
@@ -210,9 +210,9 @@ class NARMAXRegressor(AutoregressiveRegressor):
         Raises
         ------
         ValueError
-            If a term is a product, or there are features or noise terms; if ``initial_output`` is
-            a number per lag; or if ``dt`` is not a multiple of the interval of the fit and a pole
-            is zero, as that of a delay, or negative.
+            If a term is a product, or there are features or noise terms; if ``initial_output`` is a
+            number per lag; or if ``dt`` is not a multiple of the interval of the fit and a pole is
+            zero, such as that of a delay, or negative.
 
         Examples
         --------
@@ -250,7 +250,7 @@ class NARMAXRegressor(AutoregressiveRegressor):
         return _of_terms(self, inputs, tuple(outputs), [*weights[~is_one], constant], float(dt))
 
     def _linear_terms(self):
-        """Return the weights of all lagged signals and the constant; None where that is not all."""
+        """Return the weights of all lagged signals and the constant; None with other terms."""
         factors, n_signals = self.term_factors_, len(self.input_lags_) + len(self.output_lags_)
         plain = (factors >= 0).sum(axis=1) <= 1
         if not plain.all() or self.noise_lags_ or self.transformers_:

@@ -137,7 +137,7 @@ class NARXRegressor(AutoregressiveRegressor):
     resampled = NARMAXRegressor.resampled
 
     def _linear_terms(self):
-        """Return the weights of all lagged signals and the constant; None where that is not all."""
+        """Return the weights of all lagged signals and the constant; None if it is not linear."""
         return (self.coef_, self.intercept_) if isinstance(self._step, LinearStep) else None
 
     def _fit_records(self, X, y, records, weights, read):

@@ -38,7 +38,7 @@ class Start(NamedTuple):
         return tangents * root[:, None], error * root
 
     def counts(self):
-        """Return how much each measured output counts."""
+        """Return the weight of each measured output."""
         return np.ones(len(self.measured)) if self.weights is None else self.weights
 
 

@@ -82,7 +82,7 @@ def _bound(loop, law):
 
 
 def rows_kept(inputs, rules):
-    """Return how many rows the state holds; the past outputs follow them."""
+    """Return the number of rows in the state; the past outputs follow them."""
     deepest = max([lag for _, lag in inputs], default=0)
     return 1 + max(deepest, 1 if rules.table else 0)
 

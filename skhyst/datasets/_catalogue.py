@@ -25,8 +25,8 @@ def signals_within(drive_limits, duration, dt, *, rate_limit=None) -> dict[str, 
 
     Each form has the full range of the drive and a third of it: in its middle and at either end.
     Periodic ones have frequencies from two periods in the duration to ten samples per period, a
-    factor of three apart. Signals that are too steep are reduced about their middle until they keep
-    the rate; those that are then a ninth of the range or less are left out.
+    factor of three apart. Signals that are too steep are scaled down about their middle to the rate
+    limit; those that then span a ninth of the range or less are left out.
 
     Parameters
     ----------

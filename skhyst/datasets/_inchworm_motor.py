@@ -379,7 +379,7 @@ class _Motor:
 
 
 def _bend(plant, u, step):
-    """Return how far a pair bends, and its hysteresis h_x, in um."""
+    """Return the deflection of a pair, and its hysteresis h_x, in um."""
     loss = _BENDING * plant.send(u, step, "core")
     plant = plant.adapt("gain", peak=np.abs(u).max())
     return plant.send(_BENDING * u - loss, step, "gain", "middle", "dynamics"), loss
@@ -398,7 +398,7 @@ def _read_drive(drive, dt, caller):
     index = drive.index if hasattr(drive, "iloc") else None
     X = pd.DataFrame(values, index, _COLUMNS[: values.shape[1]])
     records = record_slices(X, dt=dt, one_interval=False)
-    if X.index.dtype.kind in "iu":  # rows are counted: times come with the index
+    if X.index.dtype.kind in "iu":  # rows are counted: stack_records makes times
         labels = None if len(records) == 1 else range(len(records))
         X = stack_records([X.to_numpy()[r.rows] for r in records], labels=labels, dt=dt)
         X = X.set_axis(_COLUMNS[: values.shape[1]], axis=1)

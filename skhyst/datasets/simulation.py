@@ -205,7 +205,7 @@ class PlantEffect:
 
 
 def remembers(stage):
-    """Return a stage with a memory of its own, where it can have one."""
+    """Return a stage with a memory of its own, if its law has one."""
     return partial(stage, memory={}) if "memory" in signature(stage).parameters else stage
 
 

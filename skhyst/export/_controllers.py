@@ -243,9 +243,9 @@ int main(void)
 class EmulatedController:
     """A program of :func:`to_c` that runs on an emulated controller, sample by sample.
 
-    It takes the place of the stepper of the model, as in
-    :func:`~skhyst.control.simulate_loop`: the processor in the loop is another one. Use it in a
-    ``with`` statement, or close it. It needs a compiler and an emulator: ``apt-get install
+    It replaces the stepper of the model, as in :func:`~skhyst.control.simulate_loop`: the loop then
+    contains the emulated processor. Use it in a ``with`` statement, or close it. It needs a
+    compiler and an emulator: ``apt-get install
     gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm`` for Cortex-M, ``gcc-avr avr-libc
     simavr libsimavr-dev libelf-dev`` for AVR; programs for x86-64 run on the processor itself.
 
@@ -435,7 +435,7 @@ def program_sizes(folder, name) -> pd.DataFrame:
 
 
 def _time(source, target):
-    """Return the instructions and cycles of a step, None where they are not known."""
+    """Return the instructions and cycles of a step, None if they are not known."""
     counts = []
     try:
         with EmulatedController(source.parent, source.stem, target) as controller:
@@ -458,7 +458,7 @@ def _test_inputs(source):
 
 
 def _size(source, target):
-    """Return flash, state and stack in bytes, None where they are not known."""
+    """Return flash, state and stack in bytes, None if they are not known."""
     unknown = dict.fromkeys(("flash", "state", "stack"))
     if shutil.which(target.compiler) is None:
         return unknown

@@ -22,7 +22,7 @@ _FAILED = (ArithmeticError, ValueError, TypeError, NotImplementedError, IndexErr
 
 @dataclass(frozen=True)
 class Rule:
-    """How one part is put to rest at its input ``v``.
+    """Rule that puts one part to rest at its input ``v``.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class Rule:
     slope: np.ndarray | None = None
 
     def agrees(self, other):
-        """Whether another rule puts the part to the same states."""
+        """Whether another rule leads to the same states."""
         if (self.slope is None) != (other.slope is None):
             return False
         a, b = (np.append(r.first, [] if r.slope is None else r.slope) for r in (self, other))
@@ -80,7 +80,7 @@ def parts_at_rest(compiled_step, u):
 
 
 def rest_rules(at_rest, drive):
-    """Return how each part is put to rest, and the range of the input for which that holds.
+    """Return the rule that puts each part to rest, and the range of the input for which it holds.
 
     Parameters
     ----------

@@ -169,8 +169,8 @@ def to_structured_text(
 
     One call of the block is one sample: it takes ``u`` and gives ``y``, and a flag for each
     condition of :func:`to_c` that can hold: ``limited``, ``unreachable``, ``extrapolated``,
-    ``refused``. While ``init`` is true it is put to its first state; while ``init_at`` is, to rest
-    at ``u``, where that is known. Call it from a task whose cycle is the sampling interval.
+    ``refused``. While ``init`` is true it is in its first state; while ``init_at`` is true, at rest
+    at ``u``, if that is known. Call it from a task whose cycle is the sampling interval.
 
     Parameters
     ----------
@@ -301,7 +301,7 @@ class _Printer:
         return self._dialect.digits(min(max(x, -largest), largest)).upper()
 
     def literal(self, x, kind="real"):
-        """Return a constant as in an expression, with the type where it is not the usual one."""
+        """Return a constant for an expression, with its type if that is not the usual one."""
         if kind != "real":
             return str(x).upper()
         sign, digits = ("-" if math.copysign(1.0, x) < 0.0 else ""), self.number(abs(x))

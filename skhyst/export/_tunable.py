@@ -196,7 +196,7 @@ def _entry(name, spec, value, own, largest=None, wanted=None):
 
 
 def _operator(model):
-    """Return the operator whose parameters those of a model are, None if it has none."""
+    """Return the operator with the parameters of a model, None if it has none."""
     if hasattr(model, "entries"):
         return model
     for name in ("operator_", "model_"):

@@ -102,7 +102,7 @@ def half_range(records):
 
 
 def largest_drive(records):
-    """Return the largest magnitude of the drive, 1 where it is zero throughout."""
+    """Return the largest magnitude of the drive, 1 for a drive of zero."""
     return max(float(np.abs(record.u).max()) for record in records) or 1.0
 
 

@@ -385,8 +385,8 @@ _M, _D, _B, _FC, _A, _FD, _VS, _K3, _X0, _KS, _DS, _LOWER, _UPPER, _U0, _R = ran
 def friction_tangents(law, curve, dcurve, factor, dfactor, by):
     """Write the derivatives of the values of :func:`resistance` to ``by``.
 
-    ``dcurve`` (n,) are those of the value of the Stribeck curve, ``dfactor`` (m,) those of the
-    factor; the own ones come last.
+    ``dcurve`` (n,) are the derivatives of the value of the Stribeck curve, ``dfactor`` (m,) those
+    of the factor; the derivatives by the own parameters come last.
     """
     damping, b, coulomb, a, more = law[1], law[2], law[3], law[4], law[5]
     n = by.shape[1]
@@ -442,8 +442,8 @@ def free_mass_tangents(
 ):
     """Write x and its derivatives to ``out`` (n,) and ``dout`` (n, m + 15).
 
-    ``du`` and ``dfactor`` (n, m) are those of the drive and of the factor of the friction; those by
-    the law come behind them. ``d`` (2, m + 15) are those of x and v at the start.
+    ``du`` and ``dfactor`` (n, m) are the tangents of the drive and of the factor of the friction;
+    those by the parameters of the law follow. ``d`` (2, m + 15) are those of x and v at the start.
     """
     m, n = du.shape[1], d.shape[1]
     offset, drift, bent = law[13:]
@@ -844,9 +844,9 @@ class FreeMass(ParametricModel):
 
     Notes
     -----
-    The free run of an integrator adds up every error of the force: a tenth of a per cent of it may
-    be the largest part of the error of the displacement after some time, and the sum of squares has
-    many minima. Starting values come from the force balance (see :class:`FrictionStage`). They are
+    The free run of an integrator accumulates every error of the force: an error of a tenth of a per
+    cent may dominate the error of the displacement after some time, and the sum of squares has many
+    minima. Starting values come from the force balance (see :class:`FrictionStage`). They are
     refined on pieces of the records, each with its own displacement and velocity at the start
     (multiple shooting; Bock, *Progress in Scientific Computing*, 1983), then in a free run.
 
@@ -1069,7 +1069,7 @@ class FreeMass(ParametricModel):
         ]
 
     def _divided(self, operator, records, most):
-        """Return the operator with as many substeps as it needs, or as the model says."""
+        """Return the operator with the number of substeps that it needs, or that the model sets."""
         n = self.n_substeps
         if n is None:
             reach = 0.0

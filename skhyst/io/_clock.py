@@ -12,7 +12,7 @@ from ._formats import reading
 
 # Largest deviation of one interval, as a fraction of it: both ends rounded by a tenth, with margin.
 JITTER = 0.25
-_NATIONAL = (  # dates that pandas does not take by itself, or in one way of several
+_NATIONAL = (  # dates that pandas does not parse by itself, or can parse in several ways
     {"dayfirst": True},
     {"dayfirst": False},
     {"format": "%m/%d/%Y %I:%M:%S.%f %p"},

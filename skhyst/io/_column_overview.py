@@ -11,8 +11,8 @@ from ._formats import opened
 from ._recognise import ROLES, roles_and_questions
 
 _MOST = 100  # largest number of columns that are inspected
-_STANDS = 0.01  # fraction of rows at the largest or smallest value, above which it may be clipped
-_OFTEN = 5  # and so many times as many rows as at the next value
+_STANDS = 0.01  # fraction of rows at the largest or smallest value above which it may be clipped
+_OFTEN = 5  # and this many times as many rows as at the next value
 _PARTS = 80  # largest number of parts of an outline
 _FINE = 50  # number of different values, below which a signal is a series of steps
 

@@ -119,7 +119,7 @@ def _is_single(variable):
 
 
 def _told(variable, said, alone):
-    """Return a variable with the interval, unit and name that are said of it."""
+    """Return a variable with the interval, unit and name that the file gives for it."""
     group, changes = variable.group, {}
     while variable.interval is None and "interval" not in changes:
         for kind in (*_RATES, *_INTERVALS):
@@ -157,7 +157,7 @@ class Table:
 def opened(source, **layout):
     """Return a path, or a Table for a frame, and the variables in it.
 
-    ``layout`` holds the options of delimited text, None where they are not given.
+    ``layout`` holds the options of delimited text, None if they are not given.
     """
     is_frame = hasattr(source, "columns")
     path = Table() if is_frame else Path(source).expanduser()
@@ -475,7 +475,7 @@ def _arrow_width(fields):
 
 
 def _arrow_bits(kind):
-    """Return the bits of a value of an Arrow type, 0 where they vary, as in text."""
+    """Return the bits of a value of an Arrow type, 0 if they vary, as for text."""
     try:
         return _arrow_bits(kind.value_type) if hasattr(kind, "index_type") else kind.bit_width
     except ValueError:

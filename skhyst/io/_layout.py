@@ -162,7 +162,7 @@ class Layout:
 
     @property
     def _above(self):
-        """Names and units above all that lines say of each column, None where lines do not."""
+        """Names and units from all lines on each column above the table, None if there are none."""
         width, first = len(self.form), self.first
         while first and len(self.rows[first - 1]) == width:
             first -= 1
@@ -302,7 +302,7 @@ def _under(lines, delimiter, decimal):
     same = [i for i in range(first, start) if fits(form, forms[i])]
     same = [i for i in same if all(forms[i][k] == "b" for k in blank)]
     if first < start and 2 * len(same) < start - first:
-        # mostly no rows of the table: a head, if names are in it, that has a value for each column
+        # mostly no rows of the table: a head, if it contains names with a value for each column
         below = Layout(delimiter, decimal, rows, form, start, last, n_rows)
         first = start if below._said or all(below.head[0]) else first
     while first and "n" in forms[first - 1] and not set(forms[first - 1]) & {"t", "x"}:
@@ -393,7 +393,7 @@ def _uncommented(row, width):
 
 
 def _is_named(layout):
-    """Whether the line above the table has as many names as it has columns, none of them a unit."""
+    """Whether the line above the table has as many names as columns, none of them a unit."""
     if not layout.first:
         return False
     row = _uncommented(layout.rows[layout.first - 1], len(layout.form))

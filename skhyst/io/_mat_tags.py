@@ -151,7 +151,7 @@ class _Elements:
         return len(names) // length
 
     def variables(self, count, depth):
-        """Check so many variables of a cell or a struct."""
+        """Check the variables of a cell or a struct."""
         for _ in range(count):
             start = self.position
             code, length = self.unpack("II", self.take(8))

@@ -8,7 +8,7 @@ import pandas as pd
 from ..exceptions import RecordError
 
 _LIKELY = re.compile(r"9{3,}(\.9+)?|1e\+?\d\d+|9\.9\d*e\+\d\d+")  # -9999, 999.9, 1e30, 9.91e37
-_FAR = 5.0  # a code is at least so many times as large as any other reading
+_FAR = 5.0  # a code is at least this many times as large as any other reading
 
 
 def missing_rows(path, values, names, codes, stamps, labels, on_missing):

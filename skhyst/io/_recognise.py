@@ -213,7 +213,7 @@ class _Candidate:
 
     @cached_property
     def values(self):
-        """Values as floats, None where they are no numbers."""
+        """Values as floats, None if they are not numbers."""
         try:
             return numbers(self.path, self.name, self.stored)
         except RecordError:

@@ -12,8 +12,8 @@ from ._layout import BEYOND, fields, find_layout, is_assignment
 
 _SAMPLE = 65_536  # characters at the beginning and the end from which the layout is determined
 _BINARY = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
-_NAMES = re.compile(r"[\"'#%(\[\s]*[^\W\d]")  # of a line that may hold names
-_HEADS = 8  # lines that come again and are tried as names
+_NAMES = re.compile(r"[\"'#%(\[\s]*[^\W\d]")  # of a line that may contain names
+_HEADS = 8  # repeated lines that are tried as names
 _LINE = re.compile(r"[^\r\n]+")
 _ARRIVED = re.compile(r"^(\d\d:\d\d:\d\d[.,]\d+) -> (?=.*?([;\t,]|$))", re.MULTILINE)
 _NOWHERE = "\x1f"  # a delimiter that no text has

@@ -98,9 +98,9 @@ def decay_of(poles):
 
 
 def _equilibrium(a, b, integrators=0):
-    """Return the state at rest for a unit input; an integrator, which has none, begins at zero.
+    """Return the state at rest for a unit input; the state of an integrator is zero.
 
-    The last states, as many as there are integrators, are theirs: the others rest.
+    The last states are those of the integrators: only the others have a rest.
     """
     if integrators:
         n = a.shape[-1] - integrators
@@ -290,7 +290,7 @@ class LinearOperator(HeldInput):
 
     @property
     def n_start(self):
-        """Number of states where integrators leave none of them at rest."""
+        """Number of states if there are integrators, which have no rest; else 0."""
         return len(self._rest()) if self.integrators else 0
 
     def init(self, u0, initial_state="rest"):

@@ -25,7 +25,7 @@ from ..optimize import IdentificationResult, sections
 
 _PAST = 20  # least samples of the autoregression, and per state
 _PER_STATE = 4
-_SMALLEST = 1e-3  # poles in the z plane that are nearer to zero, or negative, are put there
+_SMALLEST = 1e-3  # poles in the z plane that are closer to zero, or negative, are moved there
 _POINTS = 8  # of the unit circle, per pole, at which gains are compared
 _REST = 1e-9  # least noise of a state
 _SINGULAR = 1e-11

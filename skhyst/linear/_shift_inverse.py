@@ -70,7 +70,7 @@ class InverseShiftOperator(InverseOperator):
         """Return a step with preview of the response, and the preview in samples.
 
         The step is a finite impulse response filter, the response of :meth:`run` to an impulse. For
-        shifts by nearly half a sample it is long: where it is too long, the opposite shift is used.
+        shifts by nearly half a sample it is long: if it is too long, the opposite shift is used.
         """
         opposite = self.operator.opposite()
         if opposite.skew:

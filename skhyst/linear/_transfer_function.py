@@ -847,7 +847,7 @@ def _weight(response, std):
     """Return reciprocal standard deviations, or 1 / RMS of the response where none are known."""
     if std is None or not np.any(std > 0.0):
         return np.full(response.shape, 1.0 / np.sqrt(np.mean(np.abs(response) ** 2)))
-    # a line counts at most as much as a hundred typical ones: a standard deviation near 0 is chance
+    # the weight of a line is limited: a standard deviation near 0 is chance
     return 1.0 / np.maximum(std, 0.1 * np.median(std[std > 0.0]))
 
 
@@ -937,8 +937,8 @@ class TransferFunction(ModesMixin, LinearModel):
         after :meth:`fit_frequency_response` that of real and imaginary parts in units of their
         standard deviation.
     predictor_gain_ : ndarray of shape (n_states,)
-        With ``stable=False`` and :meth:`fit`: how much of an error of the prediction moves the
-        states of ``operator_`` (of its ``state_space()``), see :meth:`predict_one_step`.
+        With ``stable=False`` and :meth:`fit`: the gain from the prediction error to the states of
+        ``operator_`` (of its ``state_space()``), see :meth:`predict_one_step`.
 
     Raises
     ------
@@ -1221,7 +1221,7 @@ class TransferFunction(ModesMixin, LinearModel):
         Returns
         -------
         TransferFunctionOperator or None
-            None where it has another number of poles, or more zeros.
+            None if it has another number of poles, or more zeros.
         """
         missing = self.n_zeros - np.size(operator.numerator)
         if len(operator.poles()) != self.n_poles or missing < 0:

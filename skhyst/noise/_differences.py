@@ -24,7 +24,7 @@ def difference_noise(series):
     """Return the standard deviation of noise on smooth series, a lower bound for coloured noise.
 
     The least of the second, third and fourth differences. An edge of the signal is in few
-    differences: those that are further off than normal noise goes once in as many do not count.
+    differences: those beyond the value that normal noise exceeds once in as many are excluded.
 
     Parameters
     ----------
@@ -65,10 +65,10 @@ def _without_edges(values):
 
 
 def white_noise_floor(signal):
-    """Return the standard deviation of white noise on a smooth signal, 0 where none is seen.
+    """Return the standard deviation of white noise on a smooth signal, 0 if none is detected.
 
-    Where the signal is smooth, differences shrink from order to order, and where it is noise they
-    stay.
+    Differences of a smooth signal shrink with the order, those of white noise keep their scaled
+    size.
 
     Parameters
     ----------

@@ -49,7 +49,7 @@ class NoiseModel:
     share : float
         Part of the variance that has this law; the rest is white.
     outliers : float
-        Part of the samples that are further off than normal noise goes once in as many.
+        Fraction of the samples beyond the value that normal noise exceeds once in as many.
     quantisation : float
         Step of the converter, units of the response; 0 where readings show none. Of evenly spread
         readings its square over 12 is in the variance.
@@ -86,7 +86,7 @@ class NoiseModel:
         return solve_toeplitz(correlations[:-1], correlations[1:])
 
     def correlation_length(self, n_samples):
-        """Return after how many samples the correlation has fallen to 1/e; 0 for white noise.
+        """Return the number of samples in which the correlation falls to 1/e; 0 for white noise.
 
         It is that of the coloured part in a record of so many samples without its mean.
 
@@ -160,7 +160,7 @@ def fit_noise(series, readings=()):
     Parameters
     ----------
     series : sequence of ndarray
-        Noise, sample by sample, NaN where it is not known.
+        Noise, sample by sample, NaN where unknown.
     readings : sequence of ndarray, optional
         What the sensor reads, for the step of its converter.
 

@@ -14,7 +14,7 @@ from scipy.special import chdtrc
 
 
 def whiteness_p_value(series):
-    """Return how probable the autocorrelation of a list of series is where they are white.
+    """Return the p-value of the autocorrelation of a list of series, if they are white.
 
     Parameters
     ----------

@@ -51,7 +51,7 @@ def noise_on_drive(u, y, alpha=0.001):
 
 
 def _is_followed(u, y, floor, alpha=0.01):
-    """Whether the response follows the drive's noise in an octave, or this could not be seen."""
+    """Whether the response follows the drive's noise in an octave, or this cannot be tested."""
     length = int(np.sqrt(len(u)))
     omega = 2.0 * np.pi * np.arange((length + 1) // 2) / length
     window = np.hanning(length + 1)[:-1]
@@ -180,9 +180,9 @@ class _Stretches:
         self.rounding = len(signal) * np.finfo(float).eps ** 2
 
     def residual(self, rows, lost, gap=0):
-        """Return the residual sum of squares (n_rows,) supposing so many lost samples.
+        """Return the residual sum of squares (n_rows,) assuming so many lost samples.
 
-        A ``gap`` leaves out so many samples of the signal at the row.
+        ``gap`` samples of the signal are left out at the row.
         """
         after = np.arange(2 * self.side) >= self.side
         around = np.arange(-self.side, self.side)
@@ -202,7 +202,7 @@ class _Stretches:
     def ratio(self, rows, lost):
         """Return the ratio of the residual with lost samples to that of neighbouring stretches.
 
-        From these as many samples are left out, so that their cubics span the same time.
+        As many samples are left out of these, so that their cubics span the same time.
         """
         shifts = (-self.side - lost, self.side)
         stretches = [self.residual(rows + shift, lost, lost) for shift in shifts]

@@ -1,4 +1,4 @@
-"""Resample records onto an even grid, and the error that this makes."""
+"""Resample records onto an even grid, and estimate the resulting error."""
 
 from itertools import pairwise
 from numbers import Real
@@ -157,10 +157,11 @@ def resampling_error(X, y, *, dt="auto", max_gap=None) -> float:
 
     Notes
     -----
-    The estimate tends to be too small where there are few readings per period, and more so where
-    the response has kinks or jumps between readings; what ends before the next reading is not seen
-    at all. The second derivative is taken as independent of the spacing: if the response was read
-    more often where it is more curved, the true error is smaller. Slow noise counts as response.
+    The estimate tends to be too small if there are few readings per period, and more so if the
+    response has kinks or jumps between readings; a transient that ends before the next reading is
+    not seen at all. The second derivative is assumed independent of the spacing: if the response
+    was read more often where it is more curved, the true error is smaller. Slow noise counts as
+    response.
 
     Examples
     --------

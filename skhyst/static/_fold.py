@@ -93,7 +93,8 @@ class Fold(StaticModel):
     .. math:: y = a + |u - a| \text{ or } y = a - |u - a|
 
     It has no gain: put a model that has one before it in a :class:`~skhyst.compose.Cascade`. There
-    the sign of the model is not identifiable: its mirror image about the level reads the same.
+    the sign of the model is not identifiable: its mirror image about the level gives the same
+    reading.
 
     Parameters
     ----------

@@ -97,7 +97,7 @@ class PolynomialCurveOperator(StaticOperator):
         self._require("scale", self.scale > 0.0, "be above 0")
 
     def finer(self, records):
-        """Return as many further degrees as there are terms, two at least; see the base."""
+        """Return as many further degrees as there are terms, at least two; see the base."""
         n = np.size(self.coefficients)
         return n + 2 + np.arange(max(n, 2))
 

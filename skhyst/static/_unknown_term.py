@@ -271,7 +271,7 @@ class UnknownTermOperator(Operator):
 
 
 class UnknownTerm(ParametricModel):
-    r"""A term whose law is not known: a smooth function of the input, its rate or a play of it.
+    r"""A term of unknown law: a smooth function of the input, its rate or a play of it.
 
     .. math:: y = p\,u + \sum_k c_k B_k(a)
 
@@ -282,15 +282,15 @@ class UnknownTerm(ParametricModel):
     Parameters
     ----------
     argument : {"input", "rate", "play"}, default="input"
-        What it is a function of: the input, its rate (backward differences, per s), or the play
-        operator of it.
+        Argument of the function: the input, its rate (backward differences, per s), or a play of
+        it.
     half_gap : float or None, default=None
         Half gap of the play, units of the input. None: a tenth of the range of the input.
     passes : bool, default=False
         Whether the input itself is added, as at a joint of a series.
     n_intervals : int, default=40
-        Intervals of the knots, evenly spaced. The smoothness hardly depends on their number, where
-        it is large enough.
+        Number of evenly spaced knot intervals. The smoothness hardly depends on it if it is large
+        enough.
 
     Attributes
     ----------
@@ -414,7 +414,7 @@ def smooth(operator, gram, own, n_samples, independent=1.0):
         inner = gram[np.ix_(rest, rest)] / np.outer(scale, scale)
         outer = gram[np.ix_(rest, both)] / scale[:, None]
         left = left - outer.T @ np.linalg.pinv(inner, rcond=1e-10, hermitian=True) @ outer
-    # directions in which the B-splines have power that the parameters cannot make
+    # directions in which the B-splines have power that the parameters cannot reproduce
     every = gram[np.ix_(k, k)]
     bends = np.diff(np.eye(len(operator.basis)), 2, axis=0) @ operator.basis
     power, axes = np.linalg.eigh(every)
@@ -440,9 +440,9 @@ def smooth(operator, gram, own, n_samples, independent=1.0):
 def _smoothing(roughness, found, power, n_samples):
     """Return the penalty of each function by the restricted maximum likelihood.
 
-    ``found`` are the least-squares coefficients of orthonormal functions, ``power`` the sum of
-    squares that they are part of. With the penalty as a prior, each has the variance
-    ``s^2 (1 + 1 / (lambda d))``, the rest of ``n_samples`` independent samples ``s^2``.
+    ``found`` are the least-squares coefficients of orthonormal functions, ``power`` the total sum
+    of squares. With the penalty as a prior, each coefficient has the variance ``s^2 (1 + 1 /
+    (lambda d))``, the rest of ``n_samples`` independent samples ``s^2``.
     """
     # a linear function has a roughness of rounding; the roughest are seen by hardly any sample
     rounding = len(roughness) * np.finfo(float).eps
