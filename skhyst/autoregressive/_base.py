@@ -61,9 +61,9 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
 
         - ``"rest"``: the equilibrium output of the model for the record's first inputs.
         - ``"measured"``: if `predict` or `score` is given ``y``, the first samples, as many as the
-        longest lag, are the measured ones, and the run starts after them.
+          longest lag, are the measured ones, and the run starts after them.
         - ``"estimate"``: if it is given ``y``, those with which the free run fits the first samples
-        of the record best.
+          of the record best.
         - numbers in units of the response: the output before each record, or one number per lag:
           ``y(-1), y(-2), ...``.
 

@@ -5,15 +5,15 @@ best-fitting measure is found by the sliding conditional gradient (Denoyelle et 
 Problems*, 2020), written for normal equations:
 
 1. *Scan.* One pass over the records gives the Gram matrices of the columns of terms on a fine grid
-of positions and of all other parameters. From these, terms are added one by one, each time the one
-that reduces the sum of squares most in addition to the present ones (orthogonal least squares:
-Chen, Billings and Luo, *International Journal of Control*, 1989). The weights are solved within
-their bounds each time, and a term whose weight is zero is removed.
+   of positions and of all other parameters. From these, terms are added one by one, each time the
+   one that reduces the sum of squares most in addition to the present ones (orthogonal least
+   squares: Chen, Billings and Luo, *International Journal of Control*, 1989). The weights are
+   solved within their bounds each time, and a term whose weight is zero is removed.
 2. *How many.* The same is done in each fold, with terms of its own choice, and scored on the
-held-out samples: so the choice of a further term is penalised, too. The number that predicts best
-is taken.
+   held-out samples: so the choice of a further term is penalised, too. The number that predicts
+   best is taken.
 3. *Slide.* All positions move to the minimum of the sum of squares, jointly with all other
-parameters, and coinciding terms are merged.
+   parameters, and coinciding terms are merged.
 
 The steps are repeated with the present terms, whose positions are then free, and a new scan, until
 no further term predicts better. Finally, the term that costs least is removed, repeatedly, while
