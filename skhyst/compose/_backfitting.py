@@ -185,6 +185,7 @@ def _mixed(past):
         return new
     change = (new - old).ravel()
     others = np.stack([change - (b - a).ravel() for a, b in past[:-1]], axis=1)
+    # turns that change along the same direction are collinear
     weights = np.linalg.lstsq(others, change, rcond=1e-6)[0]
     return new - sum(w * (new - b) for w, (_, b) in zip(weights, past[:-1], strict=True))
 

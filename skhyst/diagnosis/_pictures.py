@@ -192,6 +192,8 @@ def _lines(inputs, outputs, dt):
     frequency, density = spectrum(np.concatenate(inputs), _spans(inputs), dt)
     # 60 dB below the strongest line, the input is mostly leakage of the window
     excited = np.interp(found.frequency, frequency, density) > 1e-3 * density.max()
+    # from a coherence of 0.8 on, the standard error of the gain, sqrt((1 / c - 1) / (2 n)), is
+    # below a fifth for four segments
     kept = (np.ravel(found.coherence) > 0.8) & (found.frequency > 0.0) & excited
     return found.frequency[kept], np.ravel(found.response)[kept]
 

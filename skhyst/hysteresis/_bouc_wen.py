@@ -270,6 +270,7 @@ def find(level, first, end, below, above, curve, cell_at):
     for _ in range(8):
         step = (level - polynomial(curve, cell, x)) / slope_of(curve, cell, x)
         x += step
+        # the error after Newton's step is about its square: below rounding
         if abs(step) < 1e-8:
             break
     return cell, min(max(x, 0.0), 1.0)

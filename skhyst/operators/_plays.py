@@ -308,6 +308,7 @@ def _fill_table(thresholds, weights, table, bins):
     table[n_plays, 1] = ordinate
     table[n_plays, 2] = slope
     table[n_plays, 3] = np.inf
+    # of a smaller knot the quotient would overflow
     scale = n_bins / knot if knot > 1e-290 else 0.0
     row = 0
     for b in range(bins.size):

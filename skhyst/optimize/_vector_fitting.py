@@ -141,6 +141,7 @@ def _relocate(s, blocks, poles, feedthrough):
     scale = np.linalg.norm(rows, axis=0)
     scale[scale == 0.0] = 1.0
     sigma = np.linalg.lstsq(rows / scale, target, rcond=None)[0] / scale
+    # the zeros of sigma are those of its numerator, which needs a leading coefficient
     if abs(sigma[n]) < 1e-8 * max(np.abs(sigma).max(), np.finfo(float).tiny):
         return poles
     first = np.flatnonzero(poles.imag > 0.0)
