@@ -593,7 +593,7 @@ def _predicted_part(basis, rest, record, known):
 
 def _solve_basis(gram, right):
     scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
-    # a ridge for columns that depend on each other only in a part of the record
+    # a ridge: columns may be collinear within a record
     scaled = gram * np.outer(scale, scale) + 1e-12 * np.eye(len(gram))
     solution = np.linalg.solve(scaled, (right.T * scale).T)
     return (solution.T * scale).T
