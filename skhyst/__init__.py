@@ -10,7 +10,7 @@ import importlib.metadata
 import pkgutil
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:  # type checkers do not see what is imported on demand
+if TYPE_CHECKING:  # type checkers do not see imports on demand
     from . import app as app
     from . import autoregressive as autoregressive
     from . import base as base

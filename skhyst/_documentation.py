@@ -12,10 +12,10 @@ _METHOD_TITLES = ("Parameters", "Returns")  # another method need not raise what
 def inherit_documentation(cls, *, attributes=True):
     """Complete the docstrings of a class and of its methods by those of its bases.
 
-    The class gets what its bases say of its parameters, in the order of the constructor, and of
-    its attributes, behind its own, if ``attributes``. A method gets what the method of a base says
-    of its parameters and of what it returns. Python itself finds the docstring of the base for a
-    method that has none.
+    The class gets the documentation of its bases for its parameters, in the order of the
+    constructor, and for its attributes, after its own, if ``attributes``. A method gets that of the
+    base's method for its parameters and return values. Python itself finds the docstring of the
+    base for a method that has none.
     """
     bases = cls.__mro__[1:]
     if cls.__dict__.get("__doc__"):
@@ -42,7 +42,7 @@ def _constructor(cls):
 def documented_like(*others):
     """Decorate a function: complete its docstring by those of other functions.
 
-    What they say of its parameters is added, and of what is returned and raised where the function
+    Their documentation of its parameters is added, and of returns and raised errors if the function
     has no such section.
     """
 

@@ -17,7 +17,7 @@ _UNPRINTABLE = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010fff
 
 
 def check_input(path):
-    """Refuse what is not a regular file, before it is opened: a named pipe would wait for ever."""
+    """Refuse irregular files before opening them: a named pipe would block for ever."""
     if not path.exists():
         raise FileNotFoundError(f"There is no file {str(path)!r}.")
     if not path.is_file():

@@ -3,10 +3,10 @@
 Kernels compile on first use and release the GIL. The machine code is cached next to the source
 where that folder, or ``NUMBA_CACHE_DIR``, can be written; elsewhere the kernel is compiled once per
 process instead, since a plain ``cache=True`` raises at import in a read-only install without a
-home folder. What cannot be read from the cache is compiled anew and written again: a damaged file,
-one of another layout, one that names a module which is gone. So is a kernel that calls, or takes a
-constant from, what has changed in another file, as after an upgrade. Without Numba the same
-function runs as plain Python: slow, but with equal results.
+home folder. A cached kernel that cannot be read is compiled and written again: a damaged file, one
+of another layout, one that names a missing module. So is a kernel that calls a function or uses a
+constant from another file that has changed, as after an upgrade. Without Numba the same function
+runs as plain Python: slow, but with equal results.
 """
 
 import pickle
@@ -59,12 +59,12 @@ def jit(function=None, *, fastmath=False, inline=False, allocates=True):
 
 @cache
 def _cache_class():
-    """Return Numba's cache of a function, of which only what is whole is used.
+    """Return a class of Numba's cache of a function that only uses complete files.
 
-    Numba's own raises where a file is damaged, and sees changes in the file of the function alone,
-    not in what is compiled into it from elsewhere. Where two processes begin it at once, with a
-    signature each, it may give one the code of the other: so the code is kept with its key, and
-    with a digest, since damaged machine code may end the interpreter.
+    Numba's own raises if a file is damaged, and detects changes only in the file of the function,
+    not in functions compiled into it from elsewhere. If two processes start at once, each with its
+    own signature, one may get the code of the other: so the code is stored with its key, and with a
+    digest, since damaged machine code may crash the interpreter.
     """
     from numba.core.caching import FunctionCache, IndexDataCacheFile
 
@@ -74,7 +74,7 @@ def _cache_class():
             super().save(key, (key, sha256(code).digest(), code))
 
         def load(self, key):
-            of, digest, code = super().load(key)  # None where there is none, which is an error
+            of, digest, code = super().load(key)  # of None without one, which is an error
             if of != key or digest != sha256(code).digest():
                 raise ValueError("damaged, or of another signature")
             return pickle.loads(code)

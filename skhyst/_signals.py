@@ -1,4 +1,4 @@
-"""What a step of a fitted model takes and returns, with what the fit has seen of it."""
+"""Inputs and output of a step of a fitted model, with their ranges in the fit."""
 
 import numpy as np
 

@@ -11,9 +11,10 @@ from .exceptions import RecordError
 # files and the usual one of others: a match of 258 bytes takes at least two bits.
 # Source: "zlib Technical Details", https://zlib.net/zlib_tech.html
 _DENSEST = 1032
-# What any file may unpack to: a quarter of the 1 GB that reading takes at most, since readings are
-# copied up to three times on their way. Beyond, a byte of the file may stand for 64 in memory, as
-# where a reading of 8 bytes is one bit: what is denser is nearly nothing but repetition.
+# Largest size that any file may unpack to: a quarter of the 1 GB that reading takes at most, since
+# readings are copied up to three times on their way. Beyond that, a byte of the file may stand for
+# 64 in memory, as for a reading of 8 bytes stored in one bit: denser content is nearly all
+# repetition.
 _SPARED, _SPARSEST = 10**9 // 4, 64
 _HEAD = 2**14  # bytes in which numpy finds a header of the longest size that it trusts
 

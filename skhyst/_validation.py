@@ -80,7 +80,7 @@ def refuse_no_experiment(columns, response, slices):
 
 
 def refuse_still(drive):
-    """Refuse a drive that does not move: nothing follows it."""
+    """Refuse a drive that does not move: it identifies nothing."""
     if not np.ptp(drive):
         raise RecordError(
             f"The drive must move. Got {drive[0]:g} in every sample instead: is it the column that "
@@ -107,10 +107,10 @@ def _is_memoryless(estimator):
 def refuse_drawn(frame, drive, X, response):
     """Refuse rows that have been drawn from a recording with repeats, as ensembles do.
 
-    Neighbours are then no more alike than any two rows (von Neumann, *Annals of Mathematical
-    Statistics*, 1941), and rows are equal to the last digit that stand apart, though most occur
-    once, and the rows behind them are not equal. Where the same inputs often have another response,
-    their digits are few, and equal rows are chance. Rows with times in their index are in order.
+    Neighbours are then no more similar than any two rows (von Neumann, *Annals of Mathematical
+    Statistics*, 1941), and distant rows are equal to the last digit, though most occur once, and
+    the rows after them differ. If equal inputs often have different responses, their digits are
+    few, and equal rows are chance. Rows with times in their index are in order.
     """
     index = getattr(frame, "index", None)
     if isinstance(index, pd.Index) and not isinstance(index, pd.RangeIndex):
@@ -188,10 +188,10 @@ def _is_disordered(values):
 def read_slices(estimator, X, *y, reset, dt=None, bridge=False):
     """Return the records of X, sampled as an estimator asks for.
 
-    Data without a time have the interval that was said, in a fit, with ``reset``, and that of the
-    fit elsewhere; ``dt`` is in place of either. What contradicts the fit is refused: another
-    interval that was said since; a time of another interval, where the estimator counts samples.
-    ``bridge`` is as for :func:`~skhyst.records.record_slices`.
+    Data without a time have the given interval in a fit, with ``reset``, and later that of the fit;
+    ``dt`` replaces either. Contradictions to the fit are refused: another interval given since; a
+    time with another interval, if the estimator counts samples. ``bridge`` is as for
+    :func:`~skhyst.records.record_slices`.
 
     Raises
     ------
@@ -257,7 +257,7 @@ def _agree(one, other):
 
 
 def fitted_interval(estimator):
-    """Return the sampling interval of a fit and its unit; None of both where there is not one."""
+    """Return the sampling interval of a fit and its unit; None for both if it is not unique."""
     if hasattr(estimator, "dt_"):
         dt = estimator.dt_
         return dt, None if dt is None else getattr(estimator, "time_unit_", "s")
@@ -277,7 +277,7 @@ def used_interval(estimator, dt, caller):
 
 
 def interval_of(estimator, *, fitted=True):
-    """Return the sampling interval in s of data without a time: that of the fit, or that said.
+    """Return the sampling interval in s of data without a time: that of the fit, or the given one.
 
     None where none is known: time is in samples.
     """
@@ -289,7 +289,7 @@ def interval_of(estimator, *, fitted=True):
 
 
 def agreed(estimator, name):
-    """Return a parameter of an estimator or, where that is None, the one its parts agree on.
+    """Return a parameter of an estimator or, if it is None, the value that its parts agree on.
 
     None where no part says it. A part that is held, in a FrozenEstimator, has the interval of its
     fit.
@@ -362,7 +362,7 @@ def drive_column(estimator):
 
 
 def _drive_of(estimator, reset):
-    """Return the position of the drive; refuse another one than that of the fit."""
+    """Return the position of the drive; refuse another one than in the fit."""
     position = drive_column(estimator)
     if reset:
         estimator._drive_number = position
@@ -436,7 +436,7 @@ def warn_beyond(estimator, X, columns):
     """Warn of a drive, or of further columns that are read, beyond those of the fit."""
     drive = drive_column(estimator)
     seen = {drive: getattr(estimator, "drive_range_", (-np.inf, np.inf))}
-    if hasattr(estimator, "input_range_"):  # models of earlier versions know that of the drive
+    if hasattr(estimator, "input_range_"):  # models of earlier versions know only that of the drive
         seen |= {i: estimator.input_range_[:, i] for i in sorted(columns - {drive})}
     names = list(getattr(estimator, "feature_names_in_", range(X.shape[1])))
     for i, (low, high) in seen.items():
@@ -445,7 +445,7 @@ def warn_beyond(estimator, X, columns):
 
 
 def warn_schedules(estimator, operator, schedules):
-    """Warn of records whose parameters are those of a schedule beyond the ones of the fit."""
+    """Warn of records with schedule values beyond those of the fit."""
     known = [schedule for schedule in schedules if schedule is not None]
     what = "records whose parameters depend on an amplitude, or a column,"
     for limits in _schedule_ranges(operator) if known else ():
@@ -473,7 +473,7 @@ def _warn_range(estimator, what, low, high, values):
 def as_floats(estimator, X, *y, **options):
     """Return X, and y if it is given, as floats, validated by scikit-learn.
 
-    Rows are contiguous, so that sums are rounded alike whatever container the numbers come in.
+    Rows are contiguous, so that sums are rounded equally for any container of the numbers.
     """
     options |= {"dtype": np.float64, "order": "C"} | ({"y_numeric": True} if y else {})
     with np.errstate(invalid="ignore"):  # scikit-learn sums infinities of both signs
@@ -509,7 +509,7 @@ def refuse_std(estimator, return_std, why):
 
 
 def refuse_several(estimator, records):
-    """Refuse more than one record of what a stepper is to go on from."""
+    """Refuse more than one record for a stepper to continue from."""
     if len(records) > 1:
         raise ValueError(
             f"The 'X' parameter of {type(estimator).__name__}.stepper_from must be one record. Got "
@@ -531,7 +531,7 @@ def fit_weighted(estimator, X, y, sample_weight, caller):
 
 
 def _weights_name(estimator):
-    """Return by what name the `fit` of an estimator takes weights of rows; None if by none."""
+    """Return the name of the row weights in the `fit` of an estimator; None without weights."""
     if has_fit_parameter(estimator, "sample_weight"):
         return "sample_weight"
     if isinstance(estimator, Pipeline):
@@ -611,7 +611,7 @@ def refuse_extreme(drive, response, extreme=EXTREME):
 def finite_numbers(values, caller, name, wanted, ndim=None):
     """Return a parameter as finite numbers of ``ndim`` dimensions, by default any; or refuse it.
 
-    ``wanted`` says what it must be, such as "a finite number".
+    ``wanted`` states the requirement, such as "a finite number".
     """
     try:
         found = np.asarray(values)

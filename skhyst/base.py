@@ -72,7 +72,7 @@ from .records import RecordSlice, chosen_interval, with_lost_rows
 
 __all__ = ["ParametricModel"]
 
-_NAMED = 10  # undetermined parameters that a warning lists
+_NAMED = 10  # undetermined parameters that a warning names
 _OUT_OF_RANGE = (
     "Identification has left the range of floating point: choose other units of X, y or time, in "
     "which the numbers are nearer to one."
@@ -81,15 +81,15 @@ _NO_REST = (
     "{} has found no state of rest, as of an integrator: start with initial_state='zero', or from "
     "a known response, 'y_start' of predict"
 )
-_MOST = 0.5  # of a squared error: what leaves less than that has removed more than it leaves
+_MOST = 0.5  # ratio of squared errors: below it, more of the error is removed than remains
 _FEW = "Records this short tell like few independent samples, and params_std_ is too small for"
 
 
 class _OneThread:
-    """A context in which linear algebra takes one thread, until the last of those in it has left.
+    """A context in which linear algebra uses one thread, until the last user has left it.
 
-    The number of threads is that of the process: were each to restore what it has found, fits that
-    overlap would leave one thread behind.
+    The number of threads is a property of the process: if each user restored the number it found,
+    overlapping fits would end with a single thread.
     """
 
     def __init__(self):
@@ -110,22 +110,22 @@ class _OneThread:
 
 @cache
 def _threads():
-    return ThreadpoolController()  # looks through all loaded libraries: once
+    return ThreadpoolController()  # searches all loaded libraries: once
 
 
 _ONE_THREAD = _OneThread()
-if hasattr(os, "register_at_fork"):  # the lock may be taken by a thread that the child lacks
+if hasattr(os, "register_at_fork"):  # a child has no copy of the thread that may hold the lock
     os.register_at_fork(after_in_child=_ONE_THREAD.__init__)
 
 
 def one_thread():
-    """Return a context in which linear algebra takes one thread."""
+    """Return a context in which linear algebra uses one thread."""
     return _ONE_THREAD
 
 
 @contextmanager
 def _calculable():
-    """Refuse, in a context, data with which identification leaves the range of floating point."""
+    """Refuse data for which identification exceeds the range of floating-point numbers."""
     try:
         with one_thread(), np.errstate(over="ignore", invalid="ignore"):
             yield
@@ -134,7 +134,7 @@ def _calculable():
 
 
 def informed(model, parent):
-    """Return a copy of a part of a model that knows the columns of X as the whole does."""
+    """Return a copy of a part of a model with the column names of the whole."""
     names = ("n_features_in_", "feature_names_in_")
     known = {name: getattr(parent, name) for name in names if hasattr(parent, name)}
     if known and isinstance(model, ParametricModel):
@@ -144,14 +144,14 @@ def informed(model, parent):
 
 
 def with_params(model, **params):
-    """Return a copy of a model with other parameters, which knows the columns of X as before."""
+    """Return a copy of a fitted model with other parameters, and with its column names."""
     model = copy.copy(model)
     vars(model).update(params)
     return model
 
 
 def scored_where(data, slices, read):
-    """Return records of which only the rows that were read count, not those that were lost."""
+    """Return records in which rows that were lost have weight zero."""
     return [
         replace(record, weights=read[s.rows].astype(float)) if not read[s.rows].all() else record
         for record, s in zip(data, slices, strict=True)
@@ -159,15 +159,15 @@ def scored_where(data, slices, read):
 
 
 def as_node(model, **parts):
-    """Return an unfitted model, with others in place of the models that it is made of."""
+    """Return an unfitted model, with other models as its parts."""
     model = informed(clone(model), model) if hasattr(model, "operator_") else model
     return with_params(model, **parts) if parts else model
 
 
 def refine(model, starts, records, method=None, *, with_errors=True):
-    """Return what identification finds for a model from operators of one structure.
+    """Return the identification result of a model, from starts of one structure.
 
-    ``method`` is in place of that of the model; see :func:`skhyst.optimize.identify`.
+    ``method`` replaces that of the model; see :func:`skhyst.optimize.identify`.
     """
     return identify(
         starts,
@@ -180,7 +180,7 @@ def refine(model, starts, records, method=None, *, with_errors=True):
 
 
 def identified(model, records):
-    """Return a model with its hold decided, where that is "auto", and what it was identified as."""
+    """Return a model with its hold chosen if that is "auto", and its identification result."""
     held = [model.with_hold(hold) for hold in ("foh", "zoh")]
     if held[0] is model:
         return model, model.identify(records)
@@ -195,23 +195,23 @@ def input_at_rest(model, u0, initial_state, caller):
     levels = rest_of(u0, initial_state, model.n_features_in_, caller)
     if not model.reads_columns:
         return float(levels[drive_column(model)])
-    # the amplitude of the record may stand behind the columns
+    # the amplitude of the record may follow the columns
     return np.append(levels, levels[0]) if np.size(u0) == 1 else levels
 
 
 @dataclass(frozen=True)
 class _Run:
-    """The run of a record from a state before it, after ``skip`` samples that came before it."""
+    """The run of a record from an initial state, after ``skip`` samples of input history."""
 
     operator: Operator
     covariance: np.ndarray | None
     u: np.ndarray
     dt: float
-    initial_state: str | np.ndarray  # or the values that it starts from, where there is no rest
+    initial_state: str | np.ndarray  # or start values, if there is no state of rest
     skip: int = 0
 
     def at(self, schedule):
-        """Return the same with the parameters of a record, where they depend on a number of it."""
+        """Return the same run with the parameters of a record's schedule value."""
         return self if schedule is None else replace(self, operator=self.operator.at(schedule))
 
     def run(self):
@@ -231,25 +231,25 @@ class _Run:
 
 
 class ParametricModel(RegressorMixin, BaseEstimator):
-    """Base of the models whose free run is that of an operator.
+    """Base of the models whose free run is the run of an operator.
 
-    A subclass gives :meth:`starting_values`, ``operator_class``, from which its place in a series
-    follows, and, where parameters are held for another reason than a flag ``fit_<name>``,
-    :meth:`held_parameters`. A constructor of its own assigns ``initial_state`` and ``dt`` too. What
-    its docstring does not say of a parameter or an attribute is taken from that of its base. What
-    else a subclass may override is rarely needed, and described in the developers' pages.
+    A subclass gives :meth:`starting_values`, ``operator_class``, which determines its place in a
+    series, and, if parameters are held for another reason than a flag ``fit_<name>``,
+    :meth:`held_parameters`. A constructor of its own assigns ``initial_state`` and ``dt`` too.
+    Parameters and attributes that its docstring does not describe are described by that of its
+    base. Other methods rarely need to be overridden; see the developers' pages.
 
     Parameters
     ----------
     initial_state : {"rest", "zero", "estimate"}, default="rest"
         State before each record's first sample: at rest after a first loading from zero; all zero;
-        or as a drive before the record has left it that is fitted for each record.
+        or after an input history that is estimated for each record.
     dt : float or None, default=None
-        Sampling interval in s of data without a time index. None: in ``fit`` not known, so that
-        constants of time are in samples; in ``predict`` that of the fit, which another one may not
-        contradict.
+        Sampling interval in s of data without a time index. None: unknown in ``fit``, so that
+        constants of time are in samples; in ``predict`` that of the fit, which another value must
+        not contradict.
     drive : str, int or None, default=None
-        Name or number of the column of X that is the drive; None: column 0. Of a model that reads
+        Name or number of the column of X that is the drive; None: column 0. For a model that reads
         further columns it must be column 0.
     method : str or Method, default="variable_projection"
         How the parameters are identified, see :mod:`skhyst.optimize`.
@@ -259,43 +259,44 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     operator_ : Operator
         The identified operator: ``init``, ``step``, ``run``.
     params_, params_std_, params_std_white_ : dict of str to float
-        Parameters in the user's units and their standard errors (NaN at a bound, infinite where
-        the data do not determine the value): whatever the noise's colour, and if it is white.
+        Parameters in the user's units and their standard errors (NaN at a bound, infinite if the
+        data do not determine the value): for noise of any colour, and under white noise.
     identifiability_ : dict
         ``undetermined`` (tuple of names) and ``condition_number``.
     n_evaluations_ : int
-        Simulations of all records that identification took.
+        Number of simulations of all records in identification.
     fit_error_ : float
         Root mean square of the residual in the records of the fit, units of the response.
     covariance_ : ndarray of shape (n_values, n_values) or None
-        Covariance of the errors of ``operator_.pack()``, in its units; zero for what is held, at a
-        bound, or left open by the data. That of the coefficients of additive disturbances is their
-        spread over records: a new record has its own.
+        Covariance of the errors of ``operator_.pack()``, in its units; zero for values that are
+        held, at a bound, or not determined by the data. For coefficients of additive disturbances
+        it is their scatter over records: a new record has its own.
     noise_std_ : float or None
         Standard deviation of the noise, units of the response; None for a part of a fitted
         composition, and for a fit by predictions one step ahead.
     has_rest_ : bool
-        False where the records of the fit begin at no state of rest, as those of an integrator; a
+        False if the records of the fit do not begin at a state of rest, as for an integrator; a
         model with the initial state ``"estimate"`` then starts from zero.
     records_ : tuple of RecordSlice
         The records of the fit.
     dt_ : float or None
-        Sampling interval of the fit, in ``time_unit_``; None where records differ in theirs.
+        Sampling interval of the fit, in ``time_unit_``; None if the records have different
+        intervals.
     time_unit_ : {"s", "sample"}
-        "sample" where the fit was told no interval.
+        "sample" if the data of the fit had no interval.
     drive_range_ : tuple of (float, float)
-        Smallest and largest drive that the fit has seen, units of the drive.
+        Smallest and largest drive in the fit, units of the drive.
     input_range_ : ndarray of shape (2, n_inputs)
-        Smallest and largest value of each column of X that the fit has seen, in its units.
+        Smallest and largest value of each column of X in the fit, in its units.
     drive_rate_ : float
-        Fastest change of the drive between two samples that it has seen, units of the drive per s.
+        Largest rate of the drive between two samples of the fit, units of the drive per s.
     initial_drive_ : ndarray of shape (n_records, n_values), or (n_records, n_values, n_inputs)
-        Drive 1, 2, 4, ... samples before each record of the fit, its units; where the initial state
-        is estimated. A drive between these values is a straight line, before them a rest. Of a
-        model that reads further columns, each of its inputs.
+        Drive 1, 2, 4, ... samples before each record of the fit, its units; if the initial state is
+        estimated. The drive is straight between these values, and at rest before them. For a model
+        that reads further columns, each of its inputs.
     initial_values_ : ndarray of shape (n_records, n_start)
-        In place of it where the model has no state of rest: the values that each record of the fit
-        starts from, such as displacement and velocity of a mass without a spring.
+        Instead of ``initial_drive_`` for a model without a state of rest: the start values of each
+        record of the fit, such as displacement and velocity of a mass without a spring.
 
     See Also
     --------
@@ -314,14 +315,14 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     }
 
     operator_class = Operator
-    dt = drive = None  # of a constructor without them
-    method = "variable_projection"  # of a constructor without it
-    redefined: tuple[str, ...] = ()  # parameters that mean something else than in other models
+    dt = drive = None  # for a constructor without these parameters
+    method = "variable_projection"  # for a constructor without this parameter
+    redefined: tuple[str, ...] = ()  # parameters with another meaning than in other models
     reads_columns = False  # of X other than the first
-    one_interval = False  # an operator runs at the interval of each record
-    any_interval = False  # and, for a straight drive, gives the same however fine the interval is
+    one_interval = False  # whether all records must have the same interval
+    any_interval = False  # whether the response to a straight drive is the same at any interval
     has_rest_ = True
-    disturbance_names = ()  # of what the model adds to the driven response
+    disturbance_names = ()  # of the additive disturbances of the model
 
     def __init_subclass__(cls, **options):
         super().__init_subclass__(**options)
@@ -330,7 +331,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     @classmethod
     @cache
     def _get_param_names(cls):
-        return super()._get_param_names()  # a search clones thousands of times: read once
+        return super()._get_param_names()  # cached: a search clones thousands of times
 
     def __init__(self, *, initial_state="rest", dt=None, drive=None, method="variable_projection"):
         self.initial_state = initial_state
@@ -363,7 +364,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     def held_parameters(self) -> frozenset[str]:
         """Return the names of entries that are held at their starting values.
 
-        Those are by default the ones whose flag ``fit_<name>`` is False.
+        By default those whose flag ``fit_<name>`` is False.
         """
         flags = self.get_params(deep=False).items()
         return frozenset(name[4:] for name, fit in flags if name[:4] == "fit_" and fit is False)
@@ -379,16 +380,16 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         y : array-like of shape (n_samples,)
             Response.
         sample_weight : array-like of shape (n_samples,), default=None
-            Not negative: the squared error of each sample counts so much, as if the sample were
-            there so many times. The drive of a sample of weight zero acts on those that follow;
-            its response is not read.
+            Nonnegative weights: the squared error of each sample is multiplied by its weight, as if
+            the sample occurred that many times. A sample of weight zero still acts on later ones
+            through its drive; its response is not read.
 
         Returns
         -------
         self
         """
         data = self._read_records(X, y, sample_weight)
-        # the matrices are tiny: threads that wait for each other cost more than they do
+        # the matrices are tiny: synchronising threads costs more than they gain
         with _calculable():
             self._fit_records(data)
         weights = None if sample_weight is None else np.concatenate([r.weights for r in data])
@@ -397,21 +398,21 @@ class ParametricModel(RegressorMixin, BaseEstimator):
 
     @fit_context(prefer_skip_nested_validation=True)
     def fit_from(self, operator, X, y, *, records=None, method=None) -> Self:
-        """Identify the parameters from those of an operator, such as another fit has found.
+        """Identify the parameters starting from an operator, such as the result of another fit.
 
         Parameters
         ----------
         operator : Operator
-            As ``operator_`` of this model: of its structure, with its additive disturbances.
+            Like ``operator_`` of this model: of its structure, with its additive disturbances.
         X : DataFrame or array-like of shape (n_samples, n_inputs)
             As for :meth:`fit`.
         y : array-like of shape (n_samples,)
             As for :meth:`fit`.
         records : sequence of RecordData, default=None
-            The records as identification uses them, if they have more than X and y: weights,
-            segments, the drive before a record.
+            The records for identification, if they contain more than X and y: weights, segments, an
+            input history.
         method : str or Method, default=None
-            In place of that of the model.
+            Replaces that of the model.
 
         Returns
         -------
@@ -435,7 +436,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             return self.finish(refine(self, [tree], data, method), data)
 
     def _doubt_drive(self, X, y, weights):
-        """Warn where a straight line through an ignored column predicts better than the model."""
+        """Warn if a straight line through an ignored column predicts better than the model."""
         if self.n_features_in_ == 1 or self.reads_columns or agreed(self, "drive") is not None:
             return
         X, y = as_floats(self, X, y, reset=False)
@@ -460,7 +461,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             )
 
     def _read_records(self, X, y, sample_weight=None):
-        """Validate X and y, store the records, and return them as identification uses them."""
+        """Validate X and y, store the records, and return them in the form for identification."""
         given = X
         slices, X, y = read_data(self, X, y, reset=True, bridge=True)
         self.records_, self.has_rest_ = slices, True
@@ -477,7 +478,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         ]
 
     def record_data(self, slices, X, y):
-        """Return each record as identification uses it.
+        """Return each record in the form for identification.
 
         Parameters
         ----------
@@ -499,7 +500,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         ]
 
     def operator_input(self, X, slices):
-        """Return the input of the operator, and the numbers that its parameters depend on.
+        """Return the input of the operator, and the schedule values of its parameters.
 
         Parameters
         ----------
@@ -511,9 +512,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         Returns
         -------
         signal : ndarray of shape (n_samples,) or (n_samples, n)
-            The drive, or several columns of X where the model ``reads_columns``.
+            The drive, or several columns of X if the model ``reads_columns``.
         schedules : list of float or None
-            For each record the number that scheduled parameters depend on, or None.
+            For each record the value that scheduled parameters depend on, or None.
         """
         return X[:, drive_column(self)], [None] * len(slices)
 
@@ -537,7 +538,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         return refine(self, self.starting_values(data), data)
 
     def in_order(self, operator, records):
-        """Return an operator with the same response whose exchangeable parts are in their order.
+        """Return an equivalent operator with exchangeable parts in ascending order.
 
         Parameters
         ----------
@@ -549,12 +550,12 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         Returns
         -------
         Operator
-            The operator itself where they are.
+            The operator itself if they are in order.
         """
         return operator.in_order()
 
     def further_starts(self, records):
-        """Return operators around which starts are drawn, where the residual of a fit is coloured.
+        """Return operators around which starts are drawn if the residual of a fit is coloured.
 
         Parameters
         ----------
@@ -564,12 +565,12 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         Returns
         -------
         list of Operator
-            Other structures than that of the fit are passed over.
+            Those of another structure than the fit are ignored.
         """
         return self.starting_values(records)
 
     def identified_otherwise(self, data):
-        """Yield what other ways of starting lead to, where the residual of :meth:`fit` is coloured.
+        """Yield results from other starting strategies, if the residual of :meth:`fit` is coloured.
 
         Parameters
         ----------
@@ -583,7 +584,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         yield from ()
 
     def with_hold(self, hold):
-        """Return the model with a hold of the drive where its own is "auto".
+        """Return the model with a given hold of the drive if its own is "auto".
 
         Parameters
         ----------
@@ -593,17 +594,17 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         Returns
         -------
         estimator
-            The model itself where there is nothing to decide.
+            The model itself if its hold is not "auto".
         """
         return with_params(self, hold=hold) if getattr(self, "hold", None) == "auto" else self
 
     def resolved(self, operator) -> Self:
-        """Return the model, unfitted, with the resolution that an operator of it has.
+        """Return the unfitted model with the resolution of one of its operators.
 
         Parameters
         ----------
         operator : Operator
-            As ``operator_``, with other terms than the parameters say; see
+            Like ``operator_``, with another number of terms than in the parameters; see
             :class:`skhyst.operators.Resolution`.
 
         Returns
@@ -614,19 +615,19 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         return self
 
     def tree(self, operator) -> Operator:
-        """Return an operator of this model as the tree that is the structure of the model.
+        """Return an operator of this model as a tree, the structure of the model.
 
         Parameters
         ----------
         operator : Operator or tuple of (Operator, tuple of Operator)
-            As ``operator_``, with its additive disturbances; or these apart, as
-            :func:`skhyst.operators.split_disturbances` gives it.
+            Like ``operator_``, with its additive disturbances; or these apart, as
+            :func:`skhyst.operators.split_disturbances` returns them.
 
         Returns
         -------
         Operator
-            One whose parts know the models that they belong to, so that its method ``estimator``
-            gives this model, unfitted. Entries that the model holds are held.
+            With the models that its parts belong to, so that its method ``estimator`` returns this
+            model, unfitted. Entries that the model holds are held.
 
         Examples
         --------
@@ -643,9 +644,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         Parameters
         ----------
         driven : Operator
-            The driven part, or what it has of this model.
+            The driven part, or the part of it that belongs to this model.
         disturbances : iterator of Operator
-            Of all parts, in their order: the part takes its own.
+            Of all parts, in their order: each part takes its own.
 
         Returns
         -------
@@ -665,8 +666,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         Returns
         -------
         estimator
-            Unfitted. Its parts are those that the tree has, not copies; those of
-            ``operator.estimator()`` are.
+            Unfitted. Its parts are those of the tree itself; ``operator.estimator()`` has copies.
         """
         return self
 
@@ -690,9 +690,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         )
 
     def _settled(self, model, result, records):
-        """Return a result after further starts where the residual asks for them, and in order.
+        """Return a result, after further starts if its residual is coloured, in order.
 
-        ``model`` has its hold decided.
+        ``model`` has a definite hold.
         """
         if result.input_history is not None:  # the starts of the records belong to the operator
             return result
@@ -708,9 +708,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         return replace(again, n_evaluations=evaluations, is_local=result.is_local)
 
     def _doubt_rest(self, model, result, records):
-        """Warn where records begin otherwise than at rest: a fit then bends to how they do.
+        """Warn if records do not begin at rest, which biases the fit.
 
-        ``model`` has its hold decided.
+        ``model`` has a definite hold.
         """
         operator, told = result.operator, agreed(self, "initial_state") != "rest"
         if told or operator.memoryless or result.input_history is not None:
@@ -731,7 +731,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             own = found.input_history
             n_values, begun = (1, other) if own is None else (own.size, "rest")
             p_value = start_p_value(best, found, records, n_values, (before, begun))
-            # a start bends to the misfit of a model too; of two tests each (Bonferroni)
+            # an estimated start also fits the misfit of a model; two tests (Bonferroni)
             if found.error**2 < _MOST * best.error**2 and 2.0 * p_value < LEVEL:
                 state, best, before = other, found, begun
         if state != "rest":
@@ -745,13 +745,13 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             )
 
     def _without_rest(self, result, records):
-        """Return what a start from zero leaves room for, if the response has no state of rest.
+        """Return a fit that starts from zero, if the response has no state of rest.
 
-        A pole that has not decayed within the longest record is one whose rest is not recorded; an
-        integrator has none, and then no record begins at it.
+        If a pole does not decay within the longest record, its state of rest is not recorded; an
+        integrator has none, and no record begins at one.
         """
         longest = max(len(record.u) * record.dt for record in records)
-        # one that is declared to have none begins where it is told to
+        # a model declared without rest has start values
         if result.operator.n_start or not result.operator.slowest_decay() > longest:
             return None
         moving = identified(with_params(self, initial_state="zero"), records)[1]
@@ -762,7 +762,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     def finish(self, result, records):
         """Store the result of identification, and warn of parameters that are not determined.
 
-        If the initial state is estimated and not known yet, it is identified first.
+        If the initial state is to be estimated and is not known yet, it is identified first.
 
         Parameters
         ----------
@@ -793,21 +793,21 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         return self.adopt(result)
 
     def cautions(self, result, records):
-        """Yield what a user has to know of what identification found.
+        """Yield the warnings of an identification result.
 
         Parameters
         ----------
         result : IdentificationResult
             Of this model.
         records : sequence of RecordData
-            It was identified from.
+            The records of the fit.
 
         Yields
         ------
         message : str
             A sentence.
         category : type
-            Of the warning that a fit gives.
+            Category of the warning that a fit gives.
         """
         name, drives = type(self).__name__, np.concatenate([record.drive for record in records])
         driven = not (self.operator_class.is_disturbance or self.reads_columns)
@@ -853,7 +853,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
                 yield f"{told} these parameters of {type(self).__name__}: {named}{rest}.", kind
 
     def adopt(self, result):
-        """Store what identification found.
+        """Store an identification result.
 
         Parameters
         ----------
@@ -893,25 +893,25 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     def predict(
         self, X, y_start=None, return_std=False
     ) -> np.ndarray | tuple[np.ndarray, np.ndarray]:
-        """Return the free run: the response to the drive alone, each record from its own start.
+        """Return the free-run prediction, each record from its own initial state.
 
         Parameters
         ----------
         X : DataFrame or array-like of shape (n_samples, n_inputs)
             As for :meth:`fit`.
         y_start : array-like of shape (n_samples,), default=None
-            Response where it is known, such as in the first part of a record that begins in motion,
-            NaN elsewhere. The drive before the record is estimated from it, as in :meth:`fit` with
+            Known values of the response, such as in the first part of a record that begins in
+            motion, NaN elsewhere. The input history is estimated from them, as in :meth:`fit` with
             the initial state ``"estimate"``, and so are the coefficients of additive disturbances.
-            A record of which nothing is known begins at its own start, as all do by default.
+            A record without known values begins at its usual initial state, as all do by default.
         return_std : bool, default=False
-            Whether to return the standard deviation of a new sample, too.
+            Whether to return the standard deviation of the prediction of a new sample, too.
 
         Returns
         -------
         y : ndarray of shape (n_samples,)
-            Units of the response. Finite always; a run that left the range of floating point is
-            cut off there, with a :class:`~skhyst.exceptions.DivergenceWarning`.
+            Units of the response. Always finite; a run that leaves the range of floating-point
+            numbers is cut off there, with a :class:`~skhyst.exceptions.DivergenceWarning`.
         std : ndarray of shape (n_samples,)
             Standard deviation of a new sample about y, units of the response, to first order in the
             errors of the parameters: ``sqrt(diag(J C J.T) + noise_std_**2)``, with the
@@ -920,8 +920,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         Raises
         ------
         RecordError
-            If the sampling interval contradicts the fit: X has a time and the fit had none, and the
-            model depends on it, or the model counts samples and they are others.
+            If the sampling interval contradicts the fit: X has a time, the fit had none, and the
+            model depends on time; or the model counts samples, and the interval differs.
         ValueError
             If ``return_std`` is true for a model without a covariance or noise.
 
@@ -983,7 +983,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         return (y, std) if read is None else (y[read], std[read])
 
     def _require_noise(self):
-        """Refuse a standard deviation where the covariance or the noise is not known."""
+        """Refuse a standard deviation if the covariance or the noise is not known."""
         if not self.records_ or getattr(self, "covariance_", None) is None:
             raise ValueError(
                 f"The 'return_std' parameter of {type(self).__name__}.predict must be False for a "
@@ -1002,7 +1002,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         return read_data(self, X, reset=False, bridge=True)[:2]
 
     def _begun(self, slices, signal, schedules, y):
-        """Return the runs of the records of which a response is known, by their numbers."""
+        """Return the runs of the records with known response, by their numbers."""
         told = [i for i, s in enumerate(slices) if np.isfinite(y[s.rows]).any()]
         data = []
         for i in told:
@@ -1014,7 +1014,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         if not told:
             return {}
         parts = [r.first_part(1 + np.flatnonzero(r.weights)[-1]) for r in data]
-        # as kept by a fit; a part that a search has made knows none
+        # as stored by a fit; a part of a search's model has no range
         drives = np.concatenate([getattr(self, "drive_range_", ()), *(r.drive for r in data)])
         limits = drives.min(), drives.max()
         driven, beside = split_disturbances(self.operator_)
@@ -1030,14 +1030,14 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         return found
 
     def _doubt_known(self, run, known):
-        """Warn where no start leads to a response that is known, as one of another unit."""
+        """Warn if no initial state leads to the known response, for example in another unit."""
         told = np.isfinite(known)
-        # about as many values are estimated from it: fewer samples do not tell
+        # about as many values are estimated: fewer samples do not suffice
         if np.count_nonzero(told) <= np.log2(len(known)) or not hasattr(self, "fit_error_"):
             return
         known = known[told]
         error = np.sqrt(np.mean(np.square(run[told] - known)))
-        # a constant predicts better, and the whole fit has left less: no part of it is as far off
+        # a constant predicts better, and the error exceeds that of the fit in any part of it
         n_fitted = sum(record.n_samples for record in self.records_)
         largest = np.sqrt(n_fitted / len(known)) * self.fit_error_
         if error > max(largest, np.std(known)):
@@ -1050,9 +1050,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             )
 
     def depends_on_interval(self, dt) -> bool:
-        """Whether the fitted model answers otherwise at an interval than at that of its fit.
+        """Return whether the fitted model responds differently at another sampling interval.
 
-        That is tried with a sweep through the range of the drive, as long as the longest record.
+        This is tested with a sweep over the range of the drive, as long as the longest record.
 
         Parameters
         ----------
@@ -1071,7 +1071,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         for own in (dt, fitted_interval(self)[0]):
             slices = (RecordSlice(0, slice(0, n), own, 0.0, n),)
             signal, schedules = self.operator_input(X, slices)
-            with warnings.catch_warnings():  # a run may diverge, which is nothing to tell
+            with warnings.catch_warnings():  # divergence is of no interest here
                 warnings.simplefilter("ignore", DivergenceWarning)
                 state = self.free_run_state
                 runs.append(run_records(self.operator_, signal, slices, state, schedules))
@@ -1080,10 +1080,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     def resampled(self, dt) -> Self:
         """Return the fitted model at another sampling interval.
 
-        Its parameters are those of continuous time: the response is the same, for a drive that is
-        between the new samples as it is between the old ones. Linear dynamics and a
-        :class:`~skhyst.hysteresis.FreeMass` are exact at any interval; what is integrated in
-        substeps keeps their length.
+        Its parameters are those of continuous time: the response is the same for a drive with the
+        same course between samples. Linear dynamics and a :class:`~skhyst.hysteresis.FreeMass` are
+        exact at any interval; a model that is integrated in substeps keeps their length.
 
         Parameters
         ----------
@@ -1093,7 +1092,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         Returns
         -------
         estimator
-            Fitted; ``predict`` and ``stepper`` take data without a time to be at this interval.
+            Fitted; ``predict`` and ``stepper`` assume this interval for data without a time.
 
         Raises
         ------
@@ -1130,19 +1129,19 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         return with_params(self, operator_=again, dt_=dt, dt=None if self.dt is None else dt)
 
     def stepper_from(self, X, y, *, schedule=None) -> Stepper:
-        """Return the fitted model as a device that goes on from a record that is known.
+        """Return the fitted model as a device that continues from a known record.
 
-        The drive before the record is estimated from it, as with ``y_start`` of :meth:`predict`.
+        The input history of the record is estimated, as with ``y_start`` of :meth:`predict`.
 
         Parameters
         ----------
         X : DataFrame or array-like of shape (n_samples, n_inputs)
             One record, as for :meth:`fit`.
         y : array-like of shape (n_samples,)
-            Its response, NaN where it is not known.
+            Its response, NaN where unknown.
         schedule : float, default=None
-            Number that the parameters depend on from now on, such as the amplitude, where they do;
-            by default that of the record.
+            Value that scheduled parameters depend on from now on, such as the amplitude; by default
+            that of the record.
 
         Returns
         -------
@@ -1186,18 +1185,18 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         return self._stepper(going.operator, going.dt, state)
 
     def stepper(self, dt=None, u0=0.0, initial_state=None, *, schedule=None) -> Stepper:
-        """Return the fitted model as a device that is fed the drive sample by sample.
+        """Return the fitted model as a device that is run sample by sample.
 
         Parameters
         ----------
         dt : float, default=None
             Sampling interval in s; by default that of the records of the fit.
         u0 : float or array-like of shape (n_inputs,), default=0.0
-            Drive, and further columns where the model reads them, at which the device rests before.
+            Drive, with further columns if the model reads them, at which the device has rested.
         initial_state : {"rest", "zero"}, default=None
             State before the first sample; by default that of :meth:`predict`.
         schedule : float, default=None
-            Number that the parameters depend on, such as the amplitude, where they do.
+            Value that scheduled parameters depend on, such as the amplitude.
 
         Returns
         -------
@@ -1209,8 +1208,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         NotImplementedError
             If a part is not causal, such as a shift between two instruments.
         ValueError
-            If a parameter is not as above, or ``dt`` is not given and the records of the fit differ
-            in theirs.
+            If a parameter is invalid, or ``dt`` is not given and the records of the fit have
+            different intervals.
 
         Examples
         --------
@@ -1234,7 +1233,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         return self._stepper(operator, dt, operator.init(u0, initial_state or self.free_run_state))
 
     def _stepper(self, operator, dt, state):
-        """Return a device that goes on from a state of an operator."""
+        """Return a device that continues from a state of an operator."""
         step = operator.compiled_step(dt, state)
         return _device(operator, dt, state, input_signals(self, step.n_inputs), step)
 
@@ -1282,7 +1281,7 @@ def _warn_gaps(model, slices, going):
 
 
 def _better_slope(drives, result, records):
-    """Return a slope where a straight line explains most, also of what a fit leaves, or zero."""
+    """Return the column whose straight line explains most of response and residual, or zero."""
     counts = np.concatenate([record.counts() for record in records])
     y = np.concatenate([record.y for record in records])
     counts, y, drives = (values[counts > 0.0] for values in (counts, y, drives))
@@ -1296,7 +1295,7 @@ def _better_slope(drives, result, records):
 
 
 def _device(operator, dt, state, inputs, step=None):
-    """Return a stepper; it is pickled as the operator, which holds no compiled code."""
+    """Return a stepper; it is pickled as its operator, which contains no compiled code."""
     return Stepper(
         operator.compiled_step(dt, state) if step is None else step,
         dt,
@@ -1307,7 +1306,7 @@ def _device(operator, dt, state, inputs, step=None):
 
 
 def _is_constant(operator):
-    """Whether what carries the gain has numbered weights, and none that lets the drive through."""
+    """Whether all numbered weights of a gain-owning operator are zero."""
     weights = [
         value
         for (name, spec), value in zip(operator.entries(), operator.pack(), strict=True)

@@ -87,7 +87,7 @@ def parse_model(text) -> BaseEstimator:
     Raises
     ------
     ValueError
-        If the text names no model or an option is no literal.
+        If the text names no model or an option is not a literal.
 
     Examples
     --------
@@ -114,7 +114,7 @@ def parse_model(text) -> BaseEstimator:
 
 
 def _public_subclasses(base):
-    """Return the concrete subclasses among what the public modules list in ``__all__``."""
+    """Return the concrete subclasses among the names that public modules list in ``__all__``."""
     package = importlib.import_module(__package__)
     found = set()
     for module in pkgutil.iter_modules(package.__path__):

@@ -1,11 +1,11 @@
-"""Measure the structure of the package: each figure beside its bar, and what misses it by name.
+"""Measure the structure of the package: each figure with its limit, and names that exceed it.
 
     python tools/architecture.py [--root FOLDER] [--no-profile]
 
 Imports are those that run when a module is imported, unless it says otherwise. The calls and files
 that a fit passes through are counted by `sys.setprofile` in a fresh process, in the second of two
 fits, so that imports and compilation do not count. Lines are those of all text files, by package,
-for comparison; they have no bar. `--root` measures another checkout.
+for comparison; they have no limit. `--root` measures another checkout.
 """
 
 import argparse
@@ -182,7 +182,7 @@ def read_modules(folder):
 
 
 def package(name, modules):
-    """Return the first folder below skhyst, or "" for a module beside the folders."""
+    """Return the first folder below skhyst, or "" for a module outside the folders."""
     parts = name.split(".")
     is_folder = len(parts) > 2 or (name in modules and modules[name].is_package)
     return parts[1] if is_folder and len(parts) > 1 else ""
@@ -276,7 +276,7 @@ def unused_shared(modules):
 
 
 def not_public(modules, users):
-    """Return the imports of what is no public name of a public module."""
+    """Return the imports of names that are not public."""
     return [
         f"{user.name}: {source}.{name}"
         for user in users.values()
@@ -354,7 +354,7 @@ def measured_search():
 
 
 def in_fresh_process(measured, root):
-    """Return what a function of this file measures in an interpreter of its own."""
+    """Return the result of a function of this file in a fresh interpreter."""
     code = f"import json, architecture as a; print(json.dumps(a.{measured.__name__}()))"
     paths = os.pathsep.join([str(root), str(Path(__file__).parent)])
     done = subprocess.run(

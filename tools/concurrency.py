@@ -1,4 +1,4 @@
-"""Every estimator in threads, processes and nested jobs gives what it gives alone.
+"""Compare every estimator in threads, processes and nested jobs with a single-threaded run.
 
 Run from the root of the project::
 
@@ -56,7 +56,7 @@ def records():
 
 
 def result(name):
-    """Return what a new small estimator says of the plain case after its fit."""
+    """Return the results of a new small estimator for the plain case."""
     return fitted_use(instance(name), *Case().given())
 
 

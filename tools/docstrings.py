@@ -1,4 +1,4 @@
-"""Check the docstrings of what is public by numpydoc: `python tools/docstrings.py`.
+"""Check the docstrings of public names by numpydoc: `python tools/docstrings.py`.
 
 A method without a docstring of its own has that of a base class, which then has to describe the
 method's own parameters. `[tool.numpydoc_validation]` of pyproject.toml lists the checks that are

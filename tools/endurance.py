@@ -6,9 +6,9 @@ Run from the root of the project::
 
 Each model is fitted to a short recording and then runs freely over `--samples` samples of one
 record; it is fitted to one record of a tenth of them, and to `--records` records of three samples,
-and predicts these. A line names the seconds and the memory of each (GiB above what the process held
-before), and why it was refused, that what it gave is not finite, or that it took longer than
-`--limit` seconds, which ends the model's process and leaves out its further tasks.
+and predicts these. A line has the seconds and the memory of each (GiB above that of the process
+before), and, if so, why it was refused, that the result was not finite, or that it took longer than
+`--limit` seconds, which ends the model's process and skips its further tasks.
 """
 
 import argparse

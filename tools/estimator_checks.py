@@ -2,10 +2,10 @@
 
     python tools/estimator_checks.py [--estimators A,B]
 
-Natural are the defaults; an estimator of estimators is around one that is named in its docs, as in
-`tests/attack/small_estimators.py`. Printed are processor seconds, and which checks fail that do not
-contradict memory (`tests/test_common.py` says which do); the tests run the same checks over small
-estimators. Exit 1 where one fails.
+Usually these are the defaults; a meta-estimator wraps an estimator named in its docs, as in
+`tests/attack/small_estimators.py`. The processor seconds are printed, and the failed checks except
+those that contradict memory (see `tests/test_common.py`); the tests run the same checks over small
+estimators. Exit 1 if one fails.
 """
 
 import argparse

@@ -1,11 +1,11 @@
 """Whether the tests notice faults: `python tools/faults.py [--drawn 64] [--seed 0]`.
 
-Copies the package and its tests to a temporary folder, puts one fault of ``fault_table`` in at a
-time, and runs the tests that should notice it: those of the default run, and, where these pass,
-the slow ones, which ``--tier default`` leaves out. A fault is killed if one of these fails, or if
-they do not come to an end, and the one that fails passes without the fault. Numba's cache does not
-see what a compiled loop calls, so with a fault in a file of loops the files that import it are
-compiled anew too. With ``--drawn`` so many ``mutants`` take the place of the table.
+Copies the package and its tests to a temporary folder, applies one fault of ``fault_table`` at a
+time, and runs the tests that should notice it: those of the default run, and, if these pass, the
+slow ones, which ``--tier default`` skips. A fault is killed if one of these fails, or if they do
+not terminate, and the failing test passes without the fault. Numba's cache does not track functions
+called by a compiled loop, so with a fault in a file of loops the files that import it are compiled
+again, too. With ``--drawn``, that many ``mutants`` replace the table.
 
 Limits, in all and in each area: the default run kills at least 85 % of the faults, with the slow
 tests at least 90 %.

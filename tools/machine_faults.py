@@ -2,9 +2,9 @@
 
 Each line is a fault that a search on the command line meets: Ctrl-C and SIGTERM at random times, a
 worker process that is killed, a disk that is full, a folder that is read-only, a clock that jumps.
-Nothing is lost where what was there before is as it was, nothing half written is left, no process
-goes on, and what the checkpoint keeps is taken up by a search that ends as an undisturbed one.
-The disk is full at a limit of the process on the size of files.
+Nothing is lost if earlier files are unchanged, no half-written file remains, no process continues,
+and a search that is resumed from the checkpoint ends like an undisturbed one. The disk is full at a
+limit of the process on the size of files.
 """
 
 import argparse

@@ -1,13 +1,15 @@
-"""Mutants: what could be written wrongly in decisions and in compiled loops, drawn by chance.
+"""Mutants: random mistakes in decisions and in compiled loops.
 
-A mutant swaps one operator, comparison, condition, extremum or number in the body of a function of
-`skhyst.diagnosis` and what it rests on, or of a compiled one of the operators and models. Left out
-are what only words a message, tolerances of rounding, and `<` for `<=`: on measured numbers that
-changes nothing. Numbers on top of a module are settings: `fault_table` has those with a theorem.
+A mutant changes one operator, comparison, condition, extremum or number in the body of a function
+of `skhyst.diagnosis` and the modules it is based on, or of a compiled function of the operators and
+models. Left out are changes that only affect the words of a message or tolerances of rounding, and
+`<` for `<=`, which changes nothing on measured numbers. Numbers at the top of a module are
+settings: `fault_table` has those with a theorem.
 
-Not mutmut: it chooses the mutant in a Python function around those of each file, which compiled
+Not mutmut: it selects the mutant in a Python function around those of each file, which compiled
 code cannot call, and so leaves out decorated functions and classes: all loops, all operators. Not
-cosmic-ray: one command of tests for all mutants, each with its imports and its compilation anew.
+cosmic-ray: it has one test command for all mutants, each with its imports and its compilation
+again.
 """
 
 import ast

@@ -54,7 +54,7 @@ def main():
     if "running" in st.session_state:
         st.info(f"Stopped: {_plain(st.session_state.pop('running'))}. Nothing of it is kept.")
     above, below = st.container(), st.container()
-    with below:  # drawn first: what is above may end the page
+    with below:  # drawn first, since the part above may end the page
         _board()
     with above:
         _new_search()
@@ -133,10 +133,10 @@ def _recording():
 
 @st.cache_data(max_entries=4, show_spinner="Reading")
 def _overview(files, layout, given):
-    """Return the columns, their roles, and what is open or suspicious."""
+    """Return the columns, their roles, and open or suspicious points."""
     paths, joined = files
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # told when all is read
+        warnings.simplefilter("ignore")  # reported after reading is complete
         source = join_files(paths, **layout) if joined else paths[0]
         more = {} if joined else layout
         _, columns, _, faults = inspect_columns(source, **more, **given)

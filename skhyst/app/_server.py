@@ -1,8 +1,8 @@
-"""The server of the page: what Streamlit has no option for.
+"""The server of the page: settings for which Streamlit has no option.
 
-A page elsewhere whose name is made to mean this machine (DNS rebinding) sends that name as the
-host, and is refused. No other page may frame this one, which may load nothing from elsewhere.
-Streamlit and its charts need scripts in the page and code that is made of text.
+A foreign page whose host name is made to resolve to this machine (DNS rebinding) sends that name as
+the host, and is refused. No other page may frame this one, which may load nothing from elsewhere.
+Streamlit and its charts need inline scripts and code evaluated from text.
 """
 
 from pathlib import Path

@@ -52,7 +52,7 @@ class Suggestion:
     model : str
         As :func:`skhyst.discovery.parse_model` takes it.
     reason : str
-        What each of its stages represents, and which effects the search has to find.
+        What each stage represents, and which effects are left to the search.
     """
 
     model: str

@@ -54,23 +54,23 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         Lags of the inputs in samples, for all columns of ``X``. A number ``n`` stands for
         ``0, 1, ..., n``. A dict maps columns, by position or name, to lags of their own.
     output_lags : int or array-like of int, default=(1,)
-        Lags of the output in samples. A number ``n`` stands for ``1, ..., n``; with none the model
-        is a static function of the lagged inputs.
+        Lags of the output in samples. A number ``n`` stands for ``1, ..., n``; without lags the
+        model is a static function of the lagged inputs.
     initial_output : {"rest", "measured", "estimate"}, float or array-like, default="rest"
         Outputs before a record. Inputs before it are at rest at their first values.
 
         - ``"rest"``: the equilibrium output of the model for the record's first inputs.
-        - ``"measured"``: where `predict` or `score` is given ``y``, the first samples, as many as
-          the longest lag, are the measured ones, and the run starts after them.
-        - ``"estimate"``: where it is given ``y``, those with which the free run fits the first
-          samples of the record best.
+        - ``"measured"``: if `predict` or `score` is given ``y``, the first samples, as many as the
+          longest lag, are the measured ones, and the run starts after them.
+        - ``"estimate"``: if it is given ``y``, those with which the free run fits the first samples
+          of the record best.
         - numbers in units of the response: the output before each record, or one number per lag:
           ``y(-1), y(-2), ...``.
 
         Where there is no ``y``, ``"measured"`` and ``"estimate"`` start from rest.
     dt : float or None, default=None
-        Sampling interval in s of data without a time index; None: in ``fit`` not known, then that
-        of the fit. Lags are in samples: another interval than that of the fit is refused.
+        Sampling interval in s of data without a time index; None: unknown in ``fit``, later that of
+        the fit. Lags are in samples: another interval than that of the fit is refused.
     drive : str, int or None, default=None
         Name or number of the column of X that is the drive; None: column 0.
 
@@ -95,7 +95,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
     dt_ : float
         Sampling interval of the fit, in ``time_unit_``.
     time_unit_ : {"s", "sample"}
-        "sample" where the fit was told no interval.
+        "sample" if the data of the fit had no interval.
     drive_range_ : tuple of (float, float)
         Smallest and largest drive in the fit, units of the drive.
     drive_rate_ : float
@@ -103,7 +103,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
     """
 
     one_interval = True  # lags are in samples
-    _bridges = True  # a fit goes on through lost rows
+    _bridges = True  # a fit bridges lost rows
 
     _parameter_constraints = {
         "input_lags": [Interval(Integral, 0, None, closed="left"), "array-like", dict],
@@ -135,7 +135,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
     def _widen(self, X, records, *, reset=False):
         """Return the inputs, with the columns that a model adds, and the names of all columns.
 
-        With ``reset``, such a model also adds the lags of its columns to ``input_lags_``.
+        With ``reset``, a subclass also adds the lags of its own columns to ``input_lags_``.
         """
         return X, check_feature_names_in(self, None)
 
@@ -154,9 +154,9 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         y : array-like of shape (n_samples,)
             Response.
         sample_weight : array-like of shape (n_samples,), default=None
-            Not negative: the squared error of each sample counts so much, as if the sample were
-            there so many times. A response of weight zero is not read: one step ahead, samples with
-            it among their past outputs are left out.
+            Nonnegative weights: the squared error of each sample is multiplied by its weight, as if
+            the sample occurred that many times. A response of weight zero is not read: one step
+            ahead, samples with it among their past outputs are left out.
 
         Returns
         -------
@@ -204,14 +204,14 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         X : DataFrame or array-like of shape (n_samples, n_inputs)
             Inputs.
         y : array-like of shape (n_samples,), optional
-            Measured response: for the initial outputs, if `initial_output` asks for it, and for a
+            Measured response: for the initial outputs, if `initial_output` requires it, and for a
             `horizon`.
         horizon : int, optional
             Steps ahead: sample ``k`` is predicted from the response measured up to
             ``k - horizon``. By default the free run, which uses the inputs alone.
         y_start : array-like of shape (n_samples,), default=None
-            Measured response up to a sample of each record, NaN after it: the free run goes on from
-            there, and the prediction of what is known is the known. In place of ``y``.
+            Measured response up to a sample of each record, NaN after it: the free run continues
+            from there, and known samples are returned as they are. Replaces ``y``.
         return_std : bool, default=False
             Must be False: the covariance of the free run of such a model is not known.
 
@@ -300,8 +300,8 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         X : DataFrame or array-like of shape (n_samples, n_inputs)
             Inputs.
         y : array-like of shape (n_samples,)
-            Measured response; the initial outputs are taken from it if `initial_output` says so. A
-            scorer given by name, such as ``scoring="r2"``, calls ``predict(X)`` without it.
+            Measured response; the initial outputs are taken from it if `initial_output` requires
+            it. A scorer given by name, such as ``scoring="r2"``, calls ``predict(X)`` without it.
         sample_weight : array-like of shape (n_samples,), optional
             Weights.
 
@@ -372,7 +372,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         )
 
     def stepper_from(self, X, y) -> Stepper:
-        """Return the fitted model as a device that goes on from a record that is known.
+        """Return the fitted model as a device that continues from a known record.
 
         Parameters
         ----------
@@ -427,7 +427,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         return rules, places, inputs
 
     def _plain_step(self):
-        """Return the one-step model in the user's units, or None where it has no compiled form."""
+        """Return the one-step model in the user's units, or None if it has no compiled form."""
         return self._step
 
     def _span(self):
@@ -441,14 +441,14 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         return max(self.output_lags_, default=0)
 
     def _n_skipped(self):
-        """Return the number of first samples whose lagged signals lie before their record."""
+        """Return the number of first samples whose lagged signals precede their record."""
         return max(self._n_outputs(), *(lag for _, lag in self.input_lags_))
 
     def _regression(self, X, y, records, weights, read):
-        """Return lagged signals, outputs and weights of the samples of each record that know all.
+        """Return lagged signals, outputs and weights of the samples whose past is known.
 
-        Signals are (n, n_signals), outputs and weights (n,). The first samples of a record, whose
-        past lies before it, are none of them, nor are those with a past that was not read.
+        Signals are (n, n_signals), outputs and weights (n,). Left out are the first samples of a
+        record, whose past lies before it, and those with lost rows in their past.
         """
         skip, found = self._n_skipped(), []
         for record in records:
@@ -497,7 +497,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         records : sequence of RecordSlice
             Rows of each record.
         y : ndarray of shape (n_samples,), default=None
-            Measured outputs, where they are known.
+            Measured outputs, if they are known.
         weights : ndarray of shape (n_samples,), default=None
             Of their squared errors.
 
@@ -590,7 +590,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
 
 
 def _read_values(y, known):
-    """Return responses on a straight line where they are not known."""
+    """Return responses with unknown values on a straight line."""
     rows = np.arange(len(y))
     return y if known.all() or not known.any() else np.interp(rows, rows[known], y[known])
 

@@ -3,7 +3,7 @@ r"""Linear difference equations at another sampling interval.
 .. math:: y(k) = \sum_i a_i \, y(k - i) + \sum_{j, i} b_{ji} \, u_j(k - i)
 
 has a state x in observer form, :math:`x(k + 1) = A x(k) + B u(k)`, :math:`y = x_1 + D u`, and
-inputs that are held between samples go on as they are:
+inputs that are held between samples are included as states:
 
 .. math::
     \begin{pmatrix} x \\ u \end{pmatrix}(k + 1) =

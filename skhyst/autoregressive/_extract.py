@@ -41,8 +41,8 @@ class Scaling:
 def extract_step(estimator, lags, blocks, predict):
     """Return a fitted estimator as a :class:`Step`, None where it cannot be extracted.
 
-    The two are compared on each block of signals (n_samples, n_signals); ``predict`` is that of the
-    estimator.
+    The extracted step and the estimator's ``predict`` are compared on each block of signals
+    (n_samples, n_signals).
     """
     n_signals = len(lags.inputs) + len(lags.outputs)
     try:

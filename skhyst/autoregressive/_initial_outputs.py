@@ -23,9 +23,9 @@ def rest_outputs(one_step, inputs, n_outputs, guesses, low, high):
     """Return the equilibrium outputs (n_rows,) of a model for each row of constant inputs.
 
     The equilibrium solves ``f(y) = one_step(inputs, y, ..., y) - y = 0``. It is searched within the
-    range of the outputs, extended by that range on both sides. Where ``f`` decreases the
-    equilibrium can be stable, where it increases it cannot: those that can be stable are preferred,
-    then the one nearest to the guess. Where there is none (an integrator) it is the guess itself.
+    range of the outputs, extended by that range on both sides. An equilibrium can be stable only
+    where ``f`` decreases: such roots are preferred, then the one closest to the guess. Without a
+    root (an integrator) it is the guess itself.
     """
 
     def excess(rows, y):

@@ -29,7 +29,7 @@ _FEATURES = {
 }
 _MOST_TERMS = 5000
 _LONGEST = 1_000_000  # lag in samples that a file may have
-_ONE = -1  # stands for the column of an input that is always one
+_ONE = -1  # index of a constant input of one
 
 
 class NARMAXRegressor(AutoregressiveRegressor):
@@ -90,7 +90,7 @@ class NARMAXRegressor(AutoregressiveRegressor):
     n_candidates_ : int
         Number of candidate terms.
     n_evaluations_ : int
-        Number of runs over all records in the fit, 0 where it is a linear problem.
+        Number of runs over all records in the fit, 0 for a linear problem.
 
     See Also
     --------
@@ -210,9 +210,9 @@ class NARMAXRegressor(AutoregressiveRegressor):
         Raises
         ------
         ValueError
-            If a term is a product, or there are features or noise terms; if ``initial_output`` is
-            a number per lag; or if ``dt`` is not a multiple of the interval of the fit and a pole
-            is zero, as that of a delay, or negative.
+            If a term is a product, or there are features or noise terms; if ``initial_output`` is a
+            number per lag; or if ``dt`` is not a multiple of the interval of the fit and a pole is
+            zero, such as that of a delay, or negative.
 
         Examples
         --------
@@ -250,7 +250,7 @@ class NARMAXRegressor(AutoregressiveRegressor):
         return _of_terms(self, inputs, tuple(outputs), [*weights[~is_one], constant], float(dt))
 
     def _linear_terms(self):
-        """Return the weights of all lagged signals and the constant; None where that is not all."""
+        """Return the weights of all lagged signals and the constant; None with other terms."""
         factors, n_signals = self.term_factors_, len(self.input_lags_) + len(self.output_lags_)
         plain = (factors >= 0).sum(axis=1) <= 1
         if not plain.all() or self.noise_lags_ or self.transformers_:
@@ -354,7 +354,7 @@ class NARMAXRegressor(AutoregressiveRegressor):
             (range(n_process, n_signals), self.noise_degree),
         ]
         terms = candidate_terms(groups, max(self.degree, self.noise_degree), self.include_bias)
-        # the square of a sign is one: a term with it repeats another
+        # the square of a sign is one: a term with it duplicates another
         signs = [i for i, (column, _) in enumerate(self.input_lags_) if column in self._signs]
         repeated = [np.sum(terms == sign, axis=1) > 1 for sign in signs]
         return terms[~np.any(repeated, axis=0)] if signs else terms
@@ -460,7 +460,7 @@ class NARMAXRegressor(AutoregressiveRegressor):
             self._step = self._polynomial()
 
     def _refuse_broken(self):
-        """Refuse what a file may say and no fit does: compiled code would leave its arrays."""
+        """Refuse indices and sizes with which compiled code would leave its arrays."""
         n_columns, terms = self._n_columns, np.asarray(self.term_factors_)
         n_signals = len(self.input_lags_) + len(self.output_lags_) + len(self.noise_lags_)
         whole = [
@@ -519,7 +519,7 @@ def _unit_scale(values):
 
 
 def _of_terms(model, input_lags, output_lags, weights, dt):
-    """Return a fitted linear model that has seen what another has, at another interval."""
+    """Return a fitted linear model with the fit attributes of another, at another interval."""
     own, unit = vars(model), fitted_interval(model)[1]
     new = NARMAXRegressor(
         1,

@@ -28,7 +28,7 @@ class NARXRegressor(AutoregressiveRegressor):
     .. math:: y(k) = f\bigl(u(k - l_1), \dots, u(k - l_p),\, y(k - m_1), \dots, y(k - m_q)\bigr)
 
     The regressor :math:`f` is fitted one step ahead, with measured past outputs. `predict` is the
-    free run (simulation): the model is fed its own past outputs instead. A model that is good one
+    free run (simulation): the model uses its own past outputs instead. A model that is good one
     step ahead may be poor, or diverge, in the free run, so compare models by `score`, which is R2
     of the free run.
 
@@ -85,8 +85,8 @@ class NARXRegressor(AutoregressiveRegressor):
 
     The output at rest solves ``y = f(u, ..., u, y, ..., y)``. It is searched within the range of
     the response, extended by that range on both sides. Of several solutions, those that can be
-    stable are preferred, then the one nearest to the linear regression of the response on the
-    inputs; where there is none, as for an integrator, that regression is the output at rest.
+    stable are preferred, then the one closest to the linear regression of the response on the
+    inputs; without a solution, as for an integrator, that regression is the output at rest.
 
     References
     ----------
@@ -137,7 +137,7 @@ class NARXRegressor(AutoregressiveRegressor):
     resampled = NARMAXRegressor.resampled
 
     def _linear_terms(self):
-        """Return the weights of all lagged signals and the constant; None where that is not all."""
+        """Return the weights of all lagged signals and the constant; None if it is not linear."""
         return (self.coef_, self.intercept_) if isinstance(self._step, LinearStep) else None
 
     def _fit_records(self, X, y, records, weights, read):

@@ -1,4 +1,4 @@
-"""Feed-forward networks, and networks of Gaussian nodes, that are fed their own past outputs.
+"""Feed-forward networks, and networks of Gaussian nodes, with feedback of their past outputs.
 
 Each law is implemented twice: as a loop over a record in SIMD arithmetic, which takes half the
 time, and for one sample in plain arithmetic, which needs no arrays of its own and can be exported

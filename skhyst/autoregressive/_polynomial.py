@@ -82,7 +82,7 @@ class Polynomial(NamedTuple):
     older: tuple  # the same for outputs older than y(k-1); and (n_powers, 3), one row per power of
     # y(k-1), highest first: the group without older outputs, ends of those with one and with more
     short: np.ndarray  # (10,): group of y(k-1)^i y(k-lag)^j, i + j <= 3, n_groups for none; or (0,)
-    older_lag: int  # that lag; 1 where there is none
+    older_lag: int  # that lag; 1 if there is none
 
 
 def plan_polynomial(terms, input_lags, output_lags, n_columns):
@@ -178,8 +178,9 @@ def polynomial_tangents(
 
     In addition to :func:`polynomial_run`: ``d_initial`` (start, n_terms + m) are the derivatives of
     the initial outputs by the coefficients and by ``m`` further parameters; ``pull`` is the
-    fraction by which each output is moved to the measured one before the recursion goes on, 0 in
-    the free run and 1 one step ahead. Derivatives are zero where the output was cut off.
+    the initial outputs by the coefficients and by ``m`` further parameters; ``pull`` is the
+    fraction by which each output is moved to the measured one before the next step, 0 in the free
+    run and 1 one step ahead. Derivatives are zero where the output was cut off.
     """
     inputs = np.asarray(inputs, dtype=float)
     n_samples = len(inputs) - n_past

@@ -139,8 +139,8 @@ def innovations(terms, coefficients, lags, noise_lags, start, bound, horizon):
 class FreeRunProblem:
     """Free run of the model; where ``free``, the outputs before each record are unknowns too.
 
-    ``line`` is (intercept, slopes) of the guess of the output at rest; where it is given each
-    record starts at rest. ``limits`` are the smallest and the largest output.
+    ``line`` is (intercept, slopes) of the guess of the output at rest; if it is given, each record
+    starts at rest. ``limits`` are the smallest and the largest output.
     """
 
     def __init__(self, terms, lags, starts, bound, *, line=None, limits=(-1.0, 1.0), free=False):

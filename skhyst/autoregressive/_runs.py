@@ -22,7 +22,7 @@ class Lags(NamedTuple):
 
 
 class Start(NamedTuple):
-    """Where the run over one record begins, and what was measured."""
+    """The start of the run over a record, and the measured signals."""
 
     inputs: np.ndarray  # (n_samples, n_columns), those of the record
     n_past: int  # samples of the record before the first one that the run predicts
@@ -38,7 +38,7 @@ class Start(NamedTuple):
         return tangents * root[:, None], error * root
 
     def counts(self):
-        """Return how much each measured output counts."""
+        """Return the weight of each measured output."""
         return np.ones(len(self.measured)) if self.weights is None else self.weights
 
 

@@ -104,7 +104,7 @@ def error_reduction(factor, subset):
 
 
 def _gains(columns, rest, least):
-    """Return by how much each column reduces the sum of squares of ``rest``.
+    """Return the reduction of the sum of squares of ``rest`` by each column.
 
     It is -1 for columns whose sum of squares is at most ``least``.
     """

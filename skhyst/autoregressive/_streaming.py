@@ -82,7 +82,7 @@ def _bound(loop, law):
 
 
 def rows_kept(inputs, rules):
-    """Return how many rows the state holds; the past outputs follow them."""
+    """Return the number of rows in the state; the past outputs follow them."""
     deepest = max([lag for _, lag in inputs], default=0)
     return 1 + max(deepest, 1 if rules.table else 0)
 
@@ -107,7 +107,7 @@ def compiled_lags(step, inputs, outputs, bound, rules, history, call=None, name=
     call : callable, optional
         Maps rows of signals (n, n_signals) to outputs (n,), where there is no step.
     name : str, optional
-        Name of what is called.
+        Name of the called function.
     """
     size, n_outputs = len(rules.row), len(history)
     n_columns = size - len(rules.table)

@@ -1,10 +1,10 @@
 """Term selection for models whose error is a nonlinear function of the coefficients.
 
-The fit of a subset and a search around it alternate: the Jacobian of all candidates at the solution
-and the error, condensed, are a linear problem, whose best subset is fitted next. Gauss-Newton steps
-are damped (Levenberg-Marquardt), on condensed data. The Jacobian of a run that has diverged does
-not show how to return; such a run is first pulled towards the measured response, by a fraction
-that is reduced to zero in steps.
+The fit of a subset of terms and the search for a better subset alternate: the Jacobian of all
+candidates at the solution and the error, condensed, are a linear problem, whose best subset is
+fitted next. Gauss-Newton steps are damped (Levenberg-Marquardt), on condensed data. The Jacobian of
+a diverged run does not show how to return; such a run is first pulled towards the measured
+response, by a fraction that is reduced to zero in steps.
 
 An equation with longer lags than the true one can be the true one multiplied by a common factor: a
 linear combination of the true equation and its own past. The free run is the same for any factor,
@@ -27,7 +27,7 @@ _ROUGH = 1e-5  # the same while subsets are compared
 _EVALUATIONS = 150  # of the final fit
 _FEW = 10  # evaluations of an intermediate fit
 _PULLS = (0.5, 0.2, 0.05)  # fractions by which a diverged run is pulled to the measured response
-_SIZES = (3, 6, 12)  # numbers of terms to start from where the chosen subset is unstable
+_SIZES = (3, 6, 12)  # numbers of terms to start from if the chosen subset is unstable
 _ROUNDS = 10  # of search and fit
 
 

@@ -1,4 +1,4 @@
-"""Sums of decision trees that are fed their own past outputs, extracted from scikit-learn.
+"""Sums of decision trees with feedback of their past outputs, extracted from scikit-learn.
 
 All nodes are in one array, each tree depth first, so that the left child of a node comes right
 after it, often in the same cache line. A node of ``NODE`` is a threshold, the feature that is
@@ -105,7 +105,7 @@ def flatten_trees(trees):
 
 
 def flatten_boosting(ensemble):
-    """Return the same of a ``GradientBoostingRegressor``, unless it starts from another model."""
+    """Return the trees of a ``GradientBoostingRegressor``, unless it starts from another model."""
     if isinstance(ensemble.init_, str):
         offset = 0.0
     elif type(ensemble.init_).__name__ == "DummyRegressor":
@@ -117,7 +117,7 @@ def flatten_boosting(ensemble):
 
 
 def flatten_histograms(ensemble):
-    """Return the same of a ``HistGradientBoostingRegressor``, unless it has categories."""
+    """Return the trees of a ``HistGradientBoostingRegressor``, unless it has categories."""
     parts = []
     for (predictor,) in ensemble._predictors:
         nodes = predictor.nodes

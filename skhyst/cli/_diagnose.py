@@ -75,7 +75,7 @@ def _diagnose_one(options):
 
 
 def _choose(options, X, y):
-    """Compare models, and return the one to declare and the comparison; a terminal is asked."""
+    """Compare models, and return the one to declare and the comparison; a terminal may choose."""
     comparison = _compared(options, X, y)
     print(comparison)
     name, model = comparison.taken, parse_model(comparison.taken)
@@ -98,7 +98,7 @@ def _compared(options, X, y):
 
 
 def _may_be_outdone(search):
-    """Whether another model can be as far below the declared one as a report tells."""
+    """Whether another model can be so much better than the declared one that a report says so."""
     left = search.error_after_ > (1.0 + search.min_improvement) * search.noise_floor_
     return left and search.error_before_ > FAR * search.noise_floor_
 

@@ -19,7 +19,7 @@ def reading_options(options):
 
 
 def sources(options):
-    """Return the recordings: files, or the one that joined files hold."""
+    """Return the recordings: the files, or a single one if the files are joined."""
     if not options.join:
         return options.files
     return [join_files(options.files, delimiter=options.delimiter, decimal=options.decimal)]

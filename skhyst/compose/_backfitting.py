@@ -1,4 +1,4 @@
-r"""Fitting a black box and the effects after it in turn.
+r"""Alternating fits of a black box and of the effects behind it.
 
 A black box f gives the prediction :math:`p = f(X)`, effects map it to the response,
 :math:`y = E[p]`. E is identified from predictions out of fold, since a flexible f leaves no
@@ -51,11 +51,11 @@ class Turn:
     targets, predictions : ndarray of shape (n_folds, n_samples)
         Targets and predictions of the clone of each fold, for all rows.
     effects : object
-        The fitted effects, as ``refit`` returns them.
+        The fitted effects, as returned by ``refit``.
     error : float
-        Of the effects after the predictions out of fold.
+        Of the effects driven by the out-of-fold predictions.
     number : int
-        Of the turn.
+        Number of the turn.
     """
 
     targets: np.ndarray
@@ -71,13 +71,13 @@ class Backfitting:
     Parameters
     ----------
     estimator : estimator
-        Of which clones are fitted.
+        Clones of it are fitted.
     X : DataFrame or array-like of shape (n_samples, n_inputs)
     slices : sequence of RecordSlice
     fold : ndarray of int of shape (n_samples,)
-        Of each row.
+        Fold of each row.
     weights : ndarray of shape (n_samples,), default=None
-        How much each row counts in the fit of a clone; None: each once.
+        Weight of each row in the fit of a clone; None: one.
     """
 
     def __init__(self, estimator, X, slices, fold, weights=None):
@@ -95,7 +95,7 @@ class Backfitting:
         for k, target in enumerate(targets):
             rows = np.flatnonzero(self._fold != k)
             fitted = self._fitted(take_rows(self._X, rows), target[rows], self._weights[rows])
-            with warnings.catch_warnings():  # a fold may go further than those outside it
+            with warnings.catch_warnings():  # a fold may exceed the range of the others
                 warnings.simplefilter("ignore", ExtrapolationWarning)
                 found[k] = np.ravel(fitted.predict(self._X))
         return found
@@ -112,11 +112,11 @@ class Backfitting:
         return predictions[self._fold, np.arange(len(self._fold))]
 
     def alternate(self, start, problem_of, refit, folds, turns, least=0.01):
-        """Fit the regressor and the effects in turn, until the error no longer falls.
+        """Fit the regressor and the effects in turn until the error no longer falls.
 
-        Where f can nearly represent the effects, turns converge slowly along the same directions:
-        the targets of a few turns are mixed such that the next turn would change them least
-        (Anderson, *Journal of the ACM*, 1965).
+        If f can nearly represent the effects, turns converge slowly along the same directions: the
+        targets of a few turns are mixed such that the next turn would change them least (Anderson,
+        *Journal of the ACM*, 1965).
 
         Parameters
         ----------
@@ -124,7 +124,7 @@ class Backfitting:
         problem_of : callable
             Returns the :class:`OperatorProblem` of fitted effects, for a prediction (n_samples,).
         refit : callable
-            Takes fitted effects and the predictions out of fold; returns the effects, fitted to
+            Takes fitted effects and the out-of-fold predictions; returns the effects fitted to
             these, and their error.
         folds : sequence of ndarray of bool
             Segments of the problem outside each fold.
@@ -157,7 +157,7 @@ class Backfitting:
     def _renewed(self, turn, problem_of, folds):
         """Return the response with the effects removed, as targets for the clone of each fold.
 
-        It is computed from the predictions of that clone, so that no data of the fold leak into it.
+        It is computed from the predictions of that clone, so that the data of its fold stay unseen.
         """
         found = turn.predictions.copy()
         for k, (own, train) in enumerate(zip(found, folds, strict=True)):
@@ -173,18 +173,19 @@ class Backfitting:
         return found
 
     def merged(self, targets):
-        """Return one target per row: the mean of those of the clones that are trained on it."""
+        """Return one target per row: the mean over the clones that were fitted to the row."""
         learned = self._fold != np.arange(self.n_folds)[:, None]
         return np.sum(targets, axis=0, where=learned) / learned.sum(axis=0)
 
 
 def _mixed(past):
-    """Return the mixture of new targets for which old and new differ least."""
+    """Return the mixture of new targets that changes least in a turn."""
     old, new = past[-1]
     if len(past) == 1:
         return new
     change = (new - old).ravel()
     others = np.stack([change - (b - a).ravel() for a, b in past[:-1]], axis=1)
+    # turns that change along the same direction are collinear
     weights = np.linalg.lstsq(others, change, rcond=1e-6)[0]
     return new - sum(w * (new - b) for w, (_, b) in zip(weights, past[:-1], strict=True))
 

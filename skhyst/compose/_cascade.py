@@ -1,4 +1,4 @@
-"""Models in series, and what all compositions of models share."""
+"""Models in series, and what all compositions of models have in common."""
 
 from abc import abstractmethod
 from dataclasses import replace
@@ -26,15 +26,15 @@ from ._divided import Divisions, first_parts
 
 _HYSTERESIS, _DYNAMICS = 10, 30  # stage orders, see Operator
 _ALONG_THE_WAY = VariableProjection(tolerance=1e-4)
-_CLEARLY = 1.1  # ratio of errors in thinned records
+_CLEARLY = 1.1  # ratio of errors in thinned records that is a clear difference
 _ENOUGH = 5_000  # samples in all
-_LONG = 20_000  # of which thinning pays
-_MOST_ORDERS, _MOST_PRODUCTS = 6, 48  # that are tried where the residual is coloured
-_CHANGE = 0.01  # of the drive's standard deviation, that thinning may cost
+_LONG = 20_000  # samples above which thinning saves time
+_MOST_ORDERS, _MOST_PRODUCTS = 6, 48  # numbers of starts, if the residual is coloured
+_CHANGE = 0.01  # of the drive's standard deviation: tolerated error of thinning
 
 
 class HeldStep(ParametricModel):
-    """A fitted model as a step, held: it starts and ends as the operator that it has."""
+    """A fitted model as a step whose parameters are all held."""
 
     initial_state = "rest"
 
@@ -60,25 +60,25 @@ class Composition(ParametricModel, BaseComposition):
     Parameters
     ----------
     steps : list of (str, estimator)
-        Names and models; fitted models in a FrozenEstimator are held. "drop" in place of a
-        model leaves the step out, so that a search can try without it; "passthrough" too, but in
-        parallel, where it is the drive itself. Numbers, names and slices select steps, as those
-        of a Pipeline.
+        Names and models; fitted models in a FrozenEstimator are held. "drop" in place of a model
+        omits the step, so that a search can try without it; so does "passthrough", except in
+        parallel, where it passes the drive itself. Numbers, names and slices select steps, as for a
+        Pipeline.
     initial_state : {"rest", "zero", "estimate"} or None, default=None
-        State before each record's first sample, in place of that of the steps; None: theirs, in
-        which they must agree.
+        State before each record's first sample, which replaces that of the steps; None: that of the
+        steps, which must agree.
     dt : float or None, default=None
-        Sampling interval in s of data without a time index, in place of that of the steps; None:
-        theirs, in which those that have one must agree. So must those that say which column is the
-        drive.
+        Sampling interval in s of data without a time index, which replaces that of the steps; None:
+        that of the steps, which must agree if they have one. Steps that name the column of the
+        drive must agree, too.
 
     Attributes
     ----------
     operators_ : dict of str to Operator
         The identified operator of each step.
     params_, params_std_ : dict
-        Parameters, named ``step__parameter``, and their standard errors; those of steps that are
-        held are not among them.
+        Parameters, named ``step__parameter``, and their standard errors; without those of steps
+        that are held.
     """
 
     _parameter_constraints = {
@@ -97,9 +97,10 @@ class Composition(ParametricModel, BaseComposition):
 
     @property
     def named_steps(self) -> dict[str, ParametricModel]:
-        """The steps by name, each as the model that the fit has made of it.
+        """The steps by name, each as a fitted model.
 
-        Unfitted before a fit, as ``steps`` always are; additive disturbances stay unfitted.
+        Before a fit they are unfitted, as ``steps`` always are; additive disturbances stay
+        unfitted.
         """
         found = dict(self.steps)
         if hasattr(self, "operator_"):
@@ -136,7 +137,7 @@ class Composition(ParametricModel, BaseComposition):
     def operator_input(self, X, slices):
         signal, schedules = super().operator_input(X, slices)
         found = [m.operator_input(X, slices)[0] for m in self._models() if m.reads_columns]
-        # with the amplitude of the records as a last column, where one reads it
+        # including the amplitude of the records as a last column, if a step reads it
         return max(found, key=np.size, default=signal), schedules
 
     def _validate_params(self):
@@ -169,7 +170,7 @@ class Composition(ParametricModel, BaseComposition):
                     msg=f"The step '{name}' of {kind} is frozen but not fitted: fit the model "
                     "before it goes into the FrozenEstimator.",
                 )
-            model._validate_params()  # its `fit`, which would, is not called
+            model._validate_params()  # its `fit`, which would validate, is not called
 
     def _models(self):
         """Return the steps as models, those in a FrozenEstimator as held ones."""
@@ -179,12 +180,12 @@ class Composition(ParametricModel, BaseComposition):
         ]
 
     def _starting_models(self):
-        """Return the steps as models whose records start as those of the whole do."""
+        """Return the steps as models with the initial state of the whole."""
         state = agreed(self, "initial_state")
         return [with_params(model, initial_state=state) for model in self._models()]
 
     def _agreed(self):
-        """Return the parameters in which the steps agree, where they are not said."""
+        """Return the parameters in which the steps have to agree."""
         return {key: agreed(self, key) for key in ("dt", "initial_state")}
 
     def _kept_steps(self):
@@ -195,7 +196,7 @@ class Composition(ParametricModel, BaseComposition):
         return len(self.steps)
 
     def __getitem__(self, which):
-        """Return a step by its number or name, or a composition of some, fitted where it is."""
+        """Return a step by number or name, or a composition of some steps."""
         if not isinstance(which, slice):
             name = which if isinstance(which, str) else self.steps[which][0]
             return self.named_steps[name]
@@ -252,7 +253,7 @@ class Composition(ParametricModel, BaseComposition):
         return with_params(self, steps=list(zip(names, held, strict=True)))
 
     def _holds(self, hold):
-        """Return the hold for each step, where that of the drive is to be decided."""
+        """Return the hold of each step, if that of the drive is to be chosen."""
         return [hold] * len(self._kept_steps())
 
     @abstractmethod
@@ -264,9 +265,9 @@ class Composition(ParametricModel, BaseComposition):
         return [add_disturbances(result.operator, result.disturbances, self.disturbance_names)]
 
     def further_starts(self, records):
-        """Return combinations of the steps' starting values, in series each behind those before it.
+        """Return combinations of the steps' starts, each step in series with the starts before it.
 
-        Of each step are those whose output fits best itself, up to a gain and a constant.
+        For each step, the starts whose own output fits best, up to gain and offset, are kept.
 
         Parameters
         ----------
@@ -292,7 +293,7 @@ class Composition(ParametricModel, BaseComposition):
         return [self._compose(names, stages) for stages, _ in found]
 
     def _behind(self, stages, records):
-        """Return records whose drive has gone through stages."""
+        """Return records whose drive is the output of stages."""
         state = self.free_run_state
         for stage in stages:
             records = [
@@ -302,9 +303,9 @@ class Composition(ParametricModel, BaseComposition):
         return records
 
     def in_order(self, operator, records):
-        """Return an operator in which linear steps that are alike are slowest first; see the base.
+        """Return an operator with similar neighbouring linear steps slowest first; see the base.
 
-        Neighbours of equal parameters are alike: their names say nothing of which is which.
+        Neighbours with the same parameters are exchangeable: their names do not distinguish them.
         """
         operator = super().in_order(operator, records)
         models, stages = dict(self._kept_steps()), dict(operator.members())
@@ -334,7 +335,7 @@ class Composition(ParametricModel, BaseComposition):
         return super().adopt(self._identified)
 
     def _fitted_step(self, name, model, stage):
-        """Return a step with its own part of what identification found."""
+        """Return a step fitted with its part of an identification result."""
         mark = f"{name}__"
         keys = [key for key in self._identified.params if key.startswith(mark)]
         keys = {key: key.removeprefix(mark) for key in keys}
@@ -351,10 +352,10 @@ def _is_one_of(step, words):
 
 
 def _part_of(result, keys, operator, columns=(), **others):
-    """Return what identification found of a part; ``keys`` are its parameters and their names.
+    """Return the part of an identification result; ``keys`` are its parameters and their names.
 
-    ``columns`` are the coefficients of its disturbances among those of all. The noise is that of
-    the whole response, and no noise of a part is known.
+    ``columns`` are the coefficients of its disturbances among all. The noise is that of the whole
+    response; for a part it is not known.
     """
     own = {
         field: {name: getattr(result, field).get(key) for key, name in keys.items()}
@@ -372,31 +373,30 @@ def _part_of(result, keys, operator, columns=(), **others):
 class Cascade(Composition):
     """Models in series, identified jointly: the output of one is the input of the next.
 
-    The static gain and the intercept belong to one step, the hysteresis where there is one; all
-    others have unit gain, since only the product can be known. Steps are added one by one, each
-    from its own data-driven starting values, then everything is refined together; several linear
-    dynamics are added in both orders, and the better fit is kept. In long records whose drive is
-    sampled much faster than it varies, this uses every n-th sample, and the result is refined on
-    all samples.
+    The static gain and the intercept belong to one step, the hysteresis if there is one; all others
+    have unit gain, since only the product can be identified. Steps are added one by one, each from
+    its own data-driven starting values, then all are refined together; several linear dynamics are
+    added in both orders, and the better fit is kept. In long records whose drive is sampled much
+    faster than it varies, this uses every n-th sample, and the result is refined on all samples.
 
-    A step between two transfer functions (Wiener-Hammerstein) needs no starting values: their
-    product is identified first, as if nothing were in between, and every way to divide its poles
-    and zeros is tried (Sjöberg and Schoukens, *Automatica*, 2012).
+    A step between two transfer functions (Wiener-Hammerstein) needs no starting values: the product
+    of the transfer functions is identified first, as if nothing were in between, and every division
+    of its poles and zeros is tried (Sjöberg and Schoukens, *Automatica*, 2012).
 
     With ``hold="auto"`` the cascade is identified with either hold of the drive, and the better fit
-    is kept. The first step that has a ``hold`` receives the drive; signals behind it are smooth, so
-    "auto" is first-order hold there.
+    is kept. The first step with a ``hold`` receives the drive; signals behind it are smooth, so
+    "auto" means first-order hold there.
 
-    A step that is known already, such as a vibration measured at a small signal, is fitted first
-    and put in a :class:`sklearn.frozen.FrozenEstimator`. All its parameters are then held, its
-    gain and intercept among them, and the others are identified around it. With ``warm_start``,
-    everything may then be set free from there.
+    A step that is known already, such as a vibration mode measured at a small signal, is fitted
+    first and put in a :class:`sklearn.frozen.FrozenEstimator`. All its parameters are then held,
+    including gain and intercept, and the others are identified around it. With ``warm_start``, a
+    later fit may start from there with all parameters free.
 
     Parameters
     ----------
     warm_start : bool, default=False
-        Whether a further ``fit`` starts from the parameters found before, where the steps still
-        have the same names and parameters.
+        Whether another ``fit`` starts from the parameters of the last one, if the steps still have
+        the same names and parameters.
 
     Attributes
     ----------
@@ -407,12 +407,12 @@ class Cascade(Composition):
     TypeError
         If a step is not a parametric model.
     NotFittedError
-        If a step is held, but was never fitted.
+        If a step is held but not fitted.
 
     See Also
     --------
     Sum : Models in parallel.
-    ScheduledParameters : A model whose parameters follow a number of the record.
+    ScheduledParameters : A model whose parameters depend on a value per record.
 
     Examples
     --------
@@ -460,7 +460,7 @@ class Cascade(Composition):
                 )
 
     def _holds(self, hold):
-        # behind the first that has one, the signal is smooth
+        # behind the first step with a hold the signal is smooth
         has_one = [
             any(key.split("__")[-1] == "hold" for key in model.get_params())
             for model in self._models()
@@ -498,7 +498,7 @@ class Cascade(Composition):
             best = min(results, key=lambda result: result.error)
         else:
             results = [self._add_steps(thinned, order, _ALONG_THE_WAY) for order in self._orders()]
-            # the thresholds of plays, say, are those of all samples
+            # structure such as the thresholds of plays comes from all samples
             found = _distinct(results)
             starts = [self._resume(operator.stages, data) or operator for operator in found]
             best = refine(self, starts, data, self.method)
@@ -507,7 +507,7 @@ class Cascade(Composition):
         return replace(best, n_evaluations=evaluations)
 
     def _divided(self, data):
-        """Identify a step between two transfer functions from all divisions of their product.
+        """Identify a step between two transfer functions by dividing their product in all ways.
 
         None for any other cascade.
         """
@@ -531,7 +531,7 @@ class Cascade(Composition):
             return None
         result = refine(self, starts, records, _ALONG_THE_WAY, with_errors=False)
         evaluations = linear.n_evaluations + result.n_evaluations
-        # what comes into the step goes as far as all samples and the parts as they are now let it
+        # the input of the step depends on the present parts, so it starts again on all samples
         for method in (_ALONG_THE_WAY, self.method):
             start = self._resume(result.operator.stages, data) or result.operator
             result = refine(self, [start], data, method, with_errors=method is self.method)
@@ -539,9 +539,9 @@ class Cascade(Composition):
         return replace(result, n_evaluations=evaluations)
 
     def _resume(self, stages, data):
-        """Return the operator with the structure that records ask for and the values of stages.
+        """Return the operator with the structure for the records and the values of given stages.
 
-        None where the steps have other parameters than the stages, or are no single models.
+        None if the steps have other parameters than the stages, or are compositions.
         """
         found, records = [], data
         for stage, model in zip(stages, self._starting_models(), strict=True):
@@ -551,7 +551,7 @@ class Cascade(Composition):
                 [stage] = model.starting_values(records)
             elif not isinstance(model, Composition):
                 starts = [split_disturbances(own)[0] for own in model.starting_values(records)]
-                # of those with the same entries the one in whose direction the stage goes
+                # of starts with the same entries, one with the same direction (sign) as the stage
                 starts = [own for own in starts if own.entries() == stage.entries()]
                 stage = _to_unit_gain(starts[0].unpack(stage.pack())) if starts else None
             else:
@@ -565,15 +565,15 @@ class Cascade(Composition):
     def _orders(self):
         """Return the orders in which steps are added.
 
-        As given; with dynamics from the last on, since those added first compensate for those still
-        missing, and a local search may leave them there; and with limits of the drive and delays,
-        which precede a hysteresis, last: without the gain of the other steps they explain nothing.
-        Steps that are held are present from the start.
+        As given; with dynamics from the last to the first, since dynamics added first compensate
+        for missing ones, and a local search may leave them there; and with limits of the drive and
+        delays, which precede a hysteresis, last: without the gain of the other steps they explain
+        nothing. Steps that are held are present from the start.
         """
         models = self._models()
         given = [i for i, model in enumerate(models) if not isinstance(model, HeldStep)]
         dynamics = [i for i in given if models[i].stage_order == _DYNAMICS]
-        dynamics = [i for i in dynamics if not models[i].reads_columns]  # which must come first
+        dynamics = [i for i in dynamics if not models[i].reads_columns]  # those have to be first
         turned = dict(zip(dynamics, reversed(dynamics), strict=True))
         others = [turned.get(i, i) for i in given]
         late = sorted(given, key=lambda i: models[i].stage_order < _HYSTERESIS)
@@ -581,10 +581,10 @@ class Cascade(Composition):
         return [order for k, order in enumerate(orders) if order not in orders[:k]]
 
     def identified_otherwise(self, data):
-        """Yield what further orders lead to, starts of all steps together, and a way back.
+        """Yield results of further orders, of joint starts of all steps, and of backward starts.
 
-        A step that is added last starts where the others alone have ended, so that the whole fits
-        no worse than these.
+        A step that is added last starts from the fit of the others alone, so that the whole fits at
+        least as well.
 
         Parameters
         ----------
@@ -598,7 +598,7 @@ class Cascade(Composition):
         models, usual = self._models(), self._orders()
         free = [i for i, model in enumerate(models) if not isinstance(model, HeldStep)]
         for order in islice(permutations(free), _MOST_ORDERS):
-            is_possible = order[0] == 0 or not models[0].reads_columns  # which must come first
+            is_possible = order[0] == 0 or not models[0].reads_columns  # those have to be first
             if is_possible and list(order) not in usual:
                 yield self._add_steps(data, order, self.method)
         products = self.further_starts(data)
@@ -607,7 +607,7 @@ class Cascade(Composition):
         yield from self._led_back(data)
 
     def _led_back(self, data):
-        """Yield what is found where the others follow what the last step may have been given."""
+        """Yield results in which the other steps are first fitted to the input of the last step."""
         names = [name for name, _ in self._kept_steps()]
         for last in _driven_starts(self._models()[-1], data) if len(names) > 1 else ():
             given = [last.preimage(record.y) for record in data]
@@ -621,7 +621,7 @@ class Cascade(Composition):
             yield replace(result, n_evaluations=before.n_evaluations + result.n_evaluations)
 
     def _add_steps(self, data, order, method):
-        """Add the steps in an order, each behind those before it; refine all after each."""
+        """Add the steps in an order, each behind those before it; refine after each one."""
         steps, models = self._kept_steps(), self._starting_models()
         stages, evaluations, result = {}, 0, None
         for i, model in enumerate(models):
@@ -652,7 +652,7 @@ class Cascade(Composition):
 
 
 def _unlike(records):
-    """Return the part of the response's power that its regression on the drive leaves."""
+    """Return the fraction of the response's variance that a regression on the drive leaves."""
     u, y = (np.concatenate([getattr(r, name) for r in records]) for name in ("u", "y"))
     u, y = u - u.mean(), y - y.mean()
     power = (u @ u) * (y @ y)
@@ -664,7 +664,7 @@ def _driven_starts(model, records):
 
 
 def _distinct(results):
-    """Return the best operator, and others whose error is not clearly larger."""
+    """Return the best operator, and others whose error is about as small."""
     results = sorted(results, key=lambda result: result.error)
     best = results[0]
     own = best.params.values(), best.params_std_white.values()
@@ -678,13 +678,13 @@ def _distinct(results):
 
 
 def _to_unit_gain(stage):
-    """Return a stage whose static gain another stage will carry, where it has one of its own."""
+    """Return a stage with unit static gain, since another stage will take its gain over."""
     values, specs = stage.pack(), [spec for _, spec in stage.entries()]
     gains = [i for i, spec in enumerate(specs) if spec.gauge == 1.0]
     if len(gains) != 1 or stage.owns_gain or values[gains[0]] == 0.0:
         return stage
     gain = values[gains[0]]
-    # where the gain is linear, the other linear values are units of the response too
+    # if the gain is linear, the other linear values are in units of the response too
     scaled = [spec.linear and specs[gains[0]].linear for spec in specs]
     values = np.where(scaled, values / gain, values)
     values[gains[0]] = 1.0
@@ -694,7 +694,7 @@ def _to_unit_gain(stage):
 def _unbiased(stage):
     """Return a linear sum with its first branch at unit gain and the others at zero.
 
-    What they add to the drive cannot be identified before all later stages are in place.
+    The other branches can be identified only after all later stages are in place.
     """
     specs = [spec for _, spec in stage.entries()]
     gains = [spec.gauge == 1.0 and spec.movable for spec in specs]

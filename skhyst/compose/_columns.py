@@ -1,4 +1,4 @@
-"""Models that a further column of X drives, or whose response it scales."""
+"""Models that are driven by a further column of X, or scaled by it."""
 
 from dataclasses import replace
 from numbers import Integral, Real
@@ -21,7 +21,7 @@ def amplitude(drive):
 
 
 def is_constant(values, size):
-    """Whether a column, of which ``size`` is the largest magnitude, is constant in a record."""
+    """Whether a column is constant within a record; ``size`` is its largest magnitude overall."""
     return bool(np.ptp(values) <= _CONSTANT * size)
 
 
@@ -32,7 +32,7 @@ def _mean(records, column, magnitude=False):
 
 
 def lags_of_column(records):
-    """Return lags for a column to start from: a decade apart, from two samples to half a record."""
+    """Return starting lags of a column, a decade apart, from two samples to half a record."""
     dt = min(record.dt for record in records)
     span = max(len(record.u) * record.dt for record in records)
     times = np.geomspace(2.0 * dt, max(0.5 * span, 4.0 * dt), max(int(np.log10(span / dt)) + 1, 2))
@@ -58,7 +58,7 @@ class AroundModel(ParametricModel):
         "estimator": [HasMethods(["fit", "predict"])],
     }
 
-    around_columns = False  # the model inside may read columns of X
+    around_columns = False  # whether the model inside may read columns of X
 
     def held_parameters(self) -> frozenset[str]:
         return self.estimator.held_parameters()
@@ -68,7 +68,7 @@ class AroundModel(ParametricModel):
         return self if estimator is self.estimator else with_params(self, estimator=estimator)
 
     def _starting_model(self, model):
-        """Return the model inside as one whose records start as those of the whole do."""
+        """Return the model inside with the initial state of the whole."""
         return with_params(model, initial_state=agreed(self, "initial_state"))
 
     def _check_estimator(self):
@@ -82,11 +82,11 @@ class AroundModel(ParametricModel):
                 f"The 'estimator' parameter of {type(self).__name__} must be a model of one input. "
                 f"Got {self.estimator!r}, which reads columns of X, instead."
             )
-        self.estimator._validate_params()  # nobody calls its `fit`
+        self.estimator._validate_params()  # its `fit`, which would validate, is not called
 
 
 class _ColumnModel(AroundModel):
-    """Base of the models that read more of X than its first column."""
+    """Base of the models that read further columns of X."""
 
     _parameter_constraints = {
         **AroundModel._parameter_constraints,
@@ -127,7 +127,7 @@ class _ColumnModel(AroundModel):
                     f"column of X, which has {X.shape[1]}. Got {self.column} instead."
                 )
             return signal, schedules
-        if signal.shape[1] > X.shape[1]:  # the model reads the amplitudes already
+        if signal.shape[1] > X.shape[1]:  # the model reads the amplitudes itself
             return signal, schedules
         amplitudes = np.empty(len(X))
         for s in slices:
@@ -135,7 +135,7 @@ class _ColumnModel(AroundModel):
         return np.column_stack([X, amplitudes]), schedules
 
     def _driven(self):
-        """Return the model of the operator within."""
+        """Return the model of the operator inside."""
         return self.estimator
 
     def subtree(self, driven, disturbances):
@@ -144,7 +144,7 @@ class _ColumnModel(AroundModel):
 
 
 class OnColumn(_ColumnModel):
-    """A model that one column of X drives, such as a temperature.
+    """A model that is driven by one column of X, such as a temperature.
 
     It is added to the model of the drive in a :class:`Sum`. If that is the first step of a
     :class:`Cascade`, the column acts on the input of the later steps, as a bias voltage does.
@@ -154,8 +154,8 @@ class OnColumn(_ColumnModel):
     column : int, default=1
         Number of the column of X.
     centered : bool, default=False
-        Whether the mean of the column in the records of the fit is subtracted. Otherwise a column
-        that is added to the drive of a model with a threshold or a curve shifts these.
+        Whether the mean of the column over the records of the fit is subtracted. Otherwise a column
+        that is added to the drive shifts the thresholds and curves of the driven model.
 
     Attributes
     ----------
@@ -163,8 +163,8 @@ class OnColumn(_ColumnModel):
 
     See Also
     --------
-    Modulated : A response that the column scales.
-    Sum : Adds the response to the column to another one.
+    Modulated : A response that is scaled by a column.
+    Sum : Adds the response to the column to another response.
 
     Examples
     --------
@@ -212,21 +212,21 @@ class OnColumn(_ColumnModel):
 
 
 class FirstColumn(OnColumn):
-    """A model of the drive as one of all columns; the node exists in the tree only."""
+    """A model of the drive within a model that reads all columns; a node of the tree only."""
 
     def subtree(self, driven, disturbances):
         return replace(super().subtree(driven, disturbances), model=None)
 
 
 class Modulated(_ColumnModel):
-    r"""A model whose response, or some parameters, a column of X scales sample by sample.
+    r"""A model whose response, or some of its parameters, are scaled by a column of X per sample.
 
     .. math:: y = \Gamma[u] \, (1 + b \, (a - a_0))
 
-    with the model :math:`\Gamma` of the drive u, the column a, if asked for behind a first-order
-    lag, or the half range of the drive in each record, and a reference :math:`a_0`. Where
-    parameters are scaled, the factor is theirs in place of the response's: a friction force that
-    grows with the load, a hysteresis whose width follows the temperature. It is the outermost
+    with the model :math:`\Gamma` of the drive u, the column a (behind a first-order lag, if
+    requested) or the half range of the drive in each record, and a reference :math:`a_0`. If
+    parameters are scaled, the factor applies to them instead of the response: a friction force that
+    grows with the load, a hysteresis whose width depends on the temperature. It is the outermost
     model, the first step of a :class:`Cascade`, a step of a :class:`Sum`, or is modulated again by
     another column.
 
@@ -245,15 +245,15 @@ class Modulated(_ColumnModel):
         is linear, by their names in ``params_``, such
         as ``["coulomb_force"]``. ``"weights"`` stands for all of ``"weights[0]"``, ...
     reference : float or None, default=None
-        :math:`a_0`, units of the column, at which the model is as its own parameters say; None: the
-        mean of a in the records of the fit.
+        :math:`a_0`, units of the column, at which the factor is one; None: the mean of a over the
+        records of the fit.
     degree : int, default=1
-        Of the factor as a polynomial of :math:`a - a_0`.
+        Degree of the factor as a polynomial in :math:`a - a_0`.
     magnitude : bool, default=False
-        Whether a is the magnitude of the column, as that of the load of a bearing.
+        Whether a is the magnitude of the column, such as of a bearing's load.
     lag : bool, default=False
-        Whether the column acts through a first-order lag, as the current of a coil follows its
-        voltage, or the temperature of a part the power of its heater.
+        Whether the column acts through a first-order lag, as the current of a coil lags behind its
+        voltage, or the temperature of a part behind the power of its heater.
 
     Attributes
     ----------
@@ -264,19 +264,19 @@ class Modulated(_ColumnModel):
     Raises
     ------
     ValueError
-        If what it scales is not as above.
+        If ``scales`` is not as above.
 
     See Also
     --------
     OnColumn : A model that the column drives.
-    ScheduledParameters : Parameters that follow a number of the record.
+    ScheduledParameters : Parameters that depend on a value per record.
 
     Notes
     -----
-    A play whose threshold changes stays where it is until an end of its slack takes it along:
-    ``F[k] = max(u[k] - q[k] r, min(u[k] + q[k] r, F[k - 1]))`` with the factor q, which stops at
-    zero. While the column rests the model is rate-independent where :math:`\Gamma` is. The friction
-    of a mass stops at zero, too; the factor is a straight line between samples.
+    A play whose threshold changes stays where it is until an end of its slack moves it: ``F[k] =
+    max(u[k] - q[k] r, min(u[k] + q[k] r, F[k - 1]))`` with the factor q, bounded below by zero.
+    While the column rests, the model is rate-independent if :math:`\Gamma` is. The friction of a
+    mass is bounded below by zero, too; the factor is a straight line between samples.
 
     The friction :math:`(F_{c0} + \mu |N|) \tanh(v/v_0)` of a load N is that of a `CoulombFriction`
     whose ``coulomb_force`` is scaled by the magnitude of N, with the reference 0: then
@@ -342,7 +342,7 @@ class Modulated(_ColumnModel):
         self.lag = lag
 
     def _driven(self):
-        """Return the model that is modulated, of the whole input."""
+        """Return the modulated model, as one of the whole input."""
         model = informed(self.estimator, self)
         return model if model.reads_columns else FirstColumn(model, 0)
 
@@ -372,7 +372,7 @@ class Modulated(_ColumnModel):
         return tuple(self.scales)
 
     def _check_scaled(self, operator):
-        """Refuse to scale what an operator has not, or not linearly."""
+        """Refuse to scale parameters that an operator does not have, or not linearly."""
         if self.scales == "response" or can_scale(operator, self._scaled()):
             return
         linear = ", ".join(name for name, spec in operator.entries() if spec.linear)

@@ -53,27 +53,27 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
 
     .. math:: y = E[f(X)]
 
-    with the regressor f, a network or a pipeline, say, and the effects E: a lag or a saturation in
-    series, a drift or an offset in parallel. The two are fitted in turn (backfitting): the effects
-    from predictions of f out of fold, then f to the response with the effects inverted, as far as
-    noise allows, until the error out of fold no longer falls. So f need not learn what the effects
-    describe better.
+    with the regressor f, such as a network or a pipeline, and the effects E: a lag or a saturation
+    in series, a drift or an offset in parallel. The two are fitted in turn (backfitting): the
+    effects from out-of-fold predictions of f, then f to the response with the effects inverted, as
+    far as the noise allows, until the out-of-fold error no longer falls. So f need not learn what
+    the effects describe better.
 
     Parameters
     ----------
     estimator : estimator
         Any regressor or pipeline. Data without a time index are passed on as they are.
     effects : estimator, default=None
-        A parametric model of skhyst, such as a :class:`Cascade` or a :class:`Sum`, that the
-        prediction drives; by default a gain and a constant. Its column 0 is the prediction, the
-        others are those of ``X``.
+        A parametric model of skhyst, such as a :class:`Cascade` or a :class:`Sum`, driven by the
+        prediction; by default a gain and an offset. Its column 0 is the prediction, the others are
+        those of ``X``.
     cv : int, default=5
         Number of folds. Folds are whole records; a single record is cut into contiguous blocks.
     max_iter : int, default=10
-        Largest number of turns; with 0 the regressor is fitted to the response as it is.
+        Largest number of turns; with 0 the regressor is fitted to the measured response.
     dt : float or None, default=None
         Sampling interval in s of data without a time index; None: that of the regressor and the
-        effects, in which they must agree.
+        effects, which must agree.
 
     Attributes
     ----------
@@ -82,15 +82,15 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     effects_ : estimator
         The effects, fitted.
     fit_error_ : float
-        Root mean square of the residual with predictions out of fold, units of the response.
+        Root mean square of the residual with out-of-fold predictions, units of the response.
     n_iter_ : int
-        Times that the two were fitted, one more than the turns that have lowered the error.
+        Number of times that the two were fitted: one more than the turns that lowered the error.
     n_features_in_ : int
         Number of columns of ``X``.
     drive_range_ : tuple of (float, float)
-        Smallest and largest drive (column 0 of X) that the fit has seen, units of the drive.
+        Smallest and largest drive (column 0 of X) in the fit, units of the drive.
     drive_rate_ : float
-        Fastest change of the drive between two samples that it has seen, units of the drive per s.
+        Largest rate of the drive between two samples of the fit, units of the drive per s.
 
     See Also
     --------
@@ -98,8 +98,8 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
 
     Notes
     -----
-    The effects are identified from predictions that are somewhat worse than those of the regressor
-    that is kept, which has seen all rows.
+    The effects are identified with predictions that are somewhat worse than those of the final
+    regressor, which is fitted to all rows.
 
     Examples
     --------
@@ -114,7 +114,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     0.05
     """
 
-    one_interval = False  # unless its estimator asks for one
+    one_interval = False  # unless its estimator asks for one interval
 
     _parameter_constraints = {
         "estimator": [HasMethods(["fit", "predict"])],
@@ -146,7 +146,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         TypeError
             If the effects are not a parametric model of skhyst.
         ValueError
-            If there are weights, and the regressor takes none.
+            If there are weights, and the regressor accepts none.
         """
         effects = Gain() if self.effects is None else clone(self.effects)
         if not isinstance(effects, ParametricModel):
@@ -202,7 +202,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             with one_thread():
                 if last is None:
                     _, result = identified(effects, records)
-                else:  # from where it ended the last time
+                else:  # from the last result
                     start = last.operator, last.disturbances
                     result = refine(effects, [start], records, "variable_projection")
             return result, result.error
@@ -237,9 +237,9 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
 
     @documented_like(ParametricModel.predict)
     def predict(self, X, y_start=None, return_std=False) -> np.ndarray:
-        """Return the response, each record from its own start.
+        """Return the response, each record from its own initial state.
 
-        The standard deviation of a new sample is not known, since the regressor may be any.
+        The standard deviation of a new sample is not known for an arbitrary regressor.
         """
         check_is_fitted(self)
         refuse_std(self, return_std, "around a regressor")
@@ -265,25 +265,25 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
 
     @documented_like(ParametricModel.depends_on_interval)
     def depends_on_interval(self, dt) -> bool:
-        """Whether the effects answer otherwise at an interval than at that of the fit."""
+        """Whether the effects respond differently at another interval than that of the fit."""
         return self._timed_effects().depends_on_interval(dt)
 
     def stepper(self, dt=None, u0=0.0, initial_state=None, *, schedule=None) -> Stepper:
-        """Return the fitted model as a device that is fed its inputs sample by sample.
+        """Return the fitted model as a device that is run sample by sample.
 
-        A regressor that has a ``stepper``, as the models of skhyst have, is stepped by it; any
-        other must predict each row independently; transformers of skhyst may precede it.
+        A regressor with a ``stepper``, such as a model of skhyst, is stepped by it; any other must
+        predict each row independently; it may be preceded by transformers of skhyst.
 
         Parameters
         ----------
         dt : float, default=None
             Sampling interval in s; by default that of the records of the fit.
         u0 : float or array-like of shape (n_inputs,), default=0.0
-            Inputs at which the device rests before.
+            Inputs at which the device has rested.
         initial_state : {"rest", "zero"}, default=None
             State before the first sample; by default that of :meth:`predict`.
         schedule : float, default=None
-            Number that the parameters of the effects depend on, where they do.
+            Value that scheduled parameters of the effects depend on.
 
         Returns
         -------
@@ -295,8 +295,8 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         NotImplementedError
             If the regressor has a memory and no ``stepper``, or an effect is not causal.
         ValueError
-            If a parameter is not as above, or ``dt`` is not given and the records of the fit differ
-            in theirs.
+            If a parameter is invalid, or ``dt`` is not given and the records of the fit have
+            different intervals.
 
         Examples
         --------

@@ -1,13 +1,13 @@
-r"""Something between two parts of linear dynamics, from their best linear approximation.
+r"""A nonlinear stage between two linear parts, started from their best linear approximation.
 
 For a Gaussian drive, a curve between two linear parts :math:`G_1, G_2` changes the best linear
-approximation :math:`G = k\,G_1 G_2` by a factor alone (Bussgang [1]_), so that the poles and zeros
-of both parts are those of :math:`G`, and only who has which is unknown. Every division is tried, as
-Sjöberg and Schoukens [2]_ do. Instead of a fit each costs a few filtered signals. With
-:math:`x = G_1 u`, the response has to lie in the span of the linear prediction's derivatives by its
-parameters and of :math:`G_2 f_i(x)`, where :math:`f_i` are the Legendre polynomials of degree 2 to
-5 and two plays of :math:`x`; the division that leaves least is the most promising (a score
-statistic: the derivatives stand for the refit of the linear parts). What is to stand there is then
+approximation :math:`G = k\,G_1 G_2` only by a factor (Bussgang [1]_), so that the poles and zeros
+of both parts are those of :math:`G`; only their assignment to the parts is unknown. Every division
+is tried, as by Sjöberg and Schoukens [2]_. Instead of a fit, each costs a few filtered signals.
+With :math:`x = G_1 u`, the response is regressed on the derivatives of the linear prediction by its
+parameters and on :math:`G_2 f_i(x)`, where :math:`f_i` are the Legendre polynomials of degree 2 to
+5 and two plays of :math:`x`; the division of least residual is the most promising (a score
+statistic: the derivatives represent the refit of the linear parts). The stage in between is then
 started in the same way, by its output and its derivatives by its own parameters.
 
 References
@@ -23,28 +23,28 @@ import numpy as np
 from ..operators import Series, play_basis
 
 _DEGREE = 5  # of the curve by which divisions are compared: it may bend and saturate
-_PLAYS = np.array([0.03, 0.1])  # half gaps, parts of the range of what comes in between
-_DIVISIONS = 3  # that are followed
-_ENOUGH = 10_000  # samples that tell divisions apart
+_PLAYS = np.array([0.03, 0.1])  # half gaps, relative to the range of the signal in between
+_DIVISIONS = 3  # that are tried further
+_ENOUGH = 10_000  # samples that suffice to compare divisions
 _TINY = np.finfo(float).tiny
 
 
 class Divisions:
-    """The ways to divide a linear operator in two, those first between which most may stand.
+    """The ways to divide a linear operator in two, the most promising first.
 
     Parameters
     ----------
     operator : TransferFunctionOperator
         Best linear approximation, at its solution.
     records : sequence of RecordData
-        Whose drive is what comes into the operator.
+        With the input of the operator as their drive.
     initial_state : {"rest", "zero"}, default="rest"
         State before each record.
     behind : sequence of Operator, default=()
-        What follows in the series.
+        Later stages of the series.
     fitting : callable, optional
-        Takes both parts of a division and returns them as a model has them, or None where it does
-        not.
+        Takes both parts of a division and returns them as a model represents them, or None if it
+        cannot.
     """
 
     def __init__(self, operator, records, initial_state="rest", *, behind=(), fitting=None):
@@ -60,19 +60,19 @@ class Divisions:
         self._best = sorted(found, key=lambda own: own[0])[:_DIVISIONS]
 
     def started(self, starts_of):
-        """Return what most promisingly stands in between the parts of a division, and the parts.
+        """Return the most promising stages in between, with the parts of their division.
 
         Parameters
         ----------
         starts_of : callable
-            Returns starting operators of what stands in between for records whose drive is what
-            comes in there.
+            Returns starting operators of the stage in between, for records whose drive is its
+            input.
 
         Returns
         -------
         list of (float, (TransferFunctionOperator, Operator, TransferFunctionOperator))
-            Three at most, with the part of the residual's power that each leaves, ascending. Empty
-            where there is no division.
+            At most three, with the fraction of the residual's power that each leaves, ascending.
+            Empty if there is no division.
         """
         started = []
         for _, first, second, signals in self._best:
@@ -84,7 +84,7 @@ class Divisions:
 
 
 class _Score:
-    """What columns explain of a response beside the derivatives of a linear prediction."""
+    """The part of a response explained by columns besides a linear model's derivatives."""
 
     def __init__(self, operators, records, state):
         self.records, self.state = records, state
@@ -98,7 +98,7 @@ class _Score:
         self._rest = self._beside(self._stacked([record.y[:, None] for record in records]))
 
     def outputs(self, operator):
-        """Return what an operator makes of the drives."""
+        """Return the responses of an operator to the drives."""
         return [operator.run(r.u, r.dt, operator.init(r.u[0], self.state))[0] for r in self.records]
 
     def driven_by(self, signals):
@@ -106,7 +106,7 @@ class _Score:
         return [replace(r, u=u, before=None) for r, u in zip(self.records, signals, strict=True)]
 
     def tangents(self, operator, signals):
-        """Return the output of an operator and its derivatives by its parameters, by records."""
+        """Return the output of an operator and its derivatives by its parameters, per record."""
         columns = []
         for record, x in zip(self.records, signals, strict=True):
             y, dy = operator.sensitivities(x, np.empty((len(x), 0)), record.dt, self.state)
@@ -114,7 +114,7 @@ class _Score:
         return columns
 
     def left(self, signals, columns, behind):
-        """Return the part of the power that columns leave once they have gone through operators."""
+        """Return the fraction of the power that columns leave, filtered by later operators."""
         behind = _series(behind)
         found = [
             behind.propagate(x, own, r.dt, self.state)[1]
@@ -154,7 +154,7 @@ def _curves_and_plays(x):
 
 
 def first_parts(records):
-    """Return the records cut to so many samples in all as suffice."""
+    """Return the first parts of records, with as many samples in all as suffice."""
     share = _ENOUGH / sum(len(record.u) for record in records)
     if share >= 1.0:
         return list(records)

@@ -13,9 +13,9 @@ from ..exceptions import ConvergenceWarning
 from ..operators import FEEDBACK_ARGUMENTS, FeedbackOperator, has_velocity, split_disturbances
 
 _FINE = 0.1  # longest substep, in radians of the fastest motion
-_RESTS = 9  # over the range of the response, about which stability is asked
-_GROWS = 0.01  # of the range of q, beyond which its curve is identified over the new one
-_ROUNDS = 8  # of that: each gain is nearer to the one that its range belongs to
+_RESTS = 9  # over the range of the response, tested for stability
+_GROWS = 0.01  # of the range of q: a larger range requires another identification of the curve
+_ROUNDS = 8  # of that: each gain is closer to consistency with its range
 _NAMES = ("linear", "curve")
 
 
@@ -55,18 +55,18 @@ class Feedback(ParametricModel):
     Attributes
     ----------
     operator_ : FeedbackOperator
-        ``linear`` and ``curve``, their operators, and ``poles_at(response)`` of small motions about
-        a rest.
+        ``linear`` and ``curve``, their operators, and ``poles_at(response)``, the poles of small
+        motions about a rest.
 
     Raises
     ------
     TypeError
-        If one of the two is no such model.
+        If one of the two is not such a model.
 
     Warns
     -----
     ConvergenceWarning
-        If a rest within the range of the response is not stable: a free run leaves it.
+        If a rest within the range of the response is unstable: a free run leaves it.
 
     See Also
     --------
@@ -75,9 +75,9 @@ class Feedback(ParametricModel):
 
     Notes
     -----
-    Starting values are the linear dynamics alone, and those with the curve that fits best while the
-    measured response is fed back in place of the simulated one, which is linear in most curves. The
-    curve has no intercept or gain of its own: those of the dynamics are known with it.
+    Starting values are the linear dynamics alone, and those with the curve that fits best if the
+    measured response is fed back instead of the simulated one; that problem is linear for most
+    curves. The curve has no intercept or gain of its own: the dynamics already have them.
 
     References
     ----------
@@ -164,12 +164,12 @@ class Feedback(ParametricModel):
         return with_params(self, linear=operator.linear.unfitted(), curve=operator.curve.unfitted())
 
     def starting_values(self, records, linear=None):
-        """Return operators with each curve that the response suggests.
+        """Return operators with the starting curves for the responses.
 
         Parameters
         ----------
         linear : Operator, default=None
-            The linear dynamics, where they are known; by default what they are alone.
+            The linear dynamics, if known; by default they are identified alone.
         """
         linear = self._linear_alone(records) if linear is None else linear
         return self._starts_around(linear, records)
@@ -192,7 +192,7 @@ class Feedback(ParametricModel):
         return base
 
     def _starts_around(self, base, records):
-        """Return starts with a curve over the range of the responses, relative to a gain."""
+        """Return starts with curves over the range of the responses, relative to the gain."""
         answers = [replace(r, u=(r.y - base.intercept) / base.gain, before=None) for r in records]
         if self.argument == "velocity":
             answers = [replace(r, u=np.gradient(r.u, r.dt)) for r in answers]
@@ -211,7 +211,7 @@ class Feedback(ParametricModel):
         linear, curve : Operator
             The two stages.
         records : sequence of RecordData
-            With the responses that it is to have, and the intervals.
+            With the wanted responses, and the intervals.
 
         Returns
         -------
@@ -228,10 +228,10 @@ class Feedback(ParametricModel):
         return replace(operator, n_substeps=n)
 
     def _fed_back(self, linear, curve, records, answers):
-        """Yield the curve that fits best where the measured response is fed back, if linear in it.
+        """Yield the curve that fits best with the measured response fed back, if it is linear.
 
-        Then ``y = G u - sum_i a_i G[f_i(q)] + c``, and all coefficients follow by least squares,
-        that of G u included.
+        Then ``y = G u - sum_i a_i G[f_i(q)] + c``, and all coefficients, with that of G u, follow
+        by least squares.
         """
         mask = np.array([s.linear and not s.is_shared for _, s in curve.entries()], dtype=bool)
         if not mask.any():
@@ -257,10 +257,10 @@ class Feedback(ParametricModel):
                 yield curve.unpack(values)
 
     def identify(self, data):
-        """Identify with the range and substeps of the starting values, then those of the result.
+        """Identify with the range and substeps of the starts, then with those of the result.
 
-        The range of q grows as the gain of the dynamics shrinks: beyond that of its start a curve
-        is not what it is within.
+        The range of q grows as the gain of the dynamics falls; beyond the range of its start, a
+        curve is only extrapolated.
         """
         base = self._linear_alone(data)
         result = refine(self, self._starts_around(base, data), data)

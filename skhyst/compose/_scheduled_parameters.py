@@ -25,10 +25,11 @@ class ScheduledParameters(AroundModel):
 
     .. math:: p_i(s) = \sum_{k=0}^{d} c_{ik} s^k
 
-    with s the half range of the drive in a record, or the value of a column of X, which is constant
-    in a record (Xie et al. 2023, (22) to (26)). All coefficients are identified jointly from all
-    records. They are searched as Bernstein coefficients over the range of s, so that a parameter
-    keeps its bounds (nonnegative weights, positive time constants) everywhere in that range.
+    with s the half range of the drive in a record, or the value of a column of X that is constant
+    within each record (Xie et al. 2023, (22) to (26)). All coefficients are identified jointly from
+    all records. They are searched as Bernstein coefficients over the range of s, so that a
+    parameter keeps its bounds (nonnegative weights, positive time constants) everywhere in that
+    range.
 
     Parameters
     ----------
@@ -38,7 +39,7 @@ class ScheduledParameters(AroundModel):
     by : str or int, default="amplitude"
         ``"amplitude"``, or the name or number of a column of X.
     degree : int, default=1
-        Of the polynomials.
+        Degree of the polynomials.
     parameters : list of str or None, default=None
         Names of the parameters that depend on the schedule, as in ``params_`` of the model;
         ``"weights"`` stands for all of ``"weights[0]"``, ... None: all free parameters.
@@ -49,7 +50,7 @@ class ScheduledParameters(AroundModel):
     polynomials_ : dict of str to ndarray of shape (degree + 1,)
         Coefficients by powers of the schedule, lowest first.
     schedule_ : ndarray of shape (n_records,)
-        Of the records of the fit.
+        Schedule value of each record of the fit.
     params_, params_std_ : dict
         Bernstein coefficients ``name[k]`` and their standard errors: with degree 1 the parameter's
         values at the least and at the largest schedule.
@@ -61,7 +62,7 @@ class ScheduledParameters(AroundModel):
 
     See Also
     --------
-    Modulated : Scales the response, or some parameters, by a column that moves within a record.
+    Modulated : Scales the response, or some parameters, by a column that varies within a record.
 
     References
     ----------
@@ -163,7 +164,7 @@ class ScheduledParameters(AroundModel):
                 "record's own already."
             )
         values, found = [r.schedule for r in records], []
-        # parameters that differ from record to record may look like another form in all of them
+        # parameters that differ between records may look like another form in the joint fit
         starts = map(split_disturbances, model.starting_values(plain))
         others = {_form(own): own for own, _ in starts}
         others.pop(_form(result.operator), None)
@@ -212,13 +213,13 @@ class ScheduledParameters(AroundModel):
 
 
 def _form(operator):
-    """Return the fields of an operator that are words or flags, as the form of plays or stops."""
+    """Return the fields of an operator that are strings or flags, such as the form of plays."""
     values = ((f.name, getattr(operator, f.name)) for f in fields(operator))
     return tuple((name, value) for name, value in values if type(value) in (bool, str))
 
 
 def _from_each_record(scheduled, records, plain, model):
-    """Return the operator whose polynomials fit the parameters of single records best."""
+    """Return the operator whose polynomials best fit the parameters of single records."""
     fixed = model.held_parameters()
     start = [scheduled.base]
     alone = [refine(model, start, [record], _ROUGH, with_errors=False) for record in plain]

@@ -31,55 +31,55 @@ class SharedParameters(MetaEstimatorMixin, MultiOutputMixin, RegressorMixin, Bas
     .. math:: y_k = \Gamma[u;\ \theta,\ g_k w,\ \eta_k] + c_k
 
     Each response k has the same model :math:`\Gamma`: poles, thresholds and exponents
-    :math:`\theta` are common to all; so are, up to a gain :math:`g_k`, the parameters w in whose
-    unit the response is. Its constant :math:`c_k` and the parameters :math:`\eta_k` that are named
-    in ``own`` are those of the response: a structure has its modes in common at all points, and
-    another shape at each. What a common part is determined by is then all responses together.
+    :math:`\theta` are common to all; parameters w whose unit contains that of the response are
+    common up to a gain :math:`g_k`. The intercept :math:`c_k` and the parameters :math:`\eta_k`
+    that are named in ``own`` belong to the response: a structure has common modes at all points,
+    with another shape at each. Common parameters are determined by all responses together.
 
     Parameters
     ----------
     estimator : estimator
         A parametric model of skhyst, or a cascade of them, without additive disturbances.
     own : list of str or None, default=None
-        Names of parameters that each response has for itself, as in ``params_`` of the model, such
+        Names of parameters that each response has of its own, as in ``params_`` of the model, such
         as ``["modes__numerator"]``, which stands for all of ``"modes__numerator[0]"``, ... None:
-        gain and constant alone.
+        only gain and intercept.
 
     Attributes
     ----------
     estimators_ : list of estimator
         The fitted model of each response, with its ``params_`` and their standard errors from the
-        joint fit. They are stepped, inverted, exported and saved as any other.
+        joint fit. They can be stepped, inverted, exported and saved like any other model.
     shared_ : tuple of str
-        Names of the common parameters; those that are common up to a gain are among them.
+        Names of the common parameters, including those that are common up to a gain.
     gains_ : ndarray of shape (n_responses,)
         :math:`g_k`, relative to the first response.
     error_alone_ : ndarray of shape (n_responses,)
-        Root mean square of the residual of each response with a model that shares nothing. Where
-        ``fit_error_`` of its model is clearly larger, the responses do not have these parameters
-        in common.
+        Root mean square of the residual of each response for a model that shares nothing. If
+        ``fit_error_`` of its joint model is clearly larger, the responses do not have these
+        parameters in common.
     n_evaluations_ : int
-        Simulations of all records and responses that the joint fit took.
+        Number of simulations of all records and responses in the joint fit.
 
     Raises
     ------
     TypeError
-        If ``estimator`` is no parametric model of skhyst.
+        If ``estimator`` is not a parametric model of skhyst.
     ValueError
-        If a name in ``own`` is none of a free parameter, the initial state is estimated, the model
-        has additive disturbances or scheduled parameters, or the responses lead to models of
-        different parameters.
+        If a name in ``own`` is not that of a free parameter, the initial state is estimated, the
+        model has additive disturbances or scheduled parameters, or the responses lead to models
+        with different parameters.
 
     See Also
     --------
     skhyst.linear.ModalModel : Linear dynamics of several inputs and responses.
-    ScheduledParameters : Parameters that depend on a number of the record.
-    skhyst.diagnosis.EffectSearchCV : Searches each of several responses, and what they share.
+    ScheduledParameters : Parameters that depend on a value per record.
+    skhyst.diagnosis.EffectSearchCV : Searches each of several responses, and lists shared effects.
 
     Notes
     -----
-    Each response is fitted alone first; that scales the responses by their errors, and gives the
-    starting values. The noises of the responses count as independent.
+    Each response is fitted alone first; this gives the starting values, and the errors by which the
+    responses are scaled. The noise of different responses is treated as independent.
 
     Examples
     --------
@@ -115,7 +115,7 @@ class SharedParameters(MetaEstimatorMixin, MultiOutputMixin, RegressorMixin, Bas
 
     @property
     def one_interval(self):
-        """Whether all records must have one sampling interval, as the model asks for."""
+        """Whether the model requires one sampling interval for all records."""
         return getattr(self.estimator, "one_interval", False)
 
     @fit_context(prefer_skip_nested_validation=False)
@@ -182,18 +182,18 @@ class SharedParameters(MetaEstimatorMixin, MultiOutputMixin, RegressorMixin, Bas
 
     @documented_like(ParametricModel.predict)
     def predict(self, X, y_start=None, return_std=False):
-        """Return the free runs: the responses to the inputs alone.
+        """Return the free-run predictions: the responses to the inputs alone.
 
         Parameters
         ----------
         y_start : array-like of shape (n_samples, n_outputs), default=None
-            Responses where they are known, as for any model.
+            Known values of the responses, as for any model.
 
         Returns
         -------
         y : ndarray of shape (n_samples, n_outputs), or (n_samples,) where ``y`` of ``fit`` was 1-D
         std : ndarray of the same shape
-            Standard deviation of a new sample about y, units of the response. Only with
+            Standard deviation of the prediction of a new sample, units of the response. Only with
             ``return_std``.
         """
         check_is_fitted(self)
@@ -219,14 +219,14 @@ def _two_dimensional(values):
 
 
 def _columns(y, values):
-    """Return the columns of responses, with their index where they have one."""
+    """Return the columns of responses, with their index if they have one."""
     if hasattr(y, "iloc"):
         return [y] if y.ndim == 1 else [y.iloc[:, k] for k in range(y.shape[1])]
     return list(values.T)
 
 
 def _of_response(joint, k, result, records, initial_state):
-    """Return what identification found, for the model of one response."""
+    """Return the part of an identification result for the model of one response."""
     own = joint.at(k)
     driven, names = own.operator, joint.names
     tangents = own.tangents
@@ -256,7 +256,7 @@ def _of_response(joint, k, result, records, initial_state):
 
 
 def _starts(models, own, scales):
-    """Return the joint operators that models which were fitted alone lead to."""
+    """Return joint starting operators from models that were fitted alone."""
     bases = []
     for model in models:
         driven, beside = split_disturbances(model.tree(model.operator_))
@@ -288,10 +288,10 @@ def _starts(models, own, scales):
     power = np.where(is_own, 0, [_power(units[name]) for name in names])
     is_log = np.array([spec.log for spec in specs], dtype=bool)
     values, found = np.array([base.pack()[free] for base in bases]), []
-    for first in values:  # what is common begins as in the model of this response
+    for first in values:  # common values start from the model of this response
         gains = np.array([_gain(own, first, power) for own in values])
         if not gains[0]:
-            continue  # the first response has none of it
+            continue  # common values of the first response are zero
         common = first * _factors(gains[0], power, is_log)
         gains = gains[1:] / gains[0] if power.any() else []
         vector = np.concatenate([common[~is_own], values[:, is_own].ravel(), gains])
@@ -300,7 +300,7 @@ def _starts(models, own, scales):
 
 
 def _power(unit):
-    """Return the power of the response in a unit."""
+    """Return the power of the response in a unit, such as 1 in response/drive."""
     above, _, below = unit.partition("/")
     powers = [
         sum(int(power or 1) for power in re.findall(r"\bresponse\b(?:\^(\d+))?", part))
@@ -310,7 +310,7 @@ def _power(unit):
 
 
 def _gain(values, others, power):
-    """Return the gain that leads from other values nearest to these."""
+    """Return the gain that best maps other values to these."""
     straight = others * (power == 1)
     if straight.any():
         return (values @ straight) / (straight @ straight) or float(power.min() < 0)
@@ -320,28 +320,28 @@ def _gain(values, others, power):
 
 
 def _factors(gain, power, is_log):
-    """Return by what a gain of the response multiplies values, of its powers in their units."""
+    """Return the factors of values for a gain of the response, by its power in their units."""
     size = np.abs(gain) ** power
     return np.where(is_log, size, np.sign(gain) ** power * size)
 
 
 def _slopes(gain, power, is_log):
-    """Return the derivatives of :func:`_factors` by the gain, of powers other than zero."""
+    """Return the derivatives of :func:`_factors` by the gain, for nonzero powers."""
     return power * _factors(gain, power - 1, is_log) * np.where(is_log, np.sign(gain), 1.0)
 
 
 @dataclass(frozen=True)
 class _Responses(Operator):
-    """The operators of all responses, over their scales, as one; ``at(k)`` is that of response k.
+    """The scaled operators of all responses as one; ``at(k)`` is that of response k.
 
-    Its values are the common ones, those that each response has for itself, and the gains of all
-    but the first, if any common value has the response in its unit.
+    Its values are the common ones, the own ones of each response, and the gains of all responses
+    but the first, if the unit of a common value contains that of the response.
     """
 
     bases: tuple
     free: np.ndarray
     is_own: np.ndarray
-    power: np.ndarray  # of the response, in the units of what is common
+    power: np.ndarray  # of the response, in the units of common values
     is_log: np.ndarray
     scales: np.ndarray
     vector: np.ndarray
@@ -359,7 +359,7 @@ class _Responses(Operator):
 
     @property
     def shared(self):
-        """Names of those that are common."""
+        """Names of the common entries."""
         return tuple(n for n, own in zip(self.names, self.is_own, strict=True) if not own)
 
     @property
@@ -400,7 +400,7 @@ class _Responses(Operator):
 
     @cached_property
     def _parts(self):
-        """Number of common values, and which values are the response's own."""
+        """Return the number of common values, and the slice of the response's own values."""
         n_common, n_own = np.count_nonzero(~self.is_own), np.count_nonzero(self.is_own)
         start = n_common + self.response * n_own
         return n_common, slice(start, start + n_own)

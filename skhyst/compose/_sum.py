@@ -16,19 +16,19 @@ class Sum(Composition):
 
     Additive disturbances (:mod:`skhyst.disturbance`) may be among them; their coefficients are
     solved record by record. With an offset or a drift, which have a constant for each record, the
-    driven models have no intercept. A step that is known already is held as in a
-    :class:`Cascade`: the fitted model in a :class:`sklearn.frozen.FrozenEstimator`.
+    driven models have no intercept. A step that is known already is held as in a :class:`Cascade`:
+    the fitted model in a :class:`sklearn.frozen.FrozenEstimator`.
 
     Attributes
     ----------
     operator_ : SumOperator
     record_coefficients_ : ndarray of shape (n_records, n_coefficients)
-        Of the disturbances, where there are any.
+        Of the additive disturbances, if there are any.
 
     See Also
     --------
     Cascade : Models in series.
-    OnColumn : A model that another column of X drives, to be added.
+    OnColumn : A model driven by another column of X, to be added.
 
     Examples
     --------
@@ -48,12 +48,12 @@ class Sum(Composition):
     _left_out = ("drop",)
 
     def _kept_steps(self):
-        """Return the steps without those that are left out; what passes through is held."""
+        """Return the steps that are kept; "passthrough" is a unit gain that is held."""
         passed = FrozenEstimator(with_params(Gain(), operator_=GainOperator(1.0)))
         return [(n, passed if step == "passthrough" else step) for n, step in super()._kept_steps()]
 
     def _models(self):
-        """Return the steps as models; if one reads columns, the others are given the first."""
+        """Return the steps as models; if one reads columns, the others read the first one."""
         models = super()._models()
         if not any(model.reads_columns for model in models):
             return models
@@ -70,7 +70,7 @@ class Sum(Composition):
 
     @property
     def disturbance_names(self) -> tuple[str, ...]:
-        """Names of the steps that are disturbances."""
+        """Names of the steps that are additive disturbances."""
         return tuple(name for name, model in self._kept_steps() if _is_disturbance(model))
 
     def subtree(self, driven, disturbances):
@@ -86,9 +86,9 @@ class Sum(Composition):
         return self._identified_from(0, data)
 
     def identified_otherwise(self, data):
-        """Yield what each other step leads to as the first, and starts of all steps together.
+        """Yield results with each step identified first, and of joint starts of all steps.
 
-        The first one is identified alone, so that the whole fits no worse than it.
+        The first step is identified alone, so that the whole fits at least as well.
 
         Parameters
         ----------
@@ -106,13 +106,13 @@ class Sum(Composition):
             yield refine(self, products, data)
 
     def _identified_from(self, first, data):
-        """Identify each step from what those before it have left, then all; see `identify`."""
+        """Identify each step from the residual of those before it, then all; see `identify`."""
         state = self.free_run_state
         models = self._starting_models()
         found, disturbances, evaluations = {}, {}, 0
         records, last = data, None
 
-        def order(i):  # what is held is known: it is subtracted from the response before
+        def order(i):  # held steps are known: subtracted from the response first
             return not isinstance(models[i], HeldStep), i != first, i
 
         for i in sorted(range(len(models)), key=order):
@@ -137,11 +137,11 @@ class Sum(Composition):
         return replace(result, n_evaluations=evaluations + result.n_evaluations)
 
     def _others(self, found, i, records):
-        """Return the branches with the starting values of the last one that is driven.
+        """Return the branches with each starting value of the last driven one.
 
-        The branches before it may have explained a part of its response, or it a part of theirs,
-        so its values found alone need not lead to the joint optimum. Where all are linear in the
-        signal there is little to gain from further starts.
+        Earlier branches may have explained a part of its response, or it a part of theirs, so that
+        its values found alone need not lead to the joint optimum. If all are linear in the signal,
+        further starts gain little.
         """
         model = self._starting_models()[i]
         if isinstance(model, Composition) or found[i].signal_linear:

@@ -73,7 +73,7 @@ from ..records import chosen_interval, fill_lost_rows, record_names
 from ._drive_limits import DriveLimits
 
 _ORDER = 4  # of the low-pass, run forwards and backwards
-_SMALLEST = 2.0**-6  # fraction of a step below which nothing is gained
+_SMALLEST = 2.0**-6  # fraction of a step below which the iteration has converged
 # Fraction of a change of the drive that must be visible in the response, else it is damped out of
 # a combination of trials. Through an exact inverse all of it is, through one with a stiffness wrong
 # by a factor of ten still a tenth. A step is at most (1 + 1 / (2 * this)) of the requested change.
@@ -92,8 +92,8 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
     method : {"auto", "learned"}, default="auto"
         Invert the model, or learn its inverse.
     bandwidth : float, default=None
-        Cut-off frequency in Hz of the low-pass of the reference and of the errors that are learned
-        from (Butterworth of order 4, forwards and backwards). By default there is no low-pass.
+        Cut-off frequency in Hz of the low-pass filter of the reference and of the errors used for
+        learning (Butterworth of order 4, forwards and backwards). By default there is no low-pass.
     drive_limits : {"fit"}, tuple of (float, float) or None, default="fit"
         Smallest and largest drive, its units. By default those in the records of the model's fit
         (``drive_range_``). None: no limits.
@@ -120,15 +120,15 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         Root mean square error of each trial of the last :meth:`refine`, units of the response.
     n_features_in_ : int
     drive_range_, drive_rate_ : tuple of (float, float), float
-        Range and fastest change of the drive in the records of the model's fit, as those of
-        :class:`~skhyst.base.ParametricModel`; missing where the model does not know them.
+        Range and largest rate of the drive in the records of the model's fit, as for
+        :class:`~skhyst.base.ParametricModel`; missing if the model does not know them.
     drive_limits_, rate_limit_ : tuple of (float, float), float
-        Limits in force, units of the drive and those per s; infinite where there are none.
+        Limits in force, units of the drive and these per s; infinite if there are none.
 
     Warns
     -----
     ReachWarning
-        If limits cut the drive (with the percentage of the samples); if limits are None and the
+        If limits clip the drive (with the percentage of the samples); if limits are None and the
         drive leaves the range or the rate of the fit, or these are not known; if a stage cannot
         give the output that is required of it (with its name and the value); if the response to the
         drive misses the reference by more than ``max_residual`` allows.
@@ -166,7 +166,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
     True
     """
 
-    one_interval = False  # unless its model asks for one
+    one_interval = False  # unless its model asks for one interval
 
     _parameter_constraints = {
         "model": [HasMethods(["fit", "predict"])],
@@ -205,7 +205,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
 
     @fit_context(prefer_skip_nested_validation=False)
     def fit(self, X, y) -> Self:
-        """Fit the model where it is not fitted, or its inverse.
+        """Fit the model if it is not fitted, or learn its inverse.
 
         Parameters
         ----------
@@ -244,10 +244,10 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
     def predict(self, X, return_residual=False) -> np.ndarray | tuple[np.ndarray, np.ndarray]:
         """Return the drive under which the response follows a reference.
 
-        A record begins at rest at its first value. Inverse dynamics need to move the drive before
-        the response moves, so a reference that moves from its first sample on is missed at the
+        A record begins at rest at its first value. Inverse dynamics move the drive before the
+        response moves, so a reference that moves from its first sample on is missed at the
         beginning, by as little as a drive of moderate size allows. After a record the reference is
-        taken to rest at its last value.
+        assumed to rest at its last value.
 
         Parameters
         ----------
@@ -290,24 +290,24 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         return (drive[read], residual[read]) if return_residual else drive[read]
 
     def largest_miss(self, X, residual) -> tuple[float, float, object]:
-        """Return by how much a residual misses the reference, in the record where that is most.
+        """Return the largest relative residual of all records, its size, and its record.
 
         Parameters
         ----------
         X : DataFrame or array-like of shape (n_samples, n_inputs)
             As for :meth:`predict`.
         residual : array-like of shape (n_samples,)
-            Response less reference.
+            Response minus reference.
 
         Returns
         -------
         fraction : float
-            Largest absolute residual of a record over the range of its reference, or over the size
-            of a reference that is constant.
+            Largest absolute residual of a record relative to the range of its reference, or to the
+            size of a constant reference.
         size : float
-            That residual, units of the response.
+            Absolute residual, units of the response.
         record : object
-            Label of the record, None where there is one alone.
+            Label of the record, None for a single record.
         """
         slices, references = self._references(X)
         found = []
@@ -335,7 +335,8 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         Returns
         -------
         ndarray of shape (n_samples,)
-            The drive with the smallest error; ``errors_`` has those of the trials that were kept.
+            The drive with the smallest error; ``errors_`` has the errors of the trials that were
+            kept.
         """
         slices, reference = self._model_references(X)
         if len(slices) != 1:
@@ -383,7 +384,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         return self._plant(dt, "preview").inverse_steps(0.0, self._preview_tol())[1]
 
     def stepper(self, dt=None, reference=0.0, preview=None) -> Stepper:
-        """Return the compensator as a device that is fed the reference sample by sample.
+        """Return the compensator as a device that is run sample by sample.
 
         It needs a preview of the reference: the drive that it returns belongs to the sample that
         lies ``preview`` samples back. The ``bandwidth`` is not applied, and there is no iteration.
@@ -393,7 +394,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         dt : float, default=None
             Sampling interval in s; by default that of the records of the fit.
         reference : float, default=0.0
-            Response at which the device rests before.
+            Response at which the device has rested.
         preview : int, default=None
             Samples; by default those of :meth:`preview`. Each sample less multiplies the error by
             the magnitude of the zeros outside the unit circle.
@@ -434,12 +435,12 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         Returns
         -------
         ndarray of shape (n_samples,)
-            As :meth:`predict` returns it.
+            As returned by :meth:`predict`.
 
         Raises
         ------
         ValueError
-            If a parameter is not as above, or as for :meth:`predict`.
+            If a parameter is invalid, or as for :meth:`predict`.
         """
         check_is_fitted(self)
         caller, wanted = "InverseCompensator.drive_for", "finite numbers, one per sample"
@@ -502,7 +503,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         return DriveLimits(low - wider, high + wider, rate, rounding)
 
     def _check_limits(self):
-        """Refuse limits that are none; they may have been set after the fit."""
+        """Refuse invalid limits; they may have been set after the fit."""
         options = {"rate_limit": self._parameter_constraints["rate_limit"]}
         validate_parameter_constraints(options, vars(self), "InverseCompensator")
         if not (isinstance(self.drive_limits, str) and self.drive_limits == "fit"):
@@ -553,14 +554,14 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         return f"{whose} the reference{where} by up to {size:.4g} ({part})."
 
     def _filtered(self, signal, dt):
-        """Return a signal without what is faster than the bandwidth."""
+        """Return a signal after the low-pass filter of the bandwidth."""
         if self.bandwidth is None or self.bandwidth * dt >= 0.5:
             return signal
         low_pass = butter(_ORDER, self.bandwidth, fs=1.0 / dt, output="sos")
         return sosfiltfilt(low_pass, signal, padtype="constant", padlen=len(signal) - 1)
 
     def _compensated(self, reference, dt):
-        """Return the drive of a record, where limits cut it, the residual, and a warning.
+        """Return the drive of a record, where limits clip it, the residual, and a warning.
 
         The warning names a stage that cannot give its required output; it may be empty.
         """
@@ -581,7 +582,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         return drive, cut, plant.run(drive) - reference, short
 
     def _improved(self, asked, wanted, plant, measure, n_trials, enough):
-        """Return the drive of the best trial, where limits cut it, and the errors of those kept."""
+        """Return the drive of the best trial, where it is clipped, and errors of kept trials."""
         drives, cuts, changes, errors, best, part, aim = [], [], [], [], 0, 1.0, None
         # a larger drive must lower the error by its standard error, that of a root mean square
         factor_if_larger = 1.0 - 1.0 / np.sqrt(2.0 * len(wanted))

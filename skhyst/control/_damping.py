@@ -42,7 +42,7 @@ class IntegralResonantControl:
     Parameters
     ----------
     mode : tuple of (float, float), operator or estimator
-        Frequency in Hz and static gain of the mode, response over drive, or what has them as
+        Frequency in Hz and static gain of the mode, response over drive, or an object with
         ``natural_frequency`` (rad/s) and ``gain``, such as a fitted
         :class:`~skhyst.linear.SecondOrderMode`.
     damping_ratio : float, default=0.5
@@ -109,7 +109,7 @@ class IntegralResonantControl:
 
 
 def as_mode(mode, number):
-    """Return the frequency of a mode in Hz and a second number, NaN where it does not have them.
+    """Return the frequency of a mode in Hz and a second number, NaN if it has none.
 
     Of an operator or estimator the second number is the attribute named ``number``, of a pair the
     second entry.

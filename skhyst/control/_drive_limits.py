@@ -1,8 +1,8 @@
 r"""Limits of a drive: its range, and how fast it may change.
 
-Sample by sample, a drive that is too fast is followed at the largest rate allowed, which is late.
-Over a whole record, no signal within the rate limit is nearer to a drive ``u``, by the largest
-difference, than the mean of the largest such signal below it and the smallest above it,
+Sample by sample, a drive that is too fast is followed with delay, at the largest rate allowed. Over
+a whole record, the signal within the rate limit that is closest to a drive ``u``, by the largest
+difference, is the mean of the largest such signal below it and the smallest above it,
 
 .. math:: \tfrac12 \min_j (u_j + c |k - j|) + \tfrac12 \max_j (u_j - c |k - j|),
 
@@ -23,8 +23,8 @@ from ..operators import CompiledLaw
 def range_step(u, c, s):
     """Return the drive within its range.
 
-    ``c`` is (lowest, highest). ``s`` is 1 where the drive is at a limit, else 0: an inverse by
-    roots stops there by itself, so that a cut does not show.
+    ``c`` is (lowest, highest). ``s`` is 1 where the drive is at a limit, else 0: an inverse by root
+    finding stops at the limit by itself, so that clipping alone would not show it.
     """
     low, high = c
     s[0] = 1.0 if u <= low or u >= high else 0.0
@@ -113,7 +113,7 @@ class DriveLimits:
         return slower
 
     def exceeded(self, drive, dt):
-        """Return which samples (n_samples,) of a drive are beyond the limits."""
+        """Return a mask (n_samples,) of the samples of a drive beyond the limits."""
         beyond = (drive < self.low - self.rounding) | (drive > self.high + self.rounding)
         beyond[1:] |= np.abs(np.diff(drive)) > self.rate * dt + self.rounding
         return beyond

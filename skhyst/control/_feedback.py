@@ -2,9 +2,9 @@ r"""Proportional-integral control with feed-forward, derivative, notch and dampi
 
 At a sample the controller takes the reading, the reference of the same instant and, with
 feed-forward, the compensator's drive for the next sample. Anti-windup is by conditional
-integration: while the limits cut the drive, the integral part does not move further beyond them.
-Where the drive that acts is measured, or another controller gives it, the integral part follows it
-by back-calculation (Åström and Hägglund, *Advanced PID Control*, 2006, chapter 3).
+integration: while the limits clip the drive, the integral part does not move further beyond them.
+If the acting drive is measured, or comes from another controller, the integral part follows it by
+back-calculation (Åström and Hägglund, *Advanced PID Control*, 2006, chapter 3).
 
 The derivative part of a signal x, with a filter of time constant T, is by backward differences
 
@@ -63,10 +63,10 @@ def section_step(x, b, s, at):
 
 @jit
 def started(reference, reading, c, s):
-    """Return the reference, which after the start is led to the one given in equal steps.
+    """Return the reference, which after the start moves to the given one in equal steps.
 
-    ``s[10]`` is the part of the way that remains, and ``s[11]`` the whole of it: from the first
-    reading.
+    ``s[10]`` is the remaining fraction of the initial difference ``s[11]`` between the first
+    reading and the reference.
     """
     if s[10] == 1.0:
         s[11] = reading - reference
@@ -80,9 +80,9 @@ def limited_step(feedforward, reference, reading, damped, c, s):
 
     ``c`` is (kp, ki dt, lowest, highest drive, coefficients of notch, of damping, weight of the
     reference, decay of the derivative, its gain, largest change of the drive, dt over tracking
-    time, part of the start per sample). ``s`` is the integral part, two states each of notch and
-    damping, 1 if the limits cut, else 0, the last drive, derivative, the last signal that it was
-    taken of, 1 before the first sample, else 0, and the two numbers of :func:`started`.
+    time, fraction of the start per sample). ``s`` is the integral part, two states each of notch
+    and damping, 1 if limits clip the drive, else 0, the last drive, derivative, the last input of
+    the derivative, 1 before the first sample, else 0, and the two numbers of :func:`started`.
     """
     kp, ki, low, high, notch, damping, weight, decay, kd, change = c[:10]
     error = reference - reading
@@ -93,7 +93,7 @@ def limited_step(feedforward, reference, reading, damped, c, s):
     wanted = feedforward + section_step(direct + s[0] + step, notch, s, 1)
     wanted += section_step(damped, damping, s, 3)
     drive = min(max(wanted, s[6] - change), s[6] + change)
-    drive = min(max(drive, low), high)  # whatever has acted before
+    drive = min(max(drive, low), high)  # in any case, whatever drive has acted before
     s[5] = 1.0 if drive != wanted else 0.0
     s[6] = drive
     if (wanted - drive) * step <= 0.0:  # not cut, or integrating back into the limits
@@ -103,7 +103,7 @@ def limited_step(feedforward, reference, reading, damped, c, s):
 
 @jit
 def tracked(acted, c, s):
-    """Lead the integral part to where the drive is the one that has acted."""
+    """Move the integral part to where the drive equals the one that has acted."""
     s[0] += c[10] * (acted - s[6])
     s[6] = acted
     return 0.0
@@ -117,14 +117,14 @@ def feedback_step(u, c, s):
 
 @jit
 def tracking_feedback_step(u, c, s):
-    """Return the drive for the row (reference, reading, drive that has acted)."""
+    """Return the drive for the row (reference, reading, acting drive)."""
     tracked(u[2], c, s)
     return feedback_step(u, c, s)
 
 
 @jit
 def followed(u, c, s):
-    """Return the drive for the row of :func:`following_step`, the drive before being known."""
+    """Return the drive for the row of :func:`following_step`, with the last drive known."""
     reference = started(u[0], u[1], c, s)
     return limited_step(u[2], reference, u[1], u[1] - reference, c, s)
 
@@ -139,14 +139,14 @@ def following_step(u, c, s):
 
 @jit
 def tracking_following_step(u, c, s):
-    """Return the drive for the row (reference, reading, compensator's drive, that has acted)."""
+    """Return the drive for the row (reference, reading, compensator's drive, acting drive)."""
     if s[9] > 0.0:
         s[6] += u[2]
     tracked(u[3], c, s)
     return followed(u, c, s)
 
 
-_STEPS = {  # by whether there is a compensator, and the drive that acts is known
+_STEPS = {  # by whether there is a compensator, and whether the acting drive is known
     (False, False): feedback_step,
     (True, False): following_step,
     (False, True): tracking_feedback_step,
@@ -162,10 +162,10 @@ class FeedforwardPI:
         u = u_r + N \left[ k_p (b r - y) + k_i \int e \, dt
         - \frac{k_d s}{1 + T s} (y - y_r) \right] + D[y - y_r], \qquad e = r - y
 
-    with the drive :math:`u_r` that a compensator gives for the reference r, a weight b of the
-    reference, a notch N, and a filter D for damping. With feed-forward, the derivative and D act on
-    the deviation from :math:`y_r = r`, so that they add nothing while the device follows the
-    reference; without, on the reading alone, :math:`y_r = 0`.
+    with the drive :math:`u_r` of a compensator for the reference r, a weight b of the reference, a
+    notch N, and a filter D for damping. With feed-forward, the derivative and D act on the
+    deviation from :math:`y_r = r`, so that they add nothing while the device follows the reference;
+    without it, on the reading alone, :math:`y_r = 0`.
 
     Parameters
     ----------
@@ -184,8 +184,8 @@ class FeedforwardPI:
     damping : IntegralResonantControl, default=None
         Object whose ``section(dt)`` returns the coefficients of the filter D.
     drive_limits : {"fit"}, tuple of (float, float) or None, default="fit"
-        Units of the drive. By default those of the compensator, ``drive_limits_``, and none where
-        there is no compensator. None: there are none.
+        Units of the drive. By default those of the compensator, ``drive_limits_``, and none without
+        a compensator. None: no limits.
     kd : float, default=0.0
         Derivative gain, units of the drive per unit of the response, times s.
     filter_time : float, default=None
@@ -193,17 +193,17 @@ class FeedforwardPI:
     setpoint_weight : float, default=1.0
         Weight b of the reference in the proportional part: below 1, steps overshoot less.
     rate_limit : {"fit"}, float or None, default="fit"
-        Fastest change of the drive, its units per s; by default that of the compensator,
-        ``rate_limit_``, and none where there is no compensator. None: none.
+        Largest rate of the drive, its units per s; by default that of the compensator,
+        ``rate_limit_``, and none without a compensator. None: no limit.
     tracking_time : float, default=None
-        Where the drive that acts is known: it is a further column of the rows, that until the
-        present sample, and while it is another than that asked for, by a limit of the amplifier or
-        another controller, the integral part follows it with this time constant in s, at least a
-        sampling interval. With the interval itself, control is taken over without a bump.
+        If the acting drive is known: it is a further column of the rows, up to the present sample.
+        While it differs from the requested drive, because of a limit of the amplifier or of another
+        controller, the integral part follows it with this time constant in s, at least a sampling
+        interval. With the interval itself, control is taken over without a bump.
     start_time : {"fit"} or float, default="fit"
-        Time in s in which the reference is led from the first reading to the one that is given. By
-        default the time that the drive takes through the range of the fit at its fastest rate, and
-        zero where there is no compensator that knows them.
+        Time in s in which the reference moves from the first reading to the given reference. By
+        default the time of the drive through the range of the fit at its largest rate, and zero
+        without a compensator that knows them.
 
     Notes
     -----
@@ -257,28 +257,28 @@ class FeedforwardPI:
         self.start_time = start_time
 
     def stepper(self, dt, reference=0.0, u0=0.0) -> Stepper:
-        """Return the controller as a device that is fed rows, from rest.
+        """Return the controller as a device that is run row by row, from rest.
 
         Parameters
         ----------
         dt : float
             Sampling interval in s.
         reference, u0 : float, default=0.0
-            Response and drive at which the device rests before; with a compensator ``u0`` is the
+            Response and drive at which the device has rested; with a compensator ``u0`` is the
             difference from the compensator's drive.
 
         Returns
         -------
         Stepper
             Its ``step`` takes the row (reference, reading), with a compensator (reference, reading,
-            drive of the compensator), with a ``tracking_time`` the drive that has acted as the last
-            column, and returns the drive until the next sample. The reference is that at the
-            instant of the reading, the compensator's drive that for the next sample.
+            drive of the compensator), with a ``tracking_time`` the acting drive as the last column,
+            and returns the drive until the next sample. The reference is that at the instant of the
+            reading, the compensator's drive that for the next sample.
 
         Raises
         ------
         ValueError
-            If a parameter is not as above, or the notch is not below half the sampling rate.
+            If a parameter is invalid, or the notch is not below half the sampling rate.
         """
         caller = "FeedforwardPI.stepper"
         dt = chosen_interval((), dt, caller)
@@ -339,13 +339,13 @@ class FeedforwardPI:
         return self.filter_time or 0.0
 
     def _rate_limit(self):
-        """Return the fastest change of the drive, its units per s."""
+        """Return the largest rate of the drive, its units per s."""
         if isinstance(self.rate_limit, str):
             return getattr(self.compensator, "rate_limit_", math.inf)
         return math.inf if self.rate_limit is None else self.rate_limit
 
     def _start_time(self):
-        """Return the time in s in which the reference is led to the one that is given."""
+        """Return the time in s in which the reference moves to the given one."""
         if not isinstance(self.start_time, str):
             return self.start_time
         drive = drive_signal(self.compensator)
@@ -363,8 +363,8 @@ class FeedforwardPI:
         dt : float
             Sampling interval in s.
         u0 : float, default=None
-            Drive under which the device rests; by default the first drive of the compensator, or
-            zero without one.
+            Drive at which the device rests; by default the first drive of the compensator, or zero
+            without one.
 
         Returns
         -------
@@ -373,7 +373,7 @@ class FeedforwardPI:
         Raises
         ------
         ValueError
-            If a parameter is not as above, or as in :meth:`stepper`.
+            If a parameter is invalid, or as in :meth:`stepper`.
         """
         caller, wanted = "FeedforwardPI.controlling", "finite numbers, one per sample"
         reference = finite_numbers(reference, caller, "reference", wanted, ndim=1)

@@ -4,10 +4,10 @@ With the states :math:`z` of the linear stages after the hysteresis and of an ad
 
 .. math:: z_k = F z_{k-1} + w_k, \qquad y_k - \hat y_k = H z_k + v_k
 
-where :math:`\hat y` is the free run of the complete model. Through linear dynamics the response to
-the drive and that to everything else add up, so a filter of all states is the free run plus a
-filter of its residual. With the covariance :math:`P` of the states before a reading, from the
-algebraic Riccati equation,
+where :math:`\hat y` is the free run of the complete model. Through linear dynamics the responses to
+the drive and to everything else add up, so a filter of all states is the free run plus a filter of
+its residual. With the covariance :math:`P` of the states before a reading, from the algebraic
+Riccati equation,
 
 .. math:: e_k = y_k - \hat y_k - H F z_{k-1}, \qquad z_k = F z_{k-1} + K e_k, \qquad
    K = P H^T / S, \qquad S = H P H^T + R
@@ -27,7 +27,7 @@ from scipy.optimize import minimize
 from .._jit import jit
 from ..operators import CompiledLaw, CompiledParts, Series, split_disturbances
 
-_ROUNDING = 1e-12  # fraction of the noise's variance; the Riccati equation of a slower walk fails
+_ROUNDING = 1e-12  # fraction of the noise's variance; a slower walk makes the Riccati equation fail
 _ENOUGH = 0.01  # change of -2 log likelihood, or of log variances, at which the search stops
 
 
@@ -123,15 +123,15 @@ class Filter:
 
 
 def foretold(innovating, state, rows, lost):
-    """Return rows whose reading, the last column, is its prediction where it was lost.
+    """Return rows in which lost readings (the last column) are replaced by their prediction.
 
-    The innovation is zero there, so that a filter goes on by what it knows. Its gain is the
-    stationary one, somewhat less than the best one of the next readings.
+    The innovation is zero there, so that the filter continues without it. Its gain is the
+    stationary one, somewhat less than the optimal gain of the next readings.
 
     Parameters
     ----------
     innovating : callable
-        Takes a state; returns a function of rows that gives their innovations and updates it.
+        Takes a state; returns a function of rows that returns their innovations and updates it.
     state : ndarray
         Before the first row; it is changed.
     rows : ndarray of shape (n_samples, n)
@@ -154,7 +154,7 @@ def stages_of(driven):
 def tail_of(operator):
     """Return the linear stages at the end of the driven part of an operator.
 
-    A stage with hysteresis in its equation of motion ends them, as its linear mode without it.
+    A stage with hysteresis in its equation of motion is the first, as its linear mode without it.
     """
     driven, _ = split_disturbances(operator)
     tail = []
@@ -225,7 +225,7 @@ def most_likely(tail, records, given, smallest):
         if 0 in free:
             found[0] = max(found[0], smallest)
         # from n samples, variances that are a smaller fraction of the noise's cannot be estimated,
-        # nor can the noise's where it is a smaller fraction of theirs
+        # nor can the noise's if it is a smaller fraction of theirs
         least = found[0] * np.array([1.0, max(n**-2.0, _ROUNDING) / dt, 1.0 / n])
         found[free] = np.clip(found, least, found[0] * np.array([1.0, n / dt, n]))[free]
         return found
@@ -264,10 +264,10 @@ def _is_linear(stage):
 def driven_by_noise(tail, dt):
     """Return A (n, n), B and C (n,) of stages in series that are driven by white noise, and a std.
 
-    The noise is held between samples. Each state is in units of its own standard deviation, and the
-    output has the standard deviation one, whatever the units of the stages; last returned is the
-    standard deviation of the noise that gives it. Of stages that are not asymptotically stable
-    nothing is returned (n = 0): the random walk stands for their state.
+    The noise is held between samples. Each state is scaled by its own standard deviation, and the
+    output has unit standard deviation, whatever the units of the stages; the last value returned is
+    the corresponding standard deviation of the noise. For stages that are not asymptotically stable
+    n is 0: the random walk represents their state.
     """
     matrices = [stage.discrete(dt) for stage in tail]
     n = sum(len(b0) for _, b0, *_ in matrices)

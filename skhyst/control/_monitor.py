@@ -1,11 +1,11 @@
 r"""Detection of changes of an identified device, and isolation of what has changed.
 
-As long as the device behaves as its model, the innovations of an observer are noise. If this noise
-is coloured in the records of the fit, it will be so in service: the filter that makes it white
+As long as the device behaves like its model, the innovations of an observer are noise. If this
+noise is coloured in the records of the fit, it is assumed to be so in service: the whitening filter
 follows from the autocovariance of these innovations. Sensitivities are finite differences between
-observers of models with one parameter changed a little, through the same filter. The tests on
-both, and their rate of false alarms, are in :mod:`skhyst.control._local_tests`; which parameter
-has changed is found in :mod:`skhyst.control._suspects`.
+observers of models with one parameter changed a little, through the same filter. The tests on both,
+and their rate of false alarms, are in :mod:`skhyst.control._local_tests`; which parameter has
+changed is found in :mod:`skhyst.control._suspects`.
 
 The misfit of a model is known from the records of the fit, for drives like theirs. Blocks in which
 the drive leaves their range or exceeds their rate are not judged.
@@ -46,9 +46,9 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
     false_alarms : float, default=1e-6
         Upper bound of the mean number of alarms per sample while nothing has changed.
     block : int, default=64
-        Number of samples after which each decision is made: about this block, and about the last
-        2, 4, 8, ... blocks, up to as many samples as the fit has seen. In longer stretches the
-        uncertainty of the fit prevails.
+        Number of samples after which each decision is made: about this block, and about the last 2,
+        4, 8, ... blocks, up to as many samples as in the fit. Over longer sums the uncertainty of
+        the fit prevails.
     parameters : sequence of str, default=None
         Names of the parameters that may change, as in ``params_`` of the model; by default all
         parameters of the driven part to which the records of the fit are sensitive.
@@ -65,12 +65,12 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         Whether the last :meth:`update` has raised an alarm.
     suspect_ : tuple of str
         What has changed, the most likely first, followed by what cannot be distinguished from it.
-        ``"gain"`` stands for all linear parameters by the same fraction, ``"offset"`` for a step
-        of the sensor or of another additive disturbance. Empty before the first alarm; samples
-        after an alarm make it more certain, until :meth:`reset`.
+        ``"gain"`` stands for all linear parameters by the same fraction, ``"offset"`` for a step of
+        the sensor or of another additive disturbance. Empty before the first alarm; samples after
+        an alarm make it more certain, until :meth:`reset`.
     judged : bool
         Whether the last block of :meth:`update` was within the range and the rate of the drives of
-        the fit. A block that was not raises no alarm and is not used for ``suspect_``.
+        the fit. Otherwise it raises no alarm and is not used for ``suspect_``.
     misfit_ : float
         Misfit of the model in the records of the fit: its largest energy per sample in the
         directions of the parameters, as a fraction of the variance of the noise; zero where the
@@ -109,8 +109,8 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
     (True, ('time_constant',))
     """
 
-    one_interval = False  # unless its model asks for one
-    _range = -np.inf, np.inf  # of one that was saved when none was kept
+    one_interval = False  # unless its model asks for one interval
+    _range = -np.inf, np.inf  # for a monitor saved by a version without a range
 
     _parameter_constraints = {
         "observer": [HasMethods(["fit", "compiled_step"])],
@@ -130,7 +130,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
 
     @fit_context(prefer_skip_nested_validation=False)
     def fit(self, X, y) -> Self:
-        """Fit the observer where it is not fitted, and the filter, the misfit and the limits.
+        """Fit the observer if it is not fitted, and the filter, the misfit and the limits.
 
         Parameters
         ----------
@@ -208,7 +208,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         Parameters
         ----------
         u : float, or array-like of shape (n_inputs,)
-            Drive, and what else the model reads.
+            Drive, with the further columns that the model reads.
         y : float
             Reading of the sensor.
 
@@ -234,7 +234,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
             self._rows = []
 
     def alarms(self, X, y, return_judged=False) -> np.ndarray:
-        """Return at which samples of records there is an alarm.
+        """Return a mask of the samples of records at which there is an alarm.
 
         Each record begins at rest; samples after its last complete block are not used.
         ``suspect_`` is that of the last record.
@@ -246,7 +246,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         y : array-like of shape (n_samples,)
             Reading of the sensor.
         return_judged : bool, default=False
-            Whether to return which samples are in blocks that were judged, too.
+            Whether to return which samples are in judged blocks, too.
 
         Returns
         -------
@@ -268,7 +268,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
                 own[part, 1] = np.repeat(judged, self.block)
             at = np.flatnonzero(own[:, 0])
             own = own[read]
-            own[:, 0] = False  # at the next row where the last one of a block is lost
+            own[:, 0] = False  # at the next row if the last one of a block is lost
             own[np.searchsorted(np.flatnonzero(read), at), 0] = True
             found.append(own)
         found = np.concatenate(found)
@@ -399,7 +399,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         return found
 
     def _uncertainty(self, name):
-        """Return the standard error of a parameter, 1 where there is none."""
+        """Return the standard error of a parameter, or 1 if it is unknown."""
         std = self.observer_.model_.params_std_.get(name, 1.0)
         return std if 0.0 < std < np.inf else 1.0
 
@@ -422,7 +422,7 @@ class _Columns:
     def run(self, rows, read=None):
         """Return innovations and sensitivities (n_samples, 1 + p) of the next rows.
 
-        Rows that were not read tell nothing.
+        Rows that were not read have no influence.
         """
         columns = np.column_stack([innovations(rows) for innovations in self.innovations])
         columns[:, 1:] = (columns[:, :1] - columns[:, 1:]) / self.steps

@@ -76,7 +76,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
     innovation, innovation_std : float
         Last reading minus its prediction, and the standard deviation of this difference.
     state : ndarray
-        Complete state of observer and model: a copy, which may be stored and assigned again.
+        Complete state of observer and model: a copy, which may be stored and assigned later.
     n_features_in_ : int
 
     See Also
@@ -108,7 +108,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
     0.5
     """
 
-    one_interval = False  # unless its model asks for one
+    one_interval = False  # unless its model asks for one interval
 
     _parameter_constraints = {
         "model": [HasMethods(["fit", "predict"])],
@@ -141,7 +141,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
 
     @fit_context(prefer_skip_nested_validation=False)
     def fit(self, X, y) -> Self:
-        """Fit the model where it is not fitted, and estimate the variances that are not given.
+        """Fit the model if it is not fitted, and estimate the variances that are not given.
 
         Parameters
         ----------
@@ -228,7 +228,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         dt : float, default=None
             Sampling interval in s; by default that of the records of the fit.
         u0 : float or array-like of shape (n_inputs,), default=0.0
-            Drive at which the device rests before.
+            Drive at which the device has rested.
         operator : Operator, default=None
             Used instead of the model's operator, with the same structure and other parameters; the
             filter stays that of the model.
@@ -236,13 +236,13 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         Returns
         -------
         CompiledStep
-            Its input is a row of the drive (and what else the model reads) and the reading, its
-            output is the estimate.
+            Its input is a row of the drive (with the further columns that the model reads) and the
+            reading, its output is the estimate.
 
         Raises
         ------
         ValueError
-            If a parameter is not as above, or ``dt`` is not given and the records of the fit have
+            If a parameter is invalid, or ``dt`` is not given and the records of the fit have
             several sampling intervals.
         """
         check_is_fitted(self)
@@ -251,14 +251,14 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         return self._compiled_step(self._interval(dt), u0, operator)
 
     def stepper(self, dt=None, u0=0.0) -> Stepper:
-        """Return the observer as a device that is fed rows of drive and reading.
+        """Return the observer as a device that is run by rows of drive and reading.
 
         Parameters
         ----------
         dt : float, default=None
             Sampling interval in s; by default that of the records of the fit.
         u0 : float or array-like of shape (n_inputs,), default=0.0
-            Drive at which the device rests before.
+            Drive at which the device has rested.
 
         Returns
         -------
@@ -288,7 +288,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         Parameters
         ----------
         u : float, or array-like of shape (n_inputs,)
-            Drive, and what else the model reads.
+            Drive, with the further columns that the model reads.
         y : float
             Reading of the sensor.
 
@@ -337,10 +337,10 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         return [float(value) for value in compiled_step.read(stream.state)]
 
     def _rows(self, X, y):
-        """Yield (rows of drive and reading, drive, sampling interval in s, what was read).
+        """Yield (rows of drive and reading, drive, sampling interval in s, mask of valid rows).
 
-        ``X`` and ``y`` are as for :meth:`filter`. There is a row for each that was lost, in which
-        the reading is its prediction.
+        ``X`` and ``y`` are as for :meth:`filter`. A lost row is included, with the prediction in
+        place of its reading.
         """
         check_is_fitted(self)
         options = {"reset": False, "dt": interval_of(self.model_), "bridge": True}
@@ -365,7 +365,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
 
     def _compiled_step(self, dt, u0, operator):
         driven, disturbances = split_disturbances(operator)
-        # the filter's gains belong to the model, also where another operator predicts the response
+        # the filter's gains belong to the model, even if another operator predicts the response
         tail, state = tail_of(self.model_.operator_), self.model_.free_run_state
         variances = self.noise_std_**2, self.drift_std_**2, self.process_std_**2
         in_motion = not all(stage.signal_linear for stage in stages_of(driven)[-len(tail) :])
@@ -373,7 +373,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
             law = stationary(tail, dt, *variances)
             model = operator.compiled_step(dt, operator.init(u0, state))
             return CompiledObserver((model, law.compiled_step()), law.variance)
-        # hysteresis within the motion: the uncertainty goes through the steps of the last stages
+        # hysteresis within the motion: uncertainty is propagated through the last stages' steps
         whole = Series(tuple("" for _ in stages_of(driven)), stages_of(driven))
         steps = [
             s.compiled_step(dt, own)

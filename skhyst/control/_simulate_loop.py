@@ -2,7 +2,7 @@
 
 At a sample the response is read, the controller takes the reading and the reference, and its output
 drives the device until the next sample. A row holds the reading, the drive, and the response at the
-end of the interval that this drive holds for.
+end of the interval of this drive.
 """
 
 import math
@@ -37,7 +37,7 @@ class Loop(NamedTuple):
     time : ndarray of shape (n_samples,)
         In s.
     reference, drive, response : ndarray of shape (n_samples,)
-        What is wanted, what the controller asks for, and what the device does.
+        The reference, the output of the controller, and the output of the device.
     reading : ndarray of shape (n_samples,)
         The response with the noise and the delay of the sensor.
     """
@@ -75,23 +75,23 @@ def simulate_loop(
     dt : float
         Sampling interval in s.
     u0 : float, default=None
-        Drive under which the device rests at the first reference; by default that of the
-        controller's feed-forward, or zero.
+        Drive at which the device rests at the first reference; by default that of the controller's
+        feed-forward, or zero.
     noise : float, default=0.0
         Standard deviation of the sensor's noise, units of the response.
     resolution : float, default=0.0
         Quantization step of the sensor, units of the response. 0: none.
     delay : int, default=0
-        Delay of the drive in samples; before, the first drive acts.
+        Delay of the drive in samples; until then, the first drive acts.
     random_state : int, RandomState or None, default=None
         Seed of the noise.
 
     Returns
     -------
     Loop
-        ``time``, ``reference``, ``drive``, ``response``, ``reading``. Always finite: a loop that
-        diverges ends before the first sample at which the reading, the drive or the response is
-        not.
+        ``time``, ``reference``, ``drive``, ``response``, ``reading``. Always finite: a diverging
+        loop ends before the first sample at which the reading, the drive or the response is not
+        finite.
 
     Raises
     ------
@@ -128,7 +128,7 @@ def simulate_loop(
     wanted = "finite numbers, one per sample"
     reference = finite_numbers(reference, caller, "reference", wanted, ndim=1)
     dt = chosen_interval((), dt, caller)
-    own = getattr(device, "dt", None)  # of a stepper, which runs at its interval
+    own = getattr(device, "dt", None)  # of a stepper, which has an interval of its own
     if own is not None and abs(own - dt) > MISMATCH * dt:
         raise ValueError(
             f"The 'dt' parameter of simulate_loop must be that of the device, {own:g} s. Got "
@@ -139,7 +139,7 @@ def simulate_loop(
     drive, response, reading = np.empty((3, n))
     y = float(reference[0])
     for k in range(n):
-        # the reading is the response to the drive until now; the new drive acts from now on
+        # the reading is the response to earlier drives; the new drive acts from now on
         seen = y + errors[k]
         steps = seen / resolution if resolution else math.inf
         reading[k] = resolution * round(steps) if math.isfinite(steps) else seen

@@ -9,9 +9,9 @@ between the neighbours of the best one.
 The parameter :math:`i` with the smallest :math:`R_i` is the first suspect. If in truth :math:`j`
 has changed, :math:`R` with both changed is below :math:`R_j` by a chi-square variable of one degree
 of freedom (Wilks, *Annals of Mathematical Statistics*, 1938), and :math:`R_i` is not below
-:math:`R` with both. So :math:`j` is ruled out where :math:`R_j - R_i` is larger than a quantile of
-it, and reported together with :math:`i` otherwise. If the model is not exact, the variable is
-noncentral: the energy of the misfit adds to the noise, see :mod:`skhyst.control._local_tests`.
+:math:`R` with both. So :math:`j` is ruled out if :math:`R_j - R_i` exceeds a quantile of it, and
+reported together with :math:`i` otherwise. If the model is not exact, the variable is noncentral:
+the energy of the misfit adds to the noise, see :mod:`skhyst.control._local_tests`.
 
 An offset is a step of the reading. Its effect on the innovations is the same at any sample but for
 a shift in time, so its size follows by least squares, and its sample, one of the first block, by
@@ -49,7 +49,7 @@ def smallest_squares(squares, units, values):
 
 
 def squares_after_step(innovations, response, counts, latest):
-    """Return the sum of squared innovations less the step of the reading that explains them best.
+    """Return the sum of squared innovations minus the best-fitting step of the reading.
 
     Parameters
     ----------
@@ -58,9 +58,9 @@ def squares_after_step(innovations, response, counts, latest):
     response : ndarray of shape (n_samples,)
         Response of the innovations to a unit step of the reading at the first sample.
     counts : ndarray of shape (n_samples,)
-        Of bool: the samples of the sum.
+        Mask of the samples of the sum.
     latest : int
-        The step is at one of so many first samples.
+        Number of first samples at which the step may occur.
 
     Returns
     -------

@@ -1,8 +1,8 @@
 r"""The unscented Kalman filter of a stage with hysteresis in its equation of motion.
 
-There the hysteresis follows the motion, so its state is as uncertain as the motion is. Mean and
-covariance of the state are propagated through the compiled step itself, by sigma points: with the
-columns :math:`l_i` of a square root of the covariance, of :math:`m` dimensions including the
+In such a stage the hysteresis follows the motion, so its state is as uncertain as the motion. Mean
+and covariance of the state are propagated through the compiled step itself, by sigma points: with
+the columns :math:`l_i` of a square root of the covariance, of :math:`m` dimensions including the
 input,
 
 .. math:: \bar s, \quad \bar s \pm \sqrt{m + \kappa}\, l_i, \qquad \kappa = \max(3 - m, 0)

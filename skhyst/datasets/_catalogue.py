@@ -13,8 +13,8 @@ from ._test_signals import (
     triangle,
 )
 
-_FACTOR = 3  # between neighbours of the grid, in frequency as in amplitude
-_PERIODS = 2  # of the slowest: the second shows what returns
+_FACTOR = 3  # between neighbours of the grid, in frequency and in amplitude
+_PERIODS = 2  # of the slowest: the second period shows what repeats
 _FASTEST = 10  # samples of a period, at least: the drive is a straight line between them
 _STEPS = 4  # of the slowest programme
 _FEWEST = 64  # samples, in which each of the signals has its form
@@ -25,8 +25,8 @@ def signals_within(drive_limits, duration, dt, *, rate_limit=None) -> dict[str, 
 
     Each form has the full range of the drive and a third of it: in its middle and at either end.
     Periodic ones have frequencies from two periods in the duration to ten samples per period, a
-    factor of three apart. Signals that are too steep are reduced about their middle until they keep
-    the rate; those that are then a ninth of the range or less are left out.
+    factor of three apart. Signals that are too steep are scaled down about their middle to the rate
+    limit; those that then span a ninth of the range or less are left out.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def _shapes(n, dt, rise):
         if 2.0 * rise < hold:
             # the golden ratio spreads levels evenly, with large and small ways between them
             levels = 2.0 * (np.arange(1, count) * 0.5 * (np.sqrt(5.0) - 1.0) % 1.0) - 1.0
-            levels = [0.0, *levels, 0.0]  # what edges take longer is cut off
+            levels = [0.0, *levels, 0.0]  # cut off after the time that edges take longer
             found[f"steps every {hold:.3g} s"] = steps(levels, hold=hold, rise_time=rise, dt=dt)
     for count in (_FACTOR, _FACTOR**2):
         way = 2.0 * count + 3.0  # from rest, and there and back for each curve

@@ -18,7 +18,7 @@ def refuse(function, name, expected, value):
 def number(function, name, value, *, positive=False, negative=True, size=None, shape=None):
     """Return finite numbers as an array, of zero or one dimension, or of ``size`` values.
 
-    ``positive`` refuses zero, ``negative=False`` only what is below; errors name the ``shape``.
+    ``positive`` refuses zero, ``negative=False`` only values below; errors name the ``shape``.
     """
     kind = "positive" if positive else "finite" if negative else "not negative"
     if shape is None:
@@ -64,7 +64,7 @@ def refuse_aliasing(function, name, frequency, dt):
 
 
 def whole(ratio, *, up=False):
-    """Return the next whole number below, or above, but for rounding."""
+    """Return the next whole number below, or above, with a tolerance for rounding."""
     slack = ROUNDING * max(abs(ratio), 1.0)
     return int(np.ceil(ratio - slack) if up else np.floor(ratio + slack))
 

@@ -270,7 +270,7 @@ def _scaled(value, factor):
 
 
 def _wanted(effect, key, value):
-    """Return what a parameter of an effect must be if its value is invalid, else None."""
+    """Return the requirement on a parameter of an effect if its value is invalid, else None."""
     if key in _CHOICES:
         return "" if value in _CHOICES[key] else f"one of {_CHOICES[key]}"
     try:

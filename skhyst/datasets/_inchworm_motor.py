@@ -72,10 +72,9 @@ def walking_drive(
 ) -> pd.DataFrame:
     r"""Return the four voltages that make the inchworm motor walk.
 
-    The pairs of benders take turns: the one that is longer clamps the runner and carries it
-    forward, the other swings back. With the phase :math:`\phi = 2 \pi f t`, the voltages of pair 1
-    are :math:`u_1 = -A \cos \phi` and :math:`u_2 = A \sin \phi`; those of pair 2 lag by half a
-    period.
+    The pairs of benders take turns: the longer one clamps the runner and carries it forward, the
+    other swings back. With the phase :math:`\phi = 2 \pi f t`, the voltages of pair 1 are
+    :math:`u_1 = -A \cos \phi` and :math:`u_2 = A \sin \phi`; those of pair 2 lag by half a period.
 
     Parameters
     ----------
@@ -380,7 +379,7 @@ class _Motor:
 
 
 def _bend(plant, u, step):
-    """Return how far a pair bends, and its hysteresis h_x, in um."""
+    """Return the deflection of a pair, and its hysteresis h_x, in um."""
     loss = _BENDING * plant.send(u, step, "core")
     plant = plant.adapt("gain", peak=np.abs(u).max())
     return plant.send(_BENDING * u - loss, step, "gain", "middle", "dynamics"), loss
@@ -399,7 +398,7 @@ def _read_drive(drive, dt, caller):
     index = drive.index if hasattr(drive, "iloc") else None
     X = pd.DataFrame(values, index, _COLUMNS[: values.shape[1]])
     records = record_slices(X, dt=dt, one_interval=False)
-    if X.index.dtype.kind in "iu":  # rows are counted: times come with the index
+    if X.index.dtype.kind in "iu":  # rows are counted: stack_records makes times
         labels = None if len(records) == 1 else range(len(records))
         X = stack_records([X.to_numpy()[r.rows] for r in records], labels=labels, dt=dt)
         X = X.set_axis(_COLUMNS[: values.shape[1]], axis=1)

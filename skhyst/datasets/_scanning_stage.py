@@ -43,10 +43,10 @@ def load_scanning_stage_parameters() -> Bunch:
 
     Notes
     -----
-    What Steinbusch (2020) calls stiffness k_i and damping c_i is the other way round. The static
-    gain of (4.1) is 0.0243: in um/V, 80 V make a stroke of 3.42 um once creep has settled, which
-    fits the piezo element (at most 8 um at 100 V) and the sensor (2.5 um/V). Since r_1 = 0, a_0 and
-    a_1 multiply the same signal, and only their sum can be identified.
+    The names of Steinbusch (2020), stiffness k_i and damping c_i, are exchanged. The static gain of
+    (4.1) is 0.0243: in um/V, 80 V make a stroke of 3.42 um once creep has settled, which fits the
+    piezo element (at most 8 um at 100 V) and the sensor (2.5 um/V). Since r_1 = 0, a_0 and a_1
+    multiply the same signal, and only their sum can be identified.
 
     References
     ----------
@@ -347,8 +347,8 @@ class _Stage:
 def _vibrate(signal, h, stage, memory=None, **forces):
     """Send a signal through (4.1), a sum of r / (s - p) over its poles p, from rest.
 
-    Each term is advanced exactly for an input that is a straight line within a step. With forces
-    in the equation of motion the first mode is a mass of its own, behind the other poles.
+    Each term is advanced exactly for an input that is straight within a step. With forces in the
+    equation of motion the first mode is a mass of its own, behind the other poles.
     """
     memory = {} if memory is None else memory
     frequency, damping = stage.natural_frequencies[0], stage.damping_ratios[0]

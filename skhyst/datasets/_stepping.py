@@ -1,4 +1,4 @@
-"""A simulated device that is fed its drive sample by sample."""
+"""A simulated device that is run sample by sample."""
 
 import copy
 from typing import Self
@@ -14,7 +14,7 @@ class DeviceStepper:
     Parameters
     ----------
     respond : callable
-        Maps the drive (n_samples, n_inputs) to the response (n_samples,), and goes on from there.
+        Maps the drive (n_samples, n_inputs) to the response (n_samples,), and continues from there.
     u0 : array-like of shape (n_inputs,)
         Drive at which the device has rested.
 

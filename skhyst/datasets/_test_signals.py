@@ -94,7 +94,7 @@ def _programme(function, amplitude, frequency, n_cycles, dt):
     check.refuse_aliasing(function, "frequency", frequency, dt)
     ends = np.concatenate([[0.0], np.cumsum(cycles / frequency)])
     n_samples = check.whole(ends[-1] / dt, up=True)
-    # rounding must not put a sample that starts a stretch at the end of the one before
+    # rounding must not move the first sample of a part to the end of the previous one
     time = dt * np.arange(n_samples)
     stretch = np.searchsorted(ends[1:] / dt * (1.0 - 1e-12), np.arange(n_samples), side="right")
     stretch = np.minimum(stretch, size - 1)

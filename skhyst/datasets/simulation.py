@@ -1,13 +1,14 @@
 """Simulated plants with effects in them: of the devices, of the demo and of the blind study.
 
-A :class:`Plant` is a signal path, a :class:`PlantEffect` what changes in it, or what is added to
+A :class:`Plant` is a signal path; a :class:`PlantEffect` is a change of it, or a signal added to
 its response. Stages of a path are called with a signal of shape (n_samples,) and the interval
-between its samples, and return a signal. The laws below are such; their times count as the interval
-does. A signal is a straight line between its samples, and its first value has stood since all
-dynamics settled, after a first loading from zero. Laws that remember take a ``memory``, a dict that
-is empty where a record begins: with it the next signal goes on where the last one has ended.
+between its samples, and return a signal. The laws below are such stages; their times have the unit
+of the interval. A signal is a straight line between its samples, and its first value has been
+applied until all dynamics settled, after a first loading from zero. Laws with memory take a
+``memory``, a dict that is empty at the beginning of a record: with it the next signal continues
+where the last one has ended.
 
-Nothing here uses the models that find effects: the two share the recording and nothing else.
+Nothing here uses the models that find effects: the two have only the recording in common.
 """
 
 from collections.abc import Callable
@@ -82,16 +83,16 @@ class Plant:
         return Plant({**self.places, place: (*self.places[place], stage)})
 
     def adapt(self, place, law=None, **parameters):
-        """Return the plant with parameters of the one stage of a place set, or another law.
+        """Return the plant with other parameters of the one stage of a place, or another law.
 
         Parameters
         ----------
         place : str
             A key of ``places``, with one stage.
         law : callable, default=None
-            Function of the stage; None: the one that it has.
+            Function of the stage; None: its present one.
         **parameters : object
-            Keyword arguments of the law, in place of those of the stage.
+            Keyword arguments of the law, which replace those of the stage.
 
         Returns
         -------
@@ -103,12 +104,12 @@ class Plant:
         return Plant({**self.places, place: (adapted,)})
 
     def remembering(self):
-        """Return the plant whose stages go on where the signal before has ended.
+        """Return the plant with stages that continue where the last signal has ended.
 
         Returns
         -------
         Plant
-            A copy, for a drive that comes in pieces.
+            A copy, for a drive in consecutive parts.
         """
         return Plant({place: tuple(map(remembers, self.places[place])) for place in self.places})
 
@@ -157,7 +158,7 @@ class Plant:
 
 @dataclass(frozen=True)
 class PlantEffect:
-    """How the plant of each record is changed, and what is added to each response.
+    """Change of the plant for each record, and signal added to each response.
 
     Parameters
     ----------
@@ -168,7 +169,7 @@ class PlantEffect:
     alter : callable, default=None
         Instead, maps the plant of a record and its number to the changed plant.
     beside : list of ndarray of shape (n_samples,), default=[]
-        What is added to the response of each record; empty: nothing.
+        Signal added to the response of each record; empty: none.
     column : (str, list of ndarray of shape (n_samples,)), default=("", [])
         Name and values, record by record, of a further column of X.
     truth : dict, default={}
@@ -193,7 +194,7 @@ class PlantEffect:
         Returns
         -------
         list of Plant
-            One per record; the same where nothing is inserted or altered.
+            One per record; the given one if nothing is inserted or altered.
         """
         if self.alter is not None:
             return [self.alter(plant, number) for number, plant in enumerate(plants)]
@@ -204,7 +205,7 @@ class PlantEffect:
 
 
 def remembers(stage):
-    """Return a stage with a memory of its own, where it can have one."""
+    """Return a stage with a memory of its own, if its law has one."""
     return partial(stage, memory={}) if "memory" in signature(stage).parameters else stage
 
 
@@ -562,7 +563,7 @@ def bouc_wen(h, du, limit, shape):
 
 @lru_cache
 def _flow(w, c, base, step):
-    """Return what takes (x, v, u, u') to x and v a step later."""
+    """Return the matrix that maps (x, v, u, u') to x and v one step later."""
     law = np.zeros((4, 4))
     law[0, 1] = law[2, 3] = 1.0
     law[1] = [-w * w, -c, w * w, c * base]
@@ -583,7 +584,7 @@ def _advance(signal, state, flow, step, pull, forces):
             flow[1, 0] * x + flow[1, 1] * v + flow[1, 2] * u + flow[1, 3] * rate,
         )
         level = 1.0 + (static - 1.0) * np.exp(-((v / fading) ** 2))
-        # the bristles bend by the way, towards the level of sliding
+        # the deflection of the bristles follows the motion, towards the level of sliding
         z = bouc_wen(z, (x - before) / presliding, level, 1.0)
         h = bouc_wen(h, x - before, width, 0.5)
         force = pull * (cubic * x * x * x + friction * z + hysteretic * h / width)
@@ -610,7 +611,7 @@ def oscillate(
     width=1.0,
     memory=None,
 ):
-    """Return the motion x of a mode that a signal u drives, with forces f beside its spring.
+    """Return the motion x of a mode driven by a signal u, with forces f in parallel to its spring.
 
         x'' = w^2 (u - x) + 2 damping w (base u' - x') - w^2 Y f,    w = 2 pi frequency,
         f = cubic (x / Y)^3 + friction z + hysteretic h

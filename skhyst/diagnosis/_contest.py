@@ -460,8 +460,8 @@ class Contest:
         """Whether one candidate can reproduce the response of another, within the noise.
 
         It is fitted to the prediction of the other. If that prediction were the truth, the squared
-        error of the larger model would be the noise that its parameters follow plus the misfit of
-        this fit: the other is nested if the misfit is the smaller part.
+        error of the larger model would grow by the noise that its parameters follow, and by the
+        misfit of this fit: the other is nested if the misfit is the smaller part.
         """
         records = self.records_of(large)
         problem = small.structure.problem(self.records_of(small))

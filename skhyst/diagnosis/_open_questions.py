@@ -92,6 +92,7 @@ def _inverse(gram):
     diagonal = np.diag(gram)
     scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     scaled = gram * np.outer(scale, scale)
+    # the ridge gives directions without information a large, finite variance
     return np.linalg.inv(scaled + 1e-10 * np.eye(len(gram))) * np.outer(scale, scale)
 
 

@@ -75,6 +75,7 @@ class Reference:
         for number in range(FACTOR):
             train = np.flatnonzero(fold != number)
             train = train[:: max(len(train) // ENOUGH, 1)]
+            # a light ridge: lagged features of a smooth reference are nearly collinear
             ridge = Ridge(alpha=1e-3 * len(train)).fit(self._features[train], signal[train])
             found[fold == number] = ridge.predict(self._features[fold == number])
         return found

@@ -99,6 +99,7 @@ class Scene:
             columns = np.stack([np.ones_like(y), output, before])
             columns /= np.linalg.norm(columns, axis=1, keepdims=True) + np.finfo(float).tiny
             gram, right = columns @ columns.T, columns @ y
+            # an output equal to the present one makes columns collinear
             gram[np.diag_indices(3)] *= 1.0 + 1e-12
             if not np.isfinite(gram).all():
                 gram, right = np.eye(3), np.zeros(3)

@@ -123,6 +123,7 @@ def _wiped(u):
 
     Zero if less than a quarter of the record would remain: then the memory is accepted.
     """
+    # noise and rounding keep repeated extremes from the very same value
     near = 1e-3 * np.ptp(u)
     start = max(np.argmax(u >= u.max() - near), np.argmax(u <= u.min() + near))
     return int(start) if 4 * start <= 3 * len(u) else 0
@@ -236,6 +237,7 @@ def _left_by_boxes(x, y, block, rng):
         train = np.flatnonzero(~test)
         if not test.any() or not len(train):
             continue
+        # a light ridge: lagged features of a smooth drive are nearly collinear
         ridge = Ridge(alpha=1e-3 * len(train)).fit(x[train], y[train])
         trees = HistGradientBoostingRegressor(**TREES, random_state=int(rng.integers(2**31)))
         trees.fit(x[train], y[train] - ridge.predict(x[train]))
@@ -320,6 +322,7 @@ def _own(u, r):
     for signal in (u - u.mean(), u - moved(u, 1, u[0])):
         for size in LAGS[4::4]:
             power = past_mean(signal**2, size)
+            # without a floor, a gain would be a quotient of rounding where the signal rests
             floor = 1e-3 * np.mean(signal**2) + np.finfo(float).tiny
             yield past_mean(r * signal, size) / (power + floor) * signal
     yield np.arange(len(r)) / len(r)
@@ -363,6 +366,7 @@ def by_shifted_drive(records, residuals, predictions):
     x = np.concatenate([columns - columns.mean(axis=0) for *_, columns in found])
     scale = x.std(axis=0)
     basis, values, _ = np.linalg.svd(x[:, scale > 0.0] / scale[scale > 0.0], full_matrices=False)
+    # without features that depend linearly on others
     basis = basis[:, values > 1e-6 * values.max(initial=0.0)]
     if not 0 < 2 * basis.shape[1] <= len(basis):  # the drive rests, or the record is too short
         return nothing

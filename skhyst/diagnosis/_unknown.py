@@ -726,6 +726,7 @@ def _errors(site, tree, records):
     scale = np.sqrt(np.diag(gram)[:-1])
     scale[scale == 0.0] = 1.0
     size, axes = np.linalg.eigh(gram[:-1, :-1] / np.outer(scale, scale))
+    # without directions that the data do not determine
     seen = size > 1e-10 * size.max()
     root = axes[:, seen] / np.sqrt(size[seen]) / scale[:, None]
     noise = (gram[-1, -1] - penalty @ np.square(x)) / max(n - len(x), 1.0)

@@ -7,18 +7,18 @@ count everything smooth as structure; of coloured noise they contain only a part
 the held-out error, or the part of it that a black box does not predict.
 
 1. **What is found is structure**, however close to the floor: what repetitions share, what a black
-box predicts, or what follows the drive better than the drive shifted in time (``_structure``), if
-it is significant and matters. The residual is ``unexplained``.
+   box predicts, or what follows the drive better than the drive shifted in time (``_structure``),
+   if it is significant and matters. The residual is ``unexplained``.
 2. Otherwise, if floor and ceiling agree within `min_improvement`, it is ``noise``.
 3. Between them it is ``noise`` if it *can* be, or if repetitions show it, since a misfit repeats.
-It can be noise on these conditions. Its spectrum falls with an exponent below 2: the power of an
-integrated signal, such as drift or creep, grows without bound with the record. Its correlation
-falls to 1/e within a fifth of the drive's period: a response changes as the drive does, that to a
-sine within 0.19 of its period. It is less than three times its innovations: a larger ratio
-resembles a smooth misfit with a little noise (for a first-order process, a correlation of 0.94 per
-sample). A black box predicts less of it than matters, even by chance. And the held-out error is
-less than three times that of the fit, both in blocks and in whole records within the range of the
-others: a larger ratio is not that of stationary noise.
+   It can be noise on these conditions. Its spectrum falls with an exponent below 2: the power of an
+   integrated signal, such as drift or creep, grows without bound with the record. Its correlation
+   falls to 1/e within a fifth of the drive's period: a response changes as the drive does, that to
+   a sine within 0.19 of its period. It is less than three times its innovations: a larger ratio
+   resembles a smooth misfit with a little noise (for a first-order process, a correlation of 0.94
+   per sample). A black box predicts less of it than matters, even by chance. And the held-out error
+   is less than three times that of the fit, both in blocks and in whole records within the range of
+   the others: a larger ratio is not that of stationary noise.
 4. Otherwise it is ``undetermined``, and the advice says what to record.
 
 The limits of the third step are checked by ``benchmarks/verdicts.py``: hardly any white,

@@ -44,7 +44,7 @@ class DisturbanceOperator(Operator):
         Returns
         -------
         ndarray of shape (n_samples, p)
-            A column for each of the p parameters that are no coefficients.
+            A column for each of the p parameters other than coefficients.
         """
         return np.empty((len(time), 0))
 

@@ -149,7 +149,7 @@ _INTEGERS = {
     "last": "0",
     **dict.fromkeys(("guard", "refuses", "refused", "needs", "bits_of_double"), ""),
 }
-_ADDED = (  # by what a program can do besides
+_ADDED = (  # templates by the optional functions of a program
     *("params", "tuned", "tuned_first", "more_declared", "more_defined"),
     *("more_outputs", "more_runs"),
 )
@@ -295,14 +295,14 @@ def to_c(
     :attr:`~skhyst.operators.Stepper.status`: ``name_LIMITED`` if limits have cut the output of a
     compensator or controller, ``name_UNREACHABLE`` if an inverse has found no drive for its
     reference, ``name_EXTRAPOLATED`` if the drive has left the range or the rate of the fit,
-    ``name_REFUSED`` if the input was not finite. The header says what goes in and what comes out,
-    with their units where they are given, and the preview of a compensator. C++ can include it.
+    ``name_REFUSED`` if the input was not finite. The header describes input and output, with their
+    units if they are given, and the preview of a compensator. C++ can include it.
 
     ``name_init_at`` puts the device to rest at another input, where the rest of every part is known
     as a function of it: of memories that one step reaches from rest at zero, and of linear parts.
 
-    Input that is not finite is refused: the state stays as it is, and the output is that of the
-    last sample before, or the response to ``u0`` where there was none. Integers are always finite.
+    Input that is not finite is refused: the state is unchanged, and the output is that of the last
+    accepted sample, or the response to ``u0`` if there was none. Integers are always finite.
 
     Parameters
     ----------
@@ -342,9 +342,9 @@ def to_c(
         ``name_params``, ``name_defaults``, and ``name_configure``, which computes the constants
         that depend on them; the state stays. Not for ``"int32"``.
     form : {"table", "step"}, default="table"
-        ``"step"``: laws that are looked up in tables, as that of Bouc and Wen, are integrated
-        instead, in at most 1.5 kB; the header says how far the response is from that of the model
-        under the drive of the test.
+        ``"step"``: laws with lookup tables, such as Bouc-Wen, are integrated instead, in at most
+        1.5 kB; the header states the deviation of the response from the model's under the drive of
+        the test.
     tolerance : float, default=None
         Error that the test allows in floating point, as a fraction of the range of the response; by
         default as below. Single precision is refused where its error is larger. Laws that need
@@ -378,7 +378,7 @@ def to_c(
     last place. That is much more where the law jumps, or an inverse meets a flat part of its law.
 
     Integer arithmetic saturates: nothing overflows, for any input. A number that grows without
-    bound, such as a count of time, stays at about 4096 times its largest value in the test.
+    bound, such as a time count, saturates at about 4096 times its largest value in the test.
 
     Integers have ``exp``, ``log``, ``pow`` of positive numbers, ``sqrt``, ``tanh``, ``sin``,
     ``cos``, ``expm1``, ``log1p`` and whole powers: laws that need other functions are refused by
@@ -419,7 +419,7 @@ def to_c(
 
 @dataclass(frozen=True)
 class Program:
-    """A program, and what is in it.
+    """A program and its parts.
 
     Parameters
     ----------
@@ -504,7 +504,7 @@ def program(
 
 
 def _range_check(stepper, texts, literal, size, known, eps):
-    """Return the parts of the program that tell whether a signal has left the range of the fit.
+    """Return the parts of the program that detect whether a signal has left the range of the fit.
 
     Parameters
     ----------
@@ -686,14 +686,14 @@ def _are_finite(inputs):
 
 
 def _add(common, templates, **more):
-    """Append what templates make to the parts of the program."""
+    """Append filled templates to the parts of the program."""
     made = {key: template.substitute(common, **more) for key, template in templates.items()}
     for key, text in made.items():
         common[key] += text
 
 
 def _rest(own, expected, printer):
-    """Return what the templates take to begin at rest at another input."""
+    """Return the values of the templates for a start at rest at another input."""
     dialect, row = printer.dialect, own.by_row
     rest = model_step(own.compiled_step, tuned=own.tuned, rules=expected.rules)
     low, high = ([dialect.literal(x) for x in end] for end in expected.ends)

@@ -88,7 +88,7 @@ class Source:
         return self._made(model, level)[0]
 
     def inputs(self, drive):
-        """Return a drive of the test (n_samples, n_inputs), the default where it is None."""
+        """Return a drive of the test (n_samples, n_inputs), the default one for None."""
         if drive is not None:
             return _columns(drive, self.n_inputs)
         part = np.arange(_N_TEST) / _N_TEST  # turning points at many levels, a smooth start
@@ -96,7 +96,7 @@ class Source:
         return _at(self.u0, _N_TEST, self.n_inputs) + swing[:, None] / 1.3
 
     def deviates(self, drive):
-        """Return lines on how far the response without tables is from that of the model."""
+        """Return lines on the deviation of the response without tables from the model's."""
         if self._form == "table":
             return []
         expected = answers(stepper_of(self._model, *self._given, self.u0)[0], drive)
@@ -169,14 +169,14 @@ class Expected:
     ----------
     drive : ndarray of shape (n_samples, n_inputs)
     outputs : list of ndarray of shape (n_samples,)
-        From the first state; from rest at another level where that is known; with other parameters
-        where they can be changed.
+        From the first state; from rest at another level, if that is known; with other parameters,
+        if they can be changed.
     span, tolerance : float
-        Range of the outputs, and the error that is allowed, relative to it.
+        Range of the outputs, and the allowed error, relative to it.
     last : float
         Output before the first sample.
     rules : list of Rule or None
-        How the parts are put to rest, None where that is not known.
+        Rules that put the parts to rest, None if they are not known.
     ends : ndarray of shape (2, n_inputs) or None
         Inputs for which the rules hold.
     level : ndarray of shape (n_inputs,) or None
@@ -215,7 +215,7 @@ def _compacted(stepper):
 
 
 def stepper_of(model, dt, initial_state, u0):
-    """Return a model as a stepper, and the sampling interval, None where it is not known."""
+    """Return a model as a stepper, and the sampling interval, None if it is not known."""
     dt = None if dt is None else chosen_interval((), dt, "to_c")
     finite_numbers(u0, "to_c", "u0", "a finite number, or one for each input")
     if hasattr(model, "stepper"):
@@ -236,7 +236,7 @@ def stepper_of(model, dt, initial_state, u0):
 
 
 def legend(stepper, dt, units):
-    """Return lines that say what goes in and what comes out, and those on the preview.
+    """Return lines that describe input and output, and lines on the preview.
 
     Returns
     -------

@@ -135,7 +135,7 @@ def _by_its_step(operator, dt, control):
     if np.allclose(found, expected, rtol=0.0, atol=_ROUNDING * np.ptp(expected)):
         return system
     # A delay keeps the index into its buffer in the state, so its step is linear in the input only.
-    # The pulse comes after the buffer has filled, since until then the rule may be another.
+    # The pulse comes after the buffer has filled, since until then another rule may apply.
     if compiled_step.n_inputs:
         return None
     pulse = answer(np.eye(1, 3 * n + 3, k=n + 1)[0])[n + 1 :]

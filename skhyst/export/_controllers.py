@@ -1,10 +1,10 @@
 """Run exported programs on emulated controllers; their memory and time.
 
 Each target has a compiler and an emulator. The firmware takes one sample from the host, makes one
-step and returns the output, the status and the instructions that the step has taken. QEMU counts
-instructions (``-icount``): each takes 2^6 ns of the time that the controller's timer shows. For AVR
-simavr counts them and their cycles, in a program that is built for the firmware (``avr.c``). On
-x86-64 the processor's trap flag counts instructions, and nothing is emulated.
+step and returns the output, the status and the number of instructions of the step. QEMU counts
+instructions (``-icount``): each takes 2^6 ns on the controller's timer. For AVR, simavr counts
+instructions and cycles, in a program that is built for the firmware (``avr.c``). On x86-64 the
+processor's trap flag counts instructions, without emulation.
 """
 
 import re
@@ -18,10 +18,10 @@ from string import Template
 import numpy as np
 import pandas as pd
 
-_SYNC = b"\x55"  # before the first sample: what has come before it is not read
-_SAMPLES = 100  # of the test's drive, that are run for the time
+_SYNC = b"\x55"  # before the first sample: earlier bytes are not read
+_SAMPLES = 100  # of the test's drive, with which the time is measured
 _FLAGS = ("-std=gnu99", "-Os", "-ffunction-sections", "-fdata-sections", "-fno-common")
-# QEMU writes the segments of a program where they are to be: there is nothing to copy at the start
+# QEMU loads the segments of a program to their addresses: nothing is copied at the start
 _BARE = (
     *("-nostartfiles", "--specs=nosys.specs", "-Wl,-e_start,--gc-sections,-uvectors"),
     "-Wl,--section-start=.vectors=0,-Ttext=0x100,-Tdata=0x20000000",
@@ -39,7 +39,7 @@ _NUMBERS = {"double": np.float64, "float": np.float32, "int32_t": np.int32}
 
 @dataclass(frozen=True)
 class _Target:
-    """A controller: its compiler, how to link for it, what runs it, ticks of an instruction.
+    """A controller: its compiler, options for linking, its emulator, ticks per instruction.
 
     The emulator is built first where ``built`` is the command for it.
     """
@@ -52,7 +52,7 @@ class _Target:
     built: tuple = ()
 
     def compile(self, folder, source, *more):
-        """Compile a source in a folder; return whether it was accepted, and what was said."""
+        """Compile a source in a folder; return whether it succeeded, and the messages."""
         command = [self.compiler, *_FLAGS, *self.options, *more, str(source)]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
         return done.returncode == 0, done.stderr
@@ -243,9 +243,9 @@ int main(void)
 class EmulatedController:
     """A program of :func:`to_c` that runs on an emulated controller, sample by sample.
 
-    It takes the place of the stepper of the model, as in
-    :func:`~skhyst.control.simulate_loop`: the processor in the loop is another one. Use it in a
-    ``with`` statement, or close it. It needs a compiler and an emulator: ``apt-get install
+    It replaces the stepper of the model, as in :func:`~skhyst.control.simulate_loop`: the loop then
+    contains the emulated processor. Use it in a ``with`` statement, or close it. It needs a
+    compiler and an emulator: ``apt-get install
     gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm`` for Cortex-M, ``gcc-avr avr-libc
     simavr libsimavr-dev libelf-dev`` for AVR; programs for x86-64 run on the processor itself.
 
@@ -265,8 +265,8 @@ class EmulatedController:
     instructions : float
         That the last step has taken, to about one.
     cycles : float
-        Of the clock, that the last step has taken; NaN where the emulator does not know them: it
-        does on AVR.
+        Clock cycles of the last step; NaN if the emulator does not count them: only that of AVR
+        does.
 
     Raises
     ------
@@ -435,7 +435,7 @@ def program_sizes(folder, name) -> pd.DataFrame:
 
 
 def _time(source, target):
-    """Return the instructions and cycles of a step, None where they are not known."""
+    """Return the instructions and cycles of a step, None if they are not known."""
     counts = []
     try:
         with EmulatedController(source.parent, source.stem, target) as controller:
@@ -458,7 +458,7 @@ def _test_inputs(source):
 
 
 def _size(source, target):
-    """Return flash, state and stack in bytes, None where they are not known."""
+    """Return flash, state and stack in bytes, None if they are not known."""
     unknown = dict.fromkeys(("flash", "state", "stack"))
     if shutil.which(target.compiler) is None:
         return unknown

@@ -43,7 +43,7 @@ class Expression:
 
     @property
     def value(self):
-        """The number, where it is known, else None."""
+        """The number, if it is known, else None."""
         return self.args[0] if self.op == "const" else None
 
     def __add__(self, other):

@@ -391,7 +391,7 @@ class FixedText(FunctionText):
         own = self._common(a)
         base = text = self._fitted(a, own)[0]
         bits = _BITS - MARGIN
-        digits_of = own  # of the power so far: for the largest base its power has as many bits
+        digits_of = own  # of the power so far: that of the largest base has as many bits
         for power in range(2, n + 1):
             wanted = bits - power * (bits - own)
             text = self._helper("product", text, base, digits_of + own - wanted)

@@ -168,7 +168,7 @@ def to_fmu(
 
 
 def _configure(name, entries):
-    """Return the body of the function that puts the parameters in force."""
+    """Return the body of the function that applies the parameters."""
     if not entries:
         return "    (void)it;\n    return OK;\n"
     lines = [f"    {name}_params to;\n"]

@@ -193,7 +193,7 @@ class Interpreter:
         sides = statement.orelse, statement.body
         works = [self._block(side, frame) for side in sides]
         places = [(frame, id(statement), held) for held in (False, True)]
-        # what would run instead: with the statements after it, where the other side leaves
+        # the other branch: with the later statements, if it leaves the block
         instead = [
             self._later((*sides[held], *rest) if _leaves(sides[not held]) else sides[held], frame)
             for held in (False, True)
@@ -337,7 +337,7 @@ def _tuple(values):
 
 
 def _then(value, *functions):
-    """Return an expression whose value goes through functions; None is left out."""
+    """Return a function applied to the result of another; None is skipped."""
     for function in functions:
         if function:
             value = _composed(function, value)

@@ -273,7 +273,7 @@ class FunctionText:
         return f"{pad}{text}\n"
 
     def _put(self, x, place):
-        """Return the text of what is put to a variable, by its name, or to a result, by number."""
+        """Return the text that assigns to a variable, by its name, or to a result, by number."""
         return self._text(x)
 
     def _call(self, part, args, outs, path):

@@ -1,6 +1,6 @@
 """Run a step to find the largest value of each number, and the branches that are taken.
 
-A branch that no sample takes is tried on a copy of the variables wherever it is passed by, so that
+A branch that no sample takes is tried on a copy of the variables wherever it is skipped, so that
 the sizes of its numbers are known, too. If such a trial fails, the branch has no sizes.
 """
 
@@ -107,7 +107,7 @@ class Ranges(Interpreter):
         Returns
         -------
         bool
-            Whether the samples were accepted; else nothing has changed.
+            Whether the samples were accepted; if not, the state is unchanged.
         """
         before = self.memory()
         known, tried = self._seen, self._tried
@@ -274,7 +274,7 @@ def explore(ranges, counts, units, spare, answers):
     ends : ndarray of shape (2, n_inputs)
         Limits of the input.
     """
-    unit, allowed = units[0], 0.25 * units[1]  # a quarter of what the test allows
+    unit, allowed = units[0], 0.25 * units[1]  # a quarter of the tolerance of the test
     drive, rounded = unit * counts, _Rounded(ranges, spare)
     rounded.agrees(drive, answers(drive), math.inf)
     ranges.take_back(set(rounded.led))

@@ -2,9 +2,9 @@
 
 A part without dynamics of its own, such as a hysteresis, is at rest at an input after one step to
 it from the state at rest at zero: its memory is that of a first loading. The states of a linear
-part at rest are affine in its input, and a step there leaves them. Which of the two holds is tried
-for each part, and kept only if a device that begins so answers as one that the model itself has put
-to rest.
+part at rest are affine in its input, and a step at this input does not change them. Both are tried
+for each part, and kept only if a device with such an initial state responds like one that the model
+itself has put to rest.
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ _FAILED = (ArithmeticError, ValueError, TypeError, NotImplementedError, IndexErr
 
 @dataclass(frozen=True)
 class Rule:
-    """How one part is put to rest at its input ``v``.
+    """Rule that puts one part to rest at its input ``v``.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class Rule:
     slope: np.ndarray | None = None
 
     def agrees(self, other):
-        """Whether another rule puts the part to the same states."""
+        """Whether another rule leads to the same states."""
         if (self.slope is None) != (other.slope is None):
             return False
         a, b = (np.append(r.first, [] if r.slope is None else r.slope) for r in (self, other))
@@ -80,7 +80,7 @@ def parts_at_rest(compiled_step, u):
 
 
 def rest_rules(at_rest, drive):
-    """Return how each part is put to rest, and the range of the input for which that holds.
+    """Return the rule that puts each part to rest, and the range of the input for which it holds.
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ def _rule(visits):
 
 
 def _is_one_step(first, visit):
-    """Whether one step from the first state leads to the other: by what the part answers then."""
+    """Whether one step from the first state leads to the other, judged by later responses."""
     s = first.state.copy()
     visit.step(visit.v, visit.constants, s)
     size = np.max(np.abs(np.asarray(visit.v) - np.asarray(first.v)))
@@ -196,7 +196,7 @@ def _is_one_step(first, visit):
 
 
 def _begins_equally(stepper, other, level, size):
-    """Whether two devices at rest at a level answer alike."""
+    """Whether two devices at rest at a level respond equally."""
     row = stepper.compiled_step.n_inputs is not None
     for walk in _walks((len(size),)):
         u = level + size * walk

@@ -1,7 +1,7 @@
 """Error of a step in single precision: it is run with each number rounded, and compared.
 
-If a law has fading memory, rounding errors stay small. If it has not, as in an unstable recursion,
-or if nearly equal numbers are subtracted, they may become as large as the response.
+If a law has fading memory, rounding errors stay small. Otherwise, as in an unstable recursion, or
+if nearly equal numbers are subtracted, they may become as large as the response.
 """
 
 import numpy as np
@@ -47,7 +47,7 @@ def check_single(model, state, drive, outputs, span, tolerance, tuned=()):
     Raises
     ------
     ValueError
-        With the step that has the largest error by itself, the error and the sample.
+        With the step that has the largest error of its own, the error and the sample.
     """
     error, n = _lost(_Single(model, state, tuned), drive, outputs, tolerance * span)
     if error <= tolerance * span:

@@ -47,7 +47,7 @@ _FUNCTIONS = {  # of the standard
     **{"abs": "ABS", "min": "MIN", "max": "MAX", "**": "EXPT", "math.pow": "EXPT"},
 }
 _EAGER = {*_SYMBOLS, "neg", "not", "abs", "min", "max"} - {"/"}  # these never fail
-# what the standard does not have: parameters, variables, and statements for the result {n}
+# replacements for missing functions: parameters, variables, and statements for the result {n}
 _HELPERS = {
     "//": (
         "quotient : DINT",
@@ -89,7 +89,7 @@ _HELPERS = {
         "        {n} := {n} * x;\n    END_IF\n    i := i / 2;\n    IF i > 0 THEN\n"
         "        x := x * x;\n    END_IF\nEND_WHILE",
     ),
-    # Kahan: rounding of e^a is undone by the logarithm of what it became
+    # Kahan: the logarithm of the rounded e^a cancels its rounding error
     "math.expm1": (
         "expm1 : {t}",
         "a : {t}",
@@ -169,8 +169,8 @@ def to_structured_text(
 
     One call of the block is one sample: it takes ``u`` and gives ``y``, and a flag for each
     condition of :func:`to_c` that can hold: ``limited``, ``unreachable``, ``extrapolated``,
-    ``refused``. While ``init`` is true it is put to its first state; while ``init_at`` is, to rest
-    at ``u``, where that is known. Call it from a task whose cycle is the sampling interval.
+    ``refused``. While ``init`` is true it is in its first state; while ``init_at`` is true, at rest
+    at ``u``, if that is known. Call it from a task whose cycle is the sampling interval.
 
     Parameters
     ----------
@@ -204,10 +204,10 @@ def to_structured_text(
 
     Notes
     -----
-    The text keeps to what TwinCAT 3 and CODESYS V3 share. Of laws in plain arithmetic the numbers
-    are those of C and Python to the last digit. ``expm1``, ``log1p`` and ``tanh``, which the
-    standard does not have, are made of ``EXP`` and ``LN`` and are right to some units of the last
-    digit.
+    The text uses the common subset of TwinCAT 3 and CODESYS V3. For laws in plain arithmetic its
+    numbers equal those of C and Python to the last digit. ``expm1``, ``log1p`` and ``tanh``, which
+    the standard does not have, are computed from ``EXP`` and ``LN``, with an error of some units of
+    the last digit.
 
     References
     ----------
@@ -301,7 +301,7 @@ class _Printer:
         return self._dialect.digits(min(max(x, -largest), largest)).upper()
 
     def literal(self, x, kind="real"):
-        """Return a constant as in an expression, with the type where it is not the usual one."""
+        """Return a constant for an expression, with its type if that is not the usual one."""
         if kind != "real":
             return str(x).upper()
         sign, digits = ("-" if math.copysign(1.0, x) < 0.0 else ""), self.number(abs(x))

@@ -153,7 +153,7 @@ def entries_of(model, tunable):
             )
 
     def tuned(values):
-        # what is zero may be left out of a step, which others then do not have the structure of
+        # a constant of zero may be omitted from a step, which then has another structure
         values = np.where(np.equal(values, 0.0), np.finfo(float).tiny, values)
         if operator is None:
             other = copy.copy(model)
@@ -196,7 +196,7 @@ def _entry(name, spec, value, own, largest=None, wanted=None):
 
 
 def _operator(model):
-    """Return the operator whose parameters those of a model are, None if it has none."""
+    """Return the operator with the parameters of a model, None if it has none."""
     if hasattr(model, "entries"):
         return model
     for name in ("operator_", "model_"):
@@ -335,7 +335,7 @@ def _fit_series(own, left, constants_of, checked, expected, size):
                 "The 'tunable' parameter of to_c must be parameters on which constants depend "
                 f"smoothly within their ranges. Got {names} instead: choose narrower ranges."
             )
-        # what rounding alone has made of the last coefficients is left out
+        # coefficients that are only rounding are left out
         small = (np.abs(table) / scale[:, None, None]).max(axis=0) < 1e-16
         rows, columns = (np.flatnonzero(~small.all(axis=axis)) for axis in (1, 0))
         table = table[:, : rows.max(initial=0) + 1, : columns.max(initial=0) + 1]
@@ -396,7 +396,7 @@ def _places(layout, varying):
 
 
 def configuration(name, entries, own, dialect, others):
-    """Return what the templates of the program take for its parameters.
+    """Return the template values of the program's parameters.
 
     Parameters
     ----------

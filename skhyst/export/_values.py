@@ -91,10 +91,10 @@ class Values(ABC):
         self._kinds = {}
 
     def _begin(self):
-        """Discard what has been read, except the kinds of variables."""
+        """Discard the reading so far, except the kinds of variables."""
         self._env, self._c_names = {}, {}
         self._head, self._block, self._writes, self._conditional = [], [], set(), 0
-        self._n_writing = 0  # calls so far that write to arrays
+        self._n_writing = 0  # number of calls so far that write to arrays
 
     @abstractmethod
     def _function(self, function, *signatures):

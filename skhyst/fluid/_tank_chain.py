@@ -117,7 +117,7 @@ def tank_step(u, c, s):
 
 @jit
 def tank_begin(u, c, s):
-    """Do :func:`tank_step` where no drive leads to the first sample.
+    """Do :func:`tank_step` if no drive precedes the first sample.
 
     ``s`` ends with a mark that is zero before it.
     """
@@ -238,7 +238,7 @@ class TankChainOperator(HeldInput):
     shares : array-like of shape (n_tanks - 1,), optional
         :math:`\kappa`: fraction of its overflow that a tank passes on, 0 to 1.
     drive_offset : float, default=0.0
-        :math:`u_0`: drive up to which nothing flows, units of the drive.
+        :math:`u_0`: drive below which there is no flow, units of the drive.
     gain, intercept : float, default=1.0, 0.0
         Change of the response from level 0 to 1 of the last tank, and response if it is empty,
         units of the response.
@@ -504,7 +504,7 @@ class TankChain(ParametricModel):
     fit_exponents : bool, default=False
         Whether the exponents are fitted, one per tank; otherwise they are 1/2.
     fit_offset : bool, default=True
-        Whether the drive up to which nothing flows is fitted; otherwise it is 0.
+        Whether the drive below which there is no flow is fitted; otherwise it is 0.
     fit_intercept : bool, default=True
         Whether the reading of an empty tank is fitted; otherwise it is 0.
     hold : {"foh", "zoh"}, default="foh"

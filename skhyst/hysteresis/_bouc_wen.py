@@ -9,8 +9,8 @@ while the hysteretic part is loaded and negative while the last branch is unload
 and ``phi(w) = int_0^w dx / f(x)``. The curve from ``w = -1`` to ``w = 1`` is cut at fixed values
 of ``w``: ``phi`` there comes from Gauss-Legendre quadrature, and the cells between carry Hermite
 polynomials through the values and the derivatives, which ``f`` gives. A sample then costs one
-polynomial, whatever the exponent and the length of the step; at a reversal Newton's method finds
-the position on the curve. There is no step size, and no exponent is a special case.
+polynomial, for any exponent and length of the step; at a reversal Newton's method finds the
+position on the curve. There is no step size, and no exponent is a special case.
 
 The cells shrink like a power of the distance towards ``w = 0``, where the curve has a term
 ``|phi|^(n+1)``, and towards ``w = 1``, which it approaches exponentially. For exponents from 1 to
@@ -270,6 +270,7 @@ def find(level, first, end, below, above, curve, cell_at):
     for _ in range(8):
         step = (level - polynomial(curve, cell, x)) / slope_of(curve, cell, x)
         x += step
+        # the error after Newton's step is about its square: below rounding
         if abs(step) < 1e-8:
             break
     return cell, min(max(x, 0.0), 1.0)

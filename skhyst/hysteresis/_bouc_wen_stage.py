@@ -53,8 +53,8 @@ _ITERATIONS = 60
 _CLOSE = 1e-8  # relative Newton step; its square, the next error, is below rounding
 # step of the first loading over its shortest decay length; least and most steps
 _PART, _FEWEST, _MOST = 0.05, 32, 100_000
-# slope of the force over the load at which the first loading has saturated, in units of what the
-# rounding of the force makes of it
+# slope of the force over the load at which the first loading has saturated, relative to the
+# rounding of the force
 _SETTLED = 1e-14
 _RHO, _LEVEL, _SHAPE, _EXPONENT = range(OWN + 2, OWN + 6)  # columns of the derivatives
 

@@ -49,9 +49,8 @@ def in_direction(starts, records, fixed, initial_state):
     """Return the starts of the direction and form in which the linear parameters fit best.
 
     Weights of one sign follow the drive in one direction. ``starts`` are of several forms, the
-    first the one that is expected. Another one than that, or its mirror image, is put in front
-    where it explains more than as many linear parameters do by chance, which is the mean square of
-    the residual for each.
+    expected one first. Another form, or a mirror image, is put in front if it explains more than as
+    many linear parameters do by chance, which is one mean square of the residual for each.
     """
     if not getattr(starts[0], "non_negative", True):
         return starts
@@ -68,9 +67,9 @@ def in_direction(starts, records, fixed, initial_state):
 
 
 def as_fine_as_needed(starts, records, fixed, initial_state):
-    """Return a start with as many terms as predict best what is held out, where they stand best.
+    """Return a start with the number and positions of terms that predict best out of fold.
 
-    It is that of the first start; see :func:`skhyst.optimize.exchanged`.
+    It has the structure of the first start; see :func:`skhyst.optimize.exchanged`.
     """
     records, folds = block_folds(records)
     place = Alone(starts[0], records, fixed, initial_state)
@@ -103,7 +102,7 @@ def half_range(records):
 
 
 def largest_drive(records):
-    """Return the largest magnitude of the drive, 1 where it is zero throughout."""
+    """Return the largest magnitude of the drive, 1 for a drive of zero."""
     return max(float(np.abs(record.u).max()) for record in records) or 1.0
 
 
@@ -128,7 +127,7 @@ def speed_noise(records, smoothing=1):
     It follows from fifth differences of the drive in the quiet parts of the records, where a
     smooth motion contributes almost nothing. 0 if the records are too short.
     """
-    # standard error of a least-squares slope per unit of noise and sampling interval
+    # standard error of a least-squares slope, relative to noise over sampling interval
     slope = np.sqrt(12.0 / (smoothing * (smoothing + 1) * (smoothing + 2)))
     found = [0.0]
     for record in records:

@@ -79,7 +79,7 @@ class CoulombFrictionOperator(Operator):
     smoothing : int, default=1
         Sampling intervals over which the velocity is estimated. Fixed structure.
     motion : {"displacement", "velocity"}, default="displacement"
-        What the drive is. For a velocity there is no stiffness, and the units of ``v_0``, ``v_s``
+        Kind of the drive. With a velocity there is no stiffness, and the units of ``v_0``, ``v_s``
         and ``d`` are those of the drive, without 1/s. Fixed structure.
 
     Raises
@@ -228,8 +228,8 @@ class CoulombFriction(FrictionModel):
         Sampling intervals over which the velocity is estimated by a least-squares slope, which lags
         by half of them; 1 is the backward difference.
     motion : {"displacement", "velocity"}, default="displacement"
-        What the drive is: a displacement, whose velocity is estimated, or the velocity itself, as
-        of a tachometer. There is no stiffness then.
+        Kind of the drive: a displacement, whose velocity is estimated, or the velocity itself, such
+        as from a tachometer. Then there is no stiffness.
 
     Attributes
     ----------

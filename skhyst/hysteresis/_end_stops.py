@@ -165,7 +165,7 @@ class EndStopsOperator(OscillatorOperator, loops=(*loops(impact), end_stops_tang
         stop.
     lower, upper : float, default=-inf, inf
         Positions of the stops, units of the drive: the static drive that just reaches them. An
-        infinite one is no stop and is not identified. Stops that overlap clamp the stage.
+        infinite one means no stop and is not identified. Stops that overlap clamp the stage.
 
     Notes
     -----
@@ -227,7 +227,7 @@ class EndStopsOperator(OscillatorOperator, loops=(*loops(impact), end_stops_tang
 
     @property
     def presliding_displacement(self):
-        """None: a stop is no friction."""
+        """None: a stop has no friction."""
         return None
 
     def fastest_rate(self):

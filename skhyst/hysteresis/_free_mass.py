@@ -1,10 +1,10 @@
-r"""Mass without a spring: what a force moves, against friction and between stops.
+r"""Mass without a spring, driven by a force against friction and between stops.
 
 With the displacement x, the velocity v and the force u,
 
     m x'' + d(v) x' + F(v) + k_3 (x - x_0)^3 + S(x, v) = u + u_0 + r t,
 
-where F is Coulomb friction: ``F = s F_s`` in sliding, ``s = sgn(v)``, and what balances the other
+where F is Coulomb friction: ``F = s F_s`` in sliding, ``s = sgn(v)``, and the balance of the other
 forces at rest, as long as these are below ``q (F_c + F_d)``,
 
     F_s = q [F_c (1 + s a) + F_d exp(-(v / v_s)^2)],    d = d_0 (1 + s b),
@@ -56,9 +56,9 @@ _HALVINGS = 80  # of an interval, down to rounding
 _TOLERANCE = 1e-15
 _C4, _C5, _C6, _C7, _C8, _C9 = (1.0 / math.factorial(k) for k in range(4, 10))
 _LARGEST = 1e50  # displacement beyond which a run has diverged; squares of it do not overflow
-_SERIES = 0.1  # below it the quotients cancel
-# what a substep depends on, rows of its derivatives: the force at both ends, friction of sliding
-# and of sticking forward and backward, damping forward and backward, mass
+_SERIES = 0.1  # below it the quotients suffer from cancellation
+# quantities that a substep depends on, rows of its derivatives: the force at both ends, friction of
+# sliding and of sticking forward and backward, damping forward and backward, mass
 _START, _END, _AHEAD, _BACK, _STUCK_AHEAD, _STUCK_BACK, _DAMP_AHEAD, _DAMP_BACK, _MASS = range(9)
 
 
@@ -92,7 +92,7 @@ def stop_time(h, q, v, a, j, sign):
         if sign * least > 0.0:
             return -1.0
         high = turn
-    elif v == 0.0:  # it has left zero, and comes back behind its largest value
+    elif v == 0.0:  # it has left zero, and returns after its largest value
         if not (turn > 0.0 and turn < h):
             return -1.0
         low = turn
@@ -117,7 +117,7 @@ def stop_time(h, q, v, a, j, sign):
 
 @jit
 def direction(v, free, force, slope, stuck_ahead, stuck_back):
-    """Return the direction of the motion that goes on or begins; zero where the mass sticks.
+    """Return the direction of the motion that continues or begins; zero if the mass sticks.
 
     ``free`` is the direction in which it has just broken away, or zero.
     """
@@ -131,14 +131,14 @@ def direction(v, free, force, slope, stuck_ahead, stuck_back):
         return 1.0
     if force < -stuck_back:
         return -1.0
-    if stuck_ahead + stuck_back == 0.0:  # nothing holds it
+    if stuck_ahead + stuck_back == 0.0:  # there is no friction
         return 1.0 if slope >= 0.0 else -1.0
     return 0.0
 
 
 @jit
 def breakaway_time(h, start, slope, stuck_ahead, stuck_back):
-    """Return when in a substep the force reaches what holds the mass; the end if it is constant."""
+    """Return when in a substep the force exceeds friction; the end if it is constant."""
     level = stuck_ahead if slope > 0.0 else -stuck_back
     return (level - start) / slope if slope != 0.0 else h
 
@@ -214,8 +214,8 @@ def flow_tangents(t, q, v, a, j, speed):
 def move_tangents(h, start, end, friction, x, v, by, d, dnow):
     """Do :func:`move`, and carry the derivatives ``d`` (2, n) of x and v along.
 
-    ``by`` (9, n) are those of what the substep depends on, ``dnow`` (n,) is workspace for those of
-    the time within it.
+    ``by`` (9, n) are the derivatives of the quantities that the substep depends on, ``dnow`` (n,)
+    is workspace for those of the time within it.
     """
     ahead, back, stuck_ahead, stuck_back, damp_ahead, damp_back, mass = friction
     slope = (end - start) / h
@@ -302,7 +302,7 @@ def spring(x, v, cubic, center, stiffness, damping, lower, upper):
 
 @jit
 def resistance(law, curve, factor):
-    """Return what :func:`move` takes as friction, for a value of the Stribeck curve."""
+    """Return the friction arguments of :func:`move` for a value of the Stribeck curve."""
     mass, damping, b, coulomb, a, more = law[:6]
     coulomb, more = factor * coulomb, factor * more
     ahead, back, now = coulomb * (1.0 + a), coulomb * (1.0 - a), more * curve
@@ -388,7 +388,7 @@ _M, _D, _B, _FC, _A, _FD, _VS, _K3, _X0, _KS, _DS, _LOWER, _UPPER, _U0, _R, _C, 
 
 @jit
 def friction_tangents(law, curve, dcurve, factor, dfactor, by):
-    """Write the derivatives of what :func:`resistance` returns to ``by``.
+    """Write the derivatives of the values of :func:`resistance` to ``by``.
 
     ``dcurve`` (n,) are those of the value of the Stribeck curve, ``dfactor`` (n,) those of the
     factor; the own ones come last.
@@ -542,10 +542,10 @@ class FreeMassOperator(HeldInput):
     stop_damping : float, default=0.0
         ``d_s`` of the end stops, drive s/response.
     lower, upper : float, default=-inf, inf
-        Responses at the stops. An infinite one is no stop and is not identified, nor stiffness and
-        damping where both are.
+        Responses at the stops. An infinite one means no stop and is not identified; stiffness and
+        damping are not if both are infinite.
     force_offset : float, default=0.0
-        ``u_0``: constant force beside the drive, units of the drive.
+        ``u_0``: constant force added to the drive, units of the drive.
     force_drift : float, default=0.0
         ``r``: rate at which it grows with the time since the first sample, drive/s.
     friction_gradient : float, default=0.0
@@ -646,7 +646,7 @@ class FreeMassOperator(HeldInput):
 
     @property
     def signal_linear(self):
-        """Whether nothing but mass, damper and constant forces acts."""
+        """Whether only mass, damper and constant forces act."""
         forces = self.friction, self.stribeck_force, self.damping * self.damping_asymmetry
         return not (any(forces) or self._is_placed)
 
@@ -754,7 +754,7 @@ class FreeMassOperator(HeldInput):
         return found
 
     def fastest_rate(self, reach=0.0):
-        """Return the fastest rate of what is not exact in one substep, rad/s.
+        """Return the fastest rate of the dynamics that are not exact in one substep, rad/s.
 
         Parameters
         ----------
@@ -780,11 +780,11 @@ _ADDS_UP = "a mass without a spring, which adds up what every sample is rounded 
 _STARTING = (3, 10, 30, 100)  # samples from which a velocity at the start is estimated
 
 
-_SLOW = (0.02, 0.1)  # velocities taken for rest, over the root mean square velocity
+_SLOW = (0.02, 0.1)  # velocities counted as rest, relative to the root mean square velocity
 _SPEEDS = (0.05, 0.15, 0.5)  # starting Stribeck velocities over it
 _ENDS = (0.6, 0.75, 0.9, 0.97)  # starting stops, fractions of the response's half range
 _STIFF = 10.0  # starting stops: force at full depth over the half range of the drive
-_LITTLE = 0.05  # a new force of a start, over the root mean square of the drive
+_LITTLE = 0.05  # a new force of a start, relative to the root mean square of the drive
 _PIECES = (16, 4)  # of a record, each with a start of its own
 _FEWEST = 40  # least samples of a piece
 _N_STARTS = 12
@@ -839,11 +839,11 @@ class FreeMass(ParametricModel):
     fit_stop_damping : bool, default=False
         Whether the damping of the stops is fitted (0 otherwise).
     fit_force_offset : bool, default=True
-        Whether there is a constant force beside the drive, such as a weight or an amplifier's
-        offset (0 otherwise).
+        Whether there is a constant force in addition to the drive, such as a weight or an
+        amplifier's offset (0 otherwise).
     fit_force_drift : bool, default=False
-        Whether it grows with the time since the first sample of a record, as that of an amplifier
-        that warms up (0 otherwise).
+        Whether that force grows with the time since the first sample of a record, as the offset of
+        an amplifier that warms up (0 otherwise).
     fit_intercept : bool, default=True
         Whether the response at the first sample of the records is fitted (0 otherwise). With
         ``initial_state="estimate"`` each record has its own.
@@ -874,13 +874,13 @@ class FreeMass(ParametricModel):
     --------
     FrictionStage : With a spring.
     skhyst.linear.DynamicStiffness : From displacement to force.
-    skhyst.linear.TransferFunction : Poles at zero beside others.
+    skhyst.linear.TransferFunction : Poles at zero in addition to others.
 
     Notes
     -----
-    The free run of an integrator adds up every error of the force: a tenth of a per cent of it may
-    be the largest part of the error of the displacement after some time, and the sum of squares has
-    many minima. Starting values come from the force balance (see :class:`FrictionStage`). They are
+    The free run of an integrator accumulates every error of the force: an error of a tenth of a per
+    cent may dominate the error of the displacement after some time, and the sum of squares has many
+    minima. Starting values come from the force balance (see :class:`FrictionStage`). They are
     refined on pieces of the records, each with its own displacement and velocity at the start
     (multiple shooting; Bock, *Progress in Scientific Computing*, 1983), then in a free run.
 
@@ -973,7 +973,8 @@ class FreeMass(ParametricModel):
         Parameters
         ----------
         near : FreeMassOperator, default=None
-            Of the model without some of its forces; some of them are this one with little of those.
+            Operator of the model without some of its forces; some starts are this one with small
+            values of those.
         """
         scales = _Scales.of(records)
         found = [] if near is None else self._richer(near, scales)
@@ -1113,7 +1114,7 @@ class FreeMass(ParametricModel):
         ]
 
     def _divided(self, operator, records, most):
-        """Return the operator with as many substeps as it needs, or as the model says."""
+        """Return the operator with the number of substeps that it needs, or that the model sets."""
         n = self.n_substeps
         if n is None:
             reach = 0.0
@@ -1142,7 +1143,7 @@ class FreeMass(ParametricModel):
         return dataclasses.replace(result, n_evaluations=evaluations + result.n_evaluations)
 
     def _shot(self, starts, pieces):
-        """Return the operators that starts lead to on pieces of records, and the evaluations."""
+        """Return the results of starts fitted to pieces of records, and the evaluations."""
         found, evaluations = [], 0
         # the time since the first sample is not that since the start of a piece
         held = self.held_parameters() | {"intercept", "force_drift"}
@@ -1167,7 +1168,7 @@ class FreeMass(ParametricModel):
         return found, evaluations
 
     def _free(self, starts, data):
-        """Return what a free run leads to."""
+        """Return the result of a free run."""
         if self.initial_state != "estimate":
             return refine(self, starts, data)
         options = {"fixed": self.held_parameters(), "method": self.method}
@@ -1227,7 +1228,7 @@ def _span(records):
 
 
 def _cut(records, count):
-    """Return each record in pieces that begin anew; what does not count has no weight."""
+    """Return each record in pieces with own starts; other rows have weight zero."""
     found = []
     for record in records:
         n = len(record.u)

@@ -217,8 +217,8 @@ class JilesAthertonOperator(OneStateOperator, step=jiles_atherton_step):
         Largest integration step, units of the drive; by default a tenth of the smaller of
         ``shape`` and ``pinning``. It is then fixed: a copy with other values keeps it.
     falling : bool, default=False
-        Whether the gain is not positive, in place of not negative, where it is identified: the
-        response falls where the drive rises.
+        Whether the gain is not positive, instead of not negative, if it is identified: the response
+        falls where the drive rises.
 
     Raises
     ------

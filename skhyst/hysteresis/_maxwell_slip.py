@@ -194,9 +194,9 @@ class MaxwellSlip(FrictionModel):
         quantiles of the drive's swings, or given, in units of the drive, positive. "auto": as for
         :class:`~skhyst.hysteresis.PrandtlIshlinskii`.
     non_negative : bool, default=True
-        Whether the stiffnesses of the elements all have one sign, so that the model dissipates:
-        none is below zero, or none above where the data say that the force is measured against
-        the displacement.
+        Whether the stiffnesses of the elements all have the same sign, so that the model
+        dissipates: none is below zero, or none above if the data show that the force is measured
+        with the opposite sign.
 
     Attributes
     ----------

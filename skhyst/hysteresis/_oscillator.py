@@ -581,7 +581,7 @@ class OscillatorOperator(HeldInput):
 
 
 def _first(begun, u):
-    """Return the first sample that the stage moves to: before a start from zero is no drive."""
+    """Return the first sample that the stage moves to: 1 for a start from zero."""
     return 0 if begun else min(len(u), 1)
 
 
@@ -624,8 +624,8 @@ class OscillatorModel(ParametricModel):
     mass : float, default=1.0
         Mass of the stage, used for ``physical_`` only.
     n_substeps : int or None, default=None
-        Integration steps per sampling interval. None: as many as the identified stage needs, a
-        tenth of a radian of its fastest motion each, at most 64.
+        Integration steps per sampling interval. None: the number that the identified stage needs
+        for a tenth of a radian of its fastest motion each, at most 64.
     hold : {"foh", "bandlimited"}, default="foh"
         Drive between samples: linear, or without content above half the sampling rate, as a drive
         that was recorded behind an anti-aliasing filter. A model of such a drive looks ahead, and

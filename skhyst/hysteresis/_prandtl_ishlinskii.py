@@ -202,8 +202,8 @@ class PrandtlIshlinskiiOperator(PlaySum):
         """Return the output with all thresholds scaled by a factor that changes with time.
 
         ``F[k] = max(u[k] - q[k] r, min(u[k] + q[k] r, F[k - 1]))``: a play stays where it is, until
-        an end of its slack, which the drive and the factor q move, takes it along. For a factor
-        that does not change this is a sum of plays of other thresholds.
+        an end of its slack, which the drive and the factor q move, takes it along. For a constant
+        factor this is a sum of plays with other thresholds.
         """
         thresholds, weights, _ = self._play_form
         zeros, plays, y = as_constant(np.zeros(weights.size)), np.array(state), np.empty(len(u))
@@ -374,8 +374,8 @@ class PlayModel(ParametricModel):
         Thresholds (at rest): evenly spaced over the half range of the drive, by quantiles of the
         drive's swings, or given, in units of the drive.
     non_negative : bool, default=True
-        Whether all weights (at rest) have one sign, so that the model dissipates: none is below
-        zero, or none above where the data say that the response falls as the drive rises.
+        Whether all weights (at rest) have the same sign, so that the model dissipates: none is
+        below zero, or none above if the data show that the response falls as the drive rises.
     drive_offset : float or "fit", default=0.0
         Drive from which the virgin device is first loaded, units of the drive.
     fit_intercept : bool, default=True
@@ -455,14 +455,14 @@ class PrandtlIshlinskii(PlayModel):
     ----------
     thresholds : {"auto", "grid", "quantile"} or array-like of shape (n_operators,), default="grid"
         Thresholds: evenly spaced over the half range of the drive, by quantiles of the drive's
-        swings, or given, in units of the drive. "auto": as many as predict best what is held out,
-        and where they do so, found by exchange from ``n_operators`` on a grid (sliding conditional
-        gradient). In a composition, from the step's own input.
+        swings, or given, in units of the drive. "auto": the number and positions that predict best
+        out of fold, found by exchange from ``n_operators`` on a grid (sliding conditional
+        gradient). In a composition, for the step's own input.
     form : {"auto", "play", "stop"}, default="auto"
         Superposition of plays or of stops. It matters with ``non_negative``: plays
         then give counter-clockwise loops (displacement over voltage), stops clockwise ones (force
-        over displacement). "auto": of plays, unless the data show the other loops; the ``form`` of
-        ``operator_`` says which. Without ``non_negative`` "auto" is "play".
+        over displacement). "auto": plays, unless the data show stops; the ``form`` of ``operator_``
+        is the choice. Without ``non_negative`` "auto" is "play".
 
     See Also
     --------

@@ -121,9 +121,9 @@ class RelayGridModel(ParametricModel):
         their neighbours. In a :class:`~skhyst.compose.Cascade` or a :class:`~skhyst.compose.Sum`
         all parameters are refined jointly and without the penalty: use few levels there.
     non_negative : bool, default=True
-        Whether the weights have one sign, so that branches are monotone and the model dissipates:
-        none is below zero, or none above where the data say that the response falls as the drive
-        rises.
+        Whether the weights have the same sign, so that branches are monotone and the model
+        dissipates: none is below zero, or none above if the data show that the response falls as
+        the drive rises.
     fit_intercept : bool, default=True
         Whether the response has a constant.
     center : float, default=0.0
@@ -234,11 +234,11 @@ class RelayGridModel(ParametricModel):
         )
 
     def _solved(self, data):
-        """Return the problem, what :func:`_solve` returns, and the sum of squares.
+        """Return the problem, the solution as from :func:`_solve`, and the sum of squares.
 
-        Those of the response turned round, where that is better; see ``in_direction``. Sums of
-        relays that follow one drive in opposite directions are not positively correlated: where one
-        explains more than half of the power, the other explains less, and is not tried.
+        Those of the mirrored response, if that is better; see ``in_direction``. Sums of relays that
+        follow one drive in opposite directions are not positively correlated: if one explains more
+        than half of the power, the other explains less, and is not tried.
         """
         operator = self._start(data)
         fixed, state = self.held_parameters(), self.free_run_state
@@ -356,10 +356,10 @@ def _normal_equations(problem, fit_intercept):
 def _solve(gram, shift, fit_intercept, roughness, smoothness, non_negative):
     """Return estimate, covariance, marks, undetermined, condition number, degrees of freedom.
 
-    The estimate holds the weights and the intercept, if any. Marks are NaN for what is at its
-    bound, infinite for what is not determined, and zero; ``undetermined`` is a mask of the weights;
-    the degrees of freedom are the effective number of parameters. The covariance, per unit of the
-    variance of noise, is that of the penalised estimate and does not include its bias.
+    The estimate contains the weights and the intercept, if any. Marks are NaN for a value at its
+    bound, infinite for one that is not determined, else zero; ``undetermined`` is a mask of the
+    weights; the degrees of freedom are the effective number of parameters. The covariance, per unit
+    of the variance of noise, is that of the penalised estimate and does not include its bias.
     """
     n_samples, n = gram[-2, -2], len(gram) - 2
     mean, right, gram_y = gram[-2, :n] / n_samples, gram[-1, :n], gram[-1, -2]

@@ -296,8 +296,8 @@ class SystemLevelHysteresis(ParametricModel):
     the curvature; the standard error of ``decay`` shows how well V_c alone is determined. The
     response belongs to the same sample of the drive, without the delay of (22).
 
-    The only memory is the last turning point, and every reversal of the drive is one, however
-    small: use the commanded drive, not a noisy measurement of it.
+    The only memory is the last turning point, and every reversal of the drive, however small, is
+    one: use the commanded drive, not a noisy measurement of it.
 
     References
     ----------

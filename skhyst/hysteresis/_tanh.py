@@ -165,7 +165,7 @@ class TanhInverseOperator(InverseOperator):
 
 
 def _samples(shrinkage, tol):
-    """Return after how many samples errors have shrunk by ``tol``, at least 1."""
+    """Return the number of samples in which errors shrink by ``tol``, at least 1."""
     return max(math.ceil(math.log(tol) / math.log(shrinkage)), 1) if shrinkage > 0.0 else 1
 
 

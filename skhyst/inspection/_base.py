@@ -22,7 +22,7 @@ class Display(ABC):
     Attributes
     ----------
     ax_ : matplotlib Axes
-        Where it was drawn.
+        Axes of the picture.
     figure_ : matplotlib Figure
     """
 
@@ -32,7 +32,7 @@ class Display(ABC):
 
     @abstractmethod
     def plot(self, ax=None) -> Self:
-        """Draw it.
+        """Draw the picture.
 
         Parameters
         ----------
@@ -55,13 +55,13 @@ class SignalDisplay(Display):
     response : ndarray of shape (n_samples,)
         Measured response, in its own unit.
     predictions : dict of str to ndarray of shape (n_samples,)
-        Model name to prediction, units of the response; NaN where there is none.
+        Model name to prediction, units of the response; NaN if it has none.
     records : sequence of RecordSlice
         The records, as :func:`skhyst.records.record_slices` returns them.
     drive_name, response_name : str, default="drive", "response"
         Names for the axes.
     noise_floor : float or None, default=None
-        Error that no model can beat, unit of the response.
+        Error below which no model can be, unit of the response.
     """
 
     def __init__(
@@ -123,7 +123,7 @@ class SignalDisplay(Display):
         y_pred : array-like of shape (n_samples,), or dict of str to such
             One prediction, or several by name.
         dt : float or None, default=None
-            Sampling interval in s, where the index carries no time.
+            Sampling interval in s, if the index carries no time.
 
         Raises
         ------
@@ -169,7 +169,7 @@ class SignalDisplay(Display):
         search : EffectSearchCV
             Fitted.
         draw : bool, default=True
-            Whether to draw it now, or with :meth:`plot` later.
+            Whether to draw now, or later with :meth:`plot`.
         """
         predictions = {"declared model": np.asarray(search.prediction_before_, dtype=float)}
         if search.effects_:
@@ -199,9 +199,9 @@ class SignalDisplay(Display):
         return [record.rows for record in self.records]
 
     def running_time(self) -> np.ndarray:
-        """Return the time of every sample in s: as recorded, or one record after the other.
+        """Return the time of every sample in s: as recorded, or with the records in sequence.
 
-        Recorded times stand where they rise from record to record; where records start anew, each
+        Recorded times are used if they increase from record to record; otherwise each record
         follows the one before it.
         """
         rising = all(b.start_time > a.time[-1] for a, b in pairwise(self.records))
@@ -222,7 +222,7 @@ class SignalDisplay(Display):
             ax.plot(time[kept], values[kept], label=shown, **style)
 
     def _mark_records(self, ax):
-        """Draw a line where each record but the first begins."""
+        """Draw a line at the start of each record but the first."""
         time = self.running_time()
         for span in self.spans[1:]:
             ax.axvline(time[span.start], color=MUTED, linewidth=0.6, linestyle=":")
@@ -231,7 +231,7 @@ class SignalDisplay(Display):
     def _draw_loops(self, ax, values, max_cycles, label=None, **style):
         """Draw a signal against the drive, a line for each stretch of whole cycles.
 
-        Return a title that tells which part it is, None where it is all.
+        Return a title that says which part is drawn, None for all.
         """
         stretches = loop_spans(self.drive, self.spans, max_cycles)
         for k, (rows, cycles) in enumerate(stretches):
@@ -245,7 +245,7 @@ class SignalDisplay(Display):
 
 
 def signal_names(search):
-    """Return the names of drive and response that a search saw, where the data had names."""
+    """Return the names of drive and response in the data of a search."""
     columns = getattr(search, "feature_names_in_", None)
     drive = "drive" if columns is None else str(columns[0])
     return drive, str(getattr(search, "response_name_", None) or "response")

@@ -21,22 +21,22 @@ class FrequencyResponseDisplay(Display):
     """Bode diagram of a frequency response: magnitude, phase, coherence and confidence bands.
 
     Make one with :meth:`from_response` or :meth:`from_recording`. All parameters are kept as
-    attributes. Each input has a column. The bands hold the true value with the probability
-    ``level`` of :meth:`plot`. Where coherence is known it has a row of its own; levels of noise
+    attributes. Each input has a column. The bands contain the true value with the probability
+    ``level`` of :meth:`plot`. If the coherence is known it has a row of its own; levels of noise
     (in the averaged response) and of distortion (in a single realisation) are drawn below the
     magnitude, in the same units, as root mean squares over fortieths of a decade.
 
     Parameters
     ----------
     response : FrequencyResponse
-        What was measured.
+        The measured frequency response.
     models : dict of str to (ndarray of shape (n,), ndarray of shape (n, n_inputs))
         Model name to frequencies in Hz and complex frequency response.
 
     Attributes
     ----------
     ax_ : ndarray of Axes of shape (2 or 3, n_inputs)
-        Where it was drawn: magnitude, phase, and coherence where there is one.
+        Axes of the picture: magnitude, phase, and coherence if it is known.
 
     Examples
     --------
@@ -63,9 +63,9 @@ class FrequencyResponseDisplay(Display):
         Parameters
         ----------
         response : FrequencyResponse
-            What was measured.
+            The measured frequency response.
         models : model, list of models, dict of str to model, or None, default=None
-            Drawn over it. A model is whatever has ``frequency_response(frequency)`` with
+            Drawn over it. A model is an object with ``frequency_response(frequency)`` for
             frequencies in Hz, an estimator whose ``operator_`` has that, or another
             :class:`~skhyst.linear.FrequencyResponse`.
 
@@ -104,7 +104,7 @@ class FrequencyResponseDisplay(Display):
         Parameters
         ----------
         ax : array of Axes or None, default=None
-            As many as :attr:`ax_` has, or one that is divided; None makes a new figure.
+            As many as in :attr:`ax_`, or one that is divided; None makes a new figure.
         level : float, default=0.95
             Probability of the bands.
         log_frequency : bool, default=True

@@ -19,13 +19,12 @@ class EvidenceDisplay(Display):
     Parameters
     ----------
     picture : Picture
-        Title, axes and curves, as an ``Evidence`` of
-        :class:`skhyst.diagnosis.EffectSearchCV` carries it.
+        Title, axes and curves, from an ``Evidence`` of :class:`skhyst.diagnosis.EffectSearchCV`.
 
     Attributes
     ----------
     ax_ : matplotlib Axes or ndarray of Axes of shape (2,)
-        Two where a second picture stands below, such as the phase below the gain.
+        Two if there is a second picture underneath, such as the phase below the gain.
 
     Examples
     --------

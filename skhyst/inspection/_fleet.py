@@ -15,7 +15,7 @@ _BAR = {"extend": "both", "aspect": 40, "shrink": 0.6}
 
 
 class FleetDisplay(Display):
-    """Parameters of many devices over time: which one moved on which device when.
+    """Parameters of many devices over time: which one changed on which device, and when.
 
     Make one with :meth:`from_estimator` or :meth:`from_summary`. Each value is compared with the
     first of its device, in standard errors of the difference. Unknown values are hatched.
@@ -110,16 +110,16 @@ class FleetDisplay(Display):
         params = params.where(std.notna())
         first, first_std = (
             frame.groupby(level=0).transform("first") for frame in (params, std)
-        )  # "first" passes over NaN
+        )  # "first" skips NaN
         return (params - first) / np.hypot(std, first_std)
 
     def limit(self, alpha=0.01) -> float:
-        """Return the change beyond which a parameter has moved.
+        """Return the change beyond which a parameter counts as moved.
 
         Parameters
         ----------
         alpha : float, default=0.01
-            Probability that any value is reported to have moved although none has (Bonferroni).
+            Probability of reporting any change although there is none (Bonferroni).
 
         Returns
         -------
@@ -131,7 +131,7 @@ class FleetDisplay(Display):
         return float(norm.isf(0.5 * alpha / max(compared, 1)))
 
     def moves(self, alpha=0.01) -> pd.DataFrame:
-        """Return what has moved, the largest change first.
+        """Return the values that have moved, the largest change first.
 
         Parameters
         ----------

@@ -18,7 +18,7 @@ class HysteresisLoopDisplay(SignalDisplay):
     Attributes
     ----------
     ax_ : matplotlib Axes or ndarray of Axes
-        Where it was drawn: one Axes for each model if they stand side by side.
+        Axes of the picture: one Axes for each model if they are side by side.
 
     Examples
     --------
@@ -42,8 +42,8 @@ class HysteresisLoopDisplay(SignalDisplay):
             One Axes: all models over each other. As many Axes as models: one model each. None: a
             new figure with one Axes for each model.
         subtract_line : bool, default=False
-            Subtract the straight line that fits the measured response best, from everything. The
-            loop opens, and differences of a percent of the range become visible.
+            Subtract the best straight line through the measured response from everything. The loop
+            opens, and differences of a percent of the range become visible.
         max_cycles : int, default=10
             Cycles of the drive to draw. In a longer recording, each record is cut to
             complete cycles around its largest excursion.

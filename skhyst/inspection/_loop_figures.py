@@ -1,4 +1,4 @@
-"""Closed loops of a recording, with what characterises each."""
+"""Closed loops of a recording, with the figures of each."""
 
 from typing import Self
 
@@ -21,24 +21,24 @@ from ._drawing import COLORS, INK, legend_beside, new_axes, plain, tidy
 from ._plot_data import thin_path
 
 _POINTS = 1000  # drawn of a cycle
-_UNITS = {"coercivity": "{0}", "area": "{0} {1}"}  # of drive and response; of the others: {1}
+_UNITS = {"coercivity": "{0}", "area": "{0} {1}"}  # of drive and response; for other figures: {1}
 
 
 class LoopFiguresDisplay(Display):
     """The closed loops of a recording: coercivity, remanence, area and widest opening.
 
-    Make one with :meth:`from_recording`. A square is where the response passes its center, a circle
-    where the drive does, and a dashed line where the loop is widest.
+    Make one with :meth:`from_recording`. A square marks where the response passes its center, a
+    circle where the drive does, and a dashed line where the loop is widest.
 
     Parameters
     ----------
     figures : DataFrame
         As :func:`skhyst.metrics.loop_figures` returns it.
     loops : list of list of (ndarray, ndarray)
-        For each of its rows the drive and response of each cycle, first as the drive rises, then as
-        it falls: two pairs a cycle.
+        For each of its rows the drive and response of each cycle, first on the rising, then on the
+        falling drive: two pairs per cycle.
     center : {"loop", "zero"}, default="loop"
-        What coercivity and remanence are counted from.
+        The origin of coercivity and remanence.
     drive_name, response_name : str, default="drive", "response"
         Names for the axes, with units in brackets.
     time_unit : {"s", "sample"}, default="s"
@@ -94,7 +94,7 @@ class LoopFiguresDisplay(Display):
         ax : matplotlib Axes or None, default=None
             Where to draw; None makes a new figure.
         draw : bool, default=True
-            Whether to draw it now, or with :meth:`plot` later.
+            Whether to draw now, or later with :meth:`plot`.
         **plot_options
             Passed to :meth:`plot`.
 
@@ -121,7 +121,7 @@ class LoopFiguresDisplay(Display):
         Parameters
         ----------
         most : int, default=None
-            Loops to tell of, those with the most cycles; by default all.
+            Number of loops described, those with the most cycles; by default all.
 
         Returns
         -------
@@ -182,7 +182,7 @@ class LoopFiguresDisplay(Display):
         return self
 
     def _mark(self, panel, pairs, color):
-        """Draw where the loop is cut through its center, and where it is widest."""
+        """Mark where the loop passes its center, and where it is widest."""
         drive, response, *cuts = (
             np.mean(own, axis=0)
             for own in zip(*(sections(p, self.center) for p in pairs), strict=True)

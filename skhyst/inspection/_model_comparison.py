@@ -1,7 +1,7 @@
-"""Which model to declare: models of one mechanism each, compared on data that they have not seen.
+"""Which model to declare: models of one mechanism each, compared on held-out data.
 
-A model is fitted to all samples, and once more for every fold from there, to the samples that the
-fold trains on; the whole record is simulated, so that the past of what is held out is known.
+A model is fitted to all samples, and from there once more for every fold, to the training samples
+of the fold; the whole record is simulated, so that the history of held-out samples is known.
 
 Of two models that predict equally well the simpler one is taken: one whose error is larger by less
 than 5 %, or its mean square by less than one standard error of the difference over the folds (the
@@ -45,13 +45,13 @@ from ._base import Display
 from ._drawing import COLORS, INK, MUTED, new_axes, plain, tidy
 
 FAR = 3.0
-"""How many times smaller an error is that another model should be declared for."""
+"""Ratio of errors by which another model is so much better that it should be declared."""
 
-_MATTERS = 1.05  # as min_improvement of a search: what less removes is not worth more parameters
-_NEAR = VariableProjection(tolerance=1e-4, max_evaluations=10)  # a fold begins near its end
+_MATTERS = 1.05  # as min_improvement of a search: a smaller gain is not worth more parameters
+_NEAR = VariableProjection(tolerance=1e-4, max_evaluations=10)  # a fold begins near its solution
 _PLAYS, _LAG, _MODE = PrandtlIshlinskii(), FirstOrderLag(), SecondOrderMode()
 _FRICTION = FrictionStage(stribeck=False)
-_SINGLE = {  # the simplest first: what --model takes, the model, what it is
+_SINGLE = {  # the simplest first: the name for --model, the model, its description
     "gain": (Gain(), "straight line"),
     "first_order_lag": (_LAG, "lag"),
     "prandtl_ishlinskii": (_PLAYS, "hysteresis of plays, at any rate"),
@@ -91,7 +91,7 @@ _JOINED = {  # the simplest first
     "friction_stage(stribeck=False)": (_FRICTION, "mass, spring and damper with friction"),
     "free_mass(friction=True)": (FreeMass(friction=True), "mass with friction, without a spring"),
 }
-_PARTS = {  # of those that are joined, what may be declared
+_PARTS = {  # parts of the joined models that may be declared
     "prandtl_ishlinskii+first_order_lag": ("prandtl_ishlinskii", "first_order_lag"),
     "prandtl_ishlinskii+second_order_mode": ("prandtl_ishlinskii", "second_order_mode"),
     "friction_stage(stribeck=False)": ("second_order_mode",),
@@ -100,7 +100,7 @@ _PARTS = {  # of those that are joined, what may be declared
 
 
 def compare_models(X, y, models=None, *, cv=5, max_samples=5000) -> "ModelComparisonDisplay":
-    """Compare models on held-out samples, and tell which one to declare.
+    """Compare models on held-out samples, and return which one to declare.
 
     Parameters
     ----------
@@ -118,7 +118,8 @@ def compare_models(X, y, models=None, *, cv=5, max_samples=5000) -> "ModelCompar
     cv : int, default=5
         Folds of contiguous blocks, as in :func:`skhyst.model_selection.segment_folds`.
     max_samples : int or None, default=5000
-        Samples that are compared: of longer data, the first part of each record. None: all.
+        Number of samples in the comparison: of longer data, the first part of each record. None:
+        all.
 
     Returns
     -------
@@ -215,7 +216,7 @@ def _scored(model, X, y, read, masks):
 
 
 def _begins_driven(drive, slices):
-    """Whether a record begins at a drive that is more than a small part of the range."""
+    """Whether a record begins at a drive that is not a small part of the range."""
     first = [drive[s.rows.start] for s in slices]
     return np.max(np.abs(first)) > (_MATTERS - 1.0) * np.ptp(drive)
 
@@ -232,7 +233,7 @@ def _rows(spans, chosen, n):
 
 
 def _held_out(model, X, y, read, masks):
-    """Return the number of parameters, and the residual of each sample (n_samples,) held out.
+    """Return the number of parameters, and the held-out residual of each sample (n_samples,).
 
     Samples that were not ``read`` (n_samples,) are not fitted. A start that is estimated is that of
     the whole record.
@@ -256,7 +257,7 @@ def _held_out(model, X, y, read, masks):
 
 
 def _taken(table, squares):
-    """Return the joined model to begin from, or None; the model to declare, and its equal."""
+    """Return the joined model, or None; the model to declare, and one as good, or None."""
     single, joined = (table.loc[table["single"] == own, "error"].dropna() for own in (True, False))
     if joined.size and FAR * joined.min() < single.min():
         whole, _ = _simplest(joined, squares)
@@ -267,7 +268,7 @@ def _taken(table, squares):
 
 
 def _simplest(errors, squares):
-    """Return the first model that is as good as the best, and that one if it is another, or None.
+    """Return the simplest model that is as good as the best, and the best one if it is another.
 
     ``errors`` are a Series by the name of the model, the simplest first.
     """
@@ -287,19 +288,19 @@ class ModelComparisonDisplay(Display):
     Parameters
     ----------
     table : DataFrame
-        One row a model, by its name: ``about``, what it is; ``single``, whether it has one
+        One row per model, by its name: ``about``, its description; ``single``, whether it has one
         mechanism and so may be declared; ``error``, its held-out root mean square error in units of
-        the response, NaN where its fit fails; ``n_parameters``.
+        the response, NaN if its fit fails; ``n_parameters``.
     taken : str
         Name of the model to declare.
     as_good : str or None
-        The model of least error, where that is another one and its error is no smaller than the
-        scatter between folds allows.
+        The model of least error, if it is another one and its error is not smaller beyond the
+        scatter between folds.
     response_range : float
         Range of the response.
     whole : str or None, default=None
-        The model of two mechanisms that ``taken`` is a part of, where its error is three times
-        smaller than that of any model of one.
+        The model of two mechanisms with ``taken`` as one part, if its error is three times smaller
+        than that of any model of one mechanism.
     response_name : str, default="response"
         Name for the axis.
 
@@ -331,7 +332,7 @@ class ModelComparisonDisplay(Display):
 
     @property
     def reason(self) -> str:
-        """Why this model is taken, in a sentence or two."""
+        """Reason for the choice of this model, in a sentence or two."""
         table, taken = self.table, self.taken
         why = "it has the least held-out error"
         if self.as_good:
@@ -350,12 +351,12 @@ class ModelComparisonDisplay(Display):
         )
 
     def worse(self, name) -> float:
-        """Return how many times the least error that of a model is.
+        """Return the error of a model relative to the least error.
 
         Parameters
         ----------
         name : str
-            Of the model, as in ``table``.
+            Name of the model, as in ``table``.
 
         Returns
         -------

@@ -8,8 +8,8 @@ from scipy.signal import welch
 def envelope(values, n_bins):
     """Return the rows that keep the outline of long signals, (n_samples,) or one per column.
 
-    The rows of the smallest and of the largest value of each of ``n_bins`` stretches of equal
-    length are kept, so that no peak is lost. NaN is ignored.
+    The rows of the smallest and of the largest value in each of ``n_bins`` parts of equal length
+    are kept, so that no peak is lost. NaN is ignored.
     """
     values = np.asarray(values, dtype=float)
     signals = values[:, None] if values.ndim == 1 else values
@@ -31,8 +31,8 @@ def envelope(values, n_bins):
 def cycle_length(drive):
     """Return the mean length of a cycle in samples, from the crossings of the middle of the range.
 
-    Only crossings that go on to a tenth of the range beyond the middle count, so sensor noise makes
-    no cycles. A drive that never returns is one cycle.
+    Only crossings that continue to a tenth of the range beyond the middle count, so sensor noise
+    makes no cycles. A drive that never returns is one cycle.
     """
     low, high = np.min(drive), np.max(drive)
     offset = np.asarray(drive, dtype=float) - 0.5 * (low + high)
@@ -71,11 +71,11 @@ def thin_path(x, y, n_points):
 
 
 def loop_spans(drive, spans, max_cycles):
-    """Choose the stretches of a recording to draw as loops; return (slice, cycles in it) of each.
+    """Choose the parts of a recording to draw as loops; return the slice and cycles of each.
 
-    Only a few cycles are distinguishable in one picture. If there are more, every record (or of
-    very many records some at even distances) gives one stretch of complete cycles around its
-    largest excursion.
+    Only a few cycles are distinguishable in one picture. If there are more, every record (or, of
+    very many records, some at even distances) contributes complete cycles around its largest
+    excursion.
     """
     if len(spans) > max_cycles:
         spans = [spans[k] for k in np.linspace(0, len(spans) - 1, max_cycles).astype(int)]
@@ -169,7 +169,7 @@ def spectrum(values, spans, dt, max_segment=8192, per_decade=None) -> tuple[np.n
     dt : float
         Sampling interval, s.
     max_segment : int, default=8192
-        Samples of a window at the most.
+        Largest number of samples of a window.
     per_decade : int, optional
         Bands of equal width on a logarithmic axis over which the power is averaged.
 

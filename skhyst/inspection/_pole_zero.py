@@ -12,9 +12,9 @@ from ._base import Display, SignalDisplay
 from ._drawing import COLORS, INK, MUTED, new_axes, plain, tidy
 
 _DAMPING = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7)
-_APART = 0.08  # of the width, between rays of constant damping
-_FRAME = 0.12  # of the range, left around the poles
-_WIDE = 15.0  # ratio of the largest real part to the median from which the axis is logarithmic
+_APART = 0.08  # of the width, distance of rays of constant damping
+_FRAME = 0.12  # of the range, margin around the poles
+_WIDE = 15.0  # ratio of the largest real part to the median above which the axis is logarithmic
 
 
 class PoleZeroDisplay(Display):
@@ -23,7 +23,7 @@ class PoleZeroDisplay(Display):
     Make one with :meth:`from_estimator`. All parameters are kept as attributes. A cross is a pole,
     a ring a zero; only the upper half plane is drawn, the lower one mirrors it. Dotted rays have
     one damping ratio each. The axes are in Hz and scaled independently, since the modes of a light
-    structure lie next to the imaginary axis; where other poles or zeros lie far from it, the real
+    structure are close to the imaginary axis; if other poles or zeros are far from it, the real
     axis is logarithmic on both sides, and linear only near zero.
 
     Parameters
@@ -31,11 +31,11 @@ class PoleZeroDisplay(Display):
     poles : dict of str to ndarray, complex
         Model name to poles, rad/s.
     zeros : dict of str to ndarray, complex
-        Model name to zeros, rad/s; of all inputs together.
+        Model name to zeros, rad/s; for all inputs together.
     covariances : dict of str to ndarray of shape (n_poles, 2, 2) or None
-        Of real and imaginary part of the poles, (rad/s)^2.
+        Of real and imaginary part of each pole, (rad/s)^2.
     time_unit : {"s", "sample"}, default="s"
-        "sample" where the models were fitted to data without a time.
+        "sample" if the models were fitted to data without a time.
 
     Examples
     --------
@@ -93,7 +93,7 @@ class PoleZeroDisplay(Display):
         Parameters
         ----------
         level : float, default=0.95
-            Probability that an ellipse holds its pole.
+            Probability that an ellipse contains its pole.
         max_frequency : float or None, default=None
             Largest natural frequency in Hz that is shown; None shows all poles, and the zeros up
             to twice the fastest pole.

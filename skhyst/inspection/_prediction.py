@@ -18,7 +18,7 @@ class PredictionDisplay(SignalDisplay):
     Attributes
     ----------
     ax_ : ndarray of Axes of shape (2,)
-        Where it was drawn.
+        Axes of the picture.
 
     Examples
     --------

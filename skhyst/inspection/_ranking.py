@@ -12,11 +12,10 @@ from ._drawing import COLORS, FLOOR, INK, MUTED, new_axes, plain, tidy
 class EffectRankingDisplay(Display):
     """Candidates of a round: held-out error with each, against the error without and the noise.
 
-    Make one with :meth:`from_search`. All parameters are kept as attributes. A filled mark is an
-    effect that was claimed, an open mark one that was contested (refitted jointly and compared on
-    held-out data) and not claimed. Effects below them explained too little of the residual to be
-    contested: only the fraction of the power of the residual that they explain to first order is
-    given.
+    Make one with :meth:`from_search`. All parameters are kept as attributes. A filled mark is a
+    claimed effect, an open mark one that was contested (refitted jointly and compared on held-out
+    data) and not claimed. Effects below them explained too little of the residual to be contested:
+    only the fraction of the power of the residual that they explain to first order is given.
 
     Parameters
     ----------
@@ -24,9 +23,9 @@ class EffectRankingDisplay(Display):
         Columns ``effect``, ``screen``, ``error_before``, ``error_after``, ``p_value``,
         ``claimed``; one row per candidate.
     noise_floor : float or None, default=None
-        Error that no model can beat, unit of the response.
+        Error below which no model can be, unit of the response.
     ambiguous_with : sequence of str, default=()
-        Contested effects that the data cannot distinguish from the one claimed.
+        Contested effects that the data cannot distinguish from the claimed one.
     response_name : str, default="response"
         Name for the axis.
 

@@ -28,12 +28,12 @@ class ResidualDisplay(SignalDisplay):
     Parameters
     ----------
     noise_floor : float or None, default=None
-        Error that no model can beat, unit of the response; drawn as a flat spectrum.
+        Error below which no model can be, unit of the response; drawn as a flat spectrum.
 
     Attributes
     ----------
     ax_ : matplotlib Axes or ndarray of Axes of shape (2, 2)
-        Where it was drawn.
+        Axes of the picture.
 
     Examples
     --------

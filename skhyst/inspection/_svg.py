@@ -15,8 +15,8 @@ _PAPER = "#fdfdfe"
 def svg_text(draw, size, label) -> str:
     """Draw, and return the SVG element for a page, without identifiers of its own.
 
-    Ink, paper and font are those of the page (the CSS variables ``--ink``, ``--paper`` and
-    ``--sans``), so that a picture is readable on a dark page too.
+    Foreground, background and font are those of the page (the CSS variables ``--ink``, ``--paper``
+    and ``--sans``), so that a picture is readable on a dark page too.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ def svg_text(draw, size, label) -> str:
     size : tuple of float
         Width and height, inches.
     label : str
-        What the picture is, for readers that do not see it.
+        Description of the picture, for screen readers.
 
     Returns
     -------
@@ -86,7 +86,7 @@ def svg_text(draw, size, label) -> str:
 
 
 def _where(ax, figure):
-    """Return place, limits, names and scales of axes, as an attribute for a page's script."""
+    """Return position, limits, names and scales of axes, as an attribute for a page's script."""
     width, height = figure.get_size_inches() * 72.0
     x, y, across, up = ax.get_position().bounds
     place = [x * width, (1.0 - y - up) * height, across * width, up * height]

@@ -12,7 +12,7 @@ from ._formats import reading
 
 # Largest deviation of one interval, as a fraction of it: both ends rounded by a tenth, with margin.
 JITTER = 0.25
-_NATIONAL = (  # dates that pandas does not take by itself, or in one way of several
+_NATIONAL = (  # dates that pandas does not parse by itself, or can parse in several ways
     {"dayfirst": True},
     {"dayfirst": False},
     {"format": "%m/%d/%Y %I:%M:%S.%f %p"},
@@ -105,7 +105,7 @@ def _with_point(cell):
 
 
 def _national_dates(column):
-    """Return dates with the day or the month first, None where this changes what lies between."""
+    """Return dates with the day or the month first, None if this changes the order of others."""
     text, read = column.astype("string").str.replace(",", ".").astype(object), []
     for how in _NATIONAL:
         with warnings.catch_warnings(record=True) as doubts:  # of a guess, row by row

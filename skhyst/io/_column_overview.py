@@ -11,8 +11,8 @@ from ._formats import opened
 from ._recognise import ROLES, roles_and_questions
 
 _MOST = 100  # largest number of columns that are inspected
-_STANDS = 0.01  # fraction of rows at the largest or smallest value, above which it may be clipped
-_OFTEN = 5  # and so many times as many rows as at the next value
+_STANDS = 0.01  # fraction of rows at the largest or smallest value above which it may be clipped
+_OFTEN = 5  # and this many times as many rows as at the next value
 _PARTS = 80  # largest number of parts of an outline
 _FINE = 50  # number of different values, below which a signal is a series of steps
 
@@ -31,7 +31,7 @@ class ColumnOverview:
     kind : str
         Type of the values in the file.
     low, high : float
-        Range of the readings, NaN where there are none.
+        Range of the readings, NaN if there are none.
     outline : ndarray of shape (n_parts, 2)
         Smallest and largest reading of each of up to 80 consecutive parts: a small picture.
     """
@@ -77,7 +77,7 @@ def inspect_columns(path, **reading):
 
 
 def _roles(source, variables, reading, faults):
-    """Return (column, reason) by role; what is not recognised is added to the faults."""
+    """Return (column, reason) by role; roles without a column are added to the faults."""
     given = {name: reading.get(name) for name in ROLES}
     timed, others = reading.get("sampling_rate") is not None, reading.get("auxiliary", ())
     known = {role: (column, "as given") for role, column in given.items() if column is not None}

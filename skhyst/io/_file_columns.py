@@ -175,7 +175,7 @@ def long_columns(variables):
     """Return the places of all columns that have the length of the longest column.
 
     If several groups have a column of the same name, the first is returned, addressed by the name,
-    unless each of them is one column alone: then the groups are channels, not records.
+    unless each group consists of one column: then the groups are channels, not records.
     """
     usable = [v for v in variables if v.shape and len(v.shape) <= 2 and not v.refused]
     longest = max((_length(v.shape) for v in usable), default=0)

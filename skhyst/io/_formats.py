@@ -39,7 +39,7 @@ _RATES = ("fs", "sampling_rate", "sample_rate", "samplerate", "sampling_frequenc
 
 @dataclass(frozen=True)
 class Variable:
-    """One array of a file, loaded when it is asked for.
+    """One array of a file, loaded when it is needed.
 
     ``name`` is "" where the file holds one array without a name; ``refused`` is the reason why it
     is not read, "" where it is read. ``unit`` is the unit if the file gives it elsewhere than in
@@ -91,7 +91,7 @@ def _file_variables(path, layout):
 
 
 def _with_scalars(variables):
-    """Return variables with what single values beside them tell: a rate, a unit, a name.
+    """Return variables with the information of single values next to them: a rate, a unit, a name.
 
     They are those of the variable's own group or struct, else of one that contains it. A unit and a
     name belong to the only array of a struct, and ``units.u`` to the array ``u``.
@@ -119,7 +119,7 @@ def _is_single(variable):
 
 
 def _told(variable, said, alone):
-    """Return a variable with the interval, unit and name that are said of it."""
+    """Return a variable with the interval, unit and name that the file gives for it."""
     group, changes = variable.group, {}
     while variable.interval is None and "interval" not in changes:
         for kind in (*_RATES, *_INTERVALS):
@@ -157,7 +157,7 @@ class Table:
 def opened(source, **layout):
     """Return a path, or a Table for a frame, and the variables in it.
 
-    ``layout`` holds the options of delimited text, None where they are not given.
+    ``layout`` holds the options of delimited text, None if they are not given.
     """
     is_frame = hasattr(source, "columns")
     path = Table() if is_frame else Path(source).expanduser()
@@ -279,7 +279,7 @@ def _read_workbook(path):
 
 
 def _table_variables(sheets):
-    """Return the variables of tables by the sheet; each of several tables is a group."""
+    """Return the variables of tables by sheet; each of several tables is a group."""
     found = []
     for sheet, tables in sheets.items():
         for number, (names, units, columns, interval) in enumerate(tables, 1):
@@ -331,7 +331,7 @@ def _read_mat(path):
         head = file.read(520)
     if _HDF5 in (head[:8], head[512:]):
         return _read_hdf5(path, matlab=True)
-    data = path.read_bytes()  # once: what is checked here must be what the parser gets
+    data = path.read_bytes()  # read once: the parser must get the bytes that are checked here
     if matfile_version(io.BytesIO(data))[0] == 1:
         check_tags(data)
     with warnings.catch_warnings():
@@ -460,7 +460,7 @@ def _read_parquet(path):
 
 
 def _parquet_rows(file):
-    """Return what the row groups together, and the chunks of each plain column, declare."""
+    """Return the declared contents of the row groups, and of each plain column's chunks."""
     groups = [file.metadata.row_group(i) for i in range(file.num_row_groups)]
     plain = [j for j, own in enumerate(file.schema) if own.max_repetition_level == 0]
     return [
@@ -475,7 +475,7 @@ def _arrow_width(fields):
 
 
 def _arrow_bits(kind):
-    """Return the bits of a value of an Arrow type, 0 where they vary, as in text."""
+    """Return the bits of a value of an Arrow type, 0 if they vary, as for text."""
     try:
         return _arrow_bits(kind.value_type) if hasattr(kind, "index_type") else kind.bit_width
     except ValueError:
@@ -492,7 +492,7 @@ def _arrow_values(name, values, size):
     """Return a column of a file of ``size`` bytes."""
     if not hasattr(values.type, "index_type"):
         return values.to_numpy()
-    if not _arrow_bits(values.type):  # a text that the file has once may be that of all rows
+    if not _arrow_bits(values.type):  # one stored text may be the value of all rows
         lengths = [
             len(text) * int(count)
             for part in values.chunks

@@ -88,10 +88,10 @@ class Layout:
 
     @property
     def head(self):
-        """Names and units of the columns, "" where there is none.
+        """Names and units of the columns, "" if there is none.
 
-        Names are in the line above the table, or above the line of units; else in lines that say
-        what they hold, or above all that is said of each column.
+        Names are in the line above the table, or above the line of units; else in lines with a key
+        of their own, or above all attributes of each column.
         """
         if self._said:
             return self._said
@@ -121,14 +121,14 @@ class Layout:
 
     @property
     def names_at(self):
-        """Number of the row of names, None where there is none."""
+        """Number of the row of names, None if there is none."""
         names = {*self.head[0]} - {""}
         rows = [_uncommented(row, len(self.form)) for row in self.rows[: self.first]]
         return max((i for i, row in enumerate(rows) if names and names <= {*row}), default=None)
 
     @property
     def _said(self):
-        """Names and units of lines that say what they hold, None where no line does.
+        """Names and units from lines with a key, None if there is no such line.
 
         A line has its key in a column that is blank in the table ("trace_names,time,Out1"), or
         before each of its values ("Name,u,Name,x"), or it tells one name ("NAME0 = command").
@@ -163,7 +163,7 @@ class Layout:
 
     @property
     def _above(self):
-        """Names and units above all that lines say of each column, None where lines do not."""
+        """Names and units from all lines on each column above the table, None if there are none."""
         width, first = len(self.form), self.first
         while first and len(self.rows[first - 1]) == width:
             first -= 1
@@ -189,7 +189,7 @@ class Layout:
 
     @property
     def interval(self):
-        """Sampling interval in s that the lines above the table tell, None where they do not."""
+        """Sampling interval in s from the lines above the table, None if they do not contain it."""
         for row, below in pairwise([*self.rows[: self.first], []]):
             for i, field in enumerate([*row, _assignment(row)]):
                 own = _ASSIGNED.fullmatch(field)
@@ -304,11 +304,11 @@ def _under(lines, delimiter, decimal):
     same = [i for i in range(first, start) if fits(form, forms[i])]
     same = [i for i in same if all(forms[i][k] == "b" for k in blank)]
     if first < start and 2 * len(same) < start - first:
-        # mostly no rows of the table: a head, if names are in it, that has a value for each column
+        # mostly no rows of the table: a head, if it contains names with a value for each column
         below = Layout(delimiter, decimal, rows, form, start, last, n_rows)
         first = start if below._said or all(below.head[0]) else first
     while first and "n" in forms[first - 1] and not set(forms[first - 1]) & {"t", "x"}:
-        first -= 1  # rows of numbers of another width are refused later, not taken for a header
+        first -= 1  # rows of numbers of another width are refused later, not read as a header
     return Layout(delimiter, decimal, rows, form, first, last, n_rows)
 
 
@@ -378,12 +378,12 @@ def _bare_unit(field):
 
 
 def is_assignment(field):
-    """Whether a field tells a value in place of a name, such as "tInc = 1e-3"."""
+    """Whether a field assigns a value, such as "tInc = 1e-3", instead of being a name."""
     return bool(_ASSIGNED.fullmatch(field))
 
 
 def _assignment(row):
-    """Return a row as one text, without what marks a comment."""
+    """Return a row as one text, without comment marks."""
     return " ".join(row).lstrip("#% ")
 
 
@@ -395,7 +395,7 @@ def _uncommented(row, width):
 
 
 def _is_named(layout):
-    """Whether the line above the table has as many names as it has columns, none of them a unit."""
+    """Whether the line above the table has as many names as columns, none of them a unit."""
     if not layout.first:
         return False
     row = _uncommented(layout.rows[layout.first - 1], len(layout.form))

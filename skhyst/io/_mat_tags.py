@@ -47,7 +47,7 @@ def check_tags(data):
 
 
 def _inflated(content, start, longest):
-    """Return what a variable is decompressed to: of all variables no more than a file may."""
+    """Return a decompressed variable; all variables together have at most the allowed size."""
     inflater = zlib.decompressobj()
     try:
         inflated = inflater.decompress(content, max(longest, 1))  # 0 would be no limit
@@ -151,7 +151,7 @@ class _Elements:
         return len(names) // length
 
     def variables(self, count, depth):
-        """Check so many variables of a cell or a struct."""
+        """Check the variables of a cell or a struct."""
         for _ in range(count):
             start = self.position
             code, length = self.unpack("II", self.take(8))

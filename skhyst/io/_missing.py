@@ -8,13 +8,13 @@ import pandas as pd
 from ..exceptions import RecordError
 
 _LIKELY = re.compile(r"9{3,}(\.9+)?|1e\+?\d\d+|9\.9\d*e\+\d\d+")  # -9999, 999.9, 1e30, 9.91e37
-_FAR = 5.0  # a code is at least so many times as large as any other reading
+_FAR = 5.0  # a code is at least this many times as large as any other reading
 
 
 def missing_rows(path, values, names, codes, stamps, labels, on_missing):
     """Mark missing values as NaN, in place, and return a mask of the rows to keep.
 
-    ``codes`` (n_columns,) are values that stand for missing readings, NaN where a column has none.
+    ``codes`` (n_columns,) are values that stand for missing readings, NaN for a column without one.
     Rows without a time (``stamps``) or a record (``labels``), each None or (n_samples,), cannot be
     interpolated: they are refused unless they are dropped.
     """

@@ -201,7 +201,7 @@ def _with_units(wanted, names, units):
 
 
 def _codes(missing_code, wanted, names):
-    """Return the code of each column, NaN where it has none."""
+    """Return the code of each column, NaN without one."""
     if not isinstance(missing_code, dict):
         return np.full(len(names), float(missing_code))
     return np.array(_by_column("missing_code", missing_code, wanted, names, np.nan), dtype=float)

@@ -29,7 +29,7 @@ from ._formats import opened
 
 ROLES = ("drive", "response", "time", "record")
 _ALONE = {"drive": {"drive", "input", "u"}, "response": {"response", "output", "y"}}
-_WORDS = (  # what a column does, and what quantity it is; the former comes first
+_WORDS = (  # words for the role of a column, and for its quantity; the former have priority
     {
         "drive": "drive|driving|input|in|u|command|commanded|cmd|excitation|stimulus|ao|dac"
         "|stellgröße|eingang|entrée|commande|entrada|ingresso",
@@ -45,7 +45,7 @@ _WORDS = (  # what a column does, and what quantity it is; the former comes firs
     },
 )
 _UNITS = {"drive": "[mk]?V|m?A|[kM]?A/m|k?Oe", "response": "[munpµμ]?m|[muµμ]?rad|deg|°|[muµμ]?T"}
-_LAST = {  # what a column is if nothing else is left for it
+_LAST = {  # role of a column if no other role is left for it
     "drive": "reference|ref|target|setpoint|desired|soll|sollwert|consigne",
     "response": "velocity|vel|speed|acceleration|acc|temperature?|temp|humidity",
 }
@@ -137,7 +137,7 @@ def recognise_columns(
 def find_roles(path, variables, roles, others=(), *, timed):
     """Return a dict of a RecognisedColumn for each role without a given column.
 
-    All that is open is asked for at once.
+    All open questions are asked at once.
     """
     found, questions = roles_and_questions(path, variables, roles, others, timed=timed)
     if questions:
@@ -146,7 +146,7 @@ def find_roles(path, variables, roles, others=(), *, timed):
 
 
 def roles_and_questions(path, variables, roles, others=(), *, timed):
-    """Return what `find_roles` does of what is found, and a sentence for each role that is not."""
+    """Return the result of `find_roles`, and a question for each role that was not found."""
     given = [column for column in (*roles.values(), *others) if column is not None]
     own = next(iter(record_groups(variables, given).values()))
     taken = {load_column(path, own, column).name for column in given}
@@ -190,7 +190,7 @@ def roles_and_questions(path, variables, roles, others=(), *, timed):
 
 
 class _Candidate:
-    """A column that may have a role; it is loaded when its values are asked for."""
+    """A column that may have a role; it is loaded when its values are needed."""
 
     def __init__(self, path, variables, place):
         self.path, self.variables, self.place, self.name = path, variables, place, place.name
@@ -204,7 +204,7 @@ class _Candidate:
 
     @cached_property
     def unit(self):
-        """Unit in brackets, or what may be one at the end of the name."""
+        """Unit in brackets, or a possible unit at the end of the name."""
         return unit_of(self.name) or re.split(r"[\s_/]", self.name)[-1]
 
     def has(self, words):
@@ -213,7 +213,7 @@ class _Candidate:
 
     @cached_property
     def values(self):
-        """Values as floats, None where they are no numbers."""
+        """Values as floats, None if they are not numbers."""
         try:
             return numbers(self.path, self.name, self.stored)
         except RecordError:
@@ -260,7 +260,7 @@ class _Candidate:
 
     @cached_property
     def changes_seldom(self):
-        """Whether most rows repeat the one above."""
+        """Whether most rows repeat the previous one."""
         changes = np.count_nonzero(self.stored[1:] != self.stored[:-1])
         return changes <= _MOST_RESTARTS * len(self.stored)
 
@@ -310,7 +310,7 @@ def _time(free):
 def _named(role, signals, n_roles):
     """Return the signal whose name has the role, and the reason, None if there is none.
 
-    Several that may have it are returned beside None. ``n_roles`` signals are looked for in all.
+    Several candidates are returned with None. ``n_roles`` signals are sought in all.
     """
     alone = [c for c in signals if without_unit(c.name).lower() in _ALONE[role]]
     named = alone if len(alone) == 1 else [c for c in signals if c.role == role]
@@ -329,7 +329,7 @@ def _left_over(role, signals, found):
     used = [choice[0] for choice in found.values() if choice]
     free = [c for c in signals if not any(c is one for one in used)]
     other = {"drive": "response", "response": "drive"}[role]
-    given = other not in found  # then a unit such as V does not tell it is the other
+    given = other not in found  # then a unit such as V does not show that it is the other
     possible = [c for c in free if c.moves and c.role in ("", "either", other if given else "")]
     if len(possible) == 1 and found.get(other, possible) and (given or not possible[0].role):
         return (possible[0], _LEFT), []

@@ -12,8 +12,8 @@ from ._layout import BEYOND, fields, find_layout, is_assignment
 
 _SAMPLE = 65_536  # characters at the beginning and the end from which the layout is determined
 _BINARY = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
-_NAMES = re.compile(r"[\"'#%(\[\s]*[^\W\d]")  # of a line that may hold names
-_HEADS = 8  # lines that come again and are tried as names
+_NAMES = re.compile(r"[\"'#%(\[\s]*[^\W\d]")  # of a line that may contain names
+_HEADS = 8  # repeated lines that are tried as names
 _LINE = re.compile(r"[^\r\n]+")
 _ARRIVED = re.compile(r"^(\d\d:\d\d:\d\d[.,]\d+) -> (?=.*?([;\t,]|$))", re.MULTILINE)
 _NOWHERE = "\x1f"  # a delimiter that no text has
@@ -35,10 +35,10 @@ def parse_table(text, delimiter=None, decimal=None):
     """Return the tables in a text: for each its names, units and columns, and the interval.
 
     The numbers may follow a preamble, a line of names and a line of units, and be followed by a
-    footer of text. Without a line of names, these are the positions; without units, they are "";
-    the interval in s is None where the preamble does not tell it. There is more than one table
-    where the line of names comes again, below its rows or beside itself. Columns are floats or
-    objects (text).
+    footer of text. Without a line of names, names are the positions; without units, these are "";
+    the interval in s is None if the preamble does not contain it. There is more than one table if
+    the line of names is repeated, below its rows or next to itself. Columns are floats or objects
+    (text).
     """
     # a serial monitor writes "12:00:00.123 -> " before each line
     text = _ARRIVED.sub(lambda found: found[1] + (delimiter or found[2] or " "), text)
@@ -54,7 +54,7 @@ def parse_table(text, delimiter=None, decimal=None):
 
 
 def _head_of(text, delimiter, decimal):
-    """Return a pattern of the line of names above the table, "" where there is none."""
+    """Return a pattern of the line of names above the table, "" if there is none."""
     lines = [line[0] for line in _lines(text, 0, _SAMPLE)]
     first = {line: i for i, line in reversed(list(enumerate(lines)))}
     again = (i for i, line in enumerate(lines) if first[line] < i and _NAMES.match(line))
@@ -70,7 +70,7 @@ def _head_of(text, delimiter, decimal):
 
 
 def _side_by_side(names, units, columns, interval):
-    """Return tables whose names repeat beside each other, without the blank rows below them."""
+    """Return tables whose names repeat side by side, without the blank rows below them."""
     used = [i for i, v in enumerate(columns) if names[i] != str(i) or not pd.isna(v).all()]
     shown = [names[i] for i in used]
     widths = (n for n in range(2, len(shown) // 2 + 1) if len(shown) % n == 0)

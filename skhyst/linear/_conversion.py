@@ -30,7 +30,8 @@ _NOTHING = 1e-9  # of the largest value of an impulse response
 def without_sampling(system, hold="foh"):
     """Return a system in continuous time, and the delays of its inputs in s, empty for none.
 
-    That is the system itself or, of one in discrete time, what it samples under a hold.
+    That is the system itself or, for one in discrete time, the continuous system of which it has
+    the samples under a hold.
     """
     dt = getattr(system, "dt", None)
     if not dt:

@@ -218,7 +218,7 @@ class DynamicStiffness(ParametricModel):
     }
 
     operator_class = DynamicStiffnessOperator
-    redefined = ("drive",)  # says what it is, not where
+    redefined = ("drive",)  # says which quantity it is, not which column
 
     def __init__(
         self,

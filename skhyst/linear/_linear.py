@@ -46,7 +46,7 @@ _LONG = 512  # samples from which on the table for blocks pays
 
 
 def refuse_open_hold(hold, possible=("foh", "zoh")):
-    """Refuse the hold "auto", which only a fit to records can decide, and what is not possible."""
+    """Refuse the hold "auto", which only a fit to records can decide, and holds without a form."""
     if hold not in possible:
         raise ValueError(
             f"The 'hold' must be {' or '.join(map(repr, possible))} here: 'auto' is decided only "
@@ -93,15 +93,15 @@ def complex_gain(a, b, c, d, points):
 
 
 def decay_of(poles):
-    """Return the longest time in s in which what poles (rad/s) stand for falls to 1/e."""
+    """Return the longest time in s in which a mode of poles (rad/s) decays to 1/e."""
     slowest = np.max(np.real(poles), initial=-np.inf)
     return float(-1.0 / slowest) if slowest < 0.0 else np.inf
 
 
 def _equilibrium(a, b, integrators=0):
-    """Return the state at rest for a unit input; an integrator, which has none, begins at zero.
+    """Return the state at rest for a unit input; the state of an integrator is zero.
 
-    The last states, as many as there are integrators, are theirs: the others rest.
+    The last states are those of the integrators: only the others have a rest.
     """
     if integrators:
         n = a.shape[-1] - integrators
@@ -292,7 +292,7 @@ class LinearOperator(HeldInput):
 
     @property
     def n_start(self):
-        """Number of states where integrators leave none of them at rest."""
+        """Number of states if there are integrators, which have no rest; else 0."""
         return len(self._rest()) if self.integrators else 0
 
     def init(self, u0, initial_state="rest"):
@@ -301,7 +301,7 @@ class LinearOperator(HeldInput):
         if initial_state == "zero":  # a ramp from zero would lead to the first sample
             begun = self.hold == "zoh" and not self.integrators
             return np.zeros_like(self._rest()), 0.0 if begun else None
-        # an integrator goes on from the first sample, where it has its value
+        # an integrator continues from its value at the first sample
         return self._rest() * u0, None if self.integrators else float(u0)
 
     def by_start(self, u, dt, start):

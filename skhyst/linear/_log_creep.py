@@ -57,7 +57,7 @@ def creep_step(u, c, s):
 
 @jit
 def creep_begin(u, c, s):
-    """Do :func:`creep_step` where no drive leads to the first sample.
+    """Do :func:`creep_step` if no drive precedes the first sample.
 
     ``s`` ends with a mark that is zero before it.
     """
@@ -210,7 +210,7 @@ class LogCreepOperator(HeldInput):
         return CompiledLaw(creep_step, constants, [*v, previous, level])
 
     def _sums(self, dt, weights, u, v, previous):
-        """Return what :func:`_creep_bank` does; no drive leads to ``u`` if ``previous`` is None."""
+        """Return the sums of :func:`_creep_bank`; no drive before if ``previous`` is None."""
         if previous is not None:
             return _creep_bank(*self._discrete(dt), weights, u, v, previous)
         sums, state = _creep_bank(*self._discrete(dt), weights, u[1:], v, float(u[0]))

@@ -232,9 +232,9 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
 
     .. math:: Y(z) = \Bigl(D + \sum_r \frac{c_r b_r^T}{z - z_r}\Bigr) U(z)
 
-    Each pole (or conjugate pair) has one vector :math:`b_r` of participation factors and one
-    shape :math:`c_r`, as a mode of a structure has: as many states as poles, however many inputs
-    and responses there are. Several :class:`TransferFunction` would need as many poles each.
+    Each pole (or conjugate pair) has one vector :math:`b_r` of participation factors and one shape
+    :math:`c_r`, like a mode of a structure: as many states as poles, for any number of inputs and
+    responses. Several :class:`TransferFunction` would need as many poles each.
 
     The model describes the *sampled* device, including the hold of its inputs, whatever that is.
     Records with periodic inputs in steady state (at least as many different records as inputs)
@@ -257,7 +257,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
     tolerance : float, default=1e-6
         Relative change of the sum of squares at which the least-squares fit stops.
     max_evaluations : int, default=60
-        Largest number of evaluations; where they do not suffice, there is a
+        Largest number of evaluations; if they do not suffice, there is a
         :class:`~skhyst.exceptions.ConvergenceWarning`.
     dt : float or None, default=None
         Sampling interval in s of data without a time index.
@@ -442,7 +442,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         X : DataFrame or array-like of shape (n_samples, n_inputs)
             Sampled at the interval of the fit.
         return_std : bool, default=False
-            Must be False: the fit is one to spectra.
+            Must be False: the covariance is that of spectra, not of a free run.
 
         Returns
         -------
@@ -538,7 +538,7 @@ def _periodic_lines(records, dt, transient_periods):
 def _record_lines(records, dt):
     """Return s, drives and responses of records that are not periodic.
 
-    One drive per record is a unit pulse in that record: its response is that of the record's
+    The last drives are unit pulses, one per record: the response to a pulse is that to the record's
     unknown initial state.
     """
     s, drives, responses = [], [], []

@@ -40,7 +40,7 @@ class ModesMixin:
         rad/s; a mode is a real pole or a pair. :meth:`poles_table` gives Hz.
     damping_ratios_, damping_ratios_std_ : ndarray of shape (n_modes,)
     n_states_ : int
-        Number of states; that of the poles, for any number of inputs.
+        Number of states; equal to that of the poles, for any number of inputs.
     """
 
     def __init_subclass__(cls, **options):

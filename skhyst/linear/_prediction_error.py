@@ -5,8 +5,8 @@ parameters. The predictor in innovation form,
 
     e[k] = y[k] - C x[k] - D u[k] - c,    x[k+1] = Ad (x[k] + L e[k]) + B0 u[k] + B1' u[k+1],
 
-is stable, and consistent where the drive depends on the response, as long as it does so with a
-delay and the noise is what the gain L says (Ljung, *System Identification*, 1999, sections 7.2 and
+is stable, and consistent even if the drive depends on the response, as long as it does so with a
+delay and the gain L describes the noise (Ljung, *System Identification*, 1999, sections 7.2 and
 13.4). Parameters, L and the state at the start of each record minimise the sum of squares of e.
 
 It starts from a predictor-based subspace method (Chiuso, *Automatica*, 2007): a long autoregression
@@ -25,7 +25,7 @@ from ..optimize import IdentificationResult, sections
 
 _PAST = 20  # least samples of the autoregression, and per state
 _PER_STATE = 4
-_SMALLEST = 1e-3  # poles in the z plane that are nearer to zero, or negative, are put there
+_SMALLEST = 1e-3  # poles in the z plane that are closer to zero, or negative, are moved there
 _POINTS = 8  # of the unit circle, per pole, at which gains are compared
 _REST = 1e-9  # least noise of a state
 _SINGULAR = 1e-11
@@ -100,7 +100,7 @@ def one_step(operator, gain, u, y, dt):
     gain : ndarray of shape (n_states,)
         L, by which an error of the prediction moves the state.
     u, y : ndarray of shape (n_samples,)
-        Drive and response; NaN where the response is not known, which is then that of the model.
+        Drive and response; NaN where the response is not known: the model's response replaces it.
     dt : float
         Interval in s.
 
@@ -216,7 +216,7 @@ def identify_one_step(starts, records, fixed=()):
     Returns
     -------
     result : IdentificationResult
-        Whose error is that of the predictions.
+        With the root mean square error of the predictions.
     gain : ndarray of shape (n_states,)
         L of the predictor.
     """
@@ -353,10 +353,10 @@ def gains_of(system, z):
 
 
 def one_step_starts(records, n_poles, make, integrators=0):
-    """Return pairs of operator and gain to start from; ``make`` makes an operator of sections.
+    """Return starting pairs of operator and gain; ``make`` makes an operator from sections.
 
-    Its numerator is the one with which it has the gains of the system that was found, and as many
-    of the poles that this has, those next to zero, are those of the integrators.
+    Its numerator gives it the gains of the system that was found; as many of the system's poles as
+    there are integrators, those closest to zero, are left to the integrators.
     """
     poles, system, gain = subspace_start(records, n_poles + integrators)
     poles = _without_integrators(poles, integrators)
@@ -381,7 +381,7 @@ def one_step_starts(records, n_poles, make, integrators=0):
 
 
 def _without_integrators(poles, count):
-    """Return poles without as many next to zero; what is left of a pair becomes real."""
+    """Return poles without the ``count`` closest to zero; a broken pair becomes real."""
     poles = poles[np.argsort(np.abs(poles))[count:]]
     alone = np.array([not np.any(np.isclose(poles, p.conj())) for p in poles], dtype=bool)
     return np.where(alone, poles.real, poles)

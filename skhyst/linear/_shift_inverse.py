@@ -2,11 +2,11 @@ r"""The inverse of a fractional shift in time: the inverse of its interpolation.
 
 Each sample of the response is a weighted sum of four of the drive. The weights are the rows of a
 square sparse matrix; the linear system is solved by LSMR (Fong and Saunders, *SIAM Journal on
-Scientific Computing*, 2011), started from the opposite shift. What the response does not determine
-stays as in this start: the end of the drive, which a delay moves out of the record, and, for a
-shift by half a sample, what alternates from sample to sample. Samples of the response that read the
-drive before the record are replaced by those of the start, since no drive within the record can
-reproduce them: the least-squares solution would alternate over many samples.
+Scientific Computing*, 2011), started from the opposite shift. Components that the response does not
+determine remain as in this start: the end of the drive, which a delay moves out of the record, and,
+for a shift by half a sample, alternation from sample to sample. Samples of the response that depend
+on the drive before the record are replaced by those of the start, since no drive within the record
+can reproduce them: the least-squares solution would alternate over many samples.
 """
 
 import math
@@ -70,7 +70,7 @@ class InverseShiftOperator(InverseOperator):
         """Return a step with preview of the response, and the preview in samples.
 
         The step is a finite impulse response filter, the response of :meth:`run` to an impulse. For
-        shifts by nearly half a sample it is long: where it is too long, the opposite shift is used.
+        shifts by nearly half a sample it is long: if it is too long, the opposite shift is used.
         """
         opposite = self.operator.opposite()
         if opposite.skew:

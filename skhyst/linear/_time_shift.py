@@ -183,7 +183,7 @@ class TimeShift(ParametricModel):
     Attributes
     ----------
     operator_ : TimeShiftOperator
-        ``shift`` in s, the delay of the response at the start of a record, negative where it leads;
+        ``shift`` in s, the delay of the response at the start of a record, negative if it leads;
         ``skew``, the increase of the delay in s per s.
 
     See Also
@@ -227,7 +227,7 @@ class TimeShift(ParametricModel):
         self.method = method
 
     def starting_values(self, records):
-        """Return operators to start from; see the base."""
+        """Return starting operators; see the base."""
         dt, span = time_span(records)
         if self.fit_skew:  # by half an interval and by two at the end of a record
             ends = [sign * size * dt for size in (0.5, 2.0) for sign in (-1.0, 1.0)]

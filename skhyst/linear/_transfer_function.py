@@ -133,8 +133,8 @@ class TransferFunctionOperator(LinearOperator):
 
     Notes
     -----
-    Integrators have no state of rest. With them a record begins at its first sample, in ``"rest"``
-    with the sections at rest and the integrators at zero, and ``init`` also takes the states at the
+    Integrators have no state of rest. With them, in ``"rest"`` the sections are at rest and the
+    integrators at zero at the first sample of a record, and ``init`` also takes the states at the
     first sample (see ``n_start`` of :class:`~skhyst.operators.Operator`).
 
     Examples
@@ -233,7 +233,7 @@ class TransferFunctionOperator(LinearOperator):
         pencil = np.block([[a / unit, b[:, None] / unit], [c[None, :], np.array([[d]])]])
         found = eig(pencil, np.diag(np.r_[np.ones(len(b)), 0.0]), right=False)
         found = found[np.isfinite(found)]
-        # zeros at infinity come out finite but large, by rounding: keep the smallest ones
+        # zeros at infinity become finite but large, by rounding: keep the smallest ones
         return unit * found[np.argsort(np.abs(found))[: np.size(self.numerator)]]
 
     def in_order(self):
@@ -283,8 +283,8 @@ class TransferFunctionOperator(LinearOperator):
         """Return the ways to divide the operator in two in series, each with a pole at least.
 
         Poles and zeros go to either part, conjugate pairs together, and no part has more zeros than
-        poles: that is every place where something may stand between the two (Sjöberg and Schoukens,
-        *Automatica*, 2012). Where that makes more than 256 ways, neighbours in size stay together,
+        poles: these are all places where a stage may stand between the two (Sjöberg and Schoukens,
+        *Automatica*, 2012). If there are more than 256 divisions, neighbours in size stay together,
         zeros first.
 
         Returns
@@ -323,7 +323,7 @@ class TransferFunctionOperator(LinearOperator):
                         gain=self.gain,
                         numerator=self.gain * second.numerator,
                         intercept=self.intercept,
-                        hold="foh",  # what comes out of the first is smooth
+                        hold="foh",  # the output of the first part is smooth
                     )
                     found.append((first, scaled))
         return found
@@ -442,7 +442,7 @@ class MultiInputTransferFunctionOperator(HeldInput):
     gains : ndarray of shape (n_inputs,)
         Static gains, response/drive.
     delays : ndarray of shape (n_inputs,), default=()
-        In s; empty where there are none.
+        In s; empty if there are none.
     intercept : float, default=0.0
         Units of the response.
     hold : {"foh", "zoh", "bandlimited"}, default="foh"
@@ -792,7 +792,7 @@ def record_starts(records, n_poles, n_zeros, delay, hold):
 
 
 def _through(record, count):
-    """Return a record with its drive integrated, relative to what drives it on the whole."""
+    """Return a record with an integrated drive, relative to the mean of the drive."""
     u, rows = record.u, np.arange(len(record.u))
     for _ in range(count):
         u = record.dt * np.append(0.0, np.cumsum(0.5 * (u[1:] + u[:-1])))
@@ -847,7 +847,7 @@ def _weight(response, std):
     """Return reciprocal standard deviations, or 1 / RMS of the response where none are known."""
     if std is None or not np.any(std > 0.0):
         return np.full(response.shape, 1.0 / np.sqrt(np.mean(np.abs(response) ** 2)))
-    # a line counts at most as much as a hundred typical ones: a standard deviation near 0 is chance
+    # the weight of a line is limited: a standard deviation near 0 is chance
     return 1.0 / np.maximum(std, 0.1 * np.median(std[std > 0.0]))
 
 
@@ -912,16 +912,17 @@ class TransferFunction(ModesMixin, LinearModel):
     delay : float, array-like of shape (n_inputs,) or "fit", default=0.0
         Delay in s, fixed, for all inputs or one for each; or fitted, one for each.
     integrators : int, default=0
-        Poles at zero, beside the ``n_poles``, which may then be 0; only with ``inputs="drive"``.
-        They are known, so the others have the standard errors. A record starts at its own response:
-        with ``initial_state="estimate"`` all states at its first sample are fitted.
+        Poles at zero, in addition to the ``n_poles``, which may then be 0; only with
+        ``inputs="drive"``. They are known, so that only the others have standard errors. A record
+        starts at its own response: with ``initial_state="estimate"`` all states at its first sample
+        are fitted.
     stable : bool, default=True
-        False lets poles be in the right half-plane, as those of a plant that a feedback keeps in
-        bounds. :meth:`fit` then minimises the errors of predictions one step ahead, in place of
-        those of the free run, with the gain of the predictor and the state at each record's start
-        (prediction-error method [4]_), for one input without a delay, a given number of poles and
-        one sampling interval. The noise is taken as white innovations. A part of another model,
-        which is fitted by its free run, is stable.
+        False allows poles in the right half-plane, as for a plant that is stabilised by feedback.
+        :meth:`fit` then minimises the errors of predictions one step ahead instead of the free run,
+        with the gain of the predictor and the state at each record's start (prediction-error method
+        [4]_), for one input without a delay, a given number of poles and one sampling interval. The
+        noise is modelled by white innovations. Within another model, which is fitted by its free
+        run, the poles are stable.
 
     Attributes
     ----------
@@ -936,8 +937,8 @@ class TransferFunction(ModesMixin, LinearModel):
         after :meth:`fit_frequency_response` that of real and imaginary parts in units of their
         standard deviation.
     predictor_gain_ : ndarray of shape (n_states,)
-        With ``stable=False`` and :meth:`fit`: how much of an error of the prediction moves the
-        states of ``operator_`` (of its ``state_space()``), see :meth:`predict_one_step`.
+        With ``stable=False`` and :meth:`fit`: the gain from the prediction error to the states of
+        ``operator_`` (of its ``state_space()``), see :meth:`predict_one_step`.
 
     Raises
     ------
@@ -1105,7 +1106,7 @@ class TransferFunction(ModesMixin, LinearModel):
         options = n_poles, n_zeros, self._delay_of(n_inputs), self.hold
         if not self.integrators:
             return record_starts(records, *options)
-        # in series the order does not matter: what the integrated drive goes through is stable
+        # in series the order is irrelevant: the integrated drive passes stable dynamics
         found = record_starts([_through(r, self.integrators) for r in records], *options)
         return [_with_integrators(start, self.integrators) for start in found]
 
@@ -1182,7 +1183,7 @@ class TransferFunction(ModesMixin, LinearModel):
         return choose_orders(fit, self.n_poles, self.n_zeros, self.max_poles)
 
     def in_series_with(self, other):
-        """Return the model of this one and another behind it, or None where that is no other.
+        """Return the model of this one followed by another, or None if there is none of one kind.
 
         Parameters
         ----------
@@ -1221,7 +1222,7 @@ class TransferFunction(ModesMixin, LinearModel):
         Returns
         -------
         TransferFunctionOperator or None
-            None where it has another number of poles, or more zeros.
+            None if it has another number of poles, or more zeros.
         """
         missing = self.n_zeros - np.size(operator.numerator)
         if len(operator.poles()) != self.n_poles or missing < 0:
@@ -1327,7 +1328,7 @@ class TransferFunction(ModesMixin, LinearModel):
 
     @classmethod
     def from_system(cls, system, **params) -> Self:
-        """Make a fitted model from a system, such as that of a data sheet.
+        """Make a fitted model from a system, for example of a data sheet.
 
         Parameters
         ----------
@@ -1451,8 +1452,8 @@ class TransferFunction(ModesMixin, LinearModel):
         Returns
         -------
         ndarray of shape (n_samples,)
-            Each from the response before it; a record starts from the state that its response
-            tells.
+            Each from the responses before it; a record starts from the state estimated from its
+            response.
 
         Raises
         ------

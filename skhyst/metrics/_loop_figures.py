@@ -76,8 +76,8 @@ def loop_figures(X, y, *, center="loop", tolerance=TOLERANCE, skip=0, dt=None) -
         cycle is closed whose ends differ by less than this part of its own range, and cycles whose
         ends and periods differ by less repeat each other.
     skip : int, default=0
-        Cycles that are left out at the beginning of each loop, as they still depend on what came
-        before.
+        Cycles that are left out at the beginning of each loop, as they still depend on the earlier
+        drive.
     dt : float, default=None
         Sampling interval in s of data without a time index; by default samples are counted.
 

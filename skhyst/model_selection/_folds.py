@@ -15,7 +15,7 @@ _WASHOUT = 0.05  # of a block of a single record
 
 
 def by_content(records, X=None, y=None) -> np.ndarray:
-    """Return the numbers of the records in an order that does not depend on that of the data.
+    """Return the numbers of the records in an order independent of that in the data.
 
     They are sorted by length, then by the mean of the response and of the drive, which no choice of
     units changes.
@@ -86,26 +86,26 @@ def segment_folds(
     records : sequence of RecordSlice
         All records, as :func:`skhyst.records.record_slices` returns them.
     cv : int, splitter or iterable, default=5
-        As in ``GridSearchCV``. An int: so many folds, each of a contiguous block of every record,
-        and not of the same one, so that what a fold tests lies within what it trains on. As in
-        ``TimeSeriesSplit`` there is one more block, the first one, which each of these folds trains
-        on: what the memory of a device does first, it does not do again. A last fold, trained on
-        everything, scores these first blocks. Of a record whose blocks would be shorter than
-        ``shortest``, all is in one fold. Records are dealt by what is in them (:func:`by_content`),
-        whatever their order. Else an object with
-        ``split(X, y, groups)``, or an iterable of (train, test) row numbers, which is consumed
+        As in ``GridSearchCV``. An int: that many folds, each of a contiguous block of every record,
+        at different positions, so that the test samples of a fold lie within the range of its
+        training samples. As in ``TimeSeriesSplit`` there is one more block, the first one, which is
+        in the training set of each of these folds: the first response of a device's memory is not
+        repeated later. A last fold, trained on everything, scores these first blocks. A record
+        whose blocks would be shorter than ``shortest`` is in one fold as a whole. Records are
+        assigned by their content (:func:`by_content`), independent of their order. Else an object
+        with ``split(X, y, groups)``, or an iterable of (train, test) row numbers, which is consumed
         once.
     X : DataFrame or array-like of shape (n_samples, n_inputs), optional
-        For a splitter, and to tell records of one length apart.
+        For a splitter, and to distinguish records of one length.
     y : array-like of shape (n_samples,), optional
         The same.
     groups : array-like of shape (n_samples,), optional
         Passed to a splitter.
     washout : int or None, default=None
-        Samples at the start of each record that are neither fitted nor scored, in no fold: they
-        are in no segment. One sample of each record at least is in one. None: 5 % of the shortest
-        block of a single record, whose past is unknown; nothing where there are several records,
-        each from its own start.
+        Samples at the start of each record that are neither fitted nor scored, in no fold and no
+        segment. At least one sample of each record is in a segment. None: 5 % of the shortest block
+        of a single record, whose past is unknown; none for several records, each from its own
+        start.
     n_segments : int, default=32
         Segments a record, at the most where the folds allow it.
     shortest : int, default=16
@@ -114,8 +114,8 @@ def segment_folds(
     Returns
     -------
     segments : tuple of tuple of (start, stop)
-        For each record, its segments in order, which cover what is behind its washout; rows count
-        from its start. They are about equally long, but for the ends of blocks.
+        For each record, its segments in order, which cover the rows after its washout; rows count
+        from its start. They are about equally long, except at the ends of blocks.
     folds : list of (train, test)
         Boolean masks over the segments of all records: those fitted, those scored. What a fold
         neither trains on nor tests (gaps) is in neither.
@@ -209,7 +209,7 @@ def _even_folds(records, cv, X, y, shortest, begins):
     """Return masks (n_folds, n_samples) of a block of every record, or of all of a short one."""
     fold_of = []
     places = np.argsort(by_content(records, X, y))
-    if X is not None and y is not None:  # what is recorded once is never on both sides of a fold
+    if X is not None and y is not None:  # equal records are never on both sides of a fold
         places = places[first_of_equals(records, X, y)]
     for record, place, begin in zip(records, places, begins, strict=True):
         n = record.n_samples - begin
@@ -230,10 +230,10 @@ def _even_folds(records, cv, X, y, shortest, begins):
 
 
 def _blocks(drive, n, cv, shortest):
-    """Return the number of the block that each of the last n samples is in, -1 of the first one.
+    """Return the number of the block of each of the last n samples, -1 for the first block.
 
-    Parts of a period count from its largest drive: where it goes up and down once, no part is the
-    only one that goes through its range.
+    Parts of a period count from its largest drive: if it goes up and down once, no part is the only
+    one to cover its range.
     """
     period = near_period(drive)
     if not 2 * cv * shortest <= period <= n:
@@ -299,7 +299,7 @@ def _row_numbers(numbers, n_rows, where):
 
 
 def _shares(lengths, n_segments):
-    """Return how many segments each part of a record gets: parts of one length equally many."""
+    """Return the number of segments of each part of a record: equal for parts of equal length."""
     # multiples of the shortest, as the blocks of an even division differ by a sample
     sizes = np.maximum(np.round(lengths / lengths.min()), 1.0)
     for size in np.unique(sizes / np.arange(1, n_segments + 1)[:, None]):

@@ -39,10 +39,10 @@ def washout_scorer(
         changed. None: taken from the name of a metric of skhyst, and of one that ends in
         ``_score`` (high is good) or ``_error``, ``_loss``, ``_deviance`` (low is good).
     initial_state : {"estimate"} or None, default=None
-        State before each record. None: that of ``predict``. "estimate": what came before a record
-        is estimated from its washout, the ``y_start`` of ``predict`` of the estimator or of the
-        last step of a pipeline; as for a fold that is cut out of a recording, which does not begin
-        at rest.
+        State before each record. None: that of ``predict``. "estimate": the input history of a
+        record is estimated from its washout, by the ``y_start`` of ``predict`` of the estimator or
+        of the last step of a pipeline; for example for a fold that is cut out of a recording, which
+        does not begin at rest.
     **metric_options : dict
         Passed on to the metric.
 
@@ -57,7 +57,7 @@ def washout_scorer(
     Raises
     ------
     ValueError
-        If a parameter is out of its range, or the metric's name does not say what is better.
+        If a parameter is out of its range, or the metric's name does not show which sign is better.
 
     See Also
     --------
@@ -110,15 +110,15 @@ def _high_is_good(metric):
 
 
 def predicted_from(estimator, X, known):
-    """Return the prediction that goes on from a known response; None for one that takes none.
+    """Return the prediction that continues a known response; None if the estimator cannot.
 
     Parameters
     ----------
     estimator : estimator
-        Fitted; of a pipeline the last step goes on.
+        Fitted; in a pipeline the last step continues the response.
     X : array-like of shape (n_samples, n_inputs)
     known : array-like of shape (n_samples,)
-        NaN where nothing is known.
+        NaN where unknown.
 
     Returns
     -------
@@ -159,7 +159,7 @@ class _WashoutScorer:
         return value if self.greater_is_better else -value
 
     def _predicted(self, estimator, X, known):
-        """Return the prediction from rest, or from what is known of the response."""
+        """Return the prediction from rest, or from the known part of the response."""
         if self.initial_state is None:
             return np.asarray(estimator.predict(X))
         found = predicted_from(estimator, X, known)

@@ -1,7 +1,7 @@
 """Splitters that keep records whole, or cut them into blocks with gaps between them.
 
-Rows that are neighbours in time share the state of the device: a model that has seen one of them
-has nearly seen the other. So a fold consists of whole records, or of contiguous blocks of them.
+Rows that are neighbours in time share the state of the device: a model that was fitted to one of
+them nearly knows the other. So a fold consists of whole records, or of contiguous blocks of them.
 """
 
 import warnings
@@ -20,7 +20,7 @@ from ._folds import by_content, check_integer, runs
 
 
 class _RecordSplitter(BaseCrossValidator):
-    """Splitter that reads the records from the index of X, and checks what it is asked to do."""
+    """Splitter that reads the records from the index of X, and checks its parameters."""
 
     @abstractmethod
     def _folds(self, records, labelled, X, y):
@@ -210,10 +210,10 @@ class BlockedTimeSeriesSplit(_RecordSplitter):
 
     Notes
     -----
-    In a frame, the rows before and after a cut are two records, since the index then has a hole.
-    An array loses its index when it is sliced: there the rows of each fold are taken for one
-    record, although the training rows jump at each cut. A frame avoids that, also one with a
-    default index.
+    In a frame, the rows before and after a cut are two records, since the index then has a hole. An
+    array loses its index when it is sliced: the rows of each fold are then treated as one record,
+    although the training rows jump at each cut. A frame, even one with a default index, avoids
+    that.
 
     A training row without a neighbour is left out: a record has at least two samples.
 
@@ -280,7 +280,7 @@ def _mask(n_samples, starts, stops):
 
 
 def _clock(records, washout):
-    """Return increasing integers, one a row: time in intervals, records apart by the washout.
+    """Return increasing integers, one per row: time in intervals, records separated by the washout.
 
     The two sides of a hole in a record are as far apart as the hole is long.
     """

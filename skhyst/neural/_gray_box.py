@@ -401,7 +401,7 @@ class GrayBoxOperator(Operator):
         past = y - self._constant
         for j in range(1, self.output_lags + 1):
             shifted.append(np.append(np.full(j, past[0]), past)[: w.size])
-        # a row of ones at the end is the factor that -1 stands for
+        # the factor -1 refers to the row of ones at the end
         x = np.vstack([self._mix @ np.array(shifted), np.ones(w.size)])
         return np.prod(x[self._terms], axis=1).T, y - level
 

@@ -1,4 +1,4 @@
-"""Noise: its model, spectrum and innovations, its size, and tests of sums beside it."""
+"""Noise: its model, spectrum, innovations and size, and tests of sums under it."""
 
 from ._autoregression import autoregression as autoregression
 from ._autoregression import whitening_filter as whitening_filter

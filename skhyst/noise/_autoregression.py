@@ -37,7 +37,7 @@ def levinson(covariance, longest):
     weights : ndarray of shape (order,)
         Of the past samples, the last one first.
     left : float
-        Variance of what they do not predict.
+        Variance of the prediction errors.
     """
     weights, left = np.empty(0), covariance[0]
     for order in range(1, min(longest, len(covariance) - 1) + 1):
@@ -72,7 +72,7 @@ def whitening_filter(series):
 
 
 def autoregression(covariance, n):
-    """Return the filter (order + 1,) that makes noise white, and the power of what it leaves.
+    """Return the whitening filter (order + 1,) of noise, and the power of its output.
 
     ``covariance`` (n_lags,) is the noise's, estimated from ``n`` samples.
     """
@@ -88,7 +88,7 @@ def autoregression(covariance, n):
 
 
 def _candidates(covariance, longest):
-    """Yield weights of the past, the last sample first, what they leave, and how many are free."""
+    """Yield weights of the past, latest first, error power, and degrees of freedom."""
     for weights, left in levinson(covariance, longest):
         yield weights, left, len(weights)
     # sums of the covariance over rectangles of lags from its second integral
@@ -107,8 +107,8 @@ def _candidates(covariance, longest):
 
 
 def _fractional(covariance):
-    """Return the weights of a fractional difference, what they leave, and one: its order."""
-    size = 2 * len(covariance) - 1  # odd: all but the first frequency are there twice
+    """Return the weights of a fractional difference, their error power, and one: its order."""
+    size = 2 * len(covariance) - 1  # odd: all but the first frequency occur twice
     power = rfft(np.append(covariance, covariance[:0:-1])).real * 2.0 / size
     power[0] *= 0.5
     factor = 2.0 * np.sin(np.pi * np.arange(len(power)) / size)

@@ -2,10 +2,9 @@ r"""The size of noise on a smooth signal, from differences of neighbouring sampl
 
 The difference of order p multiplies the variance of white noise by :math:`\binom{2p}{p}` and the
 amplitude of a sine of the period T by :math:`(2 \sin(\pi / T))^p`. Divided by the root of the
-former, differences show the noise, and of what is smooth less from order to order (Gasser, Sroka
-and Jennen-Steinmetz [1]_ have the second). Noise whose neighbours
-resemble each other shows less than its size: of stationary noise of the spectrum S, the mean of S
-with a weight that rises with the frequency.
+former, differences show the noise, and a smooth signal less with each order (Gasser, Sroka and
+Jennen-Steinmetz [1]_ use the second). Noise with correlated neighbours shows less than its size:
+for stationary noise of the spectrum S, the mean of S with a weight that rises with the frequency.
 
 References
 ----------
@@ -18,14 +17,14 @@ from scipy.stats import norm
 
 from ._model import stretches
 
-_ORDERS = (2, 3, 4)  # a straight line is no noise; more multiply what rounding has done
+_ORDERS = (2, 3, 4)  # a straight line has no second difference; higher orders amplify rounding
 
 
 def difference_noise(series):
-    """Return the standard deviation of noise on smooth series, at most that of coloured noise.
+    """Return the standard deviation of noise on smooth series, a lower bound for coloured noise.
 
     The least of the second, third and fourth differences. An edge of the signal is in few
-    differences: those that are further off than normal noise goes once in as many do not count.
+    differences: those beyond the value that normal noise exceeds once in as many are excluded.
 
     Parameters
     ----------
@@ -66,10 +65,10 @@ def _without_edges(values):
 
 
 def white_noise_floor(signal):
-    """Return the standard deviation of white noise on a smooth signal, 0 where none is seen.
+    """Return the standard deviation of white noise on a smooth signal, 0 if none is detected.
 
-    Where the signal is smooth, differences shrink from order to order, and where it is noise they
-    stay.
+    Differences of a smooth signal shrink with the order, those of white noise keep their scaled
+    size.
 
     Parameters
     ----------

@@ -8,9 +8,9 @@ noise under a first-order process or under a power law, as flicker noise has,
    S = \sigma^2 \left(1 - s + s \frac{1 - a^2}{1 - 2 a \cos 2 \pi f + a^2}\right) \qquad
    S = \sigma^2 (1 - s + s\, b f^{-\beta})
 
-by Whittle's likelihood [1]_, :math:`\sum_k \log S(f_k) + c_k^2 / S(f_k)`; what the second and the
-third gain has to pay for two more parameters (Schwarz [2]_). A spectrum with a peak is none of
-these: that is a line, or an oscillation, and so is structure.
+by Whittle's likelihood [1]_, :math:`\sum_k \log S(f_k) + c_k^2 / S(f_k)`; the second and the third
+have to gain enough for two more parameters (Schwarz [2]_). A spectrum with a peak fits none of
+these: it shows a line, or an oscillation, and so structure.
 
 References
 ----------
@@ -49,7 +49,7 @@ class NoiseModel:
     share : float
         Part of the variance that has this law; the rest is white.
     outliers : float
-        Part of the samples that are further off than normal noise goes once in as many.
+        Fraction of the samples beyond the value that normal noise exceeds once in as many.
     quantisation : float
         Step of the converter, units of the response; 0 where readings show none. Of evenly spread
         readings its square over 12 is in the variance.
@@ -86,9 +86,9 @@ class NoiseModel:
         return solve_toeplitz(correlations[:-1], correlations[1:])
 
     def correlation_length(self, n_samples):
-        """Return after how many samples the correlation has fallen to 1/e; 0 for white noise.
+        """Return the number of samples in which the correlation falls to 1/e; 0 for white noise.
 
-        It is that of the coloured part in a record of so many samples, whose mean is taken off.
+        It is that of the coloured part in a record of so many samples without its mean.
 
         Parameters
         ----------
@@ -109,17 +109,17 @@ class NoiseModel:
         return int(np.argmax(low)) + 1 if low.any() else n_samples
 
     def innovations(self, series):
-        """Return what its own past does not predict of each series, stretch by stretch.
+        """Return the one-step prediction errors of each series, in each contiguous part.
 
         Parameters
         ----------
         series : sequence of ndarray of shape (n_samples,)
-            One per record; NaN where there is no value.
+            One per record; NaN for missing values.
 
         Returns
         -------
         list of ndarray of shape (n_samples,)
-            One per record; NaN where there is no value.
+            One per record; NaN for missing values.
         """
         if self.law == "white":
             return list(series)
@@ -160,7 +160,7 @@ def fit_noise(series, readings=()):
     Parameters
     ----------
     series : sequence of ndarray
-        Noise, sample by sample, NaN where it is not known.
+        Noise, sample by sample, NaN where unknown.
     readings : sequence of ndarray, optional
         What the sensor reads, for the step of its converter.
 

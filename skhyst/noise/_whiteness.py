@@ -4,9 +4,9 @@ With the autocorrelations :math:`\hat\rho_k` of n samples,
 
 .. math:: Q = n (n + 2) \sum_{k=1}^{m} \frac{\hat\rho_k^2}{n - k}
 
-has a chi-squared distribution of m degrees of freedom where the samples are white (Ljung and Box,
-*Biometrika*, 1978). The lags are 1, 2, 4, ... samples: noise whose correlation lasts is seen at the
-long ones, and as few numbers as that tell short correlation apart with little loss.
+has a chi-squared distribution of m degrees of freedom if the samples are white (Ljung and Box,
+*Biometrika*, 1978). The lags are 1, 2, 4, ... samples: long correlation shows at the long ones, and
+with so few lags little power is lost against short correlation.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ from scipy.special import chdtrc
 
 
 def whiteness_p_value(series):
-    """Return how probable the autocorrelation of a list of series is where they are white.
+    """Return the p-value of the autocorrelation of a list of series, if they are white.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ def whiteness_p_value(series):
     Returns
     -------
     float
-        1 where there is nothing to be tested.
+        1 if there is nothing to test.
     """
     n = sum(map(len, series))
     power = sum(float(own @ own) for own in series)

@@ -17,8 +17,8 @@ def check_operator(operator, u, dt):
     Parameters
     ----------
     operator : Operator
-        With parameters inside their bounds. Where the law has a kink, its derivatives lie between
-        those to either side.
+        With parameters inside their bounds. At a kink of the law, derivatives have to lie between
+        the one-sided derivatives.
     u : ndarray of shape (n_samples,) or (n_samples, n_inputs)
         Input, of at least three samples.
     dt : float
@@ -27,8 +27,8 @@ def check_operator(operator, u, dt):
     Raises
     ------
     AssertionError
-        If ``sensitivities``, ``run``, ``step`` and ``unpack`` do not agree; the message names
-        which, and the parameter of a wrong derivative.
+        If ``sensitivities``, ``run``, ``step`` and ``unpack`` disagree; the message names them, and
+        the parameter of a wrong derivative.
 
     Examples
     --------

@@ -75,10 +75,10 @@ class CompiledStep:
     n_inputs : int or None
         Columns of the input that are read; None for a signal.
     double_only : str
-        What needs double precision, in words; empty if nothing does.
+        Why double precision is needed, in words; empty if it is not.
     flags : tuple of (str, int)
-        Conditions of the last sample: name, and index in the state of a number that is 0 if the
-        condition does not hold. Entries with the same name are one flag.
+        Conditions of the last sample: name, and index in the state of a number that is nonzero
+        while the condition holds. Entries with the same name are one flag.
     """
 
     n_inputs = None
@@ -86,7 +86,7 @@ class CompiledStep:
     flags = ()
 
     def is_possible(self, s):
-        """Return whether a step can continue from a state: indices in it are within range.
+        """Return whether a step can continue from a state: the indices in it are within range.
 
         Compiled code does not check indices: one out of range crashes the interpreter.
 
@@ -103,7 +103,7 @@ class CompiledStep:
         return True
 
     def bound(self, s, binding):
-        """Return the function of the input that ``binding`` makes of each step.
+        """Return the function of the input that ``binding`` makes of all steps.
 
         Parameters
         ----------
@@ -121,12 +121,12 @@ class CompiledStep:
         raise NotImplementedError
 
     def compacted(self):
-        """Return the step with less memory, where one of its laws has such a form.
+        """Return an equivalent step that needs less memory, if one of its laws has such a form.
 
         Returns
         -------
         CompiledStep
-            It begins from the same state of the device, and its response is close to that of this
+            It starts from the same state of the device, and its response is close to that of this
             step.
         """
         return self
@@ -178,14 +178,15 @@ class CompiledLaw(CompiledStep):
     n_inputs : int, default=None
         Columns of the input that are read; None for a signal.
     double_only : str, default=""
-        What needs double precision, such as differences of nearly equal numbers.
+        Why double precision is needed, such as for differences of nearly equal numbers.
     possible : callable, default=None
-        ``possible(s, c) -> bool``, if the state holds indices of tables or of itself: whether they
-        are in range. None: the step takes any finite state.
+        ``possible(s, c) -> bool``, if the state holds indices into tables or into itself: whether
+        they are in range. None: the step takes any finite state.
     flags : tuple of (str, int), default=()
         As of :class:`CompiledStep`.
     compact : CompiledLaw, default=None
-        The law with less memory, in the same state: it computes what this one looks up.
+        The law in a form with less memory and the same state: it computes values that this one
+        tabulates.
 
     Examples
     --------
@@ -216,7 +217,7 @@ class CompiledLaw(CompiledStep):
         object.__setattr__(self, "state", as_constant(self.state))
 
     def behind(self, u):
-        """Return the step with the state that an input leaves.
+        """Return a copy of the step whose state is that after an input.
 
         Parameters
         ----------
@@ -226,7 +227,7 @@ class CompiledLaw(CompiledStep):
         Returns
         -------
         CompiledLaw
-            A copy.
+            The copy.
         """
         s = self.state.copy()
         step = self.stepping(s)
@@ -264,7 +265,7 @@ class CompiledParts(CompiledStep):
 
     @property
     def double_only(self):
-        """What needs double precision in one of the parts."""
+        """Why one of the parts needs double precision."""
         return next((part.double_only for part in self.parts if part.double_only), "")
 
     @property
@@ -274,7 +275,7 @@ class CompiledParts(CompiledStep):
         return tuple((name, int(own[at])) for part, own in places for name, at in part.flags)
 
     def _each(self, s):
-        """Yield each part with its part of a state."""
+        """Yield each part with its slice of a state."""
         ends = np.cumsum([len(part.state) for part in self.parts])
         return zip(self.parts, np.split(s, ends[:-1]) if self.parts else (), strict=True)
 
@@ -288,7 +289,7 @@ class CompiledParts(CompiledStep):
         return self._joined([part.bound(own, binding) for part, own in self._each(s)])
 
     def _joined(self, functions):
-        """Return the function that the parts' functions make together."""
+        """Return the function that composes the functions of the parts."""
         raise NotImplementedError
 
 
@@ -302,7 +303,7 @@ class CompiledCall(CompiledStep):
         ``function(u, s) -> y`` of the input at one sample and of the state, which it changes.
     state : array-like of shape (n_states,)
     name : str
-        What it calls, for the error message where plain arithmetic is needed.
+        What it calls, for the error message where compiled code is needed.
     n_inputs : int, default=None
         Columns of the input that are read; None for a signal.
 
@@ -341,7 +342,7 @@ class CompiledCall(CompiledStep):
 
 
 class CompiledSeries(CompiledParts):
-    """Steps in series: each takes the output of the one before."""
+    """Steps in series: the output of each is the input of the next."""
 
     def _joined(self, functions):
         def series(u):
@@ -385,7 +386,7 @@ class CompiledColumn(CompiledParts):
 
 
 class CompiledProduct(CompiledParts):
-    """A step whose output is scaled by that of the last; of one between, all but its output is."""
+    """The first output times the last; steps in between scale all but the first output."""
 
     def _joined(self, functions):
         function, *others, factor = functions
@@ -430,7 +431,7 @@ class _Replaced:
 
 
 class CompiledColumnSeries(CompiledParts):
-    """Two steps: the second reads the output of the first in place of column 0."""
+    """Two steps in series: the output of the first replaces column 0 of the input of the second."""
 
     def _joined(self, functions):
         first, second = functions
@@ -439,7 +440,7 @@ class CompiledColumnSeries(CompiledParts):
 
 @dataclass(frozen=True)
 class Signal:
-    """What a step takes or returns, and the range of it that a fit has seen.
+    """An input or output of a step, with its range in the fit.
 
     Parameters
     ----------
@@ -462,9 +463,9 @@ class Signal:
         return (self.low, self.high, self.rate) != (-math.inf, math.inf, math.inf)
 
     def ends(self, dt):
-        """Return lowest and highest value, and largest change in an interval.
+        """Return the lowest and highest value, and the largest change per sampling interval.
 
-        Rounding of what lies on an end is no extrapolation.
+        Values beyond an end by no more than rounding are within it.
 
         Parameters
         ----------
@@ -486,20 +487,20 @@ ROUNDING = 1e-9  # of a range: what exceeds it by less has not left it
 
 
 class Stepper:
-    """A device that is fed sample by sample.
+    """A device that is run sample by sample.
 
     Parameters
     ----------
     compiled_step : CompiledStep
-        Operator at its sampling interval, with the state to begin from.
+        The operator's step at its sampling interval, with the initial state.
     dt : float, default=None
-        That interval in s, where it is known.
+        The sampling interval in s, if it is known.
     inputs : sequence of Signal, default=()
-        What a step takes, one per column.
+        Inputs of a step, one per column.
     result : Signal, default=None
-        What it returns.
+        The output.
     preview : int, default=0
-        Samples by which the input comes before the output that belongs to it.
+        Samples by which the input precedes the output that belongs to it.
     remake : callable, default=None
         Returns a stepper of this kind again, for pickling; by default the compiled step itself is
         pickled.
@@ -507,18 +508,18 @@ class Stepper:
     Attributes
     ----------
     dt : float or None
-        Sampling interval in s, where it is known.
+        Sampling interval in s, if it is known.
     state : ndarray of shape (n_states,)
-        Complete state: a copy, which may be stored and assigned again.
+        Complete state: a copy, which may be stored and assigned later.
     output : float or None
-        At the last sample that was not refused; None before the first, and after ``state`` is set.
+        At the last accepted sample; None before the first, and after ``state`` is set.
     status : frozenset of str
-        Conditions that hold at the last sample: ``"limited"``, limits have cut the drive;
+        Conditions that hold at the last sample: ``"limited"``, limits have clipped the drive;
         ``"unreachable"``, an inverse by root finding has found no drive for its reference;
-        ``"extrapolated"``, the drive has left the range or the rate of the fit; ``"refused"``, the
-        last input was refused, see :meth:`step`.
+        ``"extrapolated"``, the drive is outside the range or the rate of the fit; ``"refused"``,
+        the last input was refused, see :meth:`step`.
     compiled_step : CompiledStep
-        What is stepped, with the state that it began from.
+        The compiled step, with its initial state.
     inputs, result, preview : tuple of Signal, Signal or None, int
         As given.
     watched : tuple of (int, float, float, float)
@@ -593,7 +594,7 @@ class Stepper:
         return frozenset(found | {"extrapolated"} if self._has_left() else found)
 
     def _has_left(self):
-        """Whether the last sample was beyond the range of a signal, or its rate."""
+        """Whether the last sample was beyond the range or the rate of a signal."""
         if self._last is None or not self.watched:
             return False
         now = (*np.ravel(self._last[0])[: len(self.inputs)], self._last[1])
@@ -611,7 +612,7 @@ class Stepper:
         Parameters
         ----------
         u : float, or array-like of shape (n_inputs,)
-            Drive, and the other columns where the model reads them.
+            Drive, with the other columns if the model reads them.
 
         Returns
         -------
@@ -620,7 +621,7 @@ class Stepper:
         Raises
         ------
         ValueError
-            If the input is not finite or of another shape: the state is as it was, the status says
+            If the input is not finite or of another shape: the state is unchanged, the status is
             ``"refused"``, and ``output`` is the last one, which a program in C returns again.
         """
         if self.compiled_step.n_inputs is None:
@@ -639,7 +640,7 @@ class Stepper:
         return self.output
 
     def run(self, u):
-        """Return the response to many samples; the state is then that after the last.
+        """Return the response to many samples, and keep the state after the last.
 
         Parameters
         ----------
@@ -707,7 +708,7 @@ class Stepper:
 
 
 def _restored(again, state, known):
-    """Return a stepper that goes on from where a pickled one was."""
+    """Return a stepper that continues from the state of a pickled one."""
     stepper = again()
     stepper.state = state
     stepper._recall(known)

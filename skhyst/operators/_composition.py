@@ -1,4 +1,4 @@
-"""Nodes of the tree: series and sums of operators, and what wraps one; all are operators again."""
+"""Nodes of the tree, themselves operators: series, sums, and wrappers of one operator."""
 
 import copy
 from dataclasses import dataclass, field, replace
@@ -32,13 +32,13 @@ _SENSITIVITY = ParameterSpec(unit="1/column")
 
 
 def _forwarded(path):
-    """Return the property whose value is that of another operator."""
+    """Return a property that forwards to an attribute of another operator."""
     name = path.rpartition(".")[2]
     return property(attrgetter(path), doc=f"The ``{name}`` of the operator within.")
 
 
 class _ByEntries(Operator):
-    """An operator whose entries are not fields of its own."""
+    """An operator whose entries do not correspond to fields of its own."""
 
     def parameter_specs(self):
         return dict(self.entries())
@@ -50,7 +50,7 @@ class _ByEntries(Operator):
 
 
 class WrappedOperator(_ByEntries):
-    """Base of the nodes around one operator, the field ``operator``, whose members they forward."""
+    """Base of nodes that wrap one operator, the field ``operator``, and forward its members."""
 
     signal_linear = _forwarded("_like.signal_linear")
     owns_gain = _forwarded("_like.owns_gain")
@@ -118,15 +118,15 @@ class WrappedOperator(_ByEntries):
         return self._like.keys(name)
 
     def _with(self, operator):
-        """Return the same around another operator."""
+        """Return the same node around another operator."""
         return self if operator is self.operator else replace(self, operator=operator)
 
 
 @dataclass(frozen=True)
 class FrozenOperator(WrappedOperator):
-    """An operator whose parameters are known: none of them is identified.
+    """An operator with known parameters: none of them is identified.
 
-    In a series it keeps its own gain and intercept, and does not carry those of the others.
+    In a series it keeps its own gain and intercept, and does not take over those of others.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ class FrozenOperator(WrappedOperator):
 class OnColumnOperator(WrappedOperator):
     """An operator that one column of the input drives.
 
-    Inputs are ``(n_samples, n_inputs)``. It stands first: nothing can come before it in a series.
+    Inputs are ``(n_samples, n_inputs)``. In a series it has to be the first stage.
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ class OnColumnOperator(WrappedOperator):
 
     @property
     def _is_implied(self):
-        """Whether it only says what the column of the drive is, beside one that reads others."""
+        """Whether it only passes column 0 to a part of the drive, in a tree that reads columns."""
         return self.model is None and self.column == 0 and self.reference == 0.0
 
     def unfitted(self):
@@ -268,30 +268,32 @@ class Scaled(WrappedOperator):
 
     .. math:: y = \Gamma[u] \, (1 + b \, (a - a_0) + c_2 (a - a_0)^2 + ...)
 
-    With a ``lag``, a is what the column becomes behind it, as the current of a coil behind its
-    voltage, or the temperature of a part behind the power of its heater. Inputs are
-    ``(n_samples, n_inputs)``. It stands first: nothing can come before it in a series.
+    With a ``lag``, a is the output of a lag with the column as its input, such as the current of a
+    coil for its voltage, or the temperature of a part for the power of its heater. Inputs are
+    ``(n_samples, n_inputs)``. In a series it has to be the first stage.
 
     Parameters
     ----------
     operator : Operator
-        Of the whole input. One that is modulated already keeps the name of its sensitivity; that of
-        the next is ``sensitivity_2`` among the parameters.
+        Of the whole input. If it is modulated itself, it keeps the name of its sensitivity; that of
+        the outer one is ``sensitivity_2`` among the parameters.
     column : int
-        Of a.
+        Column of a.
     reference : float
         ``a_0``, units of the column. Fixed structure.
     sensitivity : float, default=0.0
         ``b``, one over the units of the column.
     lag : Operator or None, default=None
-        Of the column, of unit gain, from rest at its first value. Its other values are parameters.
+        Acts on the column, with unit gain, from rest at its first value. Its other values are
+        parameters.
     curvature : tuple of float, default=()
         ``c_2``, ..., one over powers of the units of the column.
     magnitude : bool, default=False
-        Whether a is the magnitude of the column, or of what it becomes behind the lag.
+        Whether a is the magnitude of the column, or of the output of the lag.
     scales : tuple of str, default=()
-        What is scaled: entries in which the output is linear; what the operator scales within
-        itself (``scaled_within``), at a factor of zero or above; all of the output by default.
+        What is scaled: entries in which the output is linear; parameters that the operator scales
+        within itself (``scaled_within``), by a factor of zero or above; the whole output by
+        default.
 
     Examples
     --------
@@ -326,7 +328,7 @@ class Scaled(WrappedOperator):
         self._require("scales", not self.scales or can_scale(self.operator, self.scales), wanted)
 
     def inner(self, name=None):
-        # parameters that are scaled are those of this operator, not of what stages are added to
+        # scaled parameters belong to this operator, not to a stage that may be replaced
         return None if self.scales else super().inner(name)
 
     def with_inner(self, stage, name=None):
@@ -373,7 +375,7 @@ class Scaled(WrappedOperator):
 
     @property
     def _coefficients(self):
-        """Those of the factor by powers of ``a - a_0``, from the first."""
+        """Coefficients of the factor by powers of ``a - a_0``, from the first."""
         return np.array([self.sensitivity, *self.curvature], dtype=float)
 
     def unpack(self, vector):
@@ -397,7 +399,7 @@ class Scaled(WrappedOperator):
 
     @cached_property
     def _others(self):
-        """The operator without what is scaled: its linear entries of these names at zero."""
+        """The operator without its scaled part: with the scaled linear entries at zero."""
         return self.operator.unpack(np.where(self._scaled_entries(), 0.0, self.operator.pack()))
 
     def __getstate__(self):
@@ -412,7 +414,7 @@ class Scaled(WrappedOperator):
         return law.streaming(law.state)(a)
 
     def init(self, u0, initial_state="rest"):
-        # whatever the drive does, the column's lag has settled
+        # the lag of the column has settled, whatever the drive
         lag = None if self.lag is None else self.lag.init(_one(u0, self.column))
         if self._is_within:
             # at rest the output of the lag, of unit gain, is its input
@@ -503,14 +505,14 @@ class Scaled(WrappedOperator):
 class Scheduled(WrappedOperator):
     """Parameters are polynomials of a schedule, such as the amplitude of the record.
 
-    A polynomial of degree d is given by its Bernstein coefficients over the range of the schedule:
-    the parameter stays between the least and the largest of them, so that a bound of the parameter
-    is a bound of each coefficient, and those at the ends are the parameter's values there.
+    A polynomial of degree d is given by its Bernstein coefficients over the range of the schedule.
+    The parameter stays between the least and the largest of them, so that a bound of the parameter
+    is a bound of each coefficient; the first and the last are its values at the ends of the range.
 
     Parameters
     ----------
     base : Operator
-        Gives everything but the scheduled values.
+        The operator, for everything but the scheduled values.
     degrees : tuple of int
         Degree of the polynomial of each value of ``base.pack()``.
     coefficients : ndarray of shape (sum(degrees) + len(degrees),)
@@ -518,7 +520,7 @@ class Scheduled(WrappedOperator):
     low, high : float
         Range of the schedule.
     schedule : float, default=None
-        Schedule of the record, which :meth:`at` sets.
+        Schedule value of the record, set by :meth:`at`.
 
     Examples
     --------
@@ -558,12 +560,12 @@ class Scheduled(WrappedOperator):
 
     @classmethod
     def constant(cls, base, degrees, low, high):
-        """Return the operator whose parameters do not depend on the schedule yet.
+        """Return an operator whose parameters are the same at all schedule values.
 
         Parameters
         ----------
         base : Operator
-            With the values that all schedules have.
+            With the values of all parameters.
         degrees : sequence of int
             Degree of the polynomial of each value of ``base.pack()``.
         low, high : float
@@ -579,7 +581,7 @@ class Scheduled(WrappedOperator):
 
     @classmethod
     def along(cls, stage, low, high, lines, model=None):
-        """Return the operator of a stage with some entries that are linear in the schedule.
+        """Return the operator of a stage with some entries linear in the schedule.
 
         Parameters
         ----------
@@ -624,13 +626,13 @@ class Scheduled(WrappedOperator):
         return replace(self.over(self.base.released()), model=None)
 
     def over(self, base):
-        """Return the same polynomials over a base some of whose parts are held or released.
+        """Return the same polynomials for a base in which other entries are held.
 
         Parameters
         ----------
         base : Operator
-            With some of the entries of the present base, or more. An entry that has no polynomial
-            yet is constant.
+            With some of the entries of the present base, or more. An entry without a polynomial is
+            constant.
 
         Returns
         -------
@@ -648,7 +650,7 @@ class Scheduled(WrappedOperator):
     split = Operator.split
 
     def inner(self, name=None):
-        """Return what is scheduled: at the schedule, or at the means where there is none."""
+        """Return the operator at the schedule, or at the mean coefficients if none is set."""
         if self.schedule is not None:
             return Stage(name, self.operator)
         sums = np.add.reduceat(self.coefficients, np.cumsum(self._counts) - self._counts)
@@ -699,7 +701,7 @@ class Scheduled(WrappedOperator):
     def operator(self):
         """The operator with plain parameters at the schedule.
 
-        Beyond the range of the schedule the polynomials go on, up to the parameters' bounds.
+        Beyond the range of the schedule polynomials are extrapolated, up to the parameters' bounds.
         """
         starts = np.cumsum(np.r_[0, self._counts[:-1]])
         values = np.add.reduceat(self.coefficients * self._basis, starts)
@@ -790,7 +792,7 @@ class _Composition(_ByEntries):
         ]
 
     def _marked(self, parts):
-        """Return the specs of each stage as they are in the whole."""
+        """Return the specs of each stage as seen from the whole."""
         return parts
 
     def parameter_units(self):
@@ -802,7 +804,7 @@ class _Composition(_ByEntries):
 
     @property
     def is_composed(self):
-        """Whether it is a node of a tree, not the inside of a single model."""
+        """Whether it is a node of a tree, not the inner structure of a single model."""
         return self.model is None or isinstance(self.model, self.estimator_class())
 
     def members(self):
@@ -819,7 +821,7 @@ class _Composition(_ByEntries):
         )
 
     def _stage_units(self):
-        """Return the units of each stage's entries by their names, seen from the whole."""
+        """Return the units of the entries of each stage, as seen from the whole."""
         return [stage.parameter_units() for stage in self.stages]
 
     def pack(self):
@@ -843,7 +845,7 @@ class _Composition(_ByEntries):
         return self if same else replace(self, stages=stages)
 
     def normalized(self):
-        """Return a copy whose held freedoms (static gains, intercepts) stand at their gauge."""
+        """Return a copy whose held static gains and intercepts are at their gauge values."""
         return self._at_gauge()
 
     def _at_gauge(self):
@@ -868,7 +870,7 @@ class _Composition(_ByEntries):
 
 
 def _begins(stage, initial_state):
-    """Return the initial state of a part: one that has a rest knows no other start."""
+    """Return the initial state of a part; only a part without rest takes start values."""
     return initial_state if isinstance(initial_state, str) or stage.n_start else "rest"
 
 
@@ -899,8 +901,9 @@ class Series(_Composition):
             [s.held or (s.is_shared and i not in owners) for s in own]
             for i, own in enumerate(parts)
         ]
-        # Linear are parameters of one stage only, behind which everything is linear in the signal;
-        # of the stage that has most of them. Two such stages would be bilinear.
+        # Only parameters of a single stage are linear, and only if all later stages are linear in
+        # the signal; the stage with most such parameters is chosen. Two such stages would be
+        # bilinear.
         linear = [
             [s.linear and not is_held for s, is_held in zip(own, marks, strict=True)]
             for own, marks in zip(parts, held, strict=True)
@@ -923,7 +926,7 @@ class Series(_Composition):
         return owners or [i for i, own in enumerate(parts) if any(s.is_shared for s in own)][-1:]
 
     def _stage_units(self):
-        # up to the stage that has the gain signals are in units of the drive, then of the response
+        # signals are in units of the drive up to the stage that owns the gain, then of the response
         parts = [[spec for _, spec in stage.entries()] for stage in self.stages]
         owner = max(self._owners(parts), default=len(parts) - 1)
         words = ["drive" if i <= owner else "response" for i in range(len(self.stages) + 1)]
@@ -933,9 +936,9 @@ class Series(_Composition):
         ]
 
     def normalized(self):
-        """Return a copy whose held freedoms (static gains, intercepts) stand at their gauge.
+        """Return a copy whose held static gains and intercepts are at their gauge values.
 
-        The stage that keeps them takes over those of the others where all are linear.
+        If all stages are linear, the stage that keeps them takes over those of the others.
         """
         return replace(self, stages=_gathered(self.stages))._at_gauge()
 
@@ -995,7 +998,7 @@ class Series(_Composition):
         return CompiledSeries(self._compiled_step(dt, state))
 
     def ahead(self, dt, u0, tol=1e-9):
-        """Return the stages' steps and the sum of their samples; see the base."""
+        """Return the steps of the stages and their total preview; see the base class."""
         compiled_step, samples = [], 0
         for stage in self.stages:
             own, later = stage.ahead(dt, u0, tol)
@@ -1006,7 +1009,7 @@ class Series(_Composition):
 
     def resampled(self, own, dt):
         stages = [stage.resampled(own, dt) for stage in self.stages]
-        # behind others the input of a stage is no straight line between the samples
+        # behind other stages the input is no straight line between samples
         straight = all(stage.keeps_lines for stage in self.stages[:-1])
         if not straight or any(stage is None for stage in stages):
             return None
@@ -1059,8 +1062,8 @@ class SumOperator(_Composition):
     def _marked(self, parts):
         found, taken = [], False
         for i, own in enumerate(parts):
-            # A common gain can be taken out of the first branch only. Several intercepts add up to
-            # one: the first branch that has one keeps it.
+            # A common gain can be factored out of the first branch only. Intercepts add up to one:
+            # the first branch with an intercept keeps it.
             constant = [s.gauge == 0.0 for s in own]
             found.append(
                 [
@@ -1087,11 +1090,11 @@ class SumOperator(_Composition):
 
     @property
     def intercept(self):
-        """Sum of those of the parts, where all are linear."""
+        """Sum of the intercepts of the parts, if all are linear."""
         return sum(stage.intercept for stage in self.stages)
 
     def discrete(self, dt):
-        """Return the matrices of the parts side by side.
+        """Return the block-diagonal system of all parts.
 
         Parameters
         ----------
@@ -1107,7 +1110,7 @@ class SumOperator(_Composition):
         return block_diag(*ad), *map(np.concatenate, (b0, b1, c)), sum(d)
 
     def inverse(self):
-        """Return the inverse of the sum, which looks ahead where all parts are linear."""
+        """Return the inverse of the sum; with a preview if all parts are linear."""
         if not self.stages:
             raise ValueError("A sum of nothing has no inverse.")
         is_linear = all(hasattr(stage, "discrete") for stage in self.stages)
@@ -1154,7 +1157,7 @@ class SumOperator(_Composition):
 
     @classmethod
     def of_parts(cls, parts, model=None):
-        """Return the sum of stages, disturbances last.
+        """Return the sum of stages, additive disturbances last.
 
         If one of them reads columns of the input, the others are given its first column.
 
@@ -1204,14 +1207,14 @@ class SumOperator(_Composition):
 
 
 def _set(spec, **marks):
-    """Return a spec with marks, itself where it has them."""
+    """Return a spec with other marks, or the spec itself if it has them."""
     return spec if marks.items() <= vars(spec).items() else replace(spec, **marks)
 
 
 def _gathered(stages, without=None):
-    """Return the stages, or all but one, with static gain and intercept on the last linear one.
+    """Return stages with static gain and intercept moved to the last linear one.
 
-    Nothing moves where a stage carries a scale of its own or is no linear one.
+    ``without`` leaves out a stage. Nothing is moved if a stage owns its gain or is not linear.
     """
     kept = [i for i in range(len(stages)) if i != without]
     scaled = [i for i, stage in enumerate(stages) if _may_give_or_take(stage)]
@@ -1233,7 +1236,7 @@ def _gathered(stages, without=None):
 
 
 def _may_give_or_take(stage):
-    """Whether a stage has a gain or an intercept, unless it is a sum that has none of its own."""
+    """Whether a stage has a gain or an intercept that others may take over."""
     specs = [spec for _, spec in stage.entries()]
     mask = [spec.is_shared for spec in specs]
     gauges = [spec.gauge for spec in specs if spec.is_shared]
@@ -1242,16 +1245,16 @@ def _may_give_or_take(stage):
 
 
 def _with_gain(stage, gain, intercept):
-    """Return a linear stage of the same shape with another static gain and intercept."""
+    """Return a linear stage of the same dynamics with another static gain and intercept."""
     specs = stage.parameter_specs()
-    if stage.gain and specs["gain"].linear:  # then all that is linear has units of the response
+    if stage.gain and specs["gain"].linear:  # then all linear entries have units of the response
         linear = [spec.linear for _, spec in stage.entries()]
         stage = stage.unpack(np.where(linear, gain / stage.gain, 1.0) * stage.pack())
     return replace(stage, gain=gain, intercept=intercept)
 
 
 def add_disturbances(operator, disturbances, names=None):
-    """Return the sum of a driven operator and additive disturbances, by default unnamed."""
+    """Return the sum of a driven operator and additive disturbances."""
     if not disturbances:
         return operator
     names = names or tuple(f"disturbance{i}" for i in range(len(disturbances)))
@@ -1283,7 +1286,7 @@ def split_disturbances(start):
 
 
 def bare(operator):
-    """Return an operator without what only says that it is driven by the drive."""
+    """Return the operator within an OnColumnOperator that only selects the drive."""
     implied = isinstance(operator, OnColumnOperator) and operator._is_implied
     return operator.operator if implied else operator
 
@@ -1297,12 +1300,12 @@ def can_scale(operator, names):
 
 
 def _scales_within(operator, names):
-    """Whether an operator scales these sample by sample within itself."""
+    """Whether an operator scales these parameters within itself, sample by sample."""
     return bool(names) and tuple(names) == bare(operator).scaled_within
 
 
 def of_columns(operator):
-    """Return an operator of the whole input, as a disturbance is of any."""
+    """Return an operator that reads the whole input; a disturbance ignores its input anyway."""
     is_one = operator.reads_columns or operator.is_disturbance
     return operator if is_one else OnColumnOperator(operator, 0)
 
@@ -1313,14 +1316,14 @@ def _one(u, column):
 
 
 def _tangents_of(du, column):
-    """Return the tangents of a column of the input; those of one input are of column 0."""
+    """Return the tangents of a column of the input; a single input is column 0."""
     if du.ndim > 2:
         return np.ascontiguousarray(du[:, column])
     return du if column == 0 else np.zeros_like(du)
 
 
 def _together(kind, *operands):
-    """Return the stages of what is joined; a node of the kind gives its own."""
+    """Return the stages of a joined node; operands of the same kind contribute their stages."""
     stages = []
     for operand in operands:
         is_node = isinstance(operand, kind) and operand.is_composed

@@ -1,8 +1,8 @@
 """Edits: functions from the tree of a model to a tree.
 
-However deep it is nested, one part of a tree follows the drive: a series of named stages. These
-functions read that series, or replace it, and leave the nodes around it unchanged. A tree is given
-as a :class:`Stage`: its operator, and its name if it is a single stage.
+However deeply it is nested, one part of a tree is driven by the drive: a series of named stages.
+These functions read that series, or replace it, and leave the nodes around it unchanged. A tree is
+given as a :class:`Stage`: its operator, and its name if it is a single stage.
 """
 
 import numpy as np
@@ -19,16 +19,16 @@ from ._composition import (
 )
 from ._part import Stage
 
-_DRIVEN = "model"  # name of what follows the drive, where that is several stages
+_DRIVEN = "model"  # name of the driven part, if it has several stages
 
 
 def series_stages(whole):
-    """Return the stages of the series that follows the drive.
+    """Return the stages of the driven series.
 
     Parameters
     ----------
     whole : Stage
-        Without a name (None), a single stage goes by that of its estimator.
+        Without a name (None), a single stage has the name of its estimator.
 
     Returns
     -------
@@ -49,7 +49,7 @@ def series_stages(whole):
 
 
 def with_series_stages(whole, stages):
-    """Return a tree with other stages in the series that follows the drive.
+    """Return a tree with other stages in the driven series.
 
     A single model becomes a series if there are several. Scheduled parameters stay scheduled, by
     their names.
@@ -68,9 +68,9 @@ def _in_series(part, stages):
 
 
 def put_beside_series(whole, name, operator):
-    """Return a tree with another operator in parallel to the driven part.
+    """Return a tree with another operator in parallel with the driven part.
 
-    It is a disturbance, or driven by a further column of the input, see :func:`on_column`.
+    The operator is an additive disturbance, or driven by a further column, see :func:`on_column`.
     """
     total = whole.operator
     if not (isinstance(total, SumOperator) and total.inner() is not None):
@@ -85,7 +85,7 @@ def put_beside_series(whole, name, operator):
 
 
 def on_column(whole, operator, column):
-    """Return an operator as a branch of a tree that a column of the input drives."""
+    """Return an operator as a branch of a tree, driven by a column of the input."""
     return OnColumnOperator(
         operator, column, model=_node(OnColumnOperator, None, whole, column=column)
     )
@@ -94,7 +94,7 @@ def on_column(whole, operator, column):
 def modulated(whole, column, reference, sensitivity=0.0, lag=None):
     """Return a tree with the response to the drive scaled by a column.
 
-    ``column`` is its number, or ``"amplitude"``, and ``lag`` the operator that it acts through, if
+    ``column`` is its number, or ``"amplitude"``, and ``lag`` an operator through which it acts, if
     any; see :class:`skhyst.compose.Modulated`.
     """
     number = -1 if column == "amplitude" else column
@@ -109,10 +109,10 @@ def modulated(whole, column, reference, sensitivity=0.0, lag=None):
 
 
 def scheduled(whole, by, low, high, lines):
-    """Return a tree with entries that are linear in a number of the record.
+    """Return a tree with entries that are linear in a value per record.
 
     ``lines`` are the values at ``low`` and at ``high``, by name of the stage and of the entry;
-    ``by`` is what :class:`skhyst.compose.ScheduledParameters` calls so.
+    ``by`` is that of :class:`skhyst.compose.ScheduledParameters`.
     """
 
     def change(part):
@@ -126,7 +126,7 @@ def stage_values(whole, *, held=True):
     """Return the values of the operator by (name of the stage, name of the entry).
 
     Each is an array of one value, or of several if it is scheduled. Without ``held``, entries that
-    are held because another stage carries their freedom are left out.
+    held because another stage owns their gain or intercept are left out.
     """
     driven, _ = split_disturbances(whole.operator)
     found, keys = {}, whole.operator.keys(whole.name)
@@ -137,9 +137,9 @@ def stage_values(whole, *, held=True):
 
 
 def with_stage_values(whole, values):
-    """Return what is driven with values by (stage, name of the entry), where it has any.
+    """Return the driven part with given values by (stage, entry), for entries that it has.
 
-    An entry that is scheduled in one of both only gets its mean in the other.
+    An entry that is scheduled in only one of the two gets its mean in the other.
     """
     driven, _ = split_disturbances(whole.operator)
     keys, vector, entries = whole.operator.keys(whole.name), driven.pack(), driven.entries()
@@ -151,7 +151,7 @@ def with_stage_values(whole, values):
 
 
 def _changed(whole, change, around=object):
-    """Return a tree with a change of what is inside of classes of nodes."""
+    """Return a tree in which ``change`` is applied within wrapping nodes of some classes."""
     part = whole.operator.inner(whole.name)
     if part is None or not isinstance(whole.operator, around):
         return change(whole)

@@ -5,16 +5,16 @@ With a linear operator G of the static gain g, and a memoryless curve s,
     w = G[u - f(q)],    q = w / g,    f(q) = s(q) - q,    y = w + c.
 
 So q, in units of the drive, is the response of G with unit gain, and at rest ``s(q) = u``: for a
-mass on a spring, s is the characteristic of the spring. The curve that is the identity leaves G
-alone. (Schoukens and Tóth, *IFAC-PapersOnLine*, 2020, call it NL-LFR; the curve acts on the output
-here, and its force adds to the drive.) Or the force depends on the velocity,
+mass on a spring, s is the characteristic of the spring. With the identity as the curve, G is
+unchanged. (Schoukens and Tóth, *IFAC-PapersOnLine*, 2020, call it NL-LFR; here the curve acts on
+the output, and its force adds to the drive.) Or the force depends on the velocity,
 
     w = G[u - f(q')],    f = s,
 
 for a G of ``C B = D = 0``, whose velocity ``w' = C A x`` does not jump with the drive; or on both,
 ``f(q, q') = s(q, q') - q``.
 
-Over a substep h drive and force are straight lines, for which G is solved exactly:
+Over a substep h, drive and force are straight lines, for which G is solved exactly:
 
     x1 = Ad x0 + B0 (u0 - f0) + B1 (u1 - f1),    w1 = C x1 + D (u1 - f1).
 
@@ -47,9 +47,9 @@ from ._root_inverse import RootInverseOperator
 FEEDBACK_ARGUMENTS = ("displacement", "velocity", "both")
 _TRIALS = 30  # of the secant method, which needs two to five
 _ROUNDING = 1e-15
-_LARGEST = 1e60  # response of a run that has diverged: all that follow are NaN, no square overflows
+_LARGEST = 1e60  # response of a diverged run: all later ones are NaN, no square overflows
 _STEEPEST = 1e100  # derivative of such a run
-_LEAST_SLOPE = 1e-3  # of the equation; below it the fixed point is followed
+_LEAST_SLOPE = 1e-3  # of the equation; below it the fixed-point iteration is used
 
 
 def step(u, c, s):
@@ -158,7 +158,7 @@ def _tangents(
     the force f there, its slopes and its derivatives ``own`` are those of each instant, (n_samples,
     n_substeps + 1, ...).
     ``x``, ``dx``, ``f`` and ``df`` are states, force and their tangents before the first sample;
-    all change.
+    they are overwritten.
     """
     n, m, p, n_sensed = output.size, du.shape[1], by_d.size, len(sensed)
     free, dfree = np.empty(n), np.empty(n)
@@ -330,7 +330,7 @@ class FeedbackOperator(_Composition, HeldInput):
 
     @property
     def hold(self):
-        """What the drive does between its samples, that of the linear part."""
+        """Assumed course of the drive between its samples, that of the linear part."""
         return self.linear.hold
 
     @property
@@ -345,7 +345,7 @@ class FeedbackOperator(_Composition, HeldInput):
 
     def _marked(self, parts):
         linear, curve = parts
-        # the loop is linear in the gain, which scales q alone, where nothing else is in its units
+        # the loop is linear in a gain that scales q only, if no other parameter has its units
         alone = sum(spec.linear for spec in linear) == sum(spec.is_shared for spec in linear)
         linear = [replace(s, linear=s.linear and (alone or s.is_constant)) for s in linear]
         return [linear, [replace(s, linear=False, held=s.held or s.is_shared) for s in curve]]
@@ -356,7 +356,7 @@ class FeedbackOperator(_Composition, HeldInput):
         return replace(self, stages=(linear, self.curve), n_substeps=n_substeps)
 
     def _straight(self):
-        """Return the linear part for straight lines over a substep, whatever holds the drive."""
+        """Return the linear part with straight lines over a substep, whatever its hold."""
         if "straight" not in self._memory:
             self._memory["straight"] = replace(self.linear, hold="foh")
         return self._memory["straight"]
@@ -375,12 +375,12 @@ class FeedbackOperator(_Composition, HeldInput):
         return rate if self._of_velocity else np.concatenate([output[None], rate])
 
     def poles_at(self, response):
-        """Return the poles of small motions about a rest.
+        """Return the poles of the linearised loop about a rest.
 
         Parameters
         ----------
         response : float
-            Of the rest.
+            At rest.
 
         Returns
         -------
@@ -399,7 +399,7 @@ class FeedbackOperator(_Composition, HeldInput):
         return np.array([{"displacement": [q], "velocity": [0.0], "both": [q, 0.0]}[self.argument]])
 
     def _rest(self, u0):
-        """Return q at rest, by Newton's method, or by bisection where that does not get there."""
+        """Return q at rest, by Newton's method, or by bisection if that fails."""
         q = u0 = float(u0)
         if self._of_velocity:
             return u0 - float(self._force(self._at_rest(q))[0][0])
@@ -425,7 +425,7 @@ class FeedbackOperator(_Composition, HeldInput):
         return y - z[:, 0], slope - np.eye(1, slope.shape[1]), own
 
     def arguments(self, u, dt):
-        """Return what the curve is a function of, from rest.
+        """Return the argument of the curve, from rest.
 
         Parameters
         ----------
@@ -439,13 +439,13 @@ class FeedbackOperator(_Composition, HeldInput):
         ndarray of shape (n_samples, n_arguments)
             Units of the drive, of a velocity per s.
         """
-        if not self.causal:  # as straight between its samples
+        if not self.causal:  # straight between its samples
             return self._finer(1).arguments(u, dt)
         last = self.n_substeps - (self.linear.hold != "zoh")
         return self._traced(as_signal(u), dt, self.init(u[0]))[1][:, last]
 
     def _traced(self, u, dt, state):
-        """Return the response, and z / g of each instant of each sample."""
+        """Return the response, and z / g at each instant of each sample."""
         law = self.compiled_step(dt, state)
         y, z = np.empty(len(u)), np.zeros((len(u), (1 + self._of_both) * (self.n_substeps + 1)))
         _trace(law.step)(u, law.constants, law.state.copy(), y, z)

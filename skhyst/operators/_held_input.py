@@ -1,23 +1,22 @@
-r"""What the input of an operator does between its samples.
+r"""The course of an operator's input between its samples.
 
 It is a straight line ("foh"), or constant ("zoh"), for which the operators are written. Or it is
-the signal without any content above half the sampling rate that goes through the samples
-("bandlimited"), as of a drive that an instrument has recorded behind its anti-aliasing filter. Such
-an input is read from the samples by
+the signal through the samples without any content above half the sampling rate ("bandlimited"), as
+a recorder with an anti-aliasing filter gives it. Such an input is interpolated by
 
     u(t) = sum_k u[k] h(t / dt - k) w(t / dt - k),   h(x) = int_0^1/2 2 cos(2 pi f x) g(f) df
 
-where h is sinc(x) for g = 1, with a Kaiser window w that reaches over 32 samples to either side: to
-1e-4 for content up to 0.92 of half the sampling rate (Kaiser, *IEEE International Symposium on
-Circuits and Systems*, 1974). Beyond its ends a record goes on as its reflection in the point at the
-end, which keeps value and slope; what the truth departs from that reaches as far as the window. The
-operator is then run with a straight line between m times as many samples, which weakens content at
-f cycles per sample by ``sinc(f / m)^2``. Where no output depends on the input of the same instant,
-``g(f) = 1 / sinc(f / m)^2`` makes up for that, and m = 4: beside the content there remains its
-image at m - f cycles per sample, ``(f / (m - f))^2`` times as large, which dynamics hardly follow.
-The points are then a little beside the signal. Where an output shows the input itself, they may not
-be: g = 1 and m = 16, and 3e-3 is lost at half the sampling rate. Neither depends on the drive, so
-that what a record does depends on no spectrum of what came before it.
+where h is sinc(x) for g = 1, with a Kaiser window w of 32 samples to either side: to 1e-4 for
+content up to 0.92 of half the sampling rate (Kaiser, *IEEE International Symposium on Circuits and
+Systems*, 1974). Beyond its ends a record is continued by its point reflection at the end, which
+keeps value and slope; the error of that reaches as far as the window. The operator is then run with
+straight lines between m times as many samples, which attenuates content at f cycles per sample by
+``sinc(f / m)^2``. If no output depends on the input of the same instant, ``g(f) = 1 / sinc(f /
+m)^2`` compensates for that, with m = 4: there remains an image at m - f cycles per sample, ``(f /
+(m - f))^2`` times as large, to which dynamics hardly respond. The points are then not quite on the
+signal. If an output depends on the input of the same instant, they have to be: g = 1 and m = 16,
+with an error of 3e-3 at half the sampling rate. Neither choice depends on the drive, so that the
+response to a record does not depend on the spectrum of earlier ones.
 """
 
 from dataclasses import replace
@@ -30,13 +29,13 @@ from scipy.signal.windows import kaiser
 from ._protocol import Operator
 
 BANDLIMITED = "bandlimited"
-_REACH = 32  # samples to either side that a value between two samples is read from
+_REACH = 32  # samples to either side from which a value between samples is interpolated
 _SHAPE = 7.86  # of the window, for 80 dB: 0.1102 (80 - 8.7)
 _FACTOR = {True: 4, False: 16}  # finer samples per sample, where an operator is strictly proper
 _NODES = 256  # of the integral over the frequency, whose integrand has 32 periods at most
-_KEPT = 1 << 15  # samples of a drive whose finer ones are kept: 4 MB
+_KEPT = 1 << 15  # samples of a drive up to which its finer samples are cached: 4 MB
 _SAME = 1e-9  # relative difference of two substeps that is rounding
-_ENOUGH = 1e-3  # of the standard deviation of the drive, that straight lines may miss
+_ENOUGH = 1e-3  # of the standard deviation of the drive: tolerated error of straight lines
 
 
 def is_straight(u):
@@ -50,7 +49,7 @@ def is_straight(u):
     Returns
     -------
     bool
-        Whether what they miss of its spectrum is 1e-3 of its standard deviation or less.
+        Whether their spectral error is 1e-3 of its standard deviation or less.
     """
     u = np.reshape(u, (len(u), -1))
     u = (u - u.mean(axis=0)) / np.maximum(np.abs(u).max(axis=0, initial=0.0), np.finfo(float).tiny)
@@ -60,15 +59,15 @@ def is_straight(u):
 
 
 def finer_samples(u, proper):
-    """Return points that straight lines between make a band-limited signal, from first to last.
+    """Return points between which straight lines approximate a band-limited signal.
 
     Parameters
     ----------
     u : ndarray of shape (n_samples,) or (n_samples, n_columns)
         Signal.
     proper : bool
-        Whether it drives what is strictly proper: then there are m = 4 points per sample, that make
-        up for what the lines weaken, else 16 that are the signal itself.
+        Whether the driven operator is strictly proper: then there are m = 4 points per sample,
+        which compensate for the attenuation by the lines, else 16 points on the signal itself.
 
     Returns
     -------
@@ -84,7 +83,7 @@ def finer_samples(u, proper):
 
 
 def _finer_drive(u, proper):
-    """Return :func:`finer_samples` of a drive, which every evaluation of a fit reads again."""
+    """Return :func:`finer_samples` of a drive, cached for repeated evaluations of a fit."""
     if len(u) > _KEPT:
         return finer_samples(u, proper)
     return _kept(np.ascontiguousarray(u).tobytes(), u.shape, proper)
@@ -99,24 +98,24 @@ def _kept(values, shape, proper):
 
 @cache
 def _weights(proper):
-    """Return those that a finer sample is read with."""
+    """Return the interpolation weights of a finer sample."""
     m = _FACTOR[proper]
     places = np.arange(-_REACH * m, _REACH * m + 1)
     nodes, parts = np.polynomial.legendre.leggauss(_NODES)
     f = 0.25 * (nodes + 1.0)  # from 0 to 1/2
     parts = 0.5 * parts / (np.sinc(f / m) ** 2 if proper else 1.0)
     weights = np.cos(2.0 * np.pi * np.outer(places / m, f)) @ parts * kaiser(len(places), _SHAPE)
-    for phase in range(m):  # so that a constant stays one
+    for phase in range(m):  # a constant signal stays constant
         weights[phase::m] /= weights[phase::m].sum()
     return weights
 
 
 class HeldInput(Operator):
-    """Base of the operators with a field ``hold``: what their input does between samples.
+    """Base of operators with a field ``hold``: the course of their input between samples.
 
-    A subclass is written for straight lines and, where ``holds`` says so, for constants; where the
-    input is band-limited, it runs at finer samples of it. Such an operator reads later input: it is
-    neither stepped nor inverted. A record that is run in pieces differs near the cuts.
+    A subclass is written for straight lines and, if ``holds`` says so, for constants; with a
+    band-limited input, it is run on finer samples. It then reads later input: it is neither stepped
+    nor inverted, and a record that is run in pieces differs near the cuts.
     """
 
     hold = "foh"
@@ -172,7 +171,7 @@ class HeldInput(Operator):
 
 
 def _either(own, finely):
-    """Return a method that is another one where the input is band-limited."""
+    """Return a method that calls another one if the input is band-limited."""
 
     @wraps(own)
     def method(self, *args, **kwargs):

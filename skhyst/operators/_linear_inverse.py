@@ -13,14 +13,13 @@ moves before the response has to (Devasia, Chen and Paden, *IEEE Transactions on
 1996). The response then follows exactly if it rests for a while at the start of the record: a few
 samples for sampling zeros.
 
-If it moves earlier, the drive that should have come before the record is missing, and a mode rings.
-So the first samples of the drive, as many as the preview and one for each state, are changed by the
-``w`` of least ``|e + G w|^2 + (s g |w|)^2``: ``e`` is the error over the record, from rest, ``G w``
-the response to the change, ``g`` the static gain. A change that follows exactly would grow by the
-zeros from sample to sample; the penalty suppresses directions whose gain is less than the fraction
-``s`` of the static gain (regularisation: Tikhonov, *Soviet Mathematics Doklady*, 1963). The columns
-of ``G`` are one pulse response, shifted: ``R = G' G`` has ``R[i+1, j+1] = R[i, j] - h[n-1-i]
-h[n-1-j]``.
+If it moves earlier, the drive before the record is missing, and a mode rings. So the first samples
+of the drive, as many as the preview and one for each state, are changed by the ``w`` of least ``|e
++ G w|^2 + (s g |w|)^2``: ``e`` is the error over the record, from rest, ``G w`` the response to the
+change, ``g`` the static gain. A change without the penalty would grow with the zeros from sample to
+sample; the penalty suppresses directions whose gain is less than the fraction ``s`` of the static
+gain (regularisation: Tikhonov, *Soviet Mathematics Doklady*, 1963). The columns of ``G`` are one
+pulse response, shifted: ``R = G' G`` has ``R[i+1, j+1] = R[i, j] - h[n-1-i] h[n-1-j]``.
 
 The response k samples ahead enters with the k-th power of the inverse zeros. So a preview of
 ``log(1/tol) / log |zero|`` samples neglects a fraction ``tol``.
@@ -41,7 +40,7 @@ from ._state_space import state_space_run
 _NEAR = 1e-9  # distance from the unit circle: closer zeros decay neither forwards nor backwards
 _NOTHING = 1e-13  # rounding error, relative to the largest term
 _SEEN = 0.1  # least gain of a change of the drive, relative to the static gain
-_LONGEST = 256  # samples at the start that are changed
+_LONGEST = 256  # samples at the start that are changed, at most
 
 
 @dataclass(frozen=True)
@@ -135,7 +134,7 @@ class InverseLinearOperator(InverseOperator):
         Returns
         -------
         float
-            Infinite where the drive does not depend on it.
+            Infinite if the drive does not depend on later response.
         """
         *_, back = self._parts(dt)
         return _decay(back)
@@ -161,17 +160,17 @@ class InverseLinearOperator(InverseOperator):
 
 
 def previewed(weights, forth, intercept, u0):
-    """Return the step whose output is a sum over responses, and of a part that runs forwards.
+    """Return the step of a sum over previewed responses plus a part that runs forwards.
 
     Parameters
     ----------
     weights : ndarray of shape (n_responses,)
-        Of the responses less the intercept, oldest first.
+        Of the responses minus the intercept, oldest first.
     forth : tuple of (a, b, c)
-        The part that the oldest response drives, with ``x[k+1] = a x[k] + b y[k]``.
+        The part driven by the oldest response, with ``x[k+1] = a x[k] + b y[k]``.
     intercept : float
     u0 : float
-        Response at which it has rested.
+        Response at which the device has rested.
 
     Returns
     -------
@@ -189,12 +188,12 @@ def previewed(weights, forth, intercept, u0):
 def preview_step(u, c, s):
     """Return the drive some samples before the response ``u``.
 
-    It is that at rest at the oldest response, and what changes add, of the responses after it, and
-    of those before it by the part that runs forwards: a drive is a small difference of large
-    multiples of the response, but not of its changes, which are exact. ``c`` is (inverse of the
-    static gain, weights of the changes, oldest first, a, state at rest under one, c of the part
-    that runs forwards, intercept). ``s`` is the index of the oldest response, a ring of responses,
-    by how much the state of that part differs from rest, and workspace.
+    It is the drive at rest for the oldest response, plus the weighted changes of later responses,
+    and of earlier ones through the part that runs forwards. (A drive is a small difference of large
+    multiples of the response; the changes of the response are exact.) ``c`` is (inverse of the
+    static gain, weights of the changes, oldest first, a, state at rest for a response of one, c of
+    the part that runs forwards, intercept). ``s`` is the index of the oldest response, a ring of
+    responses, the deviation of that part's state from rest, and workspace.
     """
     rest, by_change, a, at_rest, output, intercept = c
     length, n = by_change.size + 1, at_rest.size
@@ -254,7 +253,7 @@ def _at_rest(a, b, c):
 
 
 def _driven(a, b, c, y, shifted):
-    """Return ``c x`` from rest, x being driven by ``b`` times the last ``y`` or the present one."""
+    """Return ``c x`` from rest, where ``b`` times the previous or the present ``y`` drives x."""
     rest = np.linalg.solve(np.eye(len(b)) - a, b) * y[0]
     before, now = (b, np.zeros_like(b)) if shifted else (np.zeros_like(b), b)
     system = (np.ascontiguousarray(part) for part in (a, before, now, c))

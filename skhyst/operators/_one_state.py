@@ -1,4 +1,4 @@
-"""Operators of one state: a law is one step, all else is common to them.
+"""Operators of one state: a law is one step; all other methods are common to them.
 
 The loops of this file are compiled for each law, see :func:`skhyst._jit.bind`.
 """
@@ -13,7 +13,7 @@ from ._protocol import Operator, as_signal
 
 
 def step(x, u0, u1, dt, values):
-    """Stand for the step of a law that ``bind`` puts here, see :class:`OneStateOperator`."""
+    """Stand for the step of a law that ``bind`` inserts here, see :class:`OneStateOperator`."""
     raise NotImplementedError
 
 
@@ -112,7 +112,7 @@ class OneStateOperator(Operator):
     @staticmethod
     @abstractmethod
     def _law(x, u0, u1, dt, values):
-        """The step that the subclass names."""
+        """The step given by the subclass."""
 
     def _values(self):
         names = (*self.parameter_specs(), *self.structure)

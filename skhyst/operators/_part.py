@@ -1,11 +1,11 @@
 """Operators as parts of a tree, which is the structure of a model.
 
-The leaves of the tree are operators of single models, its nodes join them: in series (``|``), in
+The leaves of the tree are operators of single models. Its nodes join them: in series (``|``), in
 parallel (``+``), scaled by a column of the input (``*``), driven by a column, or with parameters
-that follow a number of the record. Each says in ``model`` which unfitted estimator it belongs to,
-a node with that estimator's own parameters alone, so that ``estimator()`` puts the whole together;
-``tree(operator)`` of an estimator is the way back. An edit of a model is a function from a tree to
-a tree, see ``_edits``.
+that depend on a value per record. Each part has in ``model`` the unfitted estimator it belongs to
+(for a node, with that node's own parameters only), so that ``estimator()`` composes the whole;
+``tree(operator)`` of an estimator is the inverse. An edit of a model is a function from a tree to a
+tree, see ``_edits``.
 """
 
 import dataclasses
@@ -28,7 +28,7 @@ def snake_case(name) -> str:
 
 
 class Stage(NamedTuple):
-    """A part of a tree and its name, None for one that goes by the name of its estimator."""
+    """A part of a tree and its name; None for the name of its estimator."""
 
     name: str | None
     operator: Any
@@ -68,7 +68,7 @@ class Factor(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Part:
-    """Base of the operators: what a tree asks of its parts, each with a default.
+    """Base of the operators: members that a tree reads of its parts, each with a default.
 
     Parameters
     ----------
@@ -80,11 +80,11 @@ class Part:
     signal_linear : bool
         The output is an affine function of the input signal, whatever the input.
     owns_gain : bool
-        The static gain and the intercept are the operator's own, as those of a hysteresis are;
-        in a series every other stage then has unit gain and no intercept.
+        The operator has a static gain and an intercept of its own, like a hysteresis; in a series
+        every other stage then has unit gain and no intercept.
     stage_order : int
-        Where a stage stands in a series: 0 limits of the drive, 10 hysteresis, 20 curves behind
-        the hysteresis, 30 linear dynamics, 40 sensor curves, 50 limits of the sensor.
+        Place of the stage in a series: 0 limits of the drive, 10 hysteresis, 20 curves behind the
+        hysteresis, 30 linear dynamics, 40 sensor curves, 50 limits of the sensor.
     n_poles : (int, int)
         Number of real poles and of pairs of poles of a linear operator.
     memoryless : bool
@@ -99,28 +99,28 @@ class Part:
         The output is a monotone function of the input of the same instant, whatever came before,
         so that a drive for an output can be found sample by sample.
     n_start : int
-        Values that the state at the first sample of a record is given by, of an operator that has
-        no state of rest, such as displacement and velocity of a free mass; 0 for one that has.
-        ``init`` and ``sensitivities`` then take them, (n_start,), as ``initial_state``, and the
-        method ``by_start(u, dt, start)`` returns the derivatives of the output by them, (n_samples,
+        Number of values that define the state at the first sample, for an operator without a state
+        of rest, such as displacement and velocity of a free mass; else 0. ``init`` and
+        ``sensitivities`` then take them, (n_start,), as ``initial_state``, and the method
+        ``by_start(u, dt, start)`` returns the derivatives of the output by them, (n_samples,
         n_start).
     is_disturbance : bool
-        The output is a disturbance ``basis(time) coefficients``, whatever the input, whose
-        ``coefficients`` are each record's own; it has the methods of ``DisturbanceOperator``.
+        The output is a disturbance ``basis(time) coefficients``, whatever the input, with
+        ``coefficients`` per record; it has the methods of ``DisturbanceOperator``.
     reads_columns : bool
         The input has several columns, shape (n_samples, n_inputs).
     signed : tuple of str
-        Parameters that are found on a logarithmic scale, and negative where they are found in
-        another way, as the time constants of an unstable plant.
+        Parameters that are searched on a logarithmic scale although they may be negative: the sign
+        is found separately, as for time constants of an unstable plant.
     keeps_lines : bool
-        A straight line between two samples comes out as one: of delays by whole samples, where the
-        operator can be at another interval.
+        The response to a straight line between two samples is a straight line. Of delays: by whole
+        samples, where the operator can be used at another interval.
     schedule_range : (float, float) or None
         Least and largest schedule of the fit, where parameters depend on a schedule.
     scaled_within : tuple of str
-        Parameters that it scales within itself by a factor that changes from sample to sample, all
+        Parameters that it scales within itself by a factor that varies from sample to sample, all
         together, such as the thresholds of plays: by the methods ``scaled_init`` to
-        ``scaled_sensitivities``, and ``scaled_by_start`` where there is an ``n_start``.
+        ``scaled_sensitivities``, and ``scaled_by_start`` if there is an ``n_start``.
     children : tuple of Operator
         The parts that a node joins or wraps.
 
@@ -161,9 +161,9 @@ class Part:
         return None
 
     def in_order(self):
-        """Return the operator with the same response whose exchangeable parts are in their order.
+        """Return an equivalent operator with exchangeable parts in ascending order.
 
-        Such as the modes of a transfer function, by frequency. Where they are, the operator itself.
+        For example the modes of a transfer function, by frequency; by default the operator itself.
 
         Returns
         -------
@@ -172,7 +172,7 @@ class Part:
         return self
 
     def preimage(self, y):
-        """Return an input that gives an output which turns where the input does not, or None.
+        """Return an input for an output that turns where the input does not, or None.
 
         Parameters
         ----------
@@ -188,12 +188,12 @@ class Part:
     def slowest_decay(self) -> float:
         """Return the longest time in which a state falls to 1/e, s; infinite for an integrator.
 
-        Of the linear parts alone; 0 where there is none.
+        Of the linear parts only; 0 if there are none.
         """
         return max((child.slowest_decay() for child in self.children), default=0.0)
 
     def by_start(self, u, dt, start):
-        """Return the derivatives of the output by the values that a record starts from.
+        """Return the derivatives of the output by the start values of a record.
 
         Parameters
         ----------
@@ -212,7 +212,7 @@ class Part:
         raise NotImplementedError
 
     def starts(self, u, y, dt):
-        """Return values that a record may start from, of which a search begins with the best.
+        """Return candidates of the start values of a record, for a search to choose from.
 
         Parameters
         ----------
@@ -245,7 +245,7 @@ class Part:
         raise NotImplementedError
 
     def scaled_run(self, u, factor, dt, state):
-        """Return the output with what is ``scaled_within`` times a factor, and the state after it.
+        """Return the output with the ``scaled_within`` parameters times a factor, and the state.
 
         Parameters
         ----------
@@ -307,7 +307,7 @@ class Part:
         raise NotImplementedError
 
     def scaled_by_start(self, u, factor, dt, start):
-        """Return the derivatives of the output by the values that a record starts from.
+        """Return the derivatives of the output by the start values of a record.
 
         Parameters
         ----------
@@ -325,12 +325,12 @@ class Part:
         raise NotImplementedError
 
     def at(self, schedule):
-        """Return the operator of a record, whose parameters may depend on a number of it.
+        """Return the operator of a record, whose parameters may depend on a value per record.
 
         Parameters
         ----------
         schedule : float
-            Number of the record, such as its amplitude.
+            Value of the record, such as its amplitude.
 
         Returns
         -------
@@ -353,7 +353,7 @@ class Part:
         u0 : float
             Input at which the device rests before.
         tol : float, default=1e-9
-            Fraction of the effect of later input that may be neglected, where all of it has an
+            Fraction of the effect of later input that may be neglected, if all later input has an
             effect.
 
         Returns
@@ -386,23 +386,23 @@ class Part:
 
     @property
     def acting_columns(self) -> set[int]:
-        """Numbers of the columns that act by themselves."""
+        """Numbers of the columns that the operator reads other than as its drive."""
         own = getattr(self, "column", -1)  # -1 is the amplitude, which is that of the drive
         return {own} - {-1} | {i for child in self.children for i in child.acting_columns}
 
     @property
     def is_scheduled(self) -> bool:
-        """Whether parameters depend on a number of each record."""
+        """Whether parameters depend on a value per record."""
         return any(child.is_scheduled for child in self.children)
 
     @property
     def n_start(self) -> int:
-        """Number of values of a start without rest: that of the parts."""
+        """Number of start values of a record without rest: the sum over the parts."""
         return sum(child.n_start for child in self.children)
 
     @property
     def label(self) -> str:
-        """Default name of a part: that of its estimator, or of its own class."""
+        """Default name of a part: from its estimator, or from its own class."""
         own = self.structure_of or type(self).__name__.removesuffix("Operator")
         return snake_case(own if self.model is None else type(self.model).__name__)
 
@@ -422,12 +422,12 @@ class Part:
         Raises
         ------
         ValueError
-            If a part does not know the estimator that it belongs to.
+            If a part has no estimator.
         """
         return clone(self.unfitted()).set_params(**params)
 
     def unfitted(self):
-        """Return the estimator, whose parts are those of the tree itself, not clones of them."""
+        """Return the estimator, with the tree's own parts, not clones."""
         if self.model is not None:
             return self.model.unfitted(self)
         if self.structure_of is None:
@@ -439,15 +439,15 @@ class Part:
 
     @classmethod
     def estimator_class(cls):
-        """Return the estimator of which a node is the structure."""
+        """Return the class of estimators whose structure is this node."""
         return getattr(import_module(_COMPOSE), cls.structure_of)
 
     def held_entries(self) -> frozenset[str]:
-        """Return the names of the entries that the estimator holds at their values."""
+        """Return the names of the entries that the estimator holds constant."""
         return frozenset() if self.model is None else self.model.held_parameters()
 
     def free_mask(self) -> np.ndarray:
-        """Mark the values of ``pack`` that are free: neither held, nor fixed by the gauge."""
+        """Mark the values of ``pack`` that are free: not held, and not fixed by the gauge."""
         held = self.held_entries()
         return np.array([not (s.held or name in held) for name, s in self.entries()], dtype=bool)
 
@@ -467,7 +467,7 @@ class Part:
         return ()
 
     def inner(self, name=None):
-        """Return the stage within that follows the drive.
+        """Return the driven stage within this node.
 
         Parameters
         ----------
@@ -477,12 +477,12 @@ class Part:
         Returns
         -------
         Stage or None
-            None if nothing is around the driven part.
+            None if this part wraps no other.
         """
         return None
 
     def with_inner(self, stage, name=None):
-        """Return the tree with another stage in place of that of :meth:`inner`.
+        """Return the tree with another stage in place of the one of :meth:`inner`.
 
         Parameters
         ----------
@@ -499,7 +499,7 @@ class Part:
         raise NotImplementedError
 
     def series(self, name=None):
-        """Return the stages of a series; any other part is the only one.
+        """Return the stages of a series; any other part is a single stage.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Play operators and weighted sums of them: loops, tangents, and where to put the thresholds.
+"""Play operators and weighted sums of them: loops, tangents, and the choice of thresholds.
 
 A play of threshold ``r`` follows its input once the slack is used up::
 
@@ -82,14 +82,14 @@ def play_tangents(u, du, thresholds, cumulative, plays, out):
 
     The first ``m`` columns are the tangents ``du`` (n, m) carried through, then the K plays (the
     derivatives with respect to the weights), a one (intercept) and the derivative with respect to
-    an offset subtracted from ``u``. ``thresholds`` (K,) ascend, ``cumulative`` (K + 1,) holds
+    an offset of ``u``. ``thresholds`` (K,) ascend, ``cumulative`` (K + 1,) holds
     ``w_0 + ... + w_{k-1}``, and ``plays`` (K,) the state, updated.
 
-    A play that moves takes over the tangent of ``u``; one that sticks keeps the one it took last.
-    Plays that moved last at the same sample are neighbours: they form a block, and the blocks
-    form a stack. Block ``j`` holds the plays below ``edge[j]`` that no later block claims, with
-    the tangent ``moved[j]``; ``held[j]`` is the weighted sum of the tangents from ``edge[j]`` on.
-    So a sample costs ``m`` operations, not ``m K``.
+    A play that moves has the tangent of ``u``; one that sticks keeps its last tangent. Plays that
+    last moved at the same sample are neighbours: they form a block, and the blocks form a stack.
+    Block ``j`` holds the plays below ``edge[j]`` that belong to no later block, with the tangent
+    ``moved[j]``; ``held[j]`` is the weighted sum of the tangents from ``edge[j]`` on. So a sample
+    costs ``m`` operations, not ``m K``.
     """
     n_plays = thresholds.size
     m = du.shape[1]
@@ -135,9 +135,9 @@ def play_tangents(u, du, thresholds, cumulative, plays, out):
 def threshold_tangents(u, slacks, growth, plays, out):
     """Write the derivatives of the plays of ``u`` by their thresholds to ``out``, (n, K).
 
-    The slack of a play at a sample is ``slacks[i, k]`` and grows with its threshold by
-    ``growth[i]``; either has one row where it is constant. A play that has last risen stands at
-    ``u - slack``, one that has last fallen at ``u + slack``. ``plays`` (K,) is updated.
+    The slack of a play at a sample is ``slacks[i, k]``, with the derivative ``growth[i]`` by its
+    threshold; either has one row if it is constant. A play that has last risen stands at ``u -
+    slack``, one that has last fallen at ``u + slack``. ``plays`` (K,) is updated.
     """
     held = np.zeros(plays.size)
     for i in range(u.size):
@@ -180,8 +180,8 @@ def rate_play_run(u, rates, thresholds, growth, weights, rate_weights, plays, ou
 def rate_play_tangents(u, du, rates, drates, thresholds, growth, weights, rate_weights, plays, out):
     """Write to ``out`` (n, m + K) the tangents of the weighted sum of plays, then the plays.
 
-    ``du`` (n, m) are the tangents of the drive, ``drates`` (n, m) those of the rates; here they act
-    through the thresholds only, not through the weights. ``plays`` (K,) is updated. A play that
+    ``du`` (n, m) are the tangents of the drive, ``drates`` (n, m) those of the rates; here rates
+    act through the thresholds only, not through the weights. ``plays`` (K,) is updated. A play that
     moves has the tangent of the end of its slack; one that sticks keeps its last tangent.
     """
     m = du.shape[1]
@@ -212,7 +212,7 @@ def rate_play_tangents(u, du, rates, drates, thresholds, growth, weights, rate_w
 
 @jit
 def widened_play_step(u, c, s):
-    """Return a sum of plays, at one sample, whose thresholds all have grown by one factor.
+    """Return a sum of plays, at one sample, whose thresholds are all scaled by one factor.
 
     ``u`` is the drive and the factor, ``c`` is (thresholds (K,), weights (K,), intercept, offset of
     the drive), ``s`` (K,) are the plays.
@@ -281,7 +281,7 @@ def play_sum_run(u, offset, intercept, tables, turning_points, last):
     if turning_points.size > size - 2:
         size += turning_points.size
     points, values = np.empty((2, size))
-    # a copy that can be written to, as `_compress_stack` hands on: one kind of array to compile for
+    # a writable copy, like the arrays of `_compress_stack`: one array type to compile for
     top = _restore_stack(np.array(turning_points, dtype=float), points, values, *tables)
     y = np.empty(u.size)
     top, last = _run(u, offset, intercept, *tables, points, values, top, last, y)
@@ -308,6 +308,7 @@ def _fill_table(thresholds, weights, table, bins):
     table[n_plays, 1] = ordinate
     table[n_plays, 2] = slope
     table[n_plays, 3] = np.inf
+    # of a smaller knot the quotient would overflow
     scale = n_bins / knot if knot > 1e-290 else 0.0
     row = 0
     for b in range(bins.size):
@@ -374,7 +375,7 @@ def _restore_stack(turning_points, points, values, table, bins, scale):
 
 @jit
 def _compress_stack(points, values, top, table, bins, scale):
-    """Drop the turning points that no play sees; return the new ``top``."""
+    """Drop the turning points that affect no play; return the new ``top``."""
     end = 1
     for i in range(2, top + 1):
         end += 1
@@ -443,7 +444,7 @@ def _run(u, offset, intercept, table, bins, scale, points, values, top, last, y)
             distance = 2.0 * abs(value)
             start = 0.0
             factor = 0.5 if value > 0.0 else -0.5
-        # _find_row, written out: a call that hands over arrays would take longer than the rest.
+        # _find_row, inlined: the call with its array arguments would take longer than the rest.
         scaled = distance * scale
         b = np.uint32(scaled if scaled < last_bin else last_bin)
         row = np.uint64(bins[b])
@@ -460,9 +461,9 @@ def _run(u, offset, intercept, table, bins, scale, points, values, top, last, y)
 class Superposition(Operator):
     """Base of the weighted sums of plays, stops, relays or ramps.
 
-    Fields that are arrays are read-only. Weights, the linear parameters with a lower bound of zero,
-    have that bound only where the field ``non_negative`` is true; where ``falling`` is true too it
-    is an upper one, and the response is the mirror image of a rising one.
+    Fields that are arrays are read-only. Weights are linear parameters, bounded below by zero only
+    if the field ``non_negative`` is true; if ``falling`` is true too, zero is an upper bound, and
+    the response mirrors a rising one.
     """
 
     owns_gain = True
@@ -519,11 +520,11 @@ def play_thresholds(drive, n_operators, spacing="grid", *, drive_offset=0.0):
     """Return thresholds of play operators that the drive moves.
 
     A play moves on a branch between two turning points if its threshold is below half their
-    distance, and on the first loading from zero to ``v`` if it is below ``abs(v)``. A record shows
-    the part of its first loading that comes after its first sample. Thresholds that no record
-    moves are useless, so the largest one stays below the largest span of all records, where the
-    span of a record is its largest absolute value if the first loading is seen (the first sample
-    is within half the peak-to-peak value from zero), else half the peak-to-peak value.
+    distance, and on the first loading from zero to ``v`` if it is below ``abs(v)``. A record
+    contains the part of its first loading after its first sample. Thresholds that no record moves
+    are useless, so the largest one is below the largest span of all records. The span of a record
+    is its largest absolute value if it contains the first loading (its first sample is within half
+    the peak-to-peak value from zero), else half the peak-to-peak value.
 
     Parameters
     ----------
@@ -533,8 +534,8 @@ def play_thresholds(drive, n_operators, spacing="grid", *, drive_offset=0.0):
         Number K of thresholds.
     spacing : {"grid", "quantile"}, default="grid"
         ``"grid"``: ``r_k = span * k / K`` for ``k = 0 .. K - 1``; Steinbusch (2020), (3.6).
-        ``"quantile"``: between successive thresholds equally many passages, where every branch
-        passes all thresholds below its half-span once; dense where many branches end. For branches
+        ``"quantile"``: equally many passages between successive thresholds, where every branch
+        passes each threshold below its half-span once; dense where many branches end. For branches
         of one span this is the grid.
     drive_offset : float, default=0.0
         Drive at which the virgin device rests.

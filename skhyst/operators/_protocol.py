@@ -1,4 +1,4 @@
-"""The protocol of an operator: frozen numbers plus a state, that map a signal to a signal.
+"""The protocol of an operator: constant numbers and a state, which map a signal to a signal.
 
 An operator is a frozen dataclass whose fields are physical parameters. It knows no data and no
 estimator. Fields made with :func:`parameter` can be identified; all others are fixed structure
@@ -12,8 +12,9 @@ otherwise. The state before sample ``k`` holds everything that the operator reme
 samples before ``k``, the last input included, so a signal may be cut anywhere:
 ``run(u)`` equals ``run(u[:m])`` followed by ``run(u[m:], state=...)``.
 
-The members of an operator are those of this module. What a tree needs of its parts beyond these is
-declared in ``_part``, as attributes and methods with defaults; no code checks for a class.
+The members of an operator are those of this module. Members that a tree needs of its parts in
+addition are declared in ``_part``, as attributes and methods with defaults; no code checks for a
+class.
 """
 
 import dataclasses
@@ -59,15 +60,15 @@ class ParameterSpec:
     log : bool
         The field is positive and is searched on a logarithmic scale.
     gauge : float or None
-        Value at which the field is held when another stage of a series carries the same freedom
-        (a static gain at 1, an intercept at 0). None: the freedom is the operator's own.
+        Value at which the field is held if another stage of a series has the same freedom (a static
+        gain at 1, an intercept at 0). None: the freedom is the operator's own.
     unit : str
         Unit in terms of ``s``, ``drive`` and ``response``, for reports.
     penalty : float
         Identification adds this times the square of the value to the squared error of each sample;
-        of linear fields alone.
+        for linear fields only.
     held : bool
-        Another part of the tree carries the freedom. Nodes set this and the next two.
+        Another part of the tree has the freedom. Nodes set this and the next two.
     movable : bool
         Another stage of a series can carry the freedom, if there is a gauge.
     additive : bool
@@ -147,9 +148,9 @@ class Operator(Part, ABC):
                 self._require(name, False, wanted)
 
     def check_values(self) -> None:
-        """Refuse values that no fit finds but a file may hold: not finite, or beyond their bounds.
+        """Refuse values that a file may contain but no fit finds: not finite, or out of bounds.
 
-        What a field is by default it may be. Operators within this one are not looked at.
+        A field may have its default value in any case. Nested operators are not checked.
 
         Raises
         ------
@@ -234,7 +235,7 @@ class Operator(Part, ABC):
         return self._with_values(changes)
 
     def _with_values(self, changes):
-        """Return a copy with other values, as ``dataclasses.replace``, of the same structure."""
+        """Return a copy with other values of the same structure, faster than ``replace``."""
         own, new = vars(self), object.__new__(type(self))
         vars(new).update({k: own[k] for k in _lasting(type(self)) if k in own} | changes)
         new.__post_init__()
@@ -251,8 +252,8 @@ class Operator(Part, ABC):
         initial_state : {"rest", "zero"}, default="rest"
             ``"rest"``: the device has rested at ``u0`` until all dynamics settled, and its
             hysteresis memory is that of a first loading from zero to ``u0``. ``"zero"``: every
-            state is zero and so was the input; an operator with a ``hold`` has its state zero at
-            the first sample, whose input it had all at once.
+            state is zero and so was the input; an operator with a ``hold`` has zero state at the
+            first sample, whose input was applied as a step.
 
         Returns
         -------
@@ -309,8 +310,8 @@ class Operator(Part, ABC):
     def propagate(self, u, du, dt: float, initial_state: str = "rest"):
         """Return the output and the tangents of the input propagated to it.
 
-        The tangents are the first columns of :meth:`sensitivities`, from which they are taken
-        unless an operator has a shorter way; those by its own parameters are left out.
+        The tangents are the first columns of :meth:`sensitivities`, without the derivatives by the
+        operator's own parameters; an operator may have a faster implementation.
 
         Parameters
         ----------
@@ -337,7 +338,7 @@ class Operator(Part, ABC):
         return y, np.ascontiguousarray(dy[:, :m])
 
     def resampled(self, own: float, dt: float) -> "Operator | None":
-        """Return the operator that does the same at another sampling interval.
+        """Return the equivalent operator at another sampling interval.
 
         Parameters
         ----------
@@ -347,13 +348,13 @@ class Operator(Part, ABC):
         Returns
         -------
         Operator or None
-            None where no operator responds exactly alike to a drive that is between the new samples
-            as it is between the old ones.
+            None if no operator has exactly the same response to a drive with the same course
+            between samples.
         """
         return self if self.memoryless else None
 
     def by_start(self, u, dt: float, start) -> np.ndarray:
-        """Return the derivatives of the output by the values of a start.
+        """Return the derivatives of the output by the start values of a record.
 
         Parameters
         ----------
@@ -362,7 +363,7 @@ class Operator(Part, ABC):
         dt : float
             Sampling interval in s.
         start : array-like of shape (n_start,)
-            Of an operator that has no state of rest.
+            Start values, of an operator without a state of rest.
 
         Returns
         -------
@@ -388,8 +389,8 @@ class Operator(Part, ABC):
         Raises
         ------
         NotImplementedError
-            If the output depends on later input, so that it is not known sample by sample, or the
-            operator gives no step.
+            If the output depends on later input, so that it cannot be computed sample by sample, or
+            the operator has no compiled step.
         """
         why = "it gives no step ('compiled_step')" if self.causal else "it looks ahead"
         raise NotImplementedError(f"{type(self).__name__} cannot be stepped: {why}.")
@@ -417,7 +418,7 @@ class Operator(Part, ABC):
         return state, float(y[0])
 
     def _require(self, name, is_right, wanted):
-        """Refuse a field that is not what is wanted of it, such as "be above 0"."""
+        """Refuse an invalid field; ``wanted`` completes "must", such as "be above 0"."""
         if not is_right:
             raise ValueError(
                 f"The '{name}' parameter of {type(self).__name__} must {wanted}. "
@@ -426,13 +427,13 @@ class Operator(Part, ABC):
 
 
 def by_fields(operator):
-    """Return what ``__reduce__`` of an operator gives that leaves out tables beside its fields."""
+    """Return the ``__reduce__`` of an operator without the tables that it has cached."""
     fields = [f.name for f in dataclasses.fields(operator) if not f.kw_only]
     state = None if operator.model is None else {"model": operator.model}
     return type(operator), tuple(getattr(operator, name) for name in fields), state
 
 
-# Largest number of substeps, lags, samples of a window, ...: at about 0.1 us each a sample then
+# Largest number of substeps, lags, samples of a window, ...: at about 0.1 us each, a sample then
 # takes less than a millisecond.
 MOST_STEPS = 4096
 
@@ -461,7 +462,7 @@ _STRUCTURE = ("_sizes", "n_parameters", "_entries")  # what is found once, whate
 
 @cache
 def _checks(kind):
-    """Return (name, function, what is wanted) of the fields of an operator that can be checked."""
+    """Return (name, function, requirement) of the fields of an operator that can be checked."""
     found = []
     for field in dataclasses.fields(kind):
         of, *other = get_args(field.type) if isinstance(field.type, UnionType) else (field.type,)
@@ -478,7 +479,7 @@ def _or_none(is_right):
 
 @cache
 def _lasting(kind):
-    """Return the names of attributes that a copy with other values keeps."""
+    """Return the names of attributes that are copied with other values."""
     return (*(field.name for field in dataclasses.fields(kind)), *_STRUCTURE)
 
 

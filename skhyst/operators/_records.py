@@ -13,9 +13,9 @@ import numpy as np
 from ..exceptions import DivergenceWarning
 from ._composition import split_disturbances
 
-_LARGEST = 1 << 24  # values of sensitivities that are held at once: 128 MB
-_CHUNK = 4096  # samples whose derivatives are taken along the root at once
-_STEP = 0.01  # of a standard error: its square is the error of a difference, relative
+_LARGEST = 1 << 24  # values of sensitivities in memory at once: 128 MB
+_CHUNK = 4096  # samples whose derivatives are multiplied by the root at once
+_STEP = 0.01  # of a standard error: the relative error of a difference is its square
 
 
 def run_records(operator, signal, slices, initial_state="rest", schedules=None):
@@ -36,7 +36,7 @@ def run_records(operator, signal, slices, initial_state="rest", schedules=None):
 
 
 def cut_off(y):
-    """Return an output with finite values, and warn where it had others."""
+    """Return an output with non-finite values replaced, and warn if there were any."""
     with np.errstate(over="ignore", invalid="ignore"):
         # one pass in the usual case; the sum may overflow although the values are finite
         is_finite = np.isfinite(y.sum()) or np.isfinite(y).all()
@@ -51,10 +51,10 @@ def cut_off(y):
 
 
 def run_variance(operator, covariance, u, dt, initial_state="rest", skip=0):
-    """Return the variance of the output of an operator that the errors of its values make.
+    """Return the variance of an operator's output due to the errors of its parameters.
 
-    Derivatives are exact; where a record is so long that they need too much memory, they are
-    central differences in the directions of the root of the covariance, one after the other.
+    Derivatives are exact; for records so long that they need too much memory, they are central
+    differences along the columns of the root of the covariance, one at a time.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def run_variance(operator, covariance, u, dt, initial_state="rest", skip=0):
     initial_state : {"rest", "zero"}, default="rest"
         State before the first sample.
     skip : int, default=0
-        Samples of the input that lie before the record, in which its time begins.
+        Samples of the input before the start of the record and of its time.
 
     Returns
     -------
@@ -99,7 +99,7 @@ def run_variance(operator, covariance, u, dt, initial_state="rest", skip=0):
 
 
 def _root(covariance):
-    """Return the root (n, k) of a covariance (n, n) of the rank k."""
+    """Return the root (n, k) of a covariance (n, n) of rank k."""
     size = np.sqrt(np.diag(covariance))
     used = np.flatnonzero(size)
     root, size = np.zeros((len(size), len(used))), size[used, None]

@@ -1,10 +1,10 @@
-"""Resolution: a part that is a sum of terms, and how it is given more, fewer, or other places.
+"""Resolution: how a part that is a sum of terms gets more or fewer terms, or other positions.
 
 Plays, stops, Kelvin-Voigt units and the terms of a curve are terms of one kind, each with a weight
-and, but for those of a curve, with a position: a threshold, a time constant. How many there are and
-where they stand is what a description is fine to, and no physics. A part declares it, see
-:class:`Resolution`, and says where further terms may stand (``finer``); what is written here does
-the rest, whatever the part.
+and, except for those of a curve, a position: a threshold, a time constant. Their number and
+positions are the resolution of a description, not physics. A part declares it, see
+:class:`Resolution`, and gives positions for further terms (``finer``); the code here is common to
+all parts.
 """
 
 from dataclasses import dataclass, replace
@@ -18,21 +18,21 @@ from ._protocol import Operator, ParameterSpec
 
 @dataclass(frozen=True)
 class Resolution:
-    """What an operator that is a sum of terms is fine to: their number, and where they stand.
+    """Resolution of an operator that is a sum of terms: their number and positions.
 
     Parameters
     ----------
     name : str
-        What the terms are, in the plural.
+        What the terms are called, in the plural.
     weights : str
-        Field of one value a term, in which the output is linear; zero where there is no term.
+        Field with one value per term, in which the output is linear; zero for no contribution.
     positions : str or None, default=None
-        Field that says where each term stands, ascending. None: the terms have an order, and a
-        further one comes after the others.
+        Field with the position of each term, ascending. None: terms are ordered, and a further one
+        is appended.
     others : tuple of str, default=()
-        Further fields of one value a term, which are linear too; empty where they are not used.
+        Further linear fields with one value per term; empty if they are not used.
     fixed : float or None, default=None
-        Position of a term that stays where it is and is never left out.
+        Position of a term that is fixed and never removed.
     """
 
     name: str
@@ -47,7 +47,7 @@ class Resolution:
         Parameters
         ----------
         operator : Operator
-            That has this resolution.
+            With this resolution.
 
         Returns
         -------
@@ -72,17 +72,17 @@ class Resolution:
         return self.positions is not None and self.positions not in operator.parameter_specs()
 
     def stays(self, operator):
-        """Mark the terms that stay.
+        """Mark the terms that are fixed.
 
         Parameters
         ----------
         operator : Operator
-            That has this resolution.
+            With this resolution.
 
         Returns
         -------
         ndarray of bool of shape (n_terms,)
-            True where a term stays.
+            True for a fixed term.
         """
         if self.fixed is None:
             return np.zeros(self.of(operator), dtype=bool)
@@ -90,14 +90,14 @@ class Resolution:
 
 
 def with_terms(operator, positions):
-    """Return an operator with further terms of weight zero, and marks of these.
+    """Return an operator with further terms of weight zero, and a mask of the new terms.
 
     Parameters
     ----------
     operator : Operator
         One with a ``resolution``.
     positions : array-like of shape (n_further,)
-        Where they stand, as its method ``finer`` returns them.
+        Their positions, as its method ``finer`` returns them.
 
     Returns
     -------
@@ -139,7 +139,7 @@ def same_places(operator, other):
 
 
 def has_weight(operator):
-    """Mark the terms of an operator that have a weight, (n_terms,)."""
+    """Mark the terms of an operator with a nonzero weight, (n_terms,)."""
     kind = operator.resolution
     own = [np.asarray(getattr(operator, name)) for name in (kind.weights, *kind.others)]
     return np.any([part != 0.0 for part in own if part.size], axis=0)
@@ -164,15 +164,15 @@ def parts_with_resolution(operator, _prefix=""):
     Returns
     -------
     list of (str, Operator, callable)
-        The prefix of its entries among those of the operator; the part; and what returns the
-        operator with another part in its place.
+        The prefix of the part's entries among those of the operator; the part; and a function that
+        returns the operator with another part in its place.
     """
     if getattr(operator, "resolution", None) is not None:
         return [(_prefix, operator, lambda part: part)]
     if not isinstance(operator, Series | SumOperator):
         return []
     found, members = [], operator.members()
-    if isinstance(operator, Series):  # what comes behind has an input of its own
+    if isinstance(operator, Series):  # later stages have an input that this part determines
         members = members[:1]
     for at, (name, stage) in enumerate(members):
         for prefix, part, put in parts_with_resolution(stage, f"{_prefix}{name}__"):
@@ -191,10 +191,10 @@ def _placed(operator, at, put):
 
 @dataclass(frozen=True)
 class MovableOperator(WrappedOperator):
-    """A sum of terms whose positions are parameters, each up to midway to its neighbours.
+    """A sum of terms whose positions are parameters, each between the midpoints to its neighbours.
 
-    For identification: an operator has its positions as fixed structure, and gives the derivatives
-    of its output by them in ``position_tangents``.
+    Only for identification: in an operator positions are fixed structure; ``position_tangents`` are
+    the derivatives of its output by them.
 
     Parameters
     ----------
@@ -224,14 +224,14 @@ class MovableOperator(WrappedOperator):
 
     @classmethod
     def around(cls, operator, highest):
-        """Return an operator whose terms that have a weight may move.
+        """Return an operator in which terms with nonzero weight may move.
 
         Parameters
         ----------
         operator : Operator
             With a resolution.
         highest : float
-            Position that none goes beyond.
+            Upper limit of the positions.
 
         Returns
         -------
@@ -242,7 +242,7 @@ class MovableOperator(WrappedOperator):
         places = np.asarray(getattr(operator, kind.positions), dtype=float)
         moving = ~kind.stays(operator) & (places <= highest) & has_weight(operator)
         between = 0.5 * (places[1:] + places[:-1])
-        lowest = 0.5 * places[:1]  # a term that is not at zero stays away from it
+        lowest = 0.5 * places[:1]  # a term that is not at zero stays away from zero
         limits = np.transpose([np.append(lowest, between), np.append(between, highest)])
         return cls(operator, moving, limits[moving], model=operator.model)
 

@@ -1,11 +1,11 @@
 """The inverse of an operator whose output depends on the input of the same sample, by root finding.
 
 At each sample the input is found for which a step gives the wanted output. The search starts at the
-last input and doubles its steps until the root is bracketed. Then it takes false position with the
-weights of the Illinois method, but never farther from the middle of the bracket than keeps its
-width within 8 times that of bisection (the projection of the ITP method: Oliveira and Takahashi,
-*ACM Transactions on Mathematical Software*, 2020). So the number of trials is bounded whatever the
-law. Trials use a copy of the state; the step with the input that is found is then taken.
+last input and doubles its steps until the root is bracketed. Then it uses the Illinois variant of
+false position, but never farther from the middle of the bracket than keeps its width within 8 times
+that of bisection (the projection of the ITP method: Oliveira and Takahashi, *ACM Transactions on
+Mathematical Software*, 2020). So the number of evaluations is bounded for any law. Evaluations use
+a copy of the state; the step is then taken with the input that was found.
 """
 
 import math
@@ -19,10 +19,10 @@ from .._jit import bind
 from ._compiled_step import CompiledLaw, CompiledStep
 from ._protocol import Operator, as_signal
 
-_DOUBLINGS = 12  # of a first step, at most, up to the range that limits allow
-_STEPS = 100  # that look for a bracket without limits
-_SLACK = 3  # halvings by which a bracket may be behind bisection
-_DIGITS = 53  # of the ends of the first bracket that are resolved
+_DOUBLINGS = 12  # of a first step, at most, up to the range between the limits
+_STEPS = 100  # search steps for a bracket without limits
+_SLACK = 3  # halvings by which a bracket may lag behind bisection
+_DIGITS = 53  # to which the ends of the first bracket are resolved
 _TRIALS = 1 + _STEPS + _SLACK + _DIGITS
 _LEAST = 2.0**-60  # least first step without limits
 
@@ -33,11 +33,11 @@ def step(u, c, s):
 
 
 def root_step(y, c, s):
-    """Return the input that gives ``y``, a limit if that lies beyond, or else the last input.
+    """Return the input that gives ``y``; a limit if that is beyond, or else the last input.
 
     ``c`` is (lower limit, upper limit, 1 or -1 if the output rises or falls with the input, least
-    first step of a search, *constants of the step); ``s`` is the last input, its last change, 1 if
-    no input gave the last output, else 0, workspace for a state, and the state.
+    first step of a search, *constants of the step); ``s`` is the last input, its last change, a
+    flag that is 1 if no input gave the last output, workspace for a state, and the state.
     """
     low, high, sign, least = c[0], c[1], c[2], c[3]
     is_open = low == -math.inf or high == math.inf  # else a bracket is found before ``_STEPS``
@@ -74,7 +74,7 @@ def root_step(y, c, s):
                 digit = 0.5**_DIGITS * max(abs(below), abs(above))
             if half <= digit or not (below < middle and middle < above):
                 break
-            # the next trial leaves a bracket of at most ``most``, and closes it from both sides
+            # the next evaluation leaves a bracket of at most ``most``, and moves both its ends
             most = 0.5 * most
             near = min(most - half, half - digit)
             u = above - long * (above - below) / (long - short)
@@ -83,7 +83,7 @@ def root_step(y, c, s):
     if is_open and ((above == math.inf and u < high) or (below == -math.inf and u > low)):
         u = s[0]  # no input gives it
         s[2] = 1.0
-    s[1] = max(abs(u - s[0]), 0.5 * s[1], least)  # never zero, however long the rest
+    s[1] = max(abs(u - s[0]), 0.5 * s[1], least)  # never zero, even after a long rest
     s[0] = u
     step(u, c[4:], s[3 + n :])
     return u
@@ -119,14 +119,14 @@ class RootInverseOperator(InverseOperator):
     operator : Operator
         Causal, of one input.
     low, high : float
-        Limits of its input. An output outside the range that they allow gives the limit.
+        Limits of its input. An output out of their range gives the limit.
 
     Notes
     -----
-    The state is (last input, its last change, state of the operator). A sample runs the operator's
-    step at most 71 times: 14 times until the input is bracketed, 56 times to halve the bracket, and
-    once with the input that is found. Without limits up to 101 times until it is bracketed. The
-    input is exact to 2^-52 of its size, or of its change if that is larger.
+    The state is (last input, its last change, state of the operator). Per sample, the operator's
+    step runs at most 71 times: 14 times until the input is bracketed, 56 times to halve the
+    bracket, and once with the input that is found; without limits, up to 101 times for the bracket.
+    The input is exact to 2^-52 of its size, or of its change if that is larger.
 
     Examples
     --------
@@ -192,7 +192,7 @@ class RootInverseOperator(InverseOperator):
         return CompiledLaw(law, constants, start, possible=possible, flags=(("unreachable", 2),))
 
     def _constants(self, sign):
-        """Return those of :func:`root_step`; the first step doubles up to the range of limits."""
+        """Return the constants of :func:`root_step`; a first step can reach both limits."""
         width = self.high - self.low
         return self.low, self.high, sign, 0.5**_DOUBLINGS * width if width < math.inf else _LEAST
 
@@ -213,7 +213,7 @@ def _is_possible(forward, s, c):
 
 
 def _plain(law):
-    """Return :func:`root_step` of a step that is not compiled."""
+    """Return :func:`root_step` for a step that is not compiled."""
     root = FunctionType(root_step.__code__, {**root_step.__globals__, "step": law})
     root.py_func = root
     return root
@@ -237,7 +237,7 @@ def inverse_of(operator, low=-math.inf, high=math.inf):
     Raises
     ------
     ValueError
-        If the output does not follow the input at once and the operator has no inverse of its own.
+        If the output does not follow the input at once and the operator has no other inverse.
 
     Examples
     --------

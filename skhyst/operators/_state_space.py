@@ -80,9 +80,9 @@ def state_space_step(u, c, s):
 
 @jit
 def state_space_begin(u, c, s):
-    """Do :func:`state_space_step` where no drive leads to the first sample.
+    """Do :func:`state_space_step` if no drive precedes the first sample.
 
-    ``s`` ends with a mark that is zero before it.
+    ``s`` ends with a mark that is zero before the first sample.
     """
     _, _, _, output, d, intercept = c
     n_states = output.size
@@ -118,11 +118,11 @@ def block_table(ad, b0, b1, c, d, length):
 
 @jit
 def block_run(table, u, x, u_previous):
-    """Do :func:`state_space_run` block by block, for the complete blocks of ``u``.
+    """Do :func:`state_space_run` in blocks, for the complete blocks of ``u``.
 
-    A step of one sample is a chain of ``n_states**2`` dependent products; a block has as many, and
-    those of the outputs, in loops that are vectorised. A value that is not finite also spoils the
-    earlier outputs of its block.
+    A step of one sample is a chain of ``n_states**2`` dependent products; a block has as many, plus
+    those of the outputs, in vectorised loops. A value that is not finite also invalidates earlier
+    outputs of its block.
     """
     n_in, n_out = table.shape
     n_states = x.shape[0]

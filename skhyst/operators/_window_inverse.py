@@ -1,20 +1,20 @@
-r"""The inverse of a mass with hysteresis: the drive from a window of the response to come.
+r"""The inverse of a mass with hysteresis: the drive from a window of the future response.
 
-The drive is a straight line between samples. The zeros of a mass sampled so are those of ``z^2 + 4
-z + 1``, -0.27 and -3.73 (Åström, Hagander and Sternby, *Automatica*, 1984): a drive found sample by
-sample would grow by the factor 3.73 from each sample to the next. With hysteresis in the equation
-of motion the same holds, but the states cannot be split by eigenvalues. So at each sample the
-drives of a window are solved for together, such that the response is met at all of its samples but
-the first; the equation of that one is replaced by a straight drive at the end of the window. The
-first drive is kept, and the window moves on by one sample. The error due to the end of the window
-decays towards its beginning by the same factor 3.73 per sample (Devasia, Chen and Paden, *IEEE
+The drive is a straight line between samples. The zeros of a mass sampled in this way are those of
+``z^2 + 4 z + 1``, -0.27 and -3.73 (Åström, Hagander and Sternby, *Automatica*, 1984): a drive found
+sample by sample would grow by the factor 3.73 per sample. The same holds with hysteresis in the
+equation of motion, but then the states cannot be split by eigenvalues. So at each sample the drives
+of a window are solved for together, such that the response is met at all of its samples but the
+first; the equation of that one is replaced by a straight drive at the end of the window. The first
+drive is kept, and the window moves on by one sample. The error due to the end of the window decays
+towards its beginning by the same factor 3.73 per sample (Devasia, Chen and Paden, *IEEE
 Transactions on Automatic Control*, 1996; for windows Zou and Devasia, *Journal of Dynamic Systems,
-Measurement, and Control*, 1999). The response at the first sample is met by the window before.
+Measurement, and Control*, 1999). The previous window has met the response at the first sample.
 
-Newton's method solves for the drives; it starts from those of the window before. Derivatives are
-finite differences. A response does not depend on later drives, so the matrix has one diagonal above
-the main one, which is eliminated from the end to the beginning: the direction in which errors
-decay.
+Newton's method solves for the drives, starting from those of the previous window. Derivatives are
+finite differences. A response does not depend on later drives, so the matrix is lower triangular
+with one diagonal above, which is eliminated from the end to the beginning: the direction in which
+errors decay.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""The least of a quadratic function between bounds, by SciPy's non-negative least squares."""
+"""The minimum of a quadratic function within bounds, by SciPy's non-negative least squares."""
 
 import numpy as np
 from scipy.linalg import eigvalsh
@@ -15,8 +15,8 @@ _CLEAR = 1e-9  # part of the largest slope at zero that is no rounding
 def bounded_step(hessian, gradient, lower, upper):
     """Minimise ``0.5 s' H s + g' s`` subject to ``lower <= s <= upper``, with ``s = 0`` feasible.
 
-    With ``H = R' R`` and the minimum ``s0`` without bounds, the step ``s = s0 + R^-1 z`` is that of
-    the least ``|z|`` within the bounds. Lawson and Hanson, *Solving Least Squares Problems*, 1974,
+    With ``H = R' R`` and the unbounded minimum ``s0``, the step is ``s = s0 + R^-1 z`` with the
+    smallest ``|z|`` within the bounds. Lawson and Hanson, *Solving Least Squares Problems*, 1974,
     chapter 23, find it by one non-negative least squares problem, whose unknowns are the
     multipliers of the bounds: those that are not zero tell which bounds hold, and Cholesky factors
     solve for the rest. Mostly those hold that ``s0`` is beyond, or the solution for the rest, which
@@ -37,7 +37,7 @@ def bounded_step(hessian, gradient, lower, upper):
         The step; zero where the column of an entry is zero or overflows.
     """
     scale = np.sqrt(np.maximum(hessian.diagonal(), 0.0))  # rounding may make it negative
-    moves = (scale > _LEAST) & np.isfinite(scale)  # what overflows has no step
+    moves = (scale > _LEAST) & np.isfinite(scale)  # an overflowing column has no step
     if not moves.any():
         return np.zeros(len(scale))
     if not moves.all():
@@ -69,7 +69,7 @@ def bounded_step(hessian, gradient, lower, upper):
         s = np.where(free, 0.0, at)
         s[free] = -solve_definite(h[free][:, free], (g + h @ s)[free])
         inside = np.minimum(np.maximum(s, low), high)
-        # where columns are collinear, rounding may take a bound that holds for one that does not
+        # for collinear columns, rounding may make the wrong bounds active
         outside = free & (np.abs(inside - s) > _ROUNDING * np.abs(s).max())
         if not outside.any():
             return inside * inverse
@@ -77,7 +77,7 @@ def bounded_step(hessian, gradient, lower, upper):
 
 
 def _held(h, s0, low, high):
-    """Return the bounds that hold at the minimum, NaN for the unknowns between theirs."""
+    """Return the bounds that are active at the minimum, NaN for the free unknowns."""
     factor, failed = dpotrf(h, clean=1)
     if failed:  # rounding has made it indefinite by more than the ridge
         factor, _ = dpotrf(h - 2.0 * eigvalsh(h)[0] * np.eye(len(h)), clean=1)
@@ -89,7 +89,7 @@ def _held(h, s0, low, high):
     whole = factor @ s0
     rows = np.empty((len(finite), len(h) + 1))
     rows[: len(h), :-1], rows[len(h) :, :-1] = back, -back
-    # in units of the way from s0 to the feasible zero, so that |z| is at most 1
+    # relative to the distance of s0 from the feasible zero, so that |z| is at most 1
     rows[:, -1] = beyond / np.sqrt(whole @ whole)
     rows = rows[finite]
     rows /= np.sqrt(np.einsum("ij,ij->i", rows, rows))[:, None]

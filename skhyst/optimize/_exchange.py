@@ -1,25 +1,25 @@
-r"""How many terms a sum takes, and where they stand: exchange of terms for a sparse measure.
+r"""How many terms a sum has, and their positions: exchange of terms for a sparse measure.
 
-A part such as a sum of plays is a measure over positions: a weight at each threshold. The measure
-that fits best is sought as Denoyelle et al., *Inverse Problems*, 2020, do it (sliding conditional
-gradient), written for normal equations:
+A part such as a sum of plays is a measure over positions: a weight at each threshold. The
+best-fitting measure is found by the sliding conditional gradient (Denoyelle et al., *Inverse
+Problems*, 2020), written for normal equations:
 
 1. *Scan.* One pass over the records gives the Gram matrices of the columns of terms on a fine grid
-   of positions beside those of all other parameters. From these, terms are added one by one, each
-   time the one that reduces the sum of squares most beside those that are there already (orthogonal
-   least squares: Chen, Billings and Luo, *International Journal of Control*, 1989). The weights are
-   solved within their bounds each time, and a term whose weight is zero goes.
-2. *How many.* The same is done in each fold, with terms of its own choice, and scored on what the
-   fold has not seen: so a further term pays for its place too. As many are taken as predict best.
-3. *Slide.* All positions move to where the sum of squares is least, jointly with all other
-   parameters, and terms that meet become one.
+   of positions and of all other parameters. From these, terms are added one by one, each time the
+   one that reduces the sum of squares most in addition to the present ones (orthogonal least
+   squares: Chen, Billings and Luo, *International Journal of Control*, 1989). The weights are
+   solved within their bounds each time, and a term whose weight is zero is removed.
+2. *How many.* The same is done in each fold, with terms of its own choice, and scored on the
+   held-out samples: so the choice of a further term is penalised, too. The number that predicts
+   best is taken.
+3. *Slide.* All positions move to the minimum of the sum of squares, jointly with all other
+   parameters, and coinciding terms are merged.
 
-The steps are repeated with the present terms, whose positions are then free, beside a new scan,
-until no further term predicts better. In the end the term that costs least is taken out, and again,
-while the others, moved to where they are best then, predict worse by no more than a needless term
-would gain by chance. Such a term stands where it follows the noise best: of all places of the
-scan it has the largest square of a normal variable, about ``2 log(places)`` mean squares of what is
-left.
+The steps are repeated with the present terms, whose positions are then free, and a new scan, until
+no further term predicts better. Finally, the term that costs least is removed, repeatedly, while
+the others, at their new optimum, predict worse by no more than a needless term would gain by
+chance. Such a term fits the noise at the best of all positions of the scan: its gain is the largest
+square of as many normal variables, about ``2 log(places)`` mean squares of the residual.
 """
 
 from dataclasses import dataclass, replace
@@ -34,13 +34,13 @@ from ._variable_projection import damped_step, variable_projection
 
 _FOLDS = 5  # as scikit-learn's own default
 _SHORTEST = 16  # samples of a block
-_SETTLED = 0.1  # part of what a parameter explains by chance, at which positions have settled
+_SETTLED = 0.1  # fraction of a parameter's chance gain at which positions have settled
 _EVALUATIONS = 12  # of a slide
-_SLIDES = 3  # after each of which terms that have met become one
-_MET = 1e-6  # of the largest position
+_SLIDES = 3  # after each of which coinciding terms are merged
+_MET = 1e-6  # of the largest position: distance of coinciding terms
 _DEPENDENT = 1e-9  # part of a column's power that the others leave of one that tells nothing new
-_TOLD = 1e-14  # part of the sum of squares; a term that explains less tells rounding errors
-_LEAST = np.sqrt(np.finfo(float).tiny)  # of a column that is no rounding error of nothing
+_TOLD = 1e-14  # fraction of the sum of squares; a smaller gain is rounding
+_LEAST = np.sqrt(np.finfo(float).tiny)  # smallest norm of a column that is not rounding
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Alone:
     initial_state: str = "rest"
 
     def problem(self, part):
-        """Return the least-squares problem of the model with another part in the place."""
+        """Return the least-squares problem of the model with another part in this place."""
         return OperatorProblem(
             part, self.records, fixed=self.fixed, initial_state=self.initial_state
         )
@@ -77,24 +77,24 @@ class Alone:
         return entry
 
     def inputs(self):
-        """Return the records with what comes into the part as their drive."""
+        """Return the records with the input of the part as their drive."""
         return self.records
 
 
 def exchanged(place, folds):
-    """Return a place whose part has as many terms as predict best what is held out.
+    """Return a place whose part has the number of terms that predicts best out of fold.
 
     Parameters
     ----------
     place : Alone
-        Or what has its attribute and methods; the part is at its solution.
+        Or an object with its attribute and methods; the part is at its solution.
     folds : list of (train, test)
         Boolean masks over the segments of all records: those fitted, those scored.
 
     Returns
     -------
     place
-        The same where no other resolution predicts better.
+        The given one if no other resolution predicts better.
     """
     least = _held_out(place, folds) if folds else np.inf
     if least == np.inf:
@@ -119,8 +119,9 @@ def exchanged(place, folds):
 def block_folds(records):
     """Return the records cut into blocks, and folds that each hold out one block of every record.
 
-    All folds train on the first block: what the memory of a device does first, it does not do
-    again. Records that are in segments already are not cut, and always trained on.
+    All folds train on the first block: the first response of a device's memory is not repeated
+    later. Records that are divided into segments already are not cut, and always in the training
+    set.
 
     Parameters
     ----------
@@ -130,7 +131,7 @@ def block_folds(records):
     -------
     records : list of RecordData
     folds : list of (train, test)
-        Boolean masks over the segments of all records; none where the records are too short.
+        Boolean masks over the segments of all records; none if the records are too short.
     """
     cut, numbers = [], []
     for record in records:
@@ -147,28 +148,27 @@ def block_folds(records):
 
 
 def record_folds(records, count=_FOLDS):
-    """Return folds that hold out whole records of which the others know the range.
+    """Return folds that hold out whole records within the range of the others.
 
-    Of a record whose drive or column goes further than those of all others, nothing could be
-    predicted.
+    A record whose drive or column exceeds the range of all others could only be extrapolated.
 
     Parameters
     ----------
     records : sequence of RecordData
     count : int, default=5
-        Most groups in which records are held out.
+        Largest number of groups in which records are held out.
 
     Returns
     -------
     folds : list of (train, test)
-        Boolean masks over the segments of all records. Empty where no record is held out.
+        Boolean masks over the segments of all records. Empty if no record is held out.
     """
     if len(records) < 2:
         return []
     owner = np.repeat(np.arange(len(records)), [len(record.segments) for record in records])
     inputs = [np.column_stack([x for x in (r.u, r.auxiliary) if x is not None]) for r in records]
     low, high = (np.array([end(own, axis=0) for own in inputs]) for end in (np.min, np.max))
-    # in an order that their place in the data has no part in
+    # in an order that does not depend on their order in the data
     order = np.lexsort([[r.drive.mean() for r in records], [r.y.mean() for r in records]])
     found = []
     for group in np.array_split(order, min(len(records), max(count, 2))):
@@ -180,10 +180,9 @@ def record_folds(records, count=_FOLDS):
 
 
 def whole_record_folds(records, folds):
-    """Return folds that hold out whole records, where there are several.
+    """Return folds that hold out whole records, if there are several.
 
-    The segments of a record of which the others do not know the range are held out as the given
-    folds do it.
+    The segments of a record outside the range of the others are held out as in the given folds.
 
     Parameters
     ----------
@@ -203,9 +202,9 @@ def whole_record_folds(records, folds):
 
 
 def merged_segments(records, folds):
-    """Return the records with neighbouring segments as one that no fold divides, and the folds.
+    """Return records with neighbouring segments merged where no fold divides them, and the folds.
 
-    Where nothing is fitted to each record by itself, that tells the same with fewer sums.
+    If no coefficients are fitted per record, the result is the same with fewer sums.
 
     Parameters
     ----------
@@ -235,7 +234,7 @@ def merged_segments(records, folds):
 
 
 def _movable(place):
-    """Return the part with positions that are parameters, where they are not already."""
+    """Return the part with its positions as parameters."""
     part = place.part
     if not part.resolution.holds_positions(part):
         return part
@@ -243,10 +242,10 @@ def _movable(place):
 
 
 class _Columns:
-    """Where the terms of a part are among the unknowns of a problem.
+    """The columns of a part's terms among the unknowns of a problem.
 
-    ``groups`` (n_terms, n_columns) are those of the weights and of what else is linear, empty where
-    these are held; ``positions`` (n_terms,) -1 where a term does not move.
+    ``groups`` (n_terms, n_columns) are the columns of the weights and other linear fields, empty if
+    these are held; ``positions`` (n_terms,) is -1 for a term that does not move.
     """
 
     def __init__(self, place, problem, part):
@@ -262,15 +261,15 @@ class _Columns:
         self.positions = np.array([numbers.get(name, -1) for name in names], dtype=int)
 
     def moving(self, terms):
-        """Return the columns of the positions of terms, of those that move."""
+        """Return the columns of the positions of those terms that move."""
         own = self.positions[terms]
         return own[own >= 0]
 
 
 def _held_out(place, folds):
-    """Return the sum of squares that folds predict, by a step from the solution for all.
+    """Return the out-of-fold sum of squares, by one step from the solution for all samples.
 
-    Infinity where the weights are held or no term is left.
+    Infinity if the weights are held or no term remains.
     """
     problem = place.problem(_movable(place))
     if not _Columns(place, problem, place.part).groups.size:
@@ -287,7 +286,7 @@ def _scored(problem, blocks, steps, folds):
 
 
 def _settled(place):
-    """Return the place with all terms where they fit best, those that have met as one."""
+    """Return the place with all terms at their best positions, coinciding ones merged."""
     for _ in range(_SLIDES):
         part = _movable(place)
         problem = place.problem(part)
@@ -306,11 +305,11 @@ def _settled(place):
 
 
 def _merged(part):
-    """Return a part without terms of no weight, and those that have met as one; None if neither."""
+    """Return a part without zero weights and with coinciding terms merged; None if unchanged."""
     kind = part.resolution
     kept = kind.stays(part) | has_weight(part)
     weights = np.array(getattr(part, kind.weights), dtype=float)
-    if kind.positions is None:  # which have an order
+    if kind.positions is None:  # these have an order
         kept[: np.flatnonzero(kept).max(initial=-1) + 1] = True
     else:
         places, stays = np.asarray(getattr(part, kind.positions)), kind.stays(part)
@@ -325,9 +324,9 @@ def _merged(part):
 
 
 def _pursued(place, folds, *, anew=False):
-    """Return the place with the further terms that predict best; None where none does.
+    """Return the place with the further terms that predict best; None if none helps.
 
-    ``anew``: with none of the present terms but those that stay.
+    With ``anew``, present terms are removed first, except fixed ones.
     """
     kind = place.part.resolution
     grid = np.asarray(place.part.finer(place.inputs()), dtype=float)
@@ -345,7 +344,7 @@ def _pursued(place, folds, *, anew=False):
     pursuit = _Pursuit(problem, groups, others, ordered=kind.positions is None)
     paths = [pursuit.steps(problem.total(blocks, train)) for train, _ in folds]
     powers, steps = [], [next(path) for path in paths]
-    # as many again are tried as predict best so far: two may help where one does not
+    # up to twice the best number is tried: two terms may help where one does not
     while len(powers) <= 2 * np.argmin([np.inf, *powers]):
         powers.append(_scored(problem, blocks, steps, folds))
         following = [next(path, None) for path in paths]
@@ -360,7 +359,7 @@ def _pursued(place, folds, *, anew=False):
         return None
     *_, step = islice(pursuit.steps(problem.total(blocks)), wanted + 1)
     of_terms = np.isin(np.arange(len(x)), groups)
-    # what is not linear is moved with care when the terms settle
+    # nonlinear parameters are moved later, by damped steps
     x = np.where(of_terms, step, x + step * problem.linear)
     place = place.at(problem, np.clip(x, problem.lower, problem.upper))
     part = place.part if movable is part else place.part.operator
@@ -372,9 +371,9 @@ def _pursued(place, folds, *, anew=False):
 
 
 def _gathered(part, grid):
-    """Return a part with pairs of neighbours on a grid as one term, in the middle of their weights.
+    """Return a part with neighbouring pairs on a grid merged at their weighted mean position.
 
-    Two neighbours on a grid stand for one term between them.
+    Two neighbours on a grid represent one term between them.
     """
     kind = part.resolution
     places = np.array(getattr(part, kind.positions), dtype=float)
@@ -390,7 +389,7 @@ def _gathered(part, grid):
 
 
 def _without(blocks, x, weights):
-    """Return the Gram matrices of the same columns, and of the residual at zero weights."""
+    """Return the Gram matrices of the same columns with the residual at zero weights."""
     first = blocks.shape[1] - 1 - len(x)
     shift = np.zeros(blocks.shape[1])
     shift[first + weights], shift[-1] = -x[weights], 1.0
@@ -401,13 +400,13 @@ def _without(blocks, x, weights):
 
 
 class _Pursuit:
-    """Terms that are added one by one, each the one that reduces the sum of squares most.
+    """Greedy selection of terms: each one added reduces the sum of squares most.
 
-    The Gram matrix is swept (Goodnight, *The American Statistician*, 1979): of columns that are
-    swept the last column has the solution, of all others what they could still explain.
+    The Gram matrix is swept (Goodnight, *The American Statistician*, 1979): the last column holds
+    the solution for the swept columns, and for the others the covariance with the residual.
 
-    ``groups`` (n_terms, n_columns) are the columns of the loose terms, whose weights are zero at
-    the start; ``others`` the columns that always are free.
+    ``groups`` (n_terms, n_columns) are the columns of the candidate terms, whose weights are zero
+    at the start; ``others`` the columns that are always free.
     """
 
     def __init__(self, problem, groups, others, *, ordered):
@@ -417,7 +416,7 @@ class _Pursuit:
     def steps(self, gram):
         """Yield the steps (n,) with 0, 1, 2, ... terms from a Gram matrix."""
         scale = np.sqrt(np.diag(gram))
-        if scale[-1] <= _LEAST:  # nothing is left
+        if scale[-1] <= _LEAST:  # the residual is zero
             yield np.zeros(len(gram) - 1)
             return
         scale[scale <= _LEAST] = np.inf
@@ -446,7 +445,7 @@ class _Pursuit:
             for i in self.groups[best]:
                 if swept[i, i] > _DEPENDENT:
                     _sweep(swept, i)
-            while True:  # a weight beyond its bound goes, the one that is furthest beyond first
+            while True:  # a weight out of its bound is removed, the one that is farthest out first
                 weights = -swept[columns[chosen], -1]
                 beyond = np.maximum(self._beyond(weights, self.low[chosen], self.high[chosen]), 0.0)
                 worst = int(np.argmax(beyond))
@@ -465,7 +464,7 @@ class _Pursuit:
 
 
 def _sweep(gram, i):
-    """Sweep a row and column of a symmetric matrix, or undo that where the pivot is negative."""
+    """Sweep a row and column of a symmetric matrix; a negative pivot undoes a sweep."""
     sign, pivot = np.sign(gram[i, i]), gram[i, i]
     row = gram[i].copy()
     gram -= np.outer(row, row) / pivot
@@ -474,7 +473,7 @@ def _sweep(gram, i):
 
 
 def _thinned(place, folds, least):
-    """Return the place without terms beside which the others predict no worse."""
+    """Return the place without those terms whose removal does not worsen the prediction."""
     places = max(len(place.part.finer(place.inputs())), 2)
     while True:
         chance = 1.0 + 2.0 * np.log(places) / _n_scored(place, folds)
@@ -494,7 +493,7 @@ def _n_scored(place, folds):
 
 
 def _reduced(place, folds, least):
-    """Return the place without the term that costs least; None where folds predict worse then."""
+    """Return the place without the term that costs least; None if folds predict worse then."""
     part, kind = place.part, place.part.resolution
     problem = place.problem(_movable(place))
     columns, x = _Columns(place, problem, part), problem.x0

@@ -9,7 +9,7 @@ from ._problem import Unknowns
 class FrequencyProblem(Unknowns):
     """Weighted least squares of an operator's frequency response.
 
-    It has the interface of an ``OperatorProblem`` that the solver needs. A parameter that is
+    It has those methods of an ``OperatorProblem`` that the solver needs. A parameter that is
     searched as a logarithm keeps the sign of its starting value, so that a section with poles in
     the right half plane keeps them there.
 

@@ -1,8 +1,8 @@
 """Further starts for a fit whose residual is coloured.
 
-A residual that is white holds nothing that the model could explain, wherever the fit has ended. One
-that is coloured is either a shortcoming of the model or a local optimum. Further starts tell: where
-they lead back to the best solution, this is the optimum, and the model lacks something.
+A white residual contains nothing that the model could explain, so the fit has converged. A coloured
+one shows either a shortcoming of the model or a local optimum. Further starts distinguish the two:
+if they lead back to the best solution, this is the optimum, and the model lacks something.
 """
 
 from dataclasses import replace
@@ -16,30 +16,30 @@ from ._problem import OperatorProblem, begun
 from ._variable_projection import random_starts, starts_near, variable_projection
 
 _TINY = np.finfo(float).tiny
-LEVEL = 1e-3  # of the test of whiteness: the part of right fits that pay for further starts
+LEVEL = 1e-3  # of the whiteness test: the fraction of good fits that need further starts in vain
 _ROUNDS = 5
 _RETURNS = (
     3  # runs that lead back to the best, and none to a better one, after which it is the optimum
 )
-_STARTS = 12  # of a round
-_BUDGET = 4.0  # evaluations over those of the fit, after which no further way is begun
+_STARTS = 12  # per round
+_BUDGET = 4.0  # evaluations relative to those of the fit, after which no further strategy is tried
 _TRIAL_EVALUATIONS = 4
-_FULL_RUNS = 3  # starts of a round that are followed to the end
-_NOTICEABLE = 0.01  # part of the sum of squares by which another optimum is a better one
-_TOLERANCE = 0.01 * _NOTICEABLE  # of a run, which tells two optima apart
+_FULL_RUNS = 3  # starts of a round that are followed to convergence
+_NOTICEABLE = 0.01  # fraction of the sum of squares by which another optimum counts as better
+_TOLERANCE = 0.01 * _NOTICEABLE  # of a run, fine enough to distinguish two optima
 
 
 def _neighbours(problems, seed):
-    """Return the best solution of one round, how often others lead to it, and the evaluations.
+    """Return a better solution of one round or None, how many runs return to it, and evaluations.
 
-    Starts are drawn from around the solution, which is that of the first problem, and the others.
+    Starts are drawn around the solution, which is that of the first problem, and the other starts.
     """
     problem = problems[0]
     best = variable_projection(problem, problem.x0, max_evaluations=1)
     own = [p.x0 for p in problems[1:] if p.names == problem.names]
     drawn = random_starts(problems, [best.x, *own], _STARTS, seed)
-    # where a play or a limit passes a sample, the next optimum is near; that runs from near lead
-    # back says nothing of others
+    # where a play or a limit passes a sample, the next optimum is close; that near starts lead back
+    # says nothing about the others
     near = starts_near(problems, best.x, _STARTS // 2, seed)
     evaluations, followed = 1, []  # the search box
     for starts, most in ((drawn, _FULL_RUNS), (near, 1)):
@@ -59,7 +59,7 @@ def _neighbours(problems, seed):
 
 
 def is_coloured(result, records, initial_state="rest"):
-    """Whether the residual of a fit is more than rounding, and not white at the level ``LEVEL``.
+    """Whether the residual of a fit exceeds rounding and is not white at the level ``LEVEL``.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def _residuals(result, records, initial_state):
 
 
 def _is_noise(series, records):
-    """Whether residuals are more than rounding."""
+    """Whether residuals exceed rounding."""
     power = sum(float(own @ own) for own in series)
     return power > NOISELESS * sum(record.power() for record in records)
 
@@ -95,8 +95,8 @@ def _is_noise(series, records):
 def is_left_early(result, records):
     """Whether a fit from rest leaves more where records begin, at the level ``LEVEL``.
 
-    A filter makes them white; the variance in the first quarter, eighth, ... of each record is held
-    against that of the rest, where most is left in it (F test, Bonferroni).
+    Residuals are whitened by a filter. The variance in the first quarter, eighth, ... of each
+    record is compared with that of the rest, in the part with most of it (F test, Bonferroni).
 
     Parameters
     ----------
@@ -130,11 +130,12 @@ def _whitened(series, weights):
 
 
 def start_p_value(result, other, records, n_values, states=("rest", "rest")):
-    """Return the p-value of what another start of the records explains.
+    """Return the p-value of the improvement by another initial state of the records.
 
-    If a fit leaves nothing but noise, which is that of the other fit, ``n_values`` more unknowns
-    remove as much as chance does (F test): of the residuals, and of what a filter makes white of
-    them, so that neither their colour nor a small part of a model's own misfit is taken for it.
+    If the residual is only noise, and that of the other fit too, ``n_values`` additional unknowns
+    reduce it by chance (F test). The test is made with the residuals and with whitened residuals,
+    so that neither their colour nor a small part of a model's own misfit is mistaken for an effect
+    of the state.
 
     Parameters
     ----------
@@ -142,9 +143,9 @@ def start_p_value(result, other, records, n_values, states=("rest", "rest")):
     records : sequence of RecordData
         Those of the fit.
     n_values : int
-        Unknowns that the other has more.
+        Additional unknowns of the other result.
     states : tuple of (str, str), default=("rest", "rest")
-        State before each record of each.
+        State before each record, for each of the results.
 
     Returns
     -------
@@ -171,7 +172,7 @@ def start_p_value(result, other, records, n_values, states=("rest", "rest")):
 
 
 def with_further_starts(result, records, starts, others=(), *, fixed=(), initial_state="rest"):
-    """Return a result, or a better one from further starts where its residual is coloured.
+    """Return a result, or a better one from further starts if its residual is coloured.
 
     Parameters
     ----------
@@ -179,10 +180,10 @@ def with_further_starts(result, records, starts, others=(), *, fixed=(), initial
     records : sequence of RecordData
         Those of the fit.
     starts : callable
-        Returns operators as :func:`identify` takes them: starting values from the data, among and
+        Returns operators as for :func:`identify`: starting values from the data, among which and
         around which further ones are drawn.
     others : iterable of IdentificationResult, default=()
-        What other ways of starting the model lead to, before starts are drawn.
+        Results of other starting strategies of the model, tried before starts are drawn.
     fixed : collection of str, default=()
         Names of entries that are held.
     initial_state : {"rest", "zero"}, default="rest"
@@ -191,8 +192,8 @@ def with_further_starts(result, records, starts, others=(), *, fixed=(), initial
     Returns
     -------
     IdentificationResult
-        With ``is_local`` where the residual is coloured and no further start has led to the
-        solution again.
+        With ``is_local`` if the residual is coloured and no further start has led to the same
+        solution.
     """
     start = result.operator, result.disturbances
     problem = OperatorProblem(start[0], records, disturbances=start[1], fixed=fixed)
@@ -203,7 +204,7 @@ def with_further_starts(result, records, starts, others=(), *, fixed=(), initial
     most, open_before = (1.0 + _BUDGET) * result.n_evaluations, len(result.silent)
 
     def is_enough(result):
-        """Whether there is nothing left to explain, and no more parameters are undetermined."""
+        """Whether the residual is white, and no more parameters than before are undetermined."""
         few = len(result.silent) <= open_before
         return few and not is_coloured(result, records, initial_state)
 
@@ -234,12 +235,12 @@ def with_further_starts(result, records, starts, others=(), *, fixed=(), initial
 
 
 def _better(result, other, records, state):
-    """Return the better one of two results, with the evaluations of both.
+    """Return the better of two results, with the evaluations of both.
 
-    That is the one of noticeably lower error. Where it leaves more undetermined, it may explain by
-    chance, and has to explain more than its parameters can of noise; of two that explain about as
-    much it is the one that leaves less undetermined. What two parts share may be undetermined in
-    either, so that their number counts.
+    That is the one of noticeably lower error. If it has more undetermined parameters, it may be
+    better by chance, and has to improve by more than its parameters can on noise; of two with about
+    the same error, the one with fewer undetermined parameters is better. Two parts may share a
+    freedom, which can be undetermined in either, so that only the number counts.
     """
     evaluations = result.n_evaluations + other.n_evaluations
     ratio = (other.error / result.error) ** 2 if result.error > 0.0 else np.inf

@@ -1,4 +1,4 @@
-"""The front door of identification: starts, method, uncertainties, one result object."""
+"""The entry point of identification: starts, method, uncertainties, and the result object."""
 
 import time
 from dataclasses import dataclass, field, replace
@@ -23,11 +23,11 @@ METHODS = {
     "levenberg_marquardt": LevenbergMarquardt,
 }
 
-_SILENT = 1e-13  # of the response
-_LOST = np.sqrt(np.finfo(float).tiny / np.finfo(float).eps)  # below it squares lose their digits
-NOISELESS = 1e-8  # part of the response's power that is no noise, but what numbers are rounded to
-_STIFF = 1e10  # of what the data determine, beside what they do not
-_ROUNDING = 1e-6  # part of the linear unknowns that is no change of them
+_SILENT = 1e-13  # of the response: a smaller effect of a parameter is rounding
+_LOST = np.sqrt(np.finfo(float).tiny / np.finfo(float).eps)  # norm below which squares lose digits
+NOISELESS = 1e-8  # fraction of the response's power below which a residual is rounding, not noise
+_STIFF = 1e10  # weight of determined directions relative to undetermined ones
+_ROUNDING = 1e-6  # of the linear unknowns: a smaller change is rounding
 _QUANTILE = 1.96  # of the normal distribution, for an interval that holds 95 %
 _SINGULAR = 1e-11  # relative eigenvalue of the scaled normal equations
 
@@ -41,54 +41,54 @@ class IdentificationResult:
     operator : Operator
         The driven part, identified.
     disturbances : tuple of DisturbanceOperator
-        Additive disturbances; coefficients are the mean over records.
+        Additive disturbances; their coefficients are means over records.
     params : dict of str to float
         Values in their own units.
     record_coefficients : ndarray of shape (n_records, n_coefficients)
-        Of the disturbances.
+        Of the additive disturbances.
     error : float
-        Root mean square of the residual, samples counted by their weights; units of the response.
+        Root mean square of the residual, weighted; units of the response.
     n_evaluations : int
-        Simulations of all records.
+        Number of simulations of all records.
     seconds : float
-        Time that it took.
+        Duration.
     converged : bool
-        Whether it ended before its budget was used up.
+        Whether it ended before its budget was exhausted.
     message : str
-        Why it ended.
+        Reason for the end.
     history : list of (int, float)
         Evaluations and sum of squares after each accepted step.
     x : ndarray
         The solution in the coordinates of the problem.
     params_std : dict of str to float
-        Standard errors, whatever the colour of the noise; NaN for a value at its bound. No errors,
-        and nothing that follows from them, where they were not asked for.
+        Standard errors under noise of any colour; NaN for a value at its bound. Empty, like all
+        that depends on them, if they were not requested.
     params_std_white : dict of str to float, default={}
-        Standard errors if the noise is white.
+        Standard errors under white noise.
     undetermined : tuple of str
-        Parameters that the data do not determine: they change nothing; or, on a logarithmic scale,
-        the end of an interval of more than as many times the value as there are samples fits too:
-        no more is between one interval and the whole of a record, the scales that it can tell.
+        Parameters that the data do not determine: they do not affect the response; or, on a
+        logarithmic scale, the upper end of the confidence interval exceeds the value by a factor
+        larger than the number of samples, the ratio of the longest to the shortest time scale in a
+        record, and fits too.
     condition_number : float
         Of the scaled normal equations.
     joint_covariance : ndarray of shape (n, n), default=None
-        Of the values of ``params``, in that order and in their own units, and behind them of the
-        disturbances' coefficients in a record that is not one of the fit. Zero in directions that
-        the data do not determine, and at a bound. None where it was not computed.
+        Of the values of ``params``, in that order and in their own units, followed by those of the
+        disturbances' coefficients in a record outside of the fit. Zero in directions that the data
+        do not determine, and at a bound. None if it was not computed.
     noise_std : float or None, default=None
-        Standard deviation of the noise, units of the response: of the residual, with what the fit
-        has taken of the noise.
+        Standard deviation of the noise, units of the response: from the residual, corrected for the
+        noise that the fit has absorbed.
     short : tuple of str, default=()
-        Parameters for which the records are worth fewer than two independent samples.
+        Parameters whose effective sample size is below two.
     silent : tuple of str, default=()
-        Those of the undetermined parameters that change nothing.
+        Undetermined parameters that do not affect the response.
     damping : tuple of float, default=()
         One value per entry of ``history``, if steps were damped.
     input_history : ndarray of shape (n_records, n_values) or (n_records, n_values, n_inputs)
         Drive 1, 2, 4, ... samples before each record, in its units, if it was estimated.
     is_local : bool, default=False
-        Whether the residual is coloured and further starts have ended elsewhere, each at another
-        optimum.
+        Whether the residual is coloured and every further start has ended at another optimum.
     """
 
     operator: object
@@ -118,7 +118,7 @@ class IdentificationResult:
     def covariance(self):
         """Covariance of the values of ``params``, in that order, or None.
 
-        NaN where the data do not determine a value or it is at a bound.
+        NaN for a value at a bound or not determined by the data.
         """
         if self.joint_covariance is None:
             return None
@@ -142,7 +142,7 @@ class IdentificationResult:
     def operator_covariance(self):
         """Return the covariance of all values of the operator with its disturbances, or None.
 
-        They are in the order of ``pack`` of the sum of the two; zero for those that are held.
+        In the order of ``pack`` of their sum; zero for values that are held.
         """
         if self.joint_covariance is None:
             return None
@@ -153,7 +153,7 @@ class IdentificationResult:
         return found
 
     def released(self):
-        """Return the result with operators that belong to no estimator, and none of them held."""
+        """Return the result with operators that have no estimator and no held entries."""
         beside = tuple(disturbance.released() for disturbance in self.disturbances)
         return replace(self, operator=self.operator.released(), disturbances=beside)
 
@@ -179,7 +179,7 @@ class IdentificationResult:
 
 
 def _places(driven, disturbances):
-    """Return the places of values in the pack of a sum: of parameters by name, of coefficients."""
+    """Return the indices in the pack of a sum: of parameters by name, and of coefficients."""
     places = {name: i for i, (name, _) in enumerate(driven.entries())}
     start, coefficients = len(places), []
     for number, disturbance in enumerate(disturbances):
@@ -199,10 +199,10 @@ def calibrated(operator, record, covariance=None, noise_std=None):
     operator : Operator
         With its additive disturbances.
     record : RecordData
-        What is known.
+        Its known response.
     covariance : ndarray of shape (n_parameters, n_parameters), default=None
-        Of the values of ``pack``; the result is that with the errors that the record leaves to the
-        coefficients.
+        Of the values of ``pack``; the result includes the errors of the coefficients in this
+        record.
     noise_std : float, default=None
         Standard deviation of the noise, with a covariance.
 
@@ -235,22 +235,21 @@ def _inverse(blocks, d):
 
 
 def _chain(problem, x):
-    """Return the derivatives of the values by the unknowns, but for their signs."""
+    """Return the derivatives of the values by the unknowns, up to their signs."""
     return np.where(problem.log, np.abs(problem.values(x)), 1.0)
 
 
 def _determined(problem, solution, powers):
-    """Return what the data determine of the unknowns: root, marks, names of others, condition.
+    """Return the determined directions of the unknowns: root, marks, other names, condition.
 
-    The root (n, k) makes the columns of the Jacobian that are determined orthonormal; marks (n,)
-    are NaN for what is at a bound, infinite for what is not determined, and zero. ``powers`` are
-    the sums of squares of the columns of the Jacobian before the disturbances have taken their
-    part.
+    The root (n, k) makes the determined directions of the Jacobian orthonormal; marks (n,) are NaN
+    for an unknown at a bound, infinite for one that is not determined, else zero. ``powers`` are
+    the sums of squares of the columns of the Jacobian before the disturbances are projected out.
     """
     hessian = solution.gram[:-1, :-1]
     x = solution.x
     scale = np.sqrt(np.maximum(np.diag(hessian), 0.0))
-    # a change by a factor e that leaves the response where it is, but for rounding
+    # a change by a factor e does not affect the response, except for rounding
     silent = scale <= np.where(problem.log, _SILENT * np.sqrt(problem.scale), _LOST)
     silent |= scale**2 <= _SINGULAR * powers
     undetermined = {
@@ -277,10 +276,11 @@ def _determined(problem, solution, powers):
 
 
 def _least_norm(problem, solution):
-    """Return the solution with the least of what the data do not determine of linear unknowns.
+    """Return the solution of least norm in the undetermined directions of linear unknowns.
 
-    Else it would be what the start had. The norm is that of their parts of the response, so that
-    it depends on no unit; what has none is as near to zero as its bounds let it be.
+    Otherwise the start would decide there. The norm is that of the unknowns' contributions to the
+    response, so that it depends on no unit; unknowns without a contribution are as close to zero as
+    their bounds allow.
     """
     x, index = solution.x.copy(), np.flatnonzero(problem.linear)
     hessian = solution.gram[np.ix_(index, index)]
@@ -299,7 +299,7 @@ def _least_norm(problem, solution):
     step = -free @ (free.T @ z)
     low, high = problem.lower[index] * scale, problem.upper[index] * scale
     if not np.all((low <= z + step) & (z + step <= high)):
-        # a way that the data determine costs so much that none is gone
+        # a determined direction is so costly that it does not move
         held = np.eye(len(z)) - free @ free.T
         step = bounded_step(np.eye(len(z)) + _STIFF * held, z, low - z, high - z)
         step = free @ (free.T @ step)
@@ -342,8 +342,8 @@ def identify(
     method : str or Method, default="variable_projection"
         Name of a method, such as ``"differential_evolution"``, or a configured one.
     with_errors : bool, default=True
-        Whether standard errors, and what the data do not determine, are wanted: a fit on the way
-        to another does without.
+        Whether to compute standard errors and undetermined parameters; an intermediate fit needs
+        neither.
 
     Returns
     -------
@@ -391,7 +391,7 @@ def problems_of(starts, records, *, fixed=(), initial_state="rest"):
 
 
 def constant_entries(operator, disturbances):
-    """Return the names of the entries whose constants disturbances have, one for each record."""
+    """Return the names of constant entries that are replaced by a disturbance's own per record."""
     if not any(disturbance.has_constant for disturbance in disturbances):
         return frozenset()
     return frozenset(name for name, spec in operator.entries() if spec.is_constant)
@@ -415,7 +415,7 @@ def solve(problems, method, with_errors=True):
         gram = problem.total(problem.evaluate(least))
         solution, n_evaluations = replace(solution, x=least, gram=gram), n_evaluations + 1
     seconds = time.perf_counter() - begin
-    n_samples = problem.segment_weight.sum()  # a sample of weight 2 stands for two
+    n_samples = problem.segment_weight.sum()  # a sample of weight 2 counts as two
     operator, disturbances = problem.unpack(solution.x)
     blocks = problem.evaluate(solution.x) if with_errors or disturbances else None
     if blocks is None:
@@ -481,7 +481,7 @@ def as_of(result, operator, records, *, fixed=(), initial_state="rest"):
 
 
 def _uncertainty(problem, solution, blocks, coefficients):
-    """Return standard errors, covariance, and what the data do not determine, by their names."""
+    """Return standard errors, covariance, and undetermined parameters, by name."""
     x, n_samples = solution.x, problem.segment_weight.sum()
     root, marks, undetermined, condition = _determined(problem, solution, problem.powers(blocks))
     # the coefficients of the disturbances are unknowns too
@@ -498,7 +498,7 @@ def _uncertainty(problem, solution, blocks, coefficients):
     names = np.array(problem.names)
     few = (marks == 0.0) & (n_samples * np.diag(white) < FEWEST * np.diag(covariance))
     few &= solution.cost > NOISELESS * problem.scale
-    # of the noise the fit has taken the trace of H C, which for white noise is sigma^2 p
+    # the fit has absorbed the trace of H C of the noise, which for white noise is sigma^2 p
     taken = np.sum(solution.gram[:-1, :-1] * covariance)
     noise = (solution.cost + taken) / max(n_samples - coefficients.size, 1)
     chain = _chain(problem, x)
@@ -517,10 +517,10 @@ def _uncertainty(problem, solution, blocks, coefficients):
 
 
 def _is_open(problem, solution, i, error, variance):
-    """Whether the data do not exclude the upper end of the interval of a scale, in its own unit.
+    """Whether the upper end of the interval of a scale parameter fits the data as well.
 
-    ``error`` is that of its logarithm. A linear interval alone is not enough: where two poles are
-    equal it is wide, and they are determined; near zero it is wide, and its upper end tells.
+    ``error`` is that of its logarithm. A wide linear interval alone is not sufficient: it is wide
+    for two equal poles, which are determined, and near zero, where only the upper end shows it.
     """
     x = solution.x.copy()
     x[i] = min(x[i] + np.log1p(_QUANTILE * error), problem.upper[i])
@@ -529,13 +529,13 @@ def _is_open(problem, solution, i, error, variance):
 
 
 def _joint(problem, blocks, coefficients, covariance, chain, noise):
-    """Return the covariance of the parameters and of the coefficients of a record not in the fit.
+    """Return the covariance of the parameters and of the coefficients of a new record.
 
-    Coefficients follow the parameters by ``-B^+ J`` and differ from record to record: by as much as
-    those of the records of the fit do. Of one record only the error of its own is known.
+    Coefficients follow the parameters by ``-B^+ J`` and vary between records by the scatter over
+    those of the fit. With a single record only its estimation error is known.
     """
     m, d = coefficients.shape
-    # without those of signals beside
+    # without those of parallel signals
     kept = sum(np.size(own.coefficients) for own in problem.disturbances) if d else 0
     if not kept:
         return covariance

@@ -1,30 +1,30 @@
-"""The drive before a record, where the device had not rested at its first value.
+"""The drive before a record, if the device had not rested at its first value.
 
-A device remembers its drive more coarsely the further it lies back: a mode depends on the last few
-periods, creep on the decades before, a hysteresis on its largest turning points. So the drive
-before a record is a straight line between values at 1, 2, 4, ... samples before it, up to half of
-the record, and a rest before the first of them. With the parameters held, each record is a
-least-squares problem of its own.
+The memory of a device becomes coarser with age: a mode depends on the last few periods, creep on
+earlier decades, a hysteresis on its largest turning points. So the drive before a record is a
+straight line between values at 1, 2, 4, ... samples before it, up to half of the record, and at
+rest before the first of them. With the parameters held, each record is a least-squares problem of
+its own.
 
 The output is at best a piecewise smooth function of these values: plays that did not move do not
 depend on them. So the search starts from the best few among a rest and sections of the record's own
-drive, or from the values that a fit before has found. Steps in one value after the other, the
-oldest first, alternate with a descent by damped Gauss-Newton steps with the derivatives that the
-operator propagates from its input; the start that leads furthest goes on. Values that the record
-does not determine are kept at rest by a penalty: a change by the full range from one value to the
-next costs as much as the mean squared residual of a sample. Of several inputs each has such values.
+drive, or from the values of an earlier fit. Steps in one value after the other, the oldest first,
+alternate with a descent by damped Gauss-Newton steps with the derivatives that the operator
+propagates from its input; the start of lowest cost is followed. Values that the record does not
+determine are kept constant by a penalty: a change by the full range from one value to the next
+costs as much as the mean squared residual of a sample. Each of several inputs has such values.
 
 The parameters are identified first from the later half of each record, which depends least on its
-start. Then the values and the parameters are identified in turn; while the parameters are, the
-response to a small change of the values is eliminated as an additive disturbance.
+history. Then the values and the parameters are identified in turn; in a fit of the parameters, the
+response to a small change of the values is eliminated like an additive disturbance.
 
-Each loop goes on while the sum of squares falls by more than by chance: k values are expected to
-remove the fraction k / n of n samples of noise.
+Each loop continues while the sum of squares falls by more than by chance: k values are expected to
+reduce it by the fraction k / n for n samples of noise.
 
-Where the memory fades, most of a record does not depend on what came before it, nor any of it on
-what lies far back. Both are found first, from pasts at the limits, and are not simulated again:
-what all that is left out could change is a small part of the mean squared residual of a sample.
-Of a linear operator no search is needed: its derivatives give all residuals, and the least of them.
+Where the memory fades, most of a record does not depend on its history, and none of it on values
+far back. Both are determined first, from histories at the limits, and are not simulated again: what
+is left out changes the output by a small part of the mean squared residual of a sample. A linear
+operator needs no search: its derivatives give all residuals, and their least-squares solution.
 """
 
 from dataclasses import replace
@@ -39,11 +39,11 @@ from ._variable_projection import variable_projection
 
 _THIRDS = 3.0 ** -np.arange(1, 5)  # of the limits: the range of the drive, to a few per cent of it
 _STEPS = np.outer(_THIRDS, (1.0, -1.0)).ravel()
-_DEPTH = 3  # evaluations per value of a descent: with one, one record of 30 misses its minimum
-# of 25 records of plays, one start misses the minimum in 3, and three starts in none
-_STARTS = 3  # where no values are known
-_FADED = 1e-3  # of the mean squared residual of a sample: no choice between pasts depends on it
-_FAR = 1e10  # residual of a run that diverges, relative to the response
+_DEPTH = 3  # evaluations per value of a descent: with one, 1 record of 30 misses its minimum
+# of 25 records of plays, one start misses the minimum in 3 records, three starts in none
+_STARTS = 3  # if no values are known
+_FADED = 1e-3  # of the mean squared residual of a sample: negligible for the choice of a history
+_FAR = 1e10  # residual of a diverged run, relative to the response
 
 
 def estimate_input_history(
@@ -61,7 +61,7 @@ def estimate_input_history(
     Parameters
     ----------
     operator, disturbances : Operator, sequence of DisturbanceOperator
-        Fitted from rest at each record's first value, or from a known drive before it.
+        Fitted from rest at each record's first value, or with a known input history.
     records : sequence of RecordData
         Those of the fit.
     fixed : collection of str, default=()
@@ -76,8 +76,8 @@ def estimate_input_history(
     -------
     result : IdentificationResult
     input_history : ndarray of shape (n_records, n_values), or (n_records, n_values, n_inputs)
-        Drive 1, 2, 4, ... samples before each record, in its units; of several inputs each. Of an
-        operator that has no state of rest the values that it starts from, see ``_start_values``.
+        Drive 1, 2, 4, ... samples before each record, in its units; for each of several inputs. For
+        an operator without a state of rest the start values, see ``_start_values``.
     """
     if operator.n_start:
         return estimate_start_values(operator, disturbances, records, fixed=fixed, method=method)
@@ -118,7 +118,7 @@ def later_halves(records):
 def with_input_history(result, records, method="variable_projection", further=()):
     """Return what identification found, fitted again together with the drive before each record.
 
-    What it has held is held again; see :func:`estimate_input_history`.
+    Held parameters stay held; see :func:`estimate_input_history`.
     """
     fixed = {name for name, _ in result.operator.entries()} - set(result.params)
     options = {"fixed": fixed, "method": method, "further": further}
@@ -128,27 +128,27 @@ def with_input_history(result, records, method="variable_projection", further=()
 
 
 def _count(records):
-    """Return the number of values of the drive before a record."""
+    """Return the number of values of an input history."""
     longest = max(len(record.u) for record in records)
     return int(np.log2(max(longest // 2, 1))) + 1
 
 
 def _is_known(record, count):
-    """Whether this number of values of the drive before a record is given."""
+    """Whether an input history with this number of values is given."""
     return record.before is not None and np.shape(record.before) == (count, *record.u.shape[1:])
 
 
 def _rest(record, count):
-    """Return the inputs before a record that begins at rest."""
+    """Return the input history of a record that begins at rest."""
     return np.repeat(record.u[:1], count, axis=0)
 
 
 def input_history_of(operator, disturbances, records, drive_range=None):
-    """Return the drive before each record with the parameters held, and the number of runs.
+    """Return the input history of each record with the parameters held, and the number of runs.
 
-    The drive is (n_records, n_values), or (n_records, n_values, n_inputs); a run is one of all
-    records. The range of the inputs is that in the records, that of the drive by default.
-    Of an operator that has no state of rest it is what records start from, (n_records, n_start).
+    The history is (n_records, n_values), or (n_records, n_values, n_inputs); a run simulates all
+    records. The limits are by default those of the inputs in the records. For an operator without a
+    state of rest, the start values (n_records, n_start) are returned.
     """
     if operator.n_start:
         return start_values_of(operator, disturbances, records)
@@ -156,7 +156,7 @@ def input_history_of(operator, disturbances, records, drive_range=None):
     low, high = np.min(ends, axis=0)[0], np.max(ends, axis=0)[1]
     if drive_range is not None:
         low[0], high[0] = drive_range
-    # the drive before may exceed its range in the records by as much on either side
+    # the history may exceed the range of the drive by as much on either side
     limits, count = (2.0 * low - high, 2.0 * high - low), _count(records)
     problem = OperatorProblem(operator, records, disturbances=disturbances)
     found = [_history(problem, record, limits, count) for record in problem.records]
@@ -164,7 +164,7 @@ def input_history_of(operator, disturbances, records, drive_range=None):
 
 
 def _history(problem, record, limits, count):
-    """Return the drive before one record, and the number of runs that it took."""
+    """Return the input history of one record, and the number of runs."""
     low, high = limits
     size = high - low
     if not size.any():
@@ -175,7 +175,7 @@ def _history(problem, record, limits, count):
         return misfit.before(misfit.solved(np.array(starts))), misfit.runs
     left = misfit.look_over(starts)
     starts = [start[: misfit.n_values] for start in starts]
-    # many pasts have the same residual: the penalty of their changes distinguishes them
+    # many histories have the same residual: the penalty of their changes distinguishes them
     left += [np.square(misfit.changes(start)).sum() for start in starts]
     order = np.argsort(left)[: 1 if _is_known(record, count) else _STARTS]
     chance = len(starts[0]) / max(record.counts().sum(), 1.0)
@@ -187,7 +187,7 @@ def _history(problem, record, limits, count):
 
 
 def _starts(misfit, record, count):
-    """Return candidates of the inputs before a record, relative to the limits."""
+    """Return candidates of the input history of a record, relative to the limits."""
     back = ages(np.empty(count))
     starts = [_rest(record, count)]
     if _is_known(record, count):
@@ -199,7 +199,7 @@ def _starts(misfit, record, count):
 
 
 def _searched(misfit, values, least, chance):
-    """Return the minimum near the best end of the starts, whose sum of squares is ``least``."""
+    """Return the minimum near the best start, whose sum of squares is ``least``."""
     while True:
         before = least
         values, least = misfit.descended(*misfit.stepped(values, least))
@@ -208,15 +208,15 @@ def _searched(misfit, values, least, chance):
 
 
 def _at_the_limits(count):
-    """Return pasts at the limits of the inputs, relative to these: at one, the other, and both."""
+    """Return histories at the limits of the inputs: high, low, and alternating."""
     return np.zeros(count), np.ones(count), np.arange(count) % 2.0, (np.arange(count) + 1) % 2.0
 
 
 class _Misfit:
-    """Residual of a record as a function of the inputs before it, relative to the limits.
+    """Residual of a record as a function of its input history, relative to the limits.
 
-    All values are one array, those of one moment after those of another. An input that never
-    changes has rested.
+    All values are one array, ordered by time, then by input. The history of a constant input is at
+    rest.
     """
 
     def __init__(self, problem, record, low, size):
@@ -232,22 +232,22 @@ class _Misfit:
         self._stiffness = 0.0
         self._settled, self._faded, self._part = None, 0.0, self._record
         self.n_values, self.runs = 0, 0
-        self.scale = 1.0  # of the response, as a problem of least squares has it
+        self.scale = 1.0  # of the response, as a least-squares problem has it
 
     def relative(self, values):
-        """Return inputs relative to the limits, within these."""
+        """Return inputs relative to the limits, clipped to them."""
         own = np.reshape(values, (-1, len(self._size))) - self._low
         return np.clip(own / np.where(self._size > 0.0, self._size, 1.0), 0.0, 1.0).ravel()
 
     def before(self, values):
-        """Return the inputs before the record, as a record has them."""
+        """Return the input history in the form of a record."""
         own = self._low + self._size * values.reshape(-1, len(self._size))
         return own if self._record.u.ndim > 1 else own[:, 0]
 
     def solved(self, starts):
-        """Return the values of least residual and penalty, of a linear operator.
+        """Return the values of least residual and penalty, for a linear operator.
 
-        The penalty is set as by :meth:`look_over`: from the least residual of the starts.
+        The penalty is set as by :meth:`look_over`, from the least residual of the starts.
         """
         rest, n = starts[0], len(self._root)
         columns = self._columns(rest)[:n]
@@ -258,15 +258,15 @@ class _Misfit:
         return np.clip(rest + step, 0.0, 1.0)
 
     def look_over(self, starts):
-        """Return the sums of squares of starts, without the penalty of changes, which is set.
+        """Return the sums of squares of starts without the penalty of changes, and set the penalty.
 
-        That penalty is the mean square of the least residual. From then on as many values and as
-        much of the record are simulated as it depends on.
+        The penalty is the mean square of the least residual. Later simulations are limited to the
+        part of the record, and to the values, that depend on each other noticeably.
         """
         n_inputs, rest = len(self._size), starts[0]
         ends = [np.repeat(own, n_inputs) for own in _at_the_limits(len(rest) // n_inputs)]
         outputs = np.array([self._simulate(values) for values in (rest, *ends)])
-        with np.errstate(invalid="ignore"):  # runs that diverge
+        with np.errstate(invalid="ignore"):  # diverged runs
             spread = np.ptp(outputs, axis=0)
         after = np.cumsum(self._change(spread)[::-1])[::-1]
         self._settled, left = outputs[0], [self._squares(outputs[0])]
@@ -280,12 +280,12 @@ class _Misfit:
         return np.array(left)
 
     def _cut(self, after, left):
-        """Leave out the samples that pasts do not act on: ``after`` is what all could change."""
+        """Leave out the samples that no history affects; ``after`` is each one's change."""
         self._faded = _FADED * min(left) / len(self._root)
         self._part = self._record.first_part(max(int(np.sum(after > self._faded)), 1))
 
     def _is_forgotten(self, rest, ends, kept):
-        """Whether nothing noticeable depends on the values behind so many."""
+        """Whether nothing noticeable depends on the values before the ``kept`` latest ones."""
         rested = self._simulate(rest)
         trials = [self._simulate(np.append(rest[:kept], own[kept:])) for own in ends]
         return all(self._change(trial - rested).sum() <= self._faded for trial in trials)
@@ -304,16 +304,16 @@ class _Misfit:
         return self._whole(self._problem.simulate(self._operator, self._begun(values)))
 
     def _whole(self, output):
-        """Return the output with that of the samples that pasts do not act on."""
+        """Return the output completed by the samples that no history affects."""
         return output if self._settled is None else np.append(output, self._settled[len(output) :])
 
     def changes(self, values):
-        """Return the penalties of the changes from value to value, as residuals."""
+        """Return the penalties of changes between values, as residuals."""
         own = values.reshape(-1, len(self._size))
         return self._stiffness * np.diff(own, axis=0, prepend=self._last).ravel()
 
     def _begun(self, values):
-        """Return what depends on the inputs before the record, behind these."""
+        """Return the record with this input history."""
         return replace(self._part, before=self.before(values))
 
     def _left(self, part):
@@ -331,7 +331,7 @@ class _Misfit:
         return np.nan_to_num(self._left(columns), nan=_FAR, posinf=_FAR, neginf=-_FAR)
 
     def _gram(self, columns, values):
-        """Return the Gram matrix of such columns, and below them of the changes."""
+        """Return the Gram matrix of these columns and of the penalties."""
         slopes = np.eye(len(values)) - np.eye(len(values), k=-len(self._size))
         changes = np.column_stack([self._stiffness * slopes, self.changes(values)])
         return columns.T @ columns + changes.T @ changes
@@ -342,7 +342,7 @@ class _Misfit:
 
     @staticmethod
     def total(gram, select=None):
-        """Return it as it is: there are no segments."""
+        """Return the matrix itself: there are no segments."""
         return gram
 
     def cost(self, values):
@@ -351,7 +351,7 @@ class _Misfit:
         return self._squares(self._simulate(values)) + changes @ changes
 
     def stepped(self, values, least):
-        """Return the best values after steps in one after the other, and the sum of squares."""
+        """Return the best values after steps in each of them in turn, and the sum of squares."""
         moves = np.tile(self._size > 0.0, len(values) // len(self._size))
         for place in np.flatnonzero(moves)[::-1]:
             for step in _STEPS:
@@ -363,7 +363,7 @@ class _Misfit:
         return values, least
 
     def descended(self, values, least):
-        """Return the minimum that damped steps lead to, and its sum of squares."""
+        """Return the minimum reached by damped steps, and its sum of squares."""
         self.lower, self.upper = np.zeros((2, len(values))) + [[0.0], [1.0]]
         self.linear = self.log = np.zeros(len(values), dtype=bool)
         found = variable_projection(self, values, max_evaluations=_DEPTH * len(values))

@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt with a damping that changes by factors, as Ahmed and Yan (2021) train."""
+"""Levenberg-Marquardt with a damping that changes by factors, as used by Ahmed and Yan (2021)."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from ._variable_projection import Method, restrict, variable_projection
 
-_FULL_RUNS = 2  # starts that are followed to the end
+_FULL_RUNS = 2  # starts that are followed to convergence
 _TRIAL_EPOCHS = 3
 
 
@@ -28,7 +28,7 @@ class LevenbergMarquardt(Method):
     max_epochs : int, default=1000
         Budget of a run.
     goal : float, default=0.0
-        Ends at this mean square of the error over that of the response.
+        Mean square of the error relative to that of the response at which the training ends.
     tolerance : float, default=1e-8
         Relative change of the sum of squares at which the training ends.
     mu : float, default=1e-3
@@ -99,7 +99,7 @@ class _Factors:
     decrease: float
     increase: float
     largest: float
-    shorter = np.inf  # no limit to the length of a step but by the factors
+    shorter = np.inf  # the length of a step is limited by the damping only
 
     def accepted(self, ratio):
         self.value = max(self.value * self.decrease, np.finfo(float).tiny)

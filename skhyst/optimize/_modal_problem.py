@@ -1,6 +1,6 @@
 r"""Modes of several inputs and responses, in the frequency domain.
 
-With the sections of :mod:`skhyst.linear`, one after the other on the diagonal of A,
+With the sections of :mod:`skhyst.linear` as diagonal blocks of A,
 
 .. math:: Y_o(k) = \bigl(C_o (s_k I - A)^{-1} B + D_o\bigr) U(k)
 

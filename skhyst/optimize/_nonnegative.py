@@ -1,8 +1,8 @@
 """Quadratic programs with many nonnegative unknowns.
 
-``scipy.optimize.nnls`` changes one unknown at a time: on the programs of Preisach models of 200 to
-2,000 unknowns it finds the same to thirteen digits in two to eight times the seconds, as
-``benchmarks/nonnegative.py`` measures. What is smaller goes to it: ``bounded_step``.
+``scipy.optimize.nnls`` changes one unknown at a time: for Preisach models of 200 to 2,000 unknowns
+it finds the same solution to thirteen digits in two to eight times the time, as measured by
+``benchmarks/nonnegative.py``. It is used for small problems: ``bounded_step``.
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from ._bounded_step import solve_definite
 
 _TOLERANCE = 1e-11  # relative to the largest unknown or slope
-_PATIENCE = 3  # exchanges of whole blocks without progress
+_PATIENCE = 3  # exchanges of whole blocks without progress before single ones
 
 
 def nonnegative_minimum(hessian, gradient, bounded=None):
@@ -18,8 +18,8 @@ def nonnegative_minimum(hessian, gradient, bounded=None):
 
     Block principal pivoting (Portugal, Júdice and Vicente, *Mathematics of Computation*, 1994; Kim
     and Park, *SIAM Journal on Scientific Computing*, 2011): all unknowns that violate their
-    condition, a value or a slope below zero, are exchanged at once. Where that makes no progress,
-    only the last one is, which ends after a finite number of exchanges. A few Cholesky
+    condition, a value or a slope below zero, are exchanged at once. If that makes no progress, only
+    the last one is, which terminates after a finite number of exchanges. A few Cholesky
     factorisations suffice for thousands of unknowns.
 
     Parameters

@@ -12,7 +12,7 @@ _DECIMATIONS = (1, 3, 9, 27)
 _MIN_SAMPLES = 30  # per parameter
 _MOST_LINES = 3000  # frequencies that vector fitting of records uses
 _MOST_RECORDS = 4
-_FASTEST = 3.0  # rate of a pole that the sampling does not resolve, over the sampling rate
+_FASTEST = 3.0  # rate of a pole that the sampling does not resolve, relative to the sampling rate
 
 
 def pole_starts(records, n_poles):

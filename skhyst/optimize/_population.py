@@ -262,16 +262,16 @@ class CuckooSearch(_Cuckoos):
     Structures*, 2023.
 
     In each iteration every nest flies, :math:`x + s\,u / |v|^{1/\beta}\,(x - x_{best})` with normal
-    u and v, to where it is better than before; then nests are discovered.
+    u and v, and stays there if that is better; then nests are discovered.
 
     Parameters
     ----------
     renewal : {"random", "walk"}, default="walk"
-        What becomes of a discovered nest. ``"random"``: it is left, whatever its cost, for one
-        drawn anew in the box, as Yang and Deb (2009) and Xie et al. (2023), step 5, say; each nest
-        but the best is discovered with probability p. ``"walk"``: it moves by the difference of
-        two other nests where that is better, as in Yang and Deb (2014); each coordinate is
-        discovered with probability p.
+        Treatment of a discovered nest. ``"random"``: it is replaced, whatever its cost, by a random
+        one in the box, as in Yang and Deb (2009) and Xie et al. (2023), step 5; each nest but the
+        best is discovered with probability p. ``"walk"``: it moves by the difference of two other
+        nests if that improves it, as in Yang and Deb (2014); each coordinate is discovered with
+        probability p.
     discovery : float, default=0.25
         Probability p.
     step : float, default=1.0
@@ -280,7 +280,7 @@ class CuckooSearch(_Cuckoos):
     Raises
     ------
     ValueError
-        If ``renewal`` is none of these.
+        If ``renewal`` is invalid.
     """
 
     discovery: float = 0.25
@@ -311,7 +311,7 @@ class ModifiedCuckooSearch(_Cuckoos):
     Raises
     ------
     ValueError
-        If ``renewal`` is none of these.
+        If ``renewal`` is invalid.
     """
 
     renewal: str = "random"

@@ -7,12 +7,12 @@ from itertools import pairwise
 import numpy as np
 
 _COLLINEAR = 1e-6  # part of the largest that is left of a disturbance's columns; 1e-12 as a square
-_LARGE = 1 << 18  # values of a Jacobian that is not copied, where its products are fewer
+_LARGE = 1 << 18  # values of a Jacobian above which copying it costs more than extra products
 
 
 @dataclass(frozen=True)
 class RecordData:
-    """One record, as identification sees it.
+    """One record, in the form for identification.
 
     Parameters
     ----------
@@ -23,27 +23,27 @@ class RecordData:
     dt : float
         Sampling interval in s.
     segments : tuple of (int, int), default=()
-        Rows (start, stop) that count, in order; empty: the whole record.
+        Rows (start, stop) that are scored, in order; empty: the whole record.
     before : ndarray of shape (n_values,) or (n_values, n_inputs), float or None, default=None
-        Drive 1, 2, 4, ... samples before the record. The record is simulated from rest at the last
-        of these instead of from rest at its first value. Inputs that it does not tell have rested
-        at their first values.
+        Drive 1, 2, 4, ... samples before the record: its input history. The record is simulated
+        from rest at the last of these instead of from rest at its first value. Inputs without a
+        history have rested at their first values.
     schedule : float, default=None
-        Number that scheduled parameters depend on.
+        Value that scheduled parameters depend on.
     auxiliary : ndarray of shape (n_samples, n_auxiliary), default=None
         Further columns, which identification does not read.
     weights : ndarray of shape (n_samples,), default=None
-        Finite and not negative: the squared error of each sample counts so much, as if the sample
-        were there so many times. The record is simulated over all samples, but one of weight zero
-        is no reading: its response is replaced by a straight line between its neighbours, so that
-        starting values do not see it either. None: each counts once.
+        Finite and not negative: the squared error of each sample is multiplied by its weight, as if
+        the sample occurred that many times. The record is simulated over all samples, but one of
+        weight zero has no valid reading: its response is replaced by a straight line between its
+        neighbours, so that starting values ignore it too. None: all weights are one.
     beside : ndarray of shape (n_samples, n_columns), default=None
-        Signals that may be in the response in any proportion, as additive disturbances.
+        Signals that are added to the response in unknown proportion, like additive disturbances.
     explained : ndarray of shape (n_samples,), default=None
-        The drive as far as the reference of a closed loop explains it; not read either.
+        The part of the drive that the reference of a closed loop explains; not read either.
     start : ndarray of shape (n_start,), default=None
-        Of an operator that has no state of rest the values that its state starts from at the first
-        sample, see :class:`~skhyst.operators.Operator`; then nothing comes before the record.
+        Start values of the state at the first sample, for an operator without a state of rest, see
+        :class:`~skhyst.operators.Operator`; such a record has no input history.
 
     Raises
     ------
@@ -96,7 +96,7 @@ class RecordData:
         return self.u if self.u.ndim == 1 else self.u[:, 0]
 
     def with_history(self):
-        """Return the drive with what came before it in front.
+        """Return the drive preceded by the input history.
 
         Returns
         -------
@@ -137,7 +137,7 @@ class RecordData:
         return replace(self, segments=tuple(pairwise(edges.tolist())), **cut)
 
     def counts(self):
-        """Return how much each sample counts, zero outside of the segments, (n_samples,)."""
+        """Return the weight of each sample, zero outside of the segments, (n_samples,)."""
         counts = np.zeros(len(self.u))
         for start, stop in self.segments:
             counts[start:stop] = 1.0 if self.weights is None else self.weights[start:stop]
@@ -150,18 +150,18 @@ class RecordData:
         return np.array([self.weights[start:stop].sum() for start, stop in self.segments])
 
     def power(self):
-        """Return the sum of squares of the response, samples counted by their weights."""
+        """Return the weighted sum of squares of the response."""
         power = np.square(self.y)
         return float(power.sum() if self.weights is None else self.weights @ power)
 
 
 def ages(before):
-    """Return how many samples before a record its values of the drive are, (n_values,)."""
+    """Return the ages in samples of the values of an input history, (n_values,)."""
     return 2 ** np.arange(len(np.atleast_1d(before)))
 
 
 def path_of(before):
-    """Return the drive before a record, a straight line between its values, sample by sample."""
+    """Return an input history sample by sample, straight between its values."""
     age, values = ages(before), np.atleast_1d(before)
     now = np.arange(-age[-1], 0)
     if values.ndim > 1:
@@ -170,7 +170,7 @@ def path_of(before):
 
 
 class Unknowns:
-    """Entries of operators in the coordinates of a search, positive ones as logarithms."""
+    """Entries of operators in the coordinates of a search: positive ones as logarithms."""
 
     def __init__(self, entries, values):
         self.names = [name for name, _ in entries]
@@ -194,7 +194,7 @@ class Unknowns:
 
 
 class OperatorProblem(Unknowns):
-    """Least squares of an operator's output, plus disturbances of each record, against responses.
+    """Least squares of an operator's output, plus disturbances per record, against responses.
 
     Parameters
     ----------
@@ -212,10 +212,10 @@ class OperatorProblem(Unknowns):
     x0 : ndarray of shape (n,)
         Starting values; positive parameters as logarithms.
     names, linear, lower, upper, log, penalty
-        One value an unknown.
+        One value per unknown.
     segment_record, segment_length, segment_weight : ndarray of shape (n_segments,)
-        Number of the record, number of samples, and the sum of their weights, which is the number
-        of samples where a record has none.
+        Number of the record, number of samples, and sum of their weights (the number of samples for
+        a record without weights).
     """
 
     def __init__(self, operator, records, *, disturbances=(), fixed=(), initial_state="rest"):
@@ -258,7 +258,7 @@ class OperatorProblem(Unknowns):
         return np.concatenate([record.segment_weights() for record in self.records])
 
     def depends_on(self, select):
-        """Whether :meth:`evaluate` depends on which segments are selected, of those selected."""
+        """Whether :meth:`evaluate` depends on which segments of a record are selected."""
         selected = np.bincount(self.segment_record, select, minlength=len(self.records))
         split = (selected > 0) & (selected < np.bincount(self.segment_record))
         return any(self._moving) and bool(split.any())
@@ -286,20 +286,20 @@ class OperatorProblem(Unknowns):
         return operator.run(u, record.dt, state)[0][skip:]
 
     def _begins(self, record):
-        """Return the state before a record, as :meth:`Operator.init` takes it."""
+        """Return the initial state of a record, as :meth:`Operator.init` takes it."""
         return self.initial_state if record.start is None else record.start
 
     def carried(self, operator, record):
-        """Return the derivatives of the output by what came before a record, (n, n_values).
+        """Return the derivatives of the output by the input history, (n, n_values).
 
-        Of an operator that has no state of rest they are those by the values that it starts from.
+        For an operator without a state of rest, those by its start values.
         """
         if operator.n_start:
             return scheduled(operator, record).by_start(record.u, record.dt, record.start)
         return self.carry(operator, record)[1]
 
     def carry(self, operator, record):
-        """Return the output and its derivatives by the drive before a record, (n, n_values)."""
+        """Return the output and its derivatives by the input history, (n, n_values)."""
         u, skip = record.with_history()
         du = np.zeros((*u.shape, np.size(record.before)))
         directions = np.eye(du.shape[-1]).reshape(-1, *np.shape(record.before))
@@ -318,22 +318,23 @@ class OperatorProblem(Unknowns):
 
     @staticmethod
     def basis(disturbances, record):
-        """Return the coefficients' columns of a record, (n_samples, n_eliminated)."""
+        """Return the columns of the disturbances' coefficients, (n_samples, n_eliminated)."""
         time = record.dt * np.arange(len(record.u))
         columns = [d.basis(time) for d in disturbances]
         columns += [] if record.beside is None else [record.beside]
         return np.concatenate(columns, axis=1)
 
     def evaluate(self, x, *, jacobian=True, select=None):
-        """Simulate all records; return the Gram matrices of ``[B, J, r]``, one a segment.
+        """Simulate all records; return the Gram matrices of ``[B, J, r]``, one per segment.
 
         B are the columns of the disturbances' coefficients, J the Jacobian by the unknowns, r the
         prediction minus the response. The Jacobian by a disturbance's own unknowns depends on its
-        coefficients in a record; these come from the selected segments alone. A record without a
-        selected segment is not simulated; its matrices are zero. Rows are multiplied by the square
-        root of their weight. Penalties count as further rows, as many as there are samples.
+        coefficients in a record, which are computed from the selected segments alone. A record
+        without a selected segment is not simulated; its matrices are zero. Rows are multiplied by
+        the square root of their weight. Penalties count as additional rows, as many as there are
+        samples.
         """
-        operator, disturbances = self.unpack(x)  # once: an operator remembers its discrete form
+        operator, disturbances = self.unpack(x)  # once: an operator caches its discrete form
         d, n = self._n_eliminated, len(x) * jacobian
         blocks = np.empty((sum(len(r.segments) for r in self.records), d + n + 1, d + n + 1))
         last = 0
@@ -364,7 +365,7 @@ class OperatorProblem(Unknowns):
         return blocks
 
     def _penalize(self, blocks, x):
-        """Add what penalties add to the Gram matrices: rows ``sqrt(penalty)`` times an unknown."""
+        """Add penalties to the Gram matrices: rows ``sqrt(penalty)`` times an unknown."""
         seen = np.where(blocks[:, -1, -1] > 0.0, self.segment_weight, 0.0)
         blocks[:, -1, -1] += seen * (self.penalty @ np.square(x))
         n = blocks.shape[1] - 1 - self._n_eliminated
@@ -375,9 +376,9 @@ class OperatorProblem(Unknowns):
             blocks[:, -1, at] += seen[:, None] * (self.penalty * x)
 
     def rows(self, x):
-        """Yield of each record what :func:`~skhyst.optimize.coloured_covariance` wants of it.
+        """Yield the arguments of :func:`~skhyst.optimize.coloured_covariance` for each record.
 
-        The columns of the disturbances' coefficients are the basis of what else was fitted.
+        The columns of the disturbances' coefficients are the basis that is projected out.
         """
         operator, disturbances = self.unpack(x)
         d = self._n_eliminated
@@ -392,9 +393,9 @@ class OperatorProblem(Unknowns):
             yield rest[:, :-1], rest[:, -1], basis, counts > 0.0, record.dt
 
     def _columns(self, record, disturbances, y, dy, known=None):
-        """Return ``[B, J, r]`` of a record, without J where ``dy`` is None; see :meth:`evaluate`.
+        """Return ``[B, J, r]`` of a record, without J if ``dy`` is None; see :meth:`evaluate`.
 
-        ``known`` are the segments that coefficients come from, by default all.
+        ``known`` are the segments that determine the coefficients, by default all.
         """
         d, driven = self._n_eliminated, len(self._free)
         n = 0 if dy is None else len(self.names)
@@ -469,7 +470,7 @@ class OperatorProblem(Unknowns):
         return found
 
     def coefficient_slopes(self, blocks):
-        """Return by how much the coefficients fall with the unknowns, (n_records, d, n)."""
+        """Return the decrease of the coefficients per unknown, (n_records, d, n)."""
         d = self._n_eliminated
         grams = [
             blocks[self.segment_record == number].sum(axis=0) for number in range(len(self.records))
@@ -477,10 +478,10 @@ class OperatorProblem(Unknowns):
         return np.array([_solve_basis(gram[:d, :d], gram[:d, d:-1]) for gram in grams])
 
     def power_left(self, blocks, step, select, wanted):
-        """Return the sum of squares that a step from where blocks are taken leaves in segments.
+        """Return the predicted sum of squares in wanted segments after a step.
 
         The coefficients of a record's disturbances come from its selected segments, as for
-        :meth:`predictions`, and where it has none from every other one of the rest in turn.
+        :meth:`predictions`; without any, from every other segment in turn.
         """
         d, total = self._n_eliminated, 0.0
         step = np.append(step, 1.0)
@@ -501,12 +502,12 @@ class OperatorProblem(Unknowns):
         return float(total)
 
     def predictions(self, x, select, wanted=None, driven=None):
-        """Return the prediction of each (wanted) record where the selected segments are known.
+        """Return the prediction of each (wanted) record, given the response in selected segments.
 
-        The coefficients of a record's disturbances come from its selected segments. Those for every
-        other one of the rest come from the segments between, too: no sample is predicted from
-        itself, and a course goes on into no block of which nothing is seen. ``driven`` are the
-        records with another drive, to which the rest then responds.
+        The coefficients of a record's disturbances come from its selected segments. For every other
+        one of the remaining segments, the segments in between are used, too: no sample is predicted
+        from itself, and no disturbance is extrapolated into a block far from known samples.
+        ``driven`` are the records with another drive, whose response is predicted.
         """
         operator, disturbances = self.unpack(x)
         found = []
@@ -526,17 +527,17 @@ class OperatorProblem(Unknowns):
 
 
 def begun(operator, record, history):
-    """Return a record with what came before it: a drive, or the values that it starts from."""
+    """Return a record with its history: an earlier drive, or start values."""
     return replace(record, **{"start" if operator.n_start else "before": history})
 
 
 def scheduled(operator, record):
-    """Return the operator as it is in a record."""
+    """Return the operator with its parameters for a record."""
     return operator if record.schedule is None else operator.at(record.schedule)
 
 
 def _runs(index):
-    """Return slices (source, target) that together take the values at ``index``, ascending."""
+    """Return slices (source, target) that together select the values at ``index``, ascending."""
     cuts = np.flatnonzero(np.diff(index) != 1) + 1
     bounds = [0, *cuts.tolist(), len(index)]
     return [
@@ -547,7 +548,7 @@ def _runs(index):
 
 
 def _segment_grams(columns, segments, grams):
-    """Write ``A' A`` of each segment's rows; runs of segments of one length in one product."""
+    """Write ``A' A`` of each segment's rows; equal consecutive segments in one product."""
     first = 0
     while first < len(segments):
         start, stop = segments[first]
@@ -560,7 +561,7 @@ def _segment_grams(columns, segments, grams):
 
 
 def _bordered_grams(columns, last, record, runs, grams):
-    """Write the Gram matrices of the columns in ``runs`` and a last one, by segments.
+    """Write the Gram matrices, by segment, of the columns in ``runs`` and a last one.
 
     Without weights no column is copied.
     """
@@ -593,7 +594,7 @@ def _calibrate(basis, rest, record, known):
 
 
 def _predicted_part(basis, rest, record, known):
-    """Return what disturbances add, by the known segments and by every other one of the rest."""
+    """Return the disturbances predicted from known segments and from every other remaining one."""
     odd = np.arange(len(known)) % 2 == 1
     ends = [stop for _, stop in record.segments[:-1]]
     segment = np.searchsorted(ends, np.arange(len(rest)), side="right")
@@ -608,6 +609,7 @@ def _predicted_part(basis, rest, record, known):
 
 def _solve_basis(gram, right):
     scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
+    # a ridge: columns may be collinear within a record
     scaled = gram * np.outer(scale, scale) + 1e-12 * np.eye(len(gram))
     solution = np.linalg.solve(scaled, (right.T * scale).T)
     return (solution.T * scale).T

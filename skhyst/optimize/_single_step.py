@@ -1,4 +1,4 @@
-"""One Gauss-Newton step: the cost that it predicts, and the solution that it reaches."""
+"""One Gauss-Newton step: its predicted cost, and the solution after it."""
 
 import numpy as np
 
@@ -25,10 +25,10 @@ def begin_and_predict(problem, x):
 
 
 def single_step(problem, x, blocks, select):
-    """Return the solution for some segments after one Gauss-Newton step from that for all.
+    """Return the solution for some segments, one Gauss-Newton step from the solution for all.
 
-    No derivatives are evaluated: a step that does not reduce the sum of squares is shortened, and
-    if that does not help either the solution for all is returned.
+    No derivatives are evaluated. A step that does not reduce the sum of squares is shortened; if
+    that does not help either, the solution for all segments is returned.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def single_step(problem, x, blocks, select):
     x : ndarray of shape (n,)
         Solution for all segments.
     blocks : ndarray
-        ``problem.evaluate(x)``, or of the selected segments.
+        ``problem.evaluate(x)``, for all or for the selected segments.
     select : ndarray of bool of shape (n_segments,)
         The segments to fit.
 

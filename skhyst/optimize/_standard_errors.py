@@ -1,7 +1,7 @@
 r"""Standard errors under coloured noise.
 
-With the Jacobian :math:`J` of what a model predicts, :math:`H = J^T J` and noise whose covariance
-matrix is :math:`\Gamma`, the error of least squares has the covariance
+With the Jacobian :math:`J` of a model's prediction, :math:`H = J^T J` and noise of the covariance
+matrix :math:`\Gamma`, the error of least squares has the covariance
 
 .. math:: H^{-1} \Omega H^{-1}, \qquad \Omega = J^T \Gamma J = \frac{1}{2 \pi}
    \int S(\omega) \, \tilde J(\omega)^* \tilde J(\omega)^T \, d\omega ,
@@ -15,18 +15,17 @@ West [2]_), which do not use that, need far longer records where the drive is sl
 **The spectrum** is that of an autoregression of the residual, whose order and kind Akaike's
 criterion selects (:func:`skhyst.noise.autoregression`).
 
-**Effective sample size.** For a parameter, n samples of coloured noise are worth as many
-independent samples as n times the ratio of its variance under white noise to its variance. The
-spectrum at the frequencies that matter is the mean of about as few numbers, so that intervals are
-somewhat too narrow where it is small, as those of the normal distribution are in place of
-Student's.
+**Effective sample size.** For a parameter, n samples of coloured noise are worth n times the ratio
+of its variance under white noise to its variance. The spectrum at the relevant frequencies is a
+mean over about as many values, so that intervals are somewhat too narrow if the effective sample
+size is small, just as intervals of the normal distribution are compared with Student's.
 
 **Degrees of freedom of the fit.** The residual is :math:`r = (I - P) e`, and the projection
 :math:`P` on the Jacobian removes most noise where the drive has its power, which is where the
-spectrum matters. It removes on average about :math:`h S` of the periodogram, with
-:math:`h = \tilde J^* H^{-1} \tilde J`. With the last estimate of the spectrum this is added again,
-as the expectation step of Dempster, Laird and Rubin [3]_ does with missing data; for white noise
-this amounts to the division by n - p.
+spectrum matters. It removes on average about :math:`h S` of the periodogram, with :math:`h = \tilde
+J^* H^{-1} \tilde J`. With the last estimate of the spectrum, this is added again, like the
+expectation step of Dempster, Laird and Rubin [3]_ for missing data; for white noise it amounts to
+the division by n - p.
 
 References
 ----------
@@ -42,19 +41,19 @@ from scipy.fft import irfft, next_fast_len, rfft
 
 from ..noise import autoregression
 
-_STEPS = 3  # expectation steps for the noise that the fit has removed
+_STEPS = 3  # expectation steps for the noise absorbed by the fit
 FEWEST = 2  # independent samples, below which no standard error can be estimated
 
 
 def coloured_covariance(rows, root, n_samples):
-    """Return the covariance of least squares, or None where the noise is white.
+    """Return the covariance of least squares, or None if the noise is white.
 
     Parameters
     ----------
     rows : callable
         Returns an iterator over the records: Jacobian (n, p), residual (n,), an orthonormal basis
-        (n, d) of what else was fitted to the record and projected out of both, which samples count
-        (n,), and the interval in s. Rows that do not count are zero.
+        (n, d) of coefficients per record that were projected out of both, a mask of valid samples
+        (n,), and the interval in s. Rows without a valid sample are zero.
     root : ndarray of shape (p, k)
         ``J @ root`` has orthonormal columns, for the k directions that are determined.
     n_samples : float
@@ -91,8 +90,8 @@ def coloured_covariance(rows, root, n_samples):
 class _Spectrum:
     """Spectrum of an autoregression with ``weights`` (order + 1,).
 
-    Where samples are missing, only a fraction ``share`` of the products of neighbours exists, so
-    that the autoregression fits the noise and ``extra`` white noise, which is subtracted again.
+    With missing samples, only a fraction ``share`` of the products of neighbours exists, so that
+    the autoregression describes the noise plus ``extra`` white noise, which is subtracted.
     """
 
     weights: np.ndarray
@@ -120,13 +119,13 @@ class _Residual:
         self._powers, self._lengths = {}, []
 
     def powers(self, size, length):
-        """Return the sums, to be added to: of the residual, of the fit, and of what counts."""
+        """Return sums of powers, to be added to: of the residual, of the fit, and of the mask."""
         self._lengths.append(length)
         return self._powers.setdefault(size, np.zeros((3, size // 2 + 1)))
 
     @property
     def n_counted(self):
-        """Number of the samples that count."""
+        """Number of valid samples."""
         return sum(irfft(own[2], size)[0] for size, own in self._powers.items())
 
     def spectrum(self, weight):
@@ -137,7 +136,7 @@ class _Residual:
         found, taken = self._lags(0, len(lags)), self._lags(1, 1)[0]
         n = weight * self.n_counted
         noise = _Spectrum(np.ones(1), found[0] / max(n - taken, 1.0))
-        for _ in range(_STEPS if pairs[1] > 0.0 else 0):  # 0: no two neighbours both count
+        for _ in range(_STEPS if pairs[1] > 0.0 else 0):  # 0: no two neighbours are both valid
             read = (found + self._lags(1, len(lags), noise)) / (weight * whole[0])
             if not read[0] > 0.0:
                 break
@@ -164,7 +163,7 @@ def _power(columns, size):
 
 
 def _both_sides(size):
-    """Return how often each frequency of a real transform is in the two-sided one."""
+    """Return the multiplicity of each frequency of a real transform in the two-sided one."""
     often = np.full(size // 2 + 1, 2.0)
     often[0] = 1.0
     if size % 2 == 0:

@@ -1,11 +1,11 @@
-"""Where records start, of an operator that has no state of rest.
+"""Start values of records, for an operator without a state of rest.
 
-Displacement and velocity of a free mass at the first sample of a record are the record's own, as
-the coefficients of an additive disturbance are. With the parameters held, they are found by
-Gauss-Newton steps from what the first samples of the response tell. With the parameters free, the
-response to a small change of them is eliminated as an additive disturbance, so that the step of the
-parameters is that of both together, and standard errors are those with the start unknown; the
-change that is found moves the start.
+Displacement and velocity of a free mass at the first sample of a record belong to the record, like
+the coefficients of an additive disturbance. With the parameters held, they are found by
+Gauss-Newton steps from an estimate by the first samples of the response. With the parameters free,
+the response to a small change of them is eliminated like an additive disturbance, so that the step
+of the parameters is that of the joint problem, and standard errors account for the unknown start;
+the resulting change then updates the start values.
 """
 
 from dataclasses import replace
@@ -17,12 +17,12 @@ from ._problem import OperatorProblem, scheduled
 
 _STEPS = 20  # Gauss-Newton steps for the start of a record, or passes over the parameters
 _HALVES = 10
-_FOLLOWED = 3  # starts of the parameters that are followed
-_SETTLED = 1e-8  # part of the error by which a pass still lowers it
+_FOLLOWED = 3  # starts of the parameters that are followed to convergence
+_SETTLED = 1e-8  # relative decrease of the error by a pass that is worth another one
 
 
 def start_values_of(operator, disturbances, records):
-    """Return the values that each record starts from with the parameters held, and the runs.
+    """Return the start values of each record with the parameters held, and the number of runs.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def start_values_of(operator, disturbances, records):
     -------
     start : ndarray of shape (n_records, n_start)
     n_evaluations : int
-        Most simulations of one record.
+        Largest number of simulations of one record.
     """
     problem = OperatorProblem(operator, records, disturbances=disturbances)
     found = [_start(problem, record) for record in problem.records]
@@ -41,7 +41,7 @@ def start_values_of(operator, disturbances, records):
 
 
 def _start(problem, record):
-    """Return the values that a record starts from, and the number of simulations."""
+    """Return the start values of a record, and the number of simulations."""
     own, root = scheduled(problem.operator, record), np.sqrt(record.counts())
     record = replace(record, schedule=None)
     basis = None
@@ -90,19 +90,19 @@ def _start(problem, record):
 def estimate_start_values(
     operator, disturbances, records, *, fixed=(), method="variable_projection", with_errors=True
 ):
-    """Identify parameters and the values that each record starts from.
+    """Identify parameters and the start values of each record.
 
     Parameters
     ----------
     operator, disturbances : Operator, sequence of DisturbanceOperator
-        To begin with.
+        Starting point of the identification.
     records : sequence of RecordData
-        Those of the fit; what they start from is what it begins with, where it is known.
+        Those of the fit; known start values are the starting point.
     fixed : collection of str, default=()
         Names of entries that are held.
     method : str or Method, default="variable_projection"
     with_errors : bool, default=True
-        Whether standard errors are wanted.
+        Whether to compute standard errors.
 
     Returns
     -------
@@ -134,7 +134,7 @@ def estimate_start_values(
 def identify_from_own_starts(
     starts, records, *, fixed=(), method="variable_projection", with_errors=True
 ):
-    """Identify an operator and the values that each record starts from, from several candidates.
+    """Identify an operator and the start values of each record, from several candidates.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def identify_from_own_starts(
     Returns
     -------
     IdentificationResult
-        Of the best of those few that fit best before their parameters are moved.
+        The best result of the few candidates that fit best before their parameters are changed.
     """
     chosen, evaluations = best_from_own_starts(starts, records)
     options = {"fixed": fixed, "method": method, "with_errors": with_errors}
@@ -157,7 +157,7 @@ def identify_from_own_starts(
 
 
 def best_from_own_starts(starts, records):
-    """Return the few operators that fit best from the start of each record, and the evaluations."""
+    """Return the few operators that fit best with their own start values, and the evaluations."""
     errors, evaluations = [], 0
     for one in starts:
         start, runs = start_values_of(one, (), records)
@@ -168,7 +168,7 @@ def best_from_own_starts(starts, records):
 
 
 def _error(operator, disturbances, records, start):
-    """Return the root mean square of the residual from given starts."""
+    """Return the root mean square of the residual for given start values."""
     begun = [replace(r, start=s) for r, s in zip(records, start, strict=True)]
     problem = OperatorProblem(operator, begun, disturbances=disturbances)
     blocks = problem.evaluate(problem.x0, jacobian=False)

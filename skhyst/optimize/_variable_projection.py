@@ -7,10 +7,10 @@ the exact solution for c (Ruhe and Wedin, *SIAM Review*, 1980, algorithm 3). Tha
 here, damped as by Levenberg and Marquardt with the update of Nielsen, *Damping Parameter in
 Marquardt's Method*, 1999, within bounds that an active-set method keeps.
 
-All that an iteration, or a fold of a cross-validation, needs is the Gram matrix of the columns
-``[J, r]``, summed over segments of the data. One pass over the records gives it, so memory does not
-grow with their length and a fold costs no further pass. This is why SciPy's ``least_squares`` is
-not used here: it needs the Jacobian itself.
+An iteration, or a fold of a cross-validation, only needs the Gram matrix of the columns ``[J, r]``,
+summed over segments of the data. One pass over the records gives it, so memory does not grow with
+their length and a fold costs no further pass. SciPy's ``least_squares`` is not used because it
+needs the Jacobian itself.
 """
 
 import sys
@@ -29,18 +29,18 @@ _LARGEST_LOG_STEP = 1.5  # a positive parameter changes by at most a factor e^1.
 CANCELLED = 1e-10  # fraction of the sum of squares below which rounding errors matter
 STALE = 0.1  # reduction by the linear solution at which the Jacobian is evaluated again
 _DECADES = 1.5  # of the search box beyond the starting values of a positive parameter
-_REACH = 2.0  # of the search box beyond the starting values of any other, in their magnitude
-_FULL_RUNS = 2  # starts that are followed to the end
+_REACH = 2.0  # of the search box beyond the starting values of other parameters, in their magnitude
+_FULL_RUNS = 2  # starts that are followed to convergence
 _TRIAL_EVALUATIONS = 4
-_TRIALS = 4  # starts that are followed on long records: those that fit best
+_TRIALS = 4  # starts that are followed on long records: those of lowest cost
 _LONG = 50_000  # samples
 _KEPT = 0.5  # fraction of the unknowns that a random start takes from the best solution so far
-_NEAREST = 0.01  # part of the way from the best solution that a start near it is off at least
+_NEAREST = 0.01  # least distance of a start from the best solution it is drawn around, relative
 
 
 @dataclass
 class Solution:
-    """Outcome of one run of a solver, in the coordinates of the problem."""
+    """Result of one run of a solver, in the coordinates of the problem."""
 
     x: np.ndarray
     cost: float
@@ -57,7 +57,7 @@ class _Nielsen:
     """Damping by the ratio of the actual to the predicted reduction of the last step."""
 
     value, largest = 1e-4, 1e12
-    shorter = 0.5  # length of a step relative to a refused one: damping grows until it is that
+    shorter = 0.5  # length of a step relative to a refused one: damping increases until then
     _factor = 2.0
 
     def accepted(self, ratio):
@@ -90,7 +90,7 @@ def variable_projection(
         Gives ``evaluate(x, select=select)``, ``total(blocks, select)``, ``lower``, ``upper``,
         ``linear``, ``log``.
     x0 : ndarray of shape (n,)
-        Start; its linear part is immaterial where the problem determines it.
+        Start; its linear part is irrelevant if the problem determines it.
     select : ndarray of bool of shape (n_segments,), optional
         The segments to fit; all by default.
     blocks : ndarray, optional
@@ -106,7 +106,7 @@ def variable_projection(
         Called with the number of evaluations and the cost after each accepted step; a true value
         ends the search.
     project : bool, default=True
-        Solve the linear parameters exactly after each step, not at the start alone.
+        Solve the linear parameters exactly after each step, not only at the start.
     **options
         ``damping``, an object with a ``value``, its ``largest``, methods ``accepted`` and
         ``refused`` that change it after a step, and the fraction ``shorter`` of its length that the
@@ -197,7 +197,7 @@ def _descend(problem, solution, limits, callback, how, *, damping=None, max_step
 
 
 def _tried(problem, x, select, project):
-    """Return x within the bounds, the Gram matrix there, and the evaluations that it took."""
+    """Return x within the bounds, the Gram matrix there, and the number of evaluations."""
     x = np.clip(x, problem.lower, problem.upper)
     gram = problem.total(problem.evaluate(x, select=select), select)
     if not (project and np.isfinite(gram).all()):
@@ -244,8 +244,8 @@ def solve_linear(problem, x, gram):
 def eliminate(problem, x, gram, part, select=None):
     """Solve the linear parameters exactly; evaluate again if less than ``part`` is left.
 
-    From a distant start, as 1 is for a gain in other units, rounding errors may exceed the
-    response: then it is solved again.
+    At a distant start, such as a gain of 1 in other units, rounding errors may exceed the response:
+    then it is solved again.
     """
     n_evaluations = 0
     while True:
@@ -380,9 +380,9 @@ def restrict(problem, bounds):
 def search_box(problems):
     """Return finite lower and upper limits of the unknowns, in the problem's coordinates.
 
-    Limits of the model or the user stand where they are finite. Elsewhere the box reaches beyond
-    the starting values: by decades for a positive parameter, else by the change that moves the
-    response by its own size.
+    Finite limits of the model or the user are kept. Otherwise the box extends beyond the starting
+    values: by decades for a positive parameter, else by the change that moves the response by its
+    own size.
     """
     first = problems[0]
     same = [p for p in problems if p.names == first.names]
@@ -402,8 +402,8 @@ def search_box(problems):
 def random_starts(problems, bases, count, random_state):
     """Return starts (count, n) in the search box of problems, each with about half of a base.
 
-    Part of a solution may be right already: starts that keep it succeed most often. Bases (k, n)
-    are drawn, the first as often as all others together.
+    Part of a solution may be right already: starts that keep it are most often successful. Bases
+    (k, n) are drawn at random, the first as often as all others together.
     """
     rng = np.random.default_rng(random_state)
     lower, upper = search_box(problems)
@@ -420,7 +420,7 @@ def random_starts(problems, bases, count, random_state):
 def starts_near(problems, base, count, random_state):
     """Return starts (count, n) between a base (n,) and values drawn from the search box.
 
-    How far from the base is drawn too, each distance alike in logarithms.
+    The distance from the base is random, too, uniform in its logarithm.
     """
     rng = np.random.default_rng(random_state)
     drawn = rng.uniform(*search_box(problems), (count, len(base)))
@@ -434,9 +434,9 @@ class VariableProjection(Method):
     Each step is a Gauss-Newton step in all parameters, damped and within their bounds, followed by
     the exact solution for those that enter linearly.
 
-    Every start is followed for a few evaluations, the best two to the end. On long records (more
-    than 50,000 samples) only those are followed that fit best once their linear parameters are
-    solved, in parallel threads, as many as there are processors.
+    Every start is followed for a few evaluations, the best two to convergence. On long records
+    (more than 50,000 samples) only those starts are followed that fit best after their linear
+    parameters are solved, in as many parallel threads as there are processors.
 
     Parameters
     ----------
@@ -445,8 +445,8 @@ class VariableProjection(Method):
     max_evaluations : int, default=100
         Budget of a run.
     n_random_starts : int, default=0
-        Further starts from the best solution that the starts from the data lead to, with about half
-        of the unknowns drawn at random within the bounds.
+        Further starts around the best solution found from the data, with about half of the unknowns
+        drawn at random within the bounds.
 
     References
     ----------
@@ -502,7 +502,7 @@ class VariableProjection(Method):
             order = np.argsort([trial.cost for trial in trials], kind="stable")[:_FULL_RUNS]
             starts = [(starts[i][0], trials[i].x) for i in order]
         if self.callback is not None or self.verbose:
-            parallel = Parallel(n_jobs=1)  # reports come in order
+            parallel = Parallel(n_jobs=1)  # so that reports are in order
         solutions = parallel(
             delayed(variable_projection)(
                 problem,
@@ -519,6 +519,6 @@ class VariableProjection(Method):
 
 
 def _solved_cost(problem, x):
-    """Return the sum of squares at ``x`` once the linear parameters are solved."""
+    """Return the sum of squares at ``x`` after the linear parameters are solved."""
     gram = problem.total(problem.evaluate(x))
     return solve_linear(problem, x, gram)[1][-1, -1] if np.isfinite(gram).all() else np.inf

@@ -1,9 +1,9 @@
 r"""Poles of a rational function from values at complex frequencies: relaxed vector fitting.
 
-Data are blocks of equations ``target(s) = sum_i N_i(s) / D(s) regressor_i(s)`` with one
-denominator D for all blocks and separate numerators for each block. A frequency response is such a
-block, with the regressor 1; so are the transforms of records, with the transforms of the inputs
-and, for the transient due to the ends of a record, 1 as regressors.
+Data are blocks of equations ``target(s) = sum_i N_i(s) / D(s) regressor_i(s)`` with a common
+denominator D and separate numerators for each block. A frequency response is such a block, with the
+regressor 1; so are the transforms of records, with the transforms of the inputs and, for the
+transient due to the ends of a record, 1 as regressors.
 
 With poles a_k, the functions ``sigma(s) = d + sum_k c_k / (s - a_k)`` and ``sigma N_i / D`` with
 the same poles solve a linear least-squares problem; the zeros of sigma are the next poles
@@ -141,6 +141,7 @@ def _relocate(s, blocks, poles, feedthrough):
     scale = np.linalg.norm(rows, axis=0)
     scale[scale == 0.0] = 1.0
     sigma = np.linalg.lstsq(rows / scale, target, rcond=None)[0] / scale
+    # the zeros of sigma are those of its numerator, which needs a leading coefficient
     if abs(sigma[n]) < 1e-8 * max(np.abs(sigma).max(), np.finfo(float).tiny):
         return poles
     first = np.flatnonzero(poles.imag > 0.0)

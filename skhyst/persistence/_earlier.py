@@ -1,7 +1,7 @@
 """Files of earlier versions: classes and parameters with other names, or that there were not yet.
 
 A class is looked up by its public name, wherever it is defined now. A parameter that an estimator
-did not have yet is at its default, which does what was done before there was a choice.
+did not have yet is at its default, which corresponds to the earlier behaviour.
 """
 
 import importlib
@@ -21,7 +21,7 @@ from ._json import class_named, field_named, refuse_wrong
 
 _SCHEMA = "schema.json"  # of a skops file
 _PACKAGE = __package__.partition(".")[0]
-_METRICS = f"{_PACKAGE}.metrics"  # whose functions compute with what they are given, and no more
+_METRICS = f"{_PACKAGE}.metrics"  # its functions only compute with their arguments
 _PLAIN = {"skhyst.compose._stages.Stage"}  # named tuples that are derived from the rest of a file
 
 
@@ -31,8 +31,8 @@ def with_present_names(path):
     Raises
     ------
     RecordError
-        If it unpacks to much more than its own size, or declares arrays that it does not hold:
-        before memory is taken for them.
+        If it unpacks to much more than its own size, or declares arrays that it does not contain:
+        before memory is allocated for them.
     """
     content, names = io.BytesIO(), set()
     with zipfile.ZipFile(path) as old, zipfile.ZipFile(content, "w") as new:

@@ -40,7 +40,7 @@ _FIELDS = {  # and fields
     "covariance": "joint_covariance",
 }
 _ABOVE_ZERO = Interval(Real, 0, None, closed="neither")
-_FITTED = {  # what scikit-learn calls constraints
+_FITTED = {  # constraints in the form of scikit-learn
     "bound_": [_ABOVE_ZERO],
     "columns_": [tuple],
     "drive_range_": [tuple],
@@ -111,7 +111,7 @@ def from_json(text) -> BaseEstimator:
     ------
     ValueError
         If the text is not such a model, has a later format, names a class that skhyst lacks, or
-        holds parameters of other types, sizes or ranges than their class takes.
+        contains parameters of invalid types, sizes or ranges.
 
     Examples
     --------
@@ -244,7 +244,7 @@ def _value(plain):
 
 
 def refuse_wrong(fitted, name):
-    """Refuse attributes that no fit could have made, of those that many estimators have."""
+    """Refuse attributes, common to many estimators, that no fit could have made."""
     known = {attribute: value for attribute, value in fitted.items() if attribute in _FITTED}
     validate_parameter_constraints({own: _FITTED[own] for own in known}, known, name)
     for attribute in _NUMBERS:

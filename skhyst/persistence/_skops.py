@@ -182,7 +182,7 @@ def read_trusted(path, known=()):
     skops = skops_io(path)
     data, names = with_present_names(path)
     foreign = sorted(name for name in names if name not in known and not is_known(name))
-    if not foreign:  # or else reading might import what is named
+    if not foreign:  # otherwise reading might import foreign names
         named = skops.get_untrusted_types(data=data)
         foreign = [name for name in named if name not in known and not is_own(name)]
     if foreign:
@@ -191,7 +191,7 @@ def read_trusted(path, known=()):
             "trust whoever made the file, add --trust (in Python trust=True)."
         )
     model = checked(skops.loads(data, trusted=named))
-    # what is within one of scikit-learn need not take numbers
+    # the parts of a scikit-learn model need not accept numbers
     return model if any(in_package(name, "sklearn") for name in names) else tried(model)
 
 

@@ -92,14 +92,14 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
 
     @fit_context(prefer_skip_nested_validation=True)
     def fit(self, X, y=None) -> Self:
-        """Learn what depends on the range of the data.
+        """Learn the settings that depend on the range of the data.
 
         Parameters
         ----------
         X : DataFrame or array-like of shape (n_samples, n_inputs)
             Inputs; the index carries records and time.
         y : array-like of shape (n_samples,), optional
-            Not used, but its index must agree with that of ``X``, and it tells whether rows have
+            Not used, but its index must agree with that of ``X``, and it shows whether rows have
             been drawn at random.
 
         Returns

@@ -99,7 +99,7 @@ class GeneralizedInputGradient(RecordTransformer):
         self.dt = dt
 
     def depends_on_interval(self, dt) -> bool:
-        """Whether features at an interval are others than at that of the fit.
+        """Whether features at another interval differ from those at that of the fit.
 
         Parameters
         ----------
@@ -168,7 +168,7 @@ def _rate(drive, method):
 
 
 def _held(sign):
-    """Return the last sign up to each sample that is not zero, 0 where there is none."""
+    """Return the last nonzero sign up to each sample, 0 if there is none."""
     moves = np.arange(sign.size)
     return sign[np.maximum.accumulate(np.where(sign != 0.0, moves, 0))]
 

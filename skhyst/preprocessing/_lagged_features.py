@@ -88,7 +88,7 @@ def read_lags(estimator, parameter, lags, first=0) -> list[int]:
     parameter : str
         Name of the parameter.
     lags : int or array-like of int
-        A number stands for all lags from ``first`` up to it.
+        A number stands for all lags from ``first`` to it.
     first : {0, 1}, default=0
         Smallest lag allowed. Where it is 0 there must be at least one lag.
 

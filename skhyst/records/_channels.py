@@ -1,14 +1,14 @@
 r"""Faults of a recording that show in the relation of drive and response.
 
-**A noisy drive.** Above the band of a smooth drive, the spectrum of its recording is the floor that
-its differences show (:func:`skhyst.noise.white_noise_floor`).
-Measurement noise on the drive is recognised by two properties. *The response does not follow it.*
-If the noise has driven the device, the phase between both channels is the same in all stretches;
+**A noisy drive.** Above the band of a smooth drive, the spectrum of its recording is flat at the
+noise floor shown by its differences (:func:`skhyst.noise.white_noise_floor`). Measurement noise on
+the drive is recognised by two properties. *The response does not follow it.* If the noise had
+driven the device, the phase between both channels would be the same in all parts of the record;
 otherwise the squared length of the mean of m random unit vectors, times m, is exponential
-(Rayleigh). Phases do not depend on amplitudes, so an edge of the drive counts as one stretch among
-others. *The response predicts the drive*, better than its own noisy past does, since the response
-follows the true drive (Granger's test [1]_). A device too slow to follow a rough drive predicts
-nothing.
+(Rayleigh). Phases do not depend on amplitudes, so an edge of the drive has no more weight than
+other parts. *The response predicts the drive* better than the drive's own noisy past does, since
+the response follows the true drive (Granger's test [1]_). If a device is too slow to follow a rough
+drive, its response predicts nothing.
 
 **Closed loop.** Without feedback, the noise of the response is independent of later values of the
 drive: the innovations of a model's residual are regressed on later innovations of the drive
@@ -51,7 +51,7 @@ def noise_on_drive(u, y, alpha=0.001):
 
 
 def _is_followed(u, y, floor, alpha=0.01):
-    """Whether the response follows the drive's noise in an octave, or this could not be seen."""
+    """Whether the response follows the drive's noise in an octave, or this cannot be tested."""
     length = int(np.sqrt(len(u)))
     omega = 2.0 * np.pi * np.arange((length + 1) // 2) / length
     window = np.hanning(length + 1)[:-1]
@@ -124,7 +124,7 @@ def _orthogonal(basis, values):
 
 
 def _p_value(target, columns, used):
-    """Return the p-value of the F test that columns explain nothing of a target."""
+    """Return the p-value of the F test that columns do not explain a target."""
     basis = np.linalg.qr(columns - columns.mean(axis=0))[0]
     gain, count = np.sum((basis.T @ target) ** 2), columns.shape[1]
     freedom = len(target) - count - used
@@ -142,7 +142,7 @@ def are_exchanged(u, y, alpha=0.01):
 
 
 def lost_samples(u, y, alpha=0.001):
-    """Return pairs (rows, number): before each of these rows so many samples are missing."""
+    """Return pairs (row, number of samples missing before it)."""
     side, n = SIDE, len(u)
     if n < 8 * side or not (np.ptp(u) > 0.0 and np.ptp(y) > 0.0):
         return []
@@ -180,9 +180,9 @@ class _Stretches:
         self.rounding = len(signal) * np.finfo(float).eps ** 2
 
     def residual(self, rows, lost, gap=0):
-        """Return the residual sum of squares (n_rows,) supposing so many lost samples.
+        """Return the residual sum of squares (n_rows,) assuming so many lost samples.
 
-        A ``gap`` leaves out so many samples of the signal at the row.
+        ``gap`` samples of the signal are left out at the row.
         """
         after = np.arange(2 * self.side) >= self.side
         around = np.arange(-self.side, self.side)
@@ -202,7 +202,7 @@ class _Stretches:
     def ratio(self, rows, lost):
         """Return the ratio of the residual with lost samples to that of neighbouring stretches.
 
-        From these as many samples are left out, so that their cubics span the same time.
+        As many samples are left out of these, so that their cubics span the same time.
         """
         shifts = (-self.side - lost, self.side)
         stretches = [self.residual(rows + shift, lost, lost) for shift in shifts]

@@ -41,7 +41,7 @@ def data_quality(X, y, records) -> pd.DataFrame:
     y : ndarray of shape (n_samples,)
         Response.
     records : sequence of RecordSlice
-        Rows and sampling interval of each record, with what it has lost where that is wanted
+        Rows and sampling interval of each record, with its lost rows if these are to be reported
         (``record_slices(X, bridge=True)``).
 
     Returns
@@ -112,7 +112,7 @@ def data_quality(X, y, records) -> pd.DataFrame:
             rows = np.repeat(np.arange(record.n_samples), steps) + record.rows.start
             found.append(("lost_rows", name, rows, np.nan))
         for rows, number in lost_samples(u, own):
-            # what the index tells is no other fault
+            # lost rows are reported already
             told = np.abs(rows[:, None] - np.flatnonzero(steps)).min(axis=1, initial=len(u))
             rows = rows[told >= SIDE]
             if rows.size:

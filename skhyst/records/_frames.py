@@ -16,7 +16,7 @@ def iter_records(X, y=None, *, dt=None) -> Iterator[tuple]:
     Parameters
     ----------
     X : array-like or DataFrame of shape (n_samples, n_inputs)
-        Input whose index carries the time, as in :func:`record_slices`.
+        Input with the time in its index, as in :func:`record_slices`.
     y : array-like or Series of shape (n_samples,), optional
         Response.
     dt : float or None, default=None

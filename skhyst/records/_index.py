@@ -9,9 +9,9 @@ A shuffled index steps back at about every second row, which leaves runs of a si
 distinguishes shuffling from concatenation. A random subset in the right order (``KFold`` with
 ``shuffle=True``) leaves single rows between gaps, or no common interval at all.
 
-A short gap may be *lost rows* instead, as where a bus has dropped a packet: a whole number of
+A short gap may be *lost rows* instead, for example of a dropped packet on a bus: a whole number of
 sampling intervals, at most ``BRIDGED``, of a run that has lost at most ``MOST_LOST`` of its rows.
-Whoever asks for it (``bridge=True``) is told which samples a record lacks in place of two records.
+With ``bridge=True``, callers get one record with its missing samples instead of two records.
 """
 
 import dataclasses
@@ -51,8 +51,8 @@ class RecordSlice:
     Parameters
     ----------
     label : hashable
-        Value of the record level. Without a record level: how often time has restarted before
-        this record, so that the pieces on both sides of a hole share their label.
+        Value of the record level. Without a record level: how often time has restarted before this
+        record, so that the parts on both sides of a hole have the same label.
     rows : slice
         Rows of the record.
     dt : float
@@ -89,7 +89,7 @@ class RecordSlice:
 
     @property
     def duration(self) -> float:
-        """Sampling intervals in s, one a sample, lost ones included."""
+        """Sampling intervals in s, one per sample, lost ones included."""
         return (self.n_samples + len(self.lost)) * self.dt
 
     @property
@@ -131,8 +131,8 @@ def record_slices(
         Whether all records must share one sampling interval.
     bridge : bool, default=False
         Whether gaps of a whole number of intervals, five at most, are lost rows of one record
-        (``RecordSlice.lost``) and not ends of records, as long as 5 % of the rows at most are lost.
-        For callers that know what a record lacks.
+        (``RecordSlice.lost``) and not ends of records, as long as at most 5 % of the rows are lost.
+        For callers that handle missing samples.
 
     Returns
     -------
@@ -244,7 +244,7 @@ def chosen_interval(records, dt, caller) -> float:
     Parameters
     ----------
     records : sequence of RecordSlice
-        Records of the fit; empty where nothing is fitted, and the interval must be given.
+        Records of the fit; empty without a fit: then the interval must be given.
     dt : float or None
         Interval in s where one is given.
     caller : str
@@ -283,7 +283,7 @@ def chosen_interval(records, dt, caller) -> float:
 def refuse_lost_index(X, y, name="y"):
     """Raise a RecordError if the index of y has records or times that the index of X lacks.
 
-    ``name`` is what the message calls y.
+    ``name`` is the name of y in the message.
     """
     refuse_masked(name, y)
     own, index = getattr(X, "index", None), getattr(y, "index", None)

@@ -69,7 +69,8 @@ def fill_lost_rows(X, y=None):
     Parameters
     ----------
     X : DataFrame or array-like of shape (n_samples, n_inputs)
-        Of a frame the index carries the time, as in :func:`record_slices`; an array has lost none.
+        The index of a frame contains the time, as in :func:`record_slices`; an array has lost no
+        rows.
     y : array-like or Series of shape (n_samples,), optional
         Response.
 

@@ -10,7 +10,7 @@ _FINE = 4  # lags per sample: a parabola then has the depth of a period of three
 
 
 def repeats(a, b):
-    """Whether two signals are the same, but for rounding."""
+    """Whether two signals are equal except for rounding."""
     return np.max(np.abs(a - b)) <= 1e-6 * np.ptp(a)
 
 

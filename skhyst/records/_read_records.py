@@ -77,8 +77,8 @@ def read_records(
         model (``dt``).
     on_missing : {"raise", "drop", "interpolate"}, default="raise"
         Treatment of rows in which a value is missing, not finite or equal to ``missing_code``.
-        Dropped rows leave a gap in time, which starts a new record unless it is as short as
-        :func:`record_slices` says of lost rows; a single row between two gaps is dropped too.
+        Dropped rows leave a gap in time, which starts a new record unless it is short enough for
+        lost rows, see :func:`record_slices`; a single row between two gaps is dropped too.
         Interpolation is linear in time and within a record; rows before the first and after the
         last reading of a record are dropped.
     missing_code : float or dict of column to float, optional

@@ -25,7 +25,7 @@ class RecordingOverview:
     records : tuple of RecordSlice
         Empty where the sampling of the rows is not known.
     faults : tuple of str
-        What has to be resolved before reading, and what is suspicious, one sentence each.
+        Questions to resolve before reading, and suspicious findings, one sentence each.
     X, y : DataFrame and Series, or None
         As :func:`read_records` returns them, with lost readings interpolated; None where drive or
         response are not known.
@@ -65,9 +65,10 @@ def inspect_recording(path, **reading):
     Returns
     -------
     RecordingOverview
-        Faults are readings that are missing, or look like codes of missing ones; signals that are
+        Faults are readings that are missing, or look like codes for missing ones; signals that are
         constant, stay at their largest or smallest value, or are identical; text where numbers are
-        expected; gaps, uneven or coarse times; and what cannot be determined from the file.
+        expected; gaps, uneven or coarse times; and roles or units that cannot be determined from
+        the file.
 
     Raises
     ------

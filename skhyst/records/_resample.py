@@ -1,4 +1,4 @@
-"""Resample records onto an even grid, and the error that this makes."""
+"""Resample records onto an even grid, and estimate the resulting error."""
 
 from itertools import pairwise
 from numbers import Real
@@ -157,10 +157,11 @@ def resampling_error(X, y, *, dt="auto", max_gap=None) -> float:
 
     Notes
     -----
-    The estimate tends to be too small where there are few readings per period, and more so where
-    the response has kinks or jumps between readings; what ends before the next reading is not seen
-    at all. The second derivative is taken as independent of the spacing: if the response was read
-    more often where it is more curved, the true error is smaller. Slow noise counts as response.
+    The estimate tends to be too small if there are few readings per period, and more so if the
+    response has kinks or jumps between readings; a transient that ends before the next reading is
+    not seen at all. The second derivative is assumed independent of the spacing: if the response
+    was read more often where it is more curved, the true error is smaller. Slow noise counts as
+    response.
 
     Examples
     --------
@@ -220,8 +221,8 @@ def _curvature(seconds, values):
 def _left_out(seconds, values, back, ahead):
     """Return the coefficients of the mean squares of y'' and noise, and the squared error itself.
 
-    The error is that of a line from the reading ``back`` before to the one ``ahead`` after, at a
-    reading between them.
+    The error is that of a line between the readings ``back`` before and ``ahead`` after a reading,
+    at that reading.
     """
     places = np.arange(back, len(seconds) - ahead)
     a, b = seconds[places] - seconds[places - back], seconds[places + ahead] - seconds[places]
@@ -280,7 +281,7 @@ def _resampled_pieces(stamps, dt, max_gap):
             longest = BRIDGED * medians[run]
         for a, b in pairwise(stamps.cuts(start, stop, max(longest, GAP * own))):
             span = (stamps.values[b - 1] - stamps.values[a]) * stamps.unit
-            # between the readings of a single row there is nothing to interpolate
+            # a single row leaves nothing to interpolate
             if b - a > 1 and not (dt == "auto" and span < own):
                 yield stamps.label(a, run), a, b, own
 

@@ -18,7 +18,7 @@ class Units:
     Parameters
     ----------
     drive, response : str, default=""
-        "" where they are not known.
+        "" if they are not known.
     time : {"s", "sample"}, default="s"
         "sample" where the sampling interval is not known: frequencies are then in cycles/sample.
 

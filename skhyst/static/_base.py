@@ -77,12 +77,12 @@ class StaticOperator(Operator):
         return y, dy
 
     def bend(self, seen):
-        """Return how far the curve departs from a straight line over the range of its input.
+        """Return the departure of the curve from a straight line over the range of its input.
 
         Parameters
         ----------
         seen : object
-            As for :meth:`characteristics`; of it the ``ends`` of the input.
+            As for :meth:`characteristics`; only its ``ends`` of the input are used.
 
         Returns
         -------

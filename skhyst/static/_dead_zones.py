@@ -17,7 +17,7 @@ from .._sklearn import Interval, StrOptions
 from ..operators import as_signal, parameter
 from ._base import SIDES, StaticModel, StaticOperator, range_of_drive
 
-_FLATTEST = 1e-3  # smallest slope, response over response; that of the inverse is at most 1000
+_FLATTEST = 1e-3  # smallest slope, response over response; the slope of the inverse is at most 1000
 
 
 @jit

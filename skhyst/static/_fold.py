@@ -88,12 +88,13 @@ class FoldOperator(StaticOperator):
 
 
 class Fold(StaticModel):
-    r"""Fold: a reading mirrored at a level, as that of a sensor that loses the sign.
+    r"""Fold: a reading mirrored at a level, such as that of a sensor that loses the sign.
 
     .. math:: y = a + |u - a| \text{ or } y = a - |u - a|
 
     It has no gain: put a model that has one before it in a :class:`~skhyst.compose.Cascade`. There
-    the sign of the model is not identifiable: its mirror image about the level reads the same.
+    the sign of the model is not identifiable: its mirror image about the level gives the same
+    reading.
 
     Parameters
     ----------

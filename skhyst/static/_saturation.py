@@ -20,7 +20,7 @@ def clip(u, c, s):
 
 @dataclass(frozen=True)
 class SaturationOperator(StaticOperator):
-    """Clipping to ``lower <= y <= upper``; an infinite level is no limit and is not identified.
+    """Clipping to ``lower <= y <= upper``; an infinite level means no limit and is not identified.
 
     Parameters
     ----------

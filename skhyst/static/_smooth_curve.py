@@ -97,7 +97,7 @@ class PolynomialCurveOperator(StaticOperator):
         self._require("scale", self.scale > 0.0, "be above 0")
 
     def finer(self, records):
-        """Return as many further degrees as there are terms, two at least; see the base."""
+        """Return as many further degrees as there are terms, at least two; see the base."""
         n = np.size(self.coefficients)
         return n + 2 + np.arange(max(n, 2))
 
@@ -124,7 +124,7 @@ class SmoothCurve(StaticModel):
         Highest degree, at least 2.
     reach : float, default=1.0
         Half of the range over which it is a polynomial, relative to that of the fit: above 1 for a
-        law, such as a cubic spring, that goes on as it is.
+        law, such as a cubic spring, that continues beyond the recorded range.
 
     Attributes
     ----------

@@ -20,9 +20,9 @@ columns of :math:`T` are these functions, but for those of which less than a hun
 the term is linear in its weights, the penalty is diagonal, and both take part in a joint fit as
 anything else does.
 
-**Orthogonality.** What the parameters can do as well, as a gain does what is straight in the drive,
-has next to no power in :math:`G`. Such functions are left out: the parameters keep what is theirs,
-and the term shows what is missing.
+**Orthogonality.** Functions that the parameters can reproduce, as a gain reproduces a linear
+function of the drive, have almost no power in :math:`G`. They are left out: the parameters keep
+their role, and the term shows what is missing.
 
 **Beyond the range** that it has seen, the function is held constant, or it fades: its value at the
 end is multiplied by :math:`\exp(-\delta / \ell)` at the distance :math:`\delta` from it.
@@ -369,7 +369,7 @@ class UnknownTermOperator(Operator):
         return tuple(value for own, longest in both for value in (own, 0.0, longest))
 
     def arguments(self, u, dt, state=None):
-        """Return what it is a function of.
+        """Return the argument of the function.
 
         Parameters
         ----------
@@ -673,13 +673,13 @@ def smooth(operator, gram, own, n_samples, independent=1.0):
     rest = np.setdiff1d(np.arange(len(gram) - 1), k)
     both = np.append(k, len(gram) - 1)
     left = gram[np.ix_(both, both)]
-    if rest.size:  # the complement of what the other parameters can do
+    if rest.size:  # the complement of what the other parameters can reproduce
         scale = np.sqrt(np.diag(gram)[rest])
         scale[scale == 0.0] = 1.0
         inner = gram[np.ix_(rest, rest)] / np.outer(scale, scale)
         outer = gram[np.ix_(rest, both)] / scale[:, None]
         left = left - outer.T @ np.linalg.pinv(inner, rcond=1e-10, hermitian=True) @ outer
-    # directions in which the B-splines have power that the parameters cannot make
+    # directions in which the B-splines have power that the parameters cannot reproduce
     every = gram[np.ix_(k, k)]
     power, vectors = np.linalg.eigh(every)
     seen = power > 1e-10 * power.max(initial=0.0)
@@ -708,11 +708,11 @@ def smooth(operator, gram, own, n_samples, independent=1.0):
 def _smoothing(roughness, found, power, n_samples):
     """Return the deviance and the penalty of each function by the restricted maximum likelihood.
 
-    ``found`` are the least-squares coefficients of orthonormal functions, ``power`` the sum of
-    squares that they are part of. With the penalty as a prior, each has the variance
-    ``s^2 (1 + 1 / (lambda d))``, the rest of ``n_samples`` independent samples ``s^2``.
+    ``found`` are the least-squares coefficients of orthonormal functions, ``power`` the total sum
+    of squares. With the penalty as a prior, each coefficient has the variance ``s^2 (1 + 1 /
+    (lambda d))``, the rest of ``n_samples`` independent samples ``s^2``.
     """
-    # what is straight has a roughness of rounding; the roughest is what hardly any sample sees
+    # a linear function has a roughness of rounding; the roughest are seen by hardly any sample
     rounding = len(roughness) * np.finfo(float).eps
     bent = roughness > 10.0 * rounding * roughness.max(initial=0.0)
     white = max(power - np.square(found).sum(), np.finfo(float).tiny)
