@@ -39,7 +39,7 @@ DIAGNOSIS = [
     ),
     (
         "stretches of the black box are shorter than the noise lasts",
-        "length = max(min(total, ENOUGH) // STRETCHES, min(lasting, total // FACTOR**2), 1)",
+        "length = max(min(total, ENOUGH) // STRETCHES, min(lasting, total // BOX_FOLDS**2), 1)",
         "length = max(min(total, ENOUGH) // STRETCHES, 1)",
         "tests/diagnosis/test_noise.py -k slow_noise",
     ),

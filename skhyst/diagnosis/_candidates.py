@@ -19,7 +19,7 @@ from joblib import delayed
 
 from ..noise import fit_noise
 from ..optimize import begin_and_predict, single_step, variable_projection
-from ._constants import FACTOR, NOTICEABLE, TOLERANCE
+from ._constants import FEW, NOTICEABLE, RUNG, SEVERAL, THOROUGH, TOLERANCE
 from ._criterion import weighted
 from ._shortened import are_long
 from ._starts import starting_trees
@@ -88,7 +88,7 @@ def screened(effect, structure, records):
     return found
 
 
-def refitted(candidate, structure, records, max_evaluations=FACTOR**4, begun=None):
+def refitted(candidate, structure, records, max_evaluations=THOROUGH, begun=None):
     """Return a candidate with another structure, refitted.
 
     ``begun`` is what the descent begins with where that is known.
@@ -137,17 +137,17 @@ def halve(groups, parallel):
         The numbers of the effects that stay.
     """
     found = [own for own, *_ in groups]
-    kept, budget = range(len(groups)), FACTOR
+    kept, budget = range(len(groups)), RUNG
     while True:
         refined = _rung([found[i] for i in kept], [groups[i] for i in kept], budget, parallel)
         for i, own in zip(kept, refined, strict=True):
             found[i] = own
-        if budget > FACTOR and len(kept) <= FACTOR**2:
+        if budget > RUNG and len(kept) <= SEVERAL:
             break
         best = sorted(
             (min(c.predicted_cost for c in found[i]) / groups[i][2], i) for i in kept if found[i]
         )
-        kept, budget = [i for _, i in best[: _last(len(best))]], FACTOR * budget
+        kept, budget = [i for _, i in best[: _last(len(best))]], RUNG * budget
     for own in found:
         own.sort(key=lambda c: c.predicted_cost)
     return found, kept
@@ -166,7 +166,7 @@ def _rung(found, groups, budget, parallel):
 
 def _last(count):
     """Return how many effects stay of a number of effects."""
-    return max(-(-count // FACTOR), FACTOR)
+    return max(-(-count // RUNG), FEW)
 
 
 def held_out(candidate, records, folds):
@@ -310,5 +310,5 @@ def _fold_solution(problem, train, blocks, long):
         select=train,
         blocks=known,
         tolerance=TOLERANCE,
-        max_evaluations=FACTOR + 1,  # the start is close to the solution
+        max_evaluations=RUNG + 1,  # the start is close to the solution
     ).x

@@ -29,7 +29,7 @@ from ..linear import DynamicStiffnessOperator, GainOperator, TransferFunction
 from ..operators import Scaled as ModulatedBy
 from ..operators import SumOperator, bare, is_straight, of_columns, snake_case
 from ..optimize import identify, predicted_cost, variable_projection
-from ._constants import ENOUGH, FACTOR, FULL, KNEE, NOTICEABLE, TANKS, TOLERANCE
+from ._constants import ENOUGH, FULL, KNEE, NOTICEABLE, TANKS, TOLERANCE, USUAL
 from ._edits import (
     AddForce,
     Begin,
@@ -93,7 +93,7 @@ class UnderWay:
             return []
         # a history affects the first samples most; the claimed effect's own one is estimated from
         # whole records
-        parts = [r.first_part(len(r.u) // FACTOR) for r in scene.records]
+        parts = [r.first_part(len(r.u) // 3) for r in scene.records]
         return [tree.edited(name, Begin(tree.led_by(parts).input_history))]
 
 
@@ -278,9 +278,7 @@ def _with_zeros(tree, at, scene):
     starts = [richer, *driven_starts(model, scene.records_at(at))]
     problems = [tree.with_stage(at, model.tree(start)).problem(scene.records) for start in starts]
     best = min(problems, key=lambda problem: predicted_cost(problem, problem.x0))
-    solution = variable_projection(
-        best, best.x0, tolerance=TOLERANCE, max_evaluations=FACTOR**FACTOR
-    )
+    solution = variable_projection(best, best.x0, tolerance=TOLERANCE, max_evaluations=USUAL)
     return tree.with_stage(at, model.tree(richer)).at(best, solution.x).operators[at]
 
 

@@ -8,7 +8,11 @@ NOTICEABLE = 0.05
 NEGLIGIBLE = 1e-7  # of the range: an error below that is rounding, and no effect is sought
 
 # ---- effort. Halving costs least where each rung keeps a fraction 1/e; three is the next integer.
-FACTOR = 3
+# The evaluations of an identification are counted in rungs, too.
+RUNG = 3
+BRIEF, USUAL, THOROUGH = RUNG**2, RUNG**3, RUNG**4
+FEW, SEVERAL = 3, 9  # candidates that are looked at again: the last rungs of halving
+WORSE = 3.0  # sum of squares, relative to the best: what is further away is not settled
 TOLERANCE = 1e-5  # relative change of the sum of squares; a claim is worth a few per cent
 # Samples in all, above which records are cut, and to how many. With independent noise, the gain of
 # an effect that removes the fraction p of the squared error has the relative standard deviation
@@ -27,6 +31,7 @@ FULL = 0.98  # of the level of a knee: its inverse is well conditioned up to the
 
 # ---- the black box that bounds the noise
 LAGS = 2 ** np.arange(9)  # lags in samples, logarithmically spaced
+BOX_FOLDS = 3  # of cross-fitting: a fit sees two thirds of the samples
 STRETCHES = 60  # of consecutive samples, dealt to the folds in turn
 TREES = {  # few and small: enough to detect structure, not to describe it
     "max_iter": 40,

@@ -42,7 +42,7 @@ from ._candidates import (
     refitted,
     screened,
 )
-from ._constants import FACTOR, TOLERANCE
+from ._constants import FEW, RUNG, TOLERANCE, USUAL
 from ._course import course_p_values
 from ._effects import EFFECTS
 from ._jobs import side_by_side
@@ -436,7 +436,7 @@ class Contest:
         rivals.sort(key=lambda c: c.error)
         # the best rivals are identified from scratch, as the model was
         rivals = [
-            replace(self._variant([c, self._refreshed(c)]), effects=c.effects) if i < FACTOR else c
+            replace(self._variant([c, self._refreshed(c)]), effects=c.effects) if i < FEW else c
             for i, c in enumerate(rivals)
         ]
         alpha = self.criterion.alpha
@@ -470,7 +470,7 @@ class Contest:
         seen = [replace(r, y=own) for r, own in zip(records, predictions, strict=True)]
         follower = large.structure.problem(seen)
         solution = variable_projection(
-            follower, follower.x0, tolerance=TOLERANCE, max_evaluations=FACTOR**3
+            follower, follower.x0, tolerance=TOLERANCE, max_evaluations=USUAL
         )
         variance = large.cost / follower.segment_weight.sum()
         return bool(solution.cost < large.n_parameters * variance)
@@ -569,7 +569,7 @@ class Contest:
         if not self._is_done(key):
             begin = time.perf_counter()
             effects = [e for e in self.effects if e.name not in base.structure.effects]
-            best = sorted(singles, key=lambda c: c.cost)[:FACTOR]
+            best = sorted(singles, key=lambda c: c.cost)[:FEW]
             pairs = [(e, c) for c in best for e in effects if e.name not in c.effects]
             fitted = self._fitted([c for _, c in pairs], self._screened(base, pairs))
             names = [c.structure.effects[len(base.structure.effects) :] for c in fitted]
@@ -662,7 +662,7 @@ class Contest:
         best = [(i, self._variant(found)) for i, found in own.items()]
         # for long records, the fit of their first parts is close to the solution
         done = self._parallel(
-            delayed(completed)(c, records, FACTOR if are_long(records) else FACTOR**3)
+            delayed(completed)(c, records, RUNG if are_long(records) else USUAL)
             for i, c in best
             for records in [self.records_of(bases[i])]
         )

@@ -44,7 +44,7 @@ import numpy as np
 
 from ._black_box import effect_of
 from ._candidates import Candidate, refitted, screened
-from ._constants import FACTOR, NEGLIGIBLE
+from ._constants import FEW, NEGLIGIBLE, SEVERAL, USUAL
 from ._effects import EFFECTS
 from ._plausibility import is_plausible
 from ._report_text import listed, number
@@ -123,7 +123,7 @@ def _rivals(search):
 
 def _places(search):
     """Yield two places of a term without a name, and the models with it at either."""
-    for own, tree, name, other in search._not_told[:FACTOR]:
+    for own, tree, name, other in search._not_told[:FEW]:
         yield own, name, tuple([Fitted(model, search._records)] for model in (tree, other))
 
 
@@ -135,7 +135,7 @@ def _near_claims(search):
     table = search.ranking_.sort_values(["error_after", "screen"], ascending=[True, False])
     table = table[(table["round"] == table["round"].max()) & ~table["effect"].isin(tree.effects)]
     least = 1.0 - (1.0 - search.min_improvement) ** 2  # of the power, to be contested
-    for name in table["effect"][table["screen"] > least][:FACTOR]:
+    for name in table["effect"][table["screen"] > least][:FEW]:
         more = _with_effect(name, tree, search)
         if more:
             yield name, "none", (more, [Fitted(tree, search._records)])
@@ -147,8 +147,8 @@ def _with_effect(name, tree, search):
         return []
     effect, records = effect_of(search._driver, EFFECTS[name]), list(search._records)
     without = refitted(Candidate((), tree, np.inf, np.inf, 0, np.empty(0)), tree, records)
-    starts = sorted(screened(effect, tree, records), key=lambda c: c.predicted_cost)[: FACTOR**2]
-    fits = [refitted(c, c.structure, records, FACTOR**3) for c in starts]
+    starts = sorted(screened(effect, tree, records), key=lambda c: c.predicted_cost)[:SEVERAL]
+    fits = [refitted(c, c.structure, records, USUAL) for c in starts]
     fits = [c for c in fits if is_plausible(effect.plausible, c, without, records, search.alpha)]
     fits.sort(key=lambda c: c.cost)
     factor = (1.0 - search.min_improvement) ** 2
@@ -212,7 +212,7 @@ class Intervals:
         known = (values > np.sqrt(np.diag(covariance))) | ~signed[self._inner]
         self._values = np.where(known & (values > 0.0), values, np.inf)
         order = np.argsort(-self._widths(covariance))
-        self._widest = order[: min(FACTOR, np.count_nonzero(np.isfinite(self._values)))]
+        self._widest = order[: min(FEW, np.count_nonzero(np.isfinite(self._values)))]
         self._is_open = search.verdict_ != "noise"
         self._asked = order if self._is_open else self._widest
 

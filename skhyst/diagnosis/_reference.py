@@ -36,7 +36,7 @@ from scipy.interpolate import make_smoothing_spline
 from sklearn.linear_model import Ridge
 
 from ..preprocessing import PlayOperators, find_column
-from ._constants import ENOUGH, FACTOR, NEGLIGIBLE, STRETCHES
+from ._constants import BOX_FOLDS, ENOUGH, NEGLIGIBLE, STRETCHES
 from ._criterion import paired_p_value
 from ._structure import moved, past_mean
 
@@ -70,9 +70,9 @@ class Reference:
 
     def _explained(self, signal):
         """Return the part of a signal that the reference explains, by cross-fitting."""
-        fold = np.arange(len(signal)) * STRETCHES // len(signal) % FACTOR
+        fold = np.arange(len(signal)) * STRETCHES // len(signal) % BOX_FOLDS
         found = np.empty(len(signal))
-        for number in range(FACTOR):
+        for number in range(BOX_FOLDS):
             train = np.flatnonzero(fold != number)
             train = train[:: max(len(train) // ENOUGH, 1)]
             # a light ridge: lagged features of a smooth reference are nearly collinear

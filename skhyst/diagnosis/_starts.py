@@ -7,7 +7,7 @@ import numpy as np
 
 from ..operators import split_disturbances
 from ..optimize import distribute_poles, pole_starts, variable_projection
-from ._constants import FACTOR, NOTICEABLE, TOLERANCE
+from ._constants import NOTICEABLE, RUNG, SEVERAL, TOLERANCE
 from ._edits import Beside, Insert
 
 
@@ -87,7 +87,7 @@ class Scene:
         Before the place ``first`` they are equal. Whether an output helps is measured by a fit of
         it together with the output of the present tree, with free gains and offset.
         """
-        if len(candidates) <= FACTOR**2:
+        if len(candidates) <= SEVERAL:
             return candidates
         records, signals = self.records, self.signals(first)
         rows = _some(records)
@@ -106,7 +106,7 @@ class Scene:
             together.append(-right @ np.linalg.lstsq(gram, right, rcond=None)[0])
             own, part = gram[:2, :2], right[:2]
             alone.append(-part @ np.linalg.lstsq(own, part, rcond=None)[0])
-        chosen = np.argsort(together, kind="stable")[: FACTOR**2].tolist()
+        chosen = np.argsort(together, kind="stable")[:SEVERAL].tolist()
         best = int(np.argmin(alone))
         return [candidates[i] for i in (chosen if best in chosen else [*chosen, best])]
 
@@ -156,7 +156,7 @@ def fed_as_before(tree, at, scene):
     records = [replace(r, y=u) for r, u in zip(scene.records, signals, strict=True)]
     before = tree.with_stages(tree.stages[: bent[0]])
     problem = before.problem(records)
-    solution = variable_projection(problem, problem.x0, tolerance=TOLERANCE, max_evaluations=FACTOR)
+    solution = variable_projection(problem, problem.x0, tolerance=TOLERANCE, max_evaluations=RUNG)
     fed = before.at(problem, solution.x).stages
     return tree.with_stages([*fed, *tree.stages[bent[0] :]])
 
@@ -221,6 +221,6 @@ def _some(records):
     rows, start = [], 0
     for record in records:
         own = np.concatenate([np.arange(a, b) for a, b in record.segments])
-        rows.append(start + own[::FACTOR])
+        rows.append(start + own[::3])
         start += len(record.u)
     return np.concatenate(rows)

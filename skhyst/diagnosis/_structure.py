@@ -39,8 +39,8 @@ from ..operators import play_basis, play_thresholds
 from ..records import by_interval, drive_period, repeats
 from ._constants import (
     BLOCKS,
+    BOX_FOLDS,
     ENOUGH,
-    FACTOR,
     LAGS,
     PLAYS,
     SHIFTS,
@@ -232,8 +232,8 @@ def _left_by_boxes(x, y, block, rng):
     """Return the held-out residual after ridge regression, and after ridge regression and trees."""
     left, scale = np.stack([y, y]), x.std(axis=0)  # of all: what moves where it is held out only
     x = x / np.where(scale > 0.0, scale, 1.0)
-    for fold in range(FACTOR):
-        test = block % FACTOR == fold
+    for fold in range(BOX_FOLDS):
+        test = block % BOX_FOLDS == fold
         train = np.flatnonzero(~test)
         if not test.any() or not len(train):
             continue
@@ -258,7 +258,7 @@ def _seen(records, residuals, predictions, rng, noise):
     total = sum(int(np.isfinite(r).sum()) for r in residuals)
     # correlated neighbours must be held out together: a run is no shorter than the correlation
     lasting, _ = block_length([r[rows] for r in residuals for rows in stretches(r)])
-    length = max(min(total, ENOUGH) // STRETCHES, min(lasting, total // FACTOR**2), 1)
+    length = max(min(total, ENOUGH) // STRETCHES, min(lasting, total // BOX_FOLDS**2), 1)
     every = max(total // ENOUGH, 1)  # one of so many runs is used
     features, target, innovations, block, ends = [], [], [], [], []
     start, count = int(rng.integers(every)), 0
@@ -356,7 +356,8 @@ def by_shifted_drive(records, residuals, predictions):
         if not len(known) or known[-1] - known[0] >= len(known):
             continue
         most, period = len(known) // 4, drive_period(record.u)
-        most = min(most, period // FACTOR) if period else most
+        # half a period later a symmetric drive is there again, with the other sign
+        most = min(most, period // 3) if period else most
         rows = np.arange(known[0] + most, known[-1] + 1 - most, every)
         found.append((r, rows, most, np.stack([column[rows] for column in columns], axis=1)))
     nothing = Trial(1.0, 1.0, None)

@@ -31,11 +31,11 @@ from ..optimize import (
     input_history_of,
 )
 from ..records import RecordSlice
-from ._constants import FACTOR, TOLERANCE
+from ._constants import BRIEF, TOLERANCE
 from ._edits import Divide, InsertAt
 from ._shortened import are_long
 
-BRIEFLY = VariableProjection(tolerance=TOLERANCE, max_evaluations=FACTOR**2)
+BRIEFLY = VariableProjection(tolerance=TOLERANCE, max_evaluations=BRIEF)
 
 
 def as_read(model, records):

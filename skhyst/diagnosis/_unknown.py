@@ -47,7 +47,7 @@ from ..optimize import coloured_covariance, predicted_cost
 from ..static import ARGUMENTS, UnknownTerm, UnknownTermOperator, smooth
 from ._candidates import Candidate, completed, held_out
 from ._changes import moves
-from ._constants import FACTOR
+from ._constants import FEW, RUNG, USUAL, WORSE
 from ._edits import Bias, Drive, Enrich, InsertAt
 from ._jobs import side_by_side
 from ._pictures import Picture
@@ -411,7 +411,7 @@ def _sought(base, data, criterion, n_tried, n_jobs, n_arguments=1):
     best = [(site, min(own, key=lambda c: c.predicted_cost)) for site, own in both]
     best = [(site, c) for site, c in best if c.predicted_cost < most]
     plays = sum(_follows_play(site.model) for site, _ in best)
-    near = FACTOR * min((c.predicted_cost for _, c in best), default=0.0)
+    near = WORSE * min((c.predicted_cost for _, c in best), default=0.0)
     best = [
         (site, _with_gap(c, site, scene.tree, records) if c.predicted_cost < near else c)
         for site, c in best
@@ -419,7 +419,7 @@ def _sought(base, data, criterion, n_tried, n_jobs, n_arguments=1):
     family += _TRIALS * plays
     jobs = [delayed(completed)(c, records, _budget(records)) for _, c in best]
     done, _ = side_by_side(jobs, n_jobs)
-    most = min([most, *(FACTOR * c.cost for c in done if c is not None)])
+    most = min([most, *(WORSE * c.cost for c in done if c is not None)])
     best = [(s, c) for (s, _), c in zip(best, done, strict=True) if c is not None and c.cost < most]
     jobs = [delayed(_settled)(c, s, scene.tree, records, folds) for s, c in best]
     done, _ = side_by_side(jobs, n_jobs)
@@ -681,7 +681,7 @@ def _candidate(tree, records):
 
 
 def _budget(records):
-    return FACTOR if are_long(records) else FACTOR**3
+    return RUNG if are_long(records) else USUAL
 
 
 def _settled(candidate, site, base, records, folds):
@@ -691,7 +691,7 @@ def _settled(candidate, site, base, records, folds):
     and its argument are known only with the loop closed. So the smoothness is found again at the
     solution, until its effective number of functions changes by less than one.
     """
-    for _ in range(FACTOR):
+    for _ in range(FEW):
         tree = candidate.structure
         _, independent = _errors(site, tree, records)
         before = site.make.part(tree)
@@ -863,7 +863,7 @@ def laws_of(term, data, criterion):
         if start.predicted_cost >= most:
             continue
         c = completed(start, records, budget)
-        if not c.cost < FACTOR * chosen.cost:
+        if not c.cost < WORSE * chosen.cost:
             continue
         c = held_out(c, records, folds)
         p_value = criterion.p_value(c, chosen)
