@@ -8,8 +8,6 @@ from scipy.optimize import nnls
 _LEAST = np.sqrt(np.finfo(float).tiny)  # norm of a column; below it, a column counts as zero
 _RIDGE = 1e-13  # relative to the scaled diagonal; keeps exactly collinear columns solvable
 _ROUNDING = 1e-12  # part of the largest unknown
-_GUESSES = 3  # sets of bounds that are tried before the multipliers tell
-_CLEAR = 1e-9  # part of the largest slope at zero that is no rounding
 
 
 def bounded_step(hessian, gradient, lower, upper):
@@ -19,8 +17,7 @@ def bounded_step(hessian, gradient, lower, upper):
     smallest ``|z|`` within the bounds. Lawson and Hanson, *Solving Least Squares Problems*, 1974,
     chapter 23, find it by one non-negative least squares problem, whose unknowns are the
     multipliers of the bounds: those that are not zero tell which bounds hold, and Cholesky factors
-    solve for the rest. Mostly those hold that ``s0`` is beyond, or the solution for the rest, which
-    the conditions of a minimum then confirm at a tenth of the cost.
+    solve for the rest.
 
     Parameters
     ----------
@@ -51,18 +48,6 @@ def bounded_step(hessian, gradient, lower, upper):
     s = -solve_definite(h, g)
     if ((low <= s) & (s <= high)).all():
         return s * inverse
-    at = np.where(s < low, low, np.where(s > high, high, np.nan))
-    for _ in range(_GUESSES):
-        free = np.isnan(at)
-        found = np.where(free, 0.0, at)
-        found[free] = -solve_definite(h[free][:, free], (g + h @ found)[free])
-        slope = g + h @ found
-        inwards = np.where(at == low, slope, -slope)  # by how much a way from the bound costs
-        wrong = ~free & (low < high) & (inwards < _CLEAR * np.abs(g).max())
-        below, above = free & (found < low), free & (found > high)
-        if not (wrong | below | above).any():
-            return found * inverse
-        at = np.where(below, low, np.where(above, high, np.where(wrong, np.nan, at)))
     at = _held(h, s, low, high)
     while True:
         free = np.isnan(at)
