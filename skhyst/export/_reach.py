@@ -1,8 +1,8 @@
 """Leave out the branches of a step that its input cannot reach, by interval arithmetic.
 
 A step is run on intervals instead of numbers: from the first state, for any input within its
-limits, until the intervals of the state no longer grow (Cousot and Cousot, *POPL*, 1977). A side of
-a condition that is not entered then is never entered.
+limits, until the intervals of the state no longer grow (Cousot and Cousot, *Symposium on Principles
+of Programming Languages*, 1977). A side of a condition that is not entered then is never entered.
 
 The intervals hold for fixed-point numbers, too. Rounding keeps zero, the sign of a number and the
 order of two numbers, and moves a number by at most 2^-49 of the largest operand: results are
