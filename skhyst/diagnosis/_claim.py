@@ -57,6 +57,13 @@ class Claim:
     columns: tuple
     words: Units
 
+    def counted(self):
+        """Return the claim with positions that the search has moved as parameters, with errors."""
+        if not self.structure.moved:
+            return self
+        structure, result = self.structure.counted(self.result, self.records)
+        return replace(self, structure=structure, result=result)
+
     @cached_property
     def edits(self):
         """The edits that put the effect into the model."""

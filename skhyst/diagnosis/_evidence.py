@@ -87,7 +87,7 @@ def _tried(what, make, claim, instead):
 
 
 def _numbers(claim):
-    return _of_parts(claim) if claim.operator else changes_by_number(claim)
+    return _of_parts(claim.counted()) if claim.operator else changes_by_number(claim)
 
 
 def _of_parts(claim):
@@ -142,7 +142,8 @@ def _characteristics(operator, seen):
 def _derived(operator, seen, free, covariance):
     """Yield (name, (value, standard error, unit)) of characteristics, errors to first order."""
     x, std = operator.pack(), np.sqrt(np.diag(covariance))
-    known = np.flatnonzero(np.isfinite(std) & (std > 0.0))
+    # an error below the rounding of its value makes no difference
+    known = np.flatnonzero(np.isfinite(std) & (std > np.spacing(np.abs(x[free]))))
     values, specs = _characteristics(operator, seen), operator.entries()
     slopes = {name: np.zeros(len(known)) for name in values}
     for column, i in enumerate(known):

@@ -556,12 +556,9 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         columns, self.evidence_ = list(getattr(self, "feature_names_in_", ())), {}
         if columns and self.reference is not None:
             del columns[column_of(self)]
-        structure = base.structure
-        if structure.moved and history:
-            structure, result = structure.counted(result, records)
         for row in history:
             effect = EFFECTS[row["effect"]]
-            own = structure, result, tuple(records), tuple(columns), self.units_
+            own = base.structure, result, tuple(records), tuple(columns), self.units_
             row["evidence"] = gather_evidence(
                 Claim(effect, *own), row["error_before"], row["error_after"]
             )
