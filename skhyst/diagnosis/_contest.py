@@ -361,6 +361,10 @@ class Contest:
         return has_its_name(name, margin, candidate.structure, records, self.criterion.alpha)
 
     def without(self, base, name):
+        """Return the best model that was found without one of the effects of a candidate."""
+        return self._least(self._taken_out(base, name))
+
+    def _taken_out(self, base, name):
         """Return a candidate without one of its effects, refitted and held out."""
         key = f"{self._set(base)} without {name}"
         if not self._is_done(key):
@@ -371,7 +375,7 @@ class Contest:
             else:  # the remaining effects may compensate for the removed one
                 reduced = self.renew(reduced, base, records)
             self._keep(key, [reduced])
-        return self._least(self.steps[key]["candidates"][0])
+        return self.steps[key]["candidates"][0]
 
     def _least(self, candidate):
         """Return the candidate of least error that was found with the same effects."""
@@ -418,7 +422,10 @@ class Contest:
         # the other effects at their values before the removal, where they compensate for nothing
         start = replace(reduced, structure=tree.without(name)) if tree.effects[1:] else reduced
         rivals = self.extended(start, fully=False) + self.extended(start, additive=True)
-        family = self.n_tried
+        family, own = self.n_tried, replace(base, effects=(name,))
+        if start is reduced:  # a name is no simpler because other parts have fewer terms
+            finer = self._taken_out(base, name).n_parameters - reduced.n_parameters
+            own = replace(own, n_parameters=base.n_parameters - finer)
         rivals = [
             c
             for c in rivals
@@ -428,11 +435,10 @@ class Contest:
             # noticeably
             and (
                 c.effects != (name,)
-                or c.n_parameters < base.n_parameters
+                or c.n_parameters < own.n_parameters
                 or self.criterion.matters(base, c)
             )
         ]
-        own = replace(base, effects=(name,))
         rivals.sort(key=lambda c: c.error)
         # the best rivals are identified from scratch, as the model was
         rivals = [

@@ -202,7 +202,7 @@ def tried(**errors):
     contest = contest_of()
     base = candidate("a", errors.pop("a"), n_parameters=3)
     reduced = candidate("", errors.pop("none"))
-    contest.without = lambda base, name: reduced
+    contest._taken_out = lambda base, name: reduced
     sizes = errors.pop("sizes", {})
     rivals = [candidate(n, e, n_parameters=sizes.get(n, 3)) for n, e in errors.items()]
     contest.extended = lambda start, fully=True, additive=False: [
@@ -237,7 +237,7 @@ def test_a_simpler_name_is_preferred_where_it_is_nested_and_not_rejected(known):
 
 def test_an_effect_that_is_not_what_its_name_says_goes_where_a_rival_is(known):
     contest = contest_of()
-    contest.without = lambda base, name: candidate("", 1.0)
+    contest._taken_out = lambda base, name: candidate("", 1.0)
     contest._refreshed = lambda c: c
     contest._has_its_name = lambda c, name: False
     contest._contains = lambda *_: True
@@ -268,7 +268,7 @@ def test_names_are_contested_until_they_stay(known):
 
 def test_a_rival_takes_the_place_of_what_the_noise_makes_where_something_is_needed(known):
     contest, errors = contest_of(), {"": 1.0, "p": 0.5, "o": 0.45}
-    contest.without = lambda base, name: candidate("", errors[""])
+    contest.without = contest._taken_out = lambda base, name: candidate("", errors[""])
     contest._keeps_names = contest._has_its_name = lambda *_: True
     contest._has_course = lambda c: c.effects != ("p",)
     contest.extended = lambda start, fully=True, additive=False: (

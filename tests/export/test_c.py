@@ -548,8 +548,8 @@ def of_branches(u, c, s):
 
 
 def of_secrets(u, c, s):
-    """Lead to a place of which nothing can be known from elsewhere."""
-    if u > 99.0:
+    """Lead to a place of which nothing can be known from elsewhere, and which no drive reaches."""
+    if u * u < u - 1.0:  # which intervals do not tell to be false for any number
         u = math.log(u - 95.0)
         x = u - 1.0
         return x * x
