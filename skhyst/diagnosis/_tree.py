@@ -403,7 +403,7 @@ class Tree:
     def _with_positions(self):
         """Return the tree with the moved positions of its terms as parameters."""
         tree = self
-        for at in (self.names.index(name) for name in set(self.moved)):
+        for at in (at for at, name in enumerate(self.names) if name in self.moved):
             for number in range(len(parts_with_resolution(self.operators[at]))):
                 _, part, put = parts_with_resolution(tree.operators[at])[number]
                 if part.resolution.holds_positions(part):

@@ -504,7 +504,9 @@ class UnknownTermOperator(Operator):
         for own in zip(kinds, *places, strict=True):
             law += own
         # the law has a place for what only some arguments remember
-        return CompiledLaw(unknown_term, tuple(law), state or (0.0,))
+        exact = "the time since a turn, which rounding of a slow drive shifts"
+        only = exact if "turn" in self.names else ""
+        return CompiledLaw(unknown_term, tuple(law), state or (0.0,), double_only=only)
 
 
 class UnknownTerm(ParametricModel):
