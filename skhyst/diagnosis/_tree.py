@@ -396,9 +396,14 @@ class Tree:
         These are the coefficients of each record and the positions that were moved.
         """
         beside = sum(np.size(disturbance.coefficients) for disturbance in self.disturbances)
-        moving = self._with_positions() if self.moved else self
-        positions = moving.root.n_parameters - self.root.n_parameters
-        return beside + positions + sum(map(np.size, self.input_history[:1]))
+        positions = sum(
+            np.count_nonzero(~part.resolution.stays(part))  # whatever its weights are
+            for name, operator in zip(self.names, self.operators, strict=True)
+            if name in self.moved
+            for _, part, _ in parts_with_resolution(operator)
+            if part.resolution.holds_positions(part)
+        )
+        return int(beside + positions + sum(map(np.size, self.input_history[:1])))
 
     def _with_positions(self):
         """Return the tree with the moved positions of its terms as parameters."""
