@@ -128,7 +128,18 @@ class IdentificationResult:
         return found
 
     def narrowed(self, wide):
-        """Return the result with the errors that its parameters have among those of a wider one."""
+        """Return the result with the standard errors of a result that has more parameters.
+
+        Parameters
+        ----------
+        wide : IdentificationResult
+            For the same response, with the parameters of this result among its own.
+
+        Returns
+        -------
+        IdentificationResult
+            With the parameters of this one.
+        """
         names = list(wide.params)
         at = [names.index(name) for name in self.params]
         at += range(len(names), len(wide.joint_covariance))
