@@ -195,7 +195,7 @@ def sanitized(folder, name, dtype, by_row=False):
 
 
 def in_integers(stepper, u, folder, name):
-    """Return the error within the range, its limit, whether input is held, and what is told.
+    """Return the error within the range, its limit, whether input is held, and what is reported.
 
     In between are the branches: those that its test takes, all, and the names of others.
     """

@@ -23,7 +23,7 @@ from ..model_selection import predicted_from
 from ..operators import Operator
 from ..optimize import with_input_history
 from ._candidates import held_out, refitted
-from ._constants import NOTICEABLE, SEVERAL
+from ._constants import NOTICEABLE, TURNS
 from ._tree import Tree, as_read
 
 
@@ -207,7 +207,7 @@ class BlackBox(Declared):
             start = Turn(box.targets, box.predictions, contestant, contestant.error, box.turns)
             train = [train for train, _ in self._folds]
             fall = 0.1 * NOTICEABLE if thorough else NOTICEABLE
-            last = self._backfitting.alternate(start, problem_of, refit, train, SEVERAL, fall)
+            last = self._backfitting.alternate(start, problem_of, refit, train, TURNS, fall)
             contestant = last.effects
             box = self._box(last.targets, last.predictions, last.number, records)
         return replace(contestant, box=box)

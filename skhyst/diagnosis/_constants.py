@@ -12,6 +12,8 @@ NEGLIGIBLE = 1e-7  # of the range: an error below that is rounding, and no effec
 RUNG = 3
 BRIEF, USUAL, THOROUGH = RUNG**2, RUNG**3, RUNG**4
 FEW, SEVERAL = 3, 9  # candidates that are looked at again: the last rungs of halving
+TURNS = 9  # at most, between the fits of a black box and of the effects
+SETTLING = 3  # fits at most, in which the smoothness of a term is found again
 WORSE = 3.0  # sum of squares, relative to the best: what is further away is not settled
 TOLERANCE = 1e-5  # relative change of the sum of squares; a claim is worth a few per cent
 # Samples in all, above which records are cut, and to how many. With independent noise, the gain of

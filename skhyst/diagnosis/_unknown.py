@@ -47,7 +47,7 @@ from ..optimize import coloured_covariance, predicted_cost
 from ..static import ARGUMENTS, UnknownTerm, UnknownTermOperator, smooth
 from ._candidates import Candidate, completed, held_out
 from ._changes import moves
-from ._constants import FEW, RUNG, USUAL, WORSE
+from ._constants import RUNG, SETTLING, USUAL, WORSE
 from ._edits import Bias, Drive, Enrich, InsertAt
 from ._jobs import side_by_side
 from ._pictures import Picture
@@ -691,7 +691,7 @@ def _settled(candidate, site, base, records, folds):
     and its argument are known only with the loop closed. So the smoothness is found again at the
     solution, until its effective number of functions changes by less than one.
     """
-    for _ in range(FEW):
+    for _ in range(SETTLING):
         tree = candidate.structure
         _, independent = _errors(site, tree, records)
         before = site.make.part(tree)

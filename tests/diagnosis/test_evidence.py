@@ -93,7 +93,7 @@ def test_every_claim_has_a_sentence_numbers_and_a_picture(effect):
 
 
 def test_a_dozen_samples_have_a_picture():
-    """Of what was identified: no line of so few is told from the noise."""
+    """Of what was identified: no line of so few is distinguished from the noise."""
     u = np.random.default_rng(0).normal(size=12).cumsum()
     y, _ = FirstOrderLagOperator(3.0).run(u, 1.0)
     search = EffectSearchCV(Gain(), effects=["lag"], cv=2, max_effects=1).fit(u[:, None], y)
