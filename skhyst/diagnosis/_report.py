@@ -15,7 +15,7 @@ import math
 import platform
 import re
 from dataclasses import asdict
-from functools import partial
+from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
 from typing import Self
 
@@ -973,8 +973,9 @@ def _drawn(name, display):
     return svg_text(draw, (_WIDTH, height), label)
 
 
-def _rendered(report, form):
-    """Return the page in a form; the error without Jinja2 says how to install it."""
+@cache
+def _template(form):
+    """Return the page's template in a form, and its script."""
     try:
         import jinja2
         import markupsafe
@@ -999,18 +1000,18 @@ def _rendered(report, form):
             return markupsafe.Markup(re.sub(r"(?<=\d) (?=%|×)", "\u00a0", text))
         return re.sub(r"([\\`*_\[\]<>|#])", r"\\\1", text)
 
-    environment.filters |= {
-        "said": said,
-        "error": partial(_error, report),
-        "looks": _looks,
-        "sure": _sure,
-        "not_told": _not_told,
-    }
+    environment.filters |= {"said": said, "looks": _looks, "sure": _sure, "not_told": _not_told}
     environment.filters |= {f.__name__: f for f in (chance, listed, number, percent, share)}
     script = environment.loader.get_source(environment, "pictures.js")[0]
+    return environment.get_template("report.j2"), script
+
+
+def _rendered(report, form):
+    """Return the page in a form; the error without Jinja2 says how to install it."""
+    template, script = _template(form)
     figures = {} if form == "markdown" else report.displays or {}
     return printable(
-        environment.get_template("report.j2").render(
+        template.render(
             r=report.to_dict(),
             form=form,
             figures={name: _drawn(name, display) for name, display in figures.items()},
@@ -1021,6 +1022,7 @@ def _rendered(report, form):
             kept=_kept(report) if report.held_out else "",
             is_full=_is_full(report.claims, report.settings),
             change=change,
+            error=partial(_error, report),
             plus_minus=plus_minus,
             script=script,
             script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),

@@ -391,6 +391,8 @@ def test_lists(capsys):
 def test_demo_finds_what_was_hidden(tmp_path, capsys, monkeypatch):
     few = partial(make_demo_recording, n_records=2)
     monkeypatch.setattr("skhyst.cli._demo.make_demo_recording", few)
+    hidden = {name: skhyst.diagnosis.EFFECTS[name] for name in SECRETS}
+    monkeypatch.setattr("skhyst.diagnosis._effects.EFFECTS", hidden)
     assert main(["demo", "--output", str(tmp_path / "demo"), "--jobs", "1", "--quiet"]) == 0
     printed = capsys.readouterr().out
     _, secret, _ = make_demo_recording(0, n_records=1)

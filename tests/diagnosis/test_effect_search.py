@@ -318,28 +318,31 @@ def test_the_declared_model_is_left_unfitted(found):
     assert search.declared_estimator_ is not search.estimator
 
 
-@pytest.mark.parametrize("effect", slow("lag", "periodic_disturbance"))
-def test_a_pickled_search_predicts_in_a_fresh_process(effect, tmp_path, found):
-    recording, search = found(effect, "prandtl_ishlinskii")
-    path = tmp_path / "search.pickle"
-    path.write_bytes(pickle.dumps((search, recording.X_test)))
+@pytest.mark.slow
+def test_pickled_searches_predict_in_a_fresh_process(tmp_path, found):
+    effects = "lag", "periodic_disturbance"
+    recordings, searches = zip(*(found(e, "prandtl_ishlinskii") for e in effects), strict=True)
+    path, rows = tmp_path / "searches.pickle", [recording.X_test for recording in recordings]
+    path.write_bytes(pickle.dumps(list(zip(searches, rows, strict=True))))
     code = (
         "import pickle, sys, numpy\n"
-        "search, X = pickle.load(open(sys.argv[1], 'rb'))\n"
-        "numpy.save(sys.argv[2], search.predict(X))\n"
-        "print(search.effects_[0], search.verdict_)\n"
+        "pairs = pickle.load(open(sys.argv[1], 'rb'))\n"
+        "numpy.savez(sys.argv[2], *(search.predict(X) for search, X in pairs))\n"
+        "for search, _ in pairs:\n"
+        "    print(search.effects_[0], search.verdict_)\n"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code, str(path), str(tmp_path / "prediction.npy")],
+        [sys.executable, "-c", code, str(path), str(tmp_path / "predictions.npz")],
         capture_output=True,
         text=True,
         check=True,
         cwd=tmp_path,
     )
-    assert done.stdout.split() == [effect, search.verdict_]
-    np.testing.assert_array_equal(
-        np.load(tmp_path / "prediction.npy"), search.predict(recording.X_test)
-    )
+    told = [f"{effect} {s.verdict_}" for effect, s in zip(effects, searches, strict=True)]
+    assert done.stdout.splitlines() == told
+    with np.load(tmp_path / "predictions.npz") as predictions:
+        for name, search, X in zip(predictions.files, searches, rows, strict=True):
+            np.testing.assert_array_equal(predictions[name], search.predict(X))
 
 
 # --------------------------------------------------------------------------- an effect of one's own

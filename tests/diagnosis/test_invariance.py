@@ -68,21 +68,16 @@ def test_the_effect_is_found(kind):
 
 
 @pytest.mark.parametrize("kind", SOME)
-def test_units_change_no_name_and_no_relative_error(kind):
-    X, y = (signal.copy() for signal in recording(kind))
-    X.index = y.index = X.index.set_levels(X.index.levels[1] * 1e3, level="time")
-    assert_same(search(kind, 1e3 * X, 1e-6 * y), found(kind), unit=1e-6)
-
-
-@pytest.mark.parametrize("kind", SOME)
-def test_the_order_of_records_changes_nothing(kind):
-    first = found(kind)
+def test_units_and_the_order_of_records_change_no_name_and_no_relative_error(kind):
+    """Both at once: what changes with one of them changes with both."""
+    first, unit = found(kind), 1e-6
     X, y = (pd.concat([own.loc[[k]] for k in (3, 0, 4, 2, 1)]) for own in recording(kind))
-    other = search(kind, X, y)
-    assert_same(other, first)
+    X.index = y.index = X.index.set_levels(X.index.levels[1] * 1e3, level="time")
+    other = search(kind, 1e3 * X, unit * y)
+    assert_same(other, first, unit)
     pairs = zip(*(sorted(s.records_, key=lambda r: r.label) for s in (other, first)), strict=True)
     for own, s in pairs:
-        residuals = other.residual_after_[own.rows], first.residual_after_[s.rows]
+        residuals = other.residual_after_[own.rows] / unit, first.residual_after_[s.rows]
         np.testing.assert_allclose(*residuals, atol=1e-4 * first.error_after_)
 
 

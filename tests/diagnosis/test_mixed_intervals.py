@@ -79,17 +79,23 @@ def search(kind, every, **options):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("kind", "truth"),
+    ("kind", "truth", "options"),
     [
         (
             "resonance",
             {"natural frequency": (OMEGA / (2 * np.pi), "Hz"), "damping ratio": (ZETA, "")},
+            {},
         ),
-        ("lag", {"time constant": (TAU, "s")}),
+        (
+            "lag",
+            {"time constant": (TAU, "s")},
+            # which cuts records of both intervals
+            {"cv": BlockedTimeSeriesSplit(3, staggered=True), "effects": ["lag", "delay", "offset"]},
+        ),
     ],
 )
-def test_the_effect_and_its_numbers_are_those_of_the_plant(kind, truth):
-    mixed = search(kind, MIXED)
+def test_the_effect_and_its_numbers_are_those_of_the_plant(kind, truth, options):
+    mixed = search(kind, MIXED, **options)
     assert mixed.effects_ == [kind]
     assert sorted({record.dt for record in mixed.records_}) == [DT, 2 * DT]
     for name, (value, unit) in truth.items():
@@ -136,13 +142,6 @@ def test_a_line_is_found_whatever_record_comes_first():
         model = PeriodicDisturbance().fit(*stack_records(pairs))
         found = model.operator_.stages[1].frequencies[0]
         assert found == pytest.approx(line, abs=0.01)
-
-
-@pytest.mark.slow
-def test_a_splitter_cuts_them_too():
-    cv = BlockedTimeSeriesSplit(3, staggered=True)
-    found = search("lag", MIXED, cv=cv, effects=["lag", "offset"])
-    assert found.effects_ == ["lag"]
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import FirstOrderLag
 
 DT, N, FINE, NOISE, SKEW = 0.01, 800, 20, 2e-3, 8e-4
-THRESHOLDS, WEIGHTS = np.array([0.0, 0.5, 1.2]), np.array([1.0, 0.5, 0.4])
+THRESHOLDS, WEIGHTS = [0.0, 0.5, 1.2], [1.0, 0.5, 0.4]
 
 
 def recording(delay, skew, seed=0):
@@ -58,10 +58,12 @@ def test_a_response_that_is_early_makes_no_lag_of_its_corners():
     ys = []
     for i, u in X["u"].groupby(level="record"):
         fine = np.interp(np.arange(N * FINE) / FINE, np.arange(N), u.to_numpy())
-        plays, y = np.zeros(3), np.empty(len(fine))
-        for k, value in enumerate(fine):
-            plays = np.clip(plays, value - THRESHOLDS, value + THRESHOLDS)
-            y[k] = plays @ WEIGHTS
+        y = np.zeros(len(fine))
+        for threshold, weight in zip(THRESHOLDS, WEIGHTS, strict=True):
+            play = 0.0
+            for k, value in enumerate(fine.tolist()):
+                play = min(max(play, value - threshold), value + threshold)
+                y[k] += weight * play
         early = y[np.minimum(np.arange(N) * FINE + 9, len(y) - 1)]
         noise = 0.1 * NOISE * np.random.default_rng([7, i]).normal(size=N)
         ys.append(pd.Series(early + noise, u.index))
