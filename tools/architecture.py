@@ -138,7 +138,7 @@ class Module:
     def imports(self, everywhere=False):
         """Return module and name (None for a whole module) of each import of skhyst."""
         found = []
-        for node in ast.walk(self.tree) if everywhere else outside_functions(self.tree):
+        for node in statements(self.tree, everywhere):
             if isinstance(node, ast.Import):
                 found += [(alias.name, None) for alias in node.names if is_own(alias.name)]
             elif isinstance(node, ast.ImportFrom):
@@ -160,13 +160,15 @@ def is_own(name):
     return name.split(".")[0] == "skhyst"
 
 
-def outside_functions(tree):
-    """Yield the nodes that run when a module is imported."""
-    for node in ast.iter_child_nodes(tree):
-        for_types = isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
-        if not (for_types or isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)):
-            yield node
-            yield from outside_functions(node)
+def statements(node, everywhere):
+    """Yield the statements in a node: all, or those that run when a module is imported."""
+    for own in ast.iter_child_nodes(node):
+        if not isinstance(own, ast.stmt | ast.ExceptHandler | ast.match_case):
+            continue  # no expression imports
+        for_types = isinstance(own, ast.If) and ast.unparse(own.test) == "TYPE_CHECKING"
+        if everywhere or not (for_types or isinstance(own, ast.FunctionDef | ast.AsyncFunctionDef)):
+            yield own
+            yield from statements(own, everywhere)
 
 
 @cache

@@ -89,8 +89,10 @@ def search(kind, every, **options):
         (
             "lag",
             {"time constant": (TAU, "s")},
-            # which cuts records of both intervals
-            {"cv": BlockedTimeSeriesSplit(3, staggered=True), "effects": ["lag", "delay", "offset"]},
+            {  # a splitter cuts records of both intervals
+                "cv": BlockedTimeSeriesSplit(3, staggered=True),
+                "effects": ["lag", "delay", "offset"],
+            },
         ),
     ],
 )
