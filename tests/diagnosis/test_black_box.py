@@ -41,10 +41,12 @@ def drives(seed, count=RECORDS):
 
 def loops(u):
     """Return plays of widths 0.3 and 0.8 beside the drive."""
-    y, plays = np.empty_like(u), np.zeros(2)
-    for k, value in enumerate(u):
-        plays = np.clip(plays, value - [0.3, 0.8], value + [0.3, 0.8])
-        y[k] = value + plays @ [0.5, 0.4]
+    y = u.copy()
+    for width, weight in ((0.3, 0.5), (0.8, 0.4)):
+        play = 0.0
+        for k, value in enumerate(u.tolist()):
+            play = min(max(play, value - width), value + width)
+            y[k] += weight * play
     return y
 
 

@@ -41,7 +41,7 @@ def in_loop(rng, correlation, *, n=N, level=0.05, top=np.inf, speed=0.5, width=3
     for t in range(n):
         drive[t] = command
         y[t] = min(GAIN * command, top) + noise[t]
-        command = np.clip(command + speed / GAIN * (reference[t] - y[t]), -2.0, 2.0)
+        command = min(max(command + speed / GAIN * (reference[t] - y[t]), -2.0), 2.0)
     return np.column_stack([drive, reference]), y
 
 
