@@ -6,7 +6,8 @@ A plant is a curve of its drive. Declared is that curve with a gain and a consta
 response, so that nothing but noise is left, or one thing that is missing: creep, a play, heat,
 ageing, a curve, a gain that steps, an input that was not recorded. What the fit leaves of it is 1.5
 to 30 times the noise, log-uniform; drives are multisines, triangles of several heights, filtered
-noise and staircases, of 2 to 8 periods; ``--periods 8 80`` are drives that are fast for the noise. The verdict is `skhyst.diagnosis`'s, before any search.
+noise and staircases, of 2 to 8 periods; ``--periods 8 80`` are drives that are fast for the noise.
+The verdict is `skhyst.diagnosis`'s, before any search.
 Seeds from 0 on were for settling its figures, those from 100,000 on are for what is reported.
 """
 
