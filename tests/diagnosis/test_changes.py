@@ -52,12 +52,13 @@ from skhyst.linear import (
     Gain,
     GainOperator,
     KelvinVoigt,
+    KelvinVoigtOperator,
     SecondOrderMode,
     SecondOrderModeOperator,
     TransferFunction,
     TransferFunctionOperator,
 )
-from skhyst.optimize import RecordData
+from skhyst.optimize import RecordData, variable_projection
 from skhyst.static import Fold, Saturation, SaturationOperator, SmoothCurve
 
 DT = 0.01
@@ -210,6 +211,17 @@ def test_a_curve_comes_to_every_joint_but_its_own():
     assert set(inner) == {(lags[0], "effect", lags[1])}
     early = {tree.names for tree in found_by(AtJoints(KelvinVoigt(1)), "plays, mode")}
     assert early == {("effect", *trees()["plays, mode"].names)}
+
+
+def test_creep_of_the_drive_of_plays_is_found():
+    u = 2.0 * np.repeat(np.random.default_rng(0).uniform(-1.0, 1.0, 8), 40)
+    creep = KelvinVoigtOperator(np.array([0.2]), np.array([0.15]))
+    y = trees()["plays"].run([RecordData(creep.run(u, DT)[0], u, DT)])[0]
+    records, costs = [RecordData(u, y, DT)], []
+    for tree in found_by(AtJoints(KelvinVoigt(1)), "plays", records):
+        problem = tree.problem(records)
+        costs.append(variable_projection(problem, problem.x0).cost)
+    assert min(costs) < 1e-8 * np.sum(np.square(y))
 
 
 @pytest.mark.parametrize("number", [0, 1, 2, 3, 4])
