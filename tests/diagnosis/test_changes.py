@@ -214,7 +214,7 @@ def test_a_curve_comes_to_every_joint_but_its_own():
 
 
 def test_creep_of_the_drive_of_plays_is_found():
-    u = 2.0 * np.repeat(np.random.default_rng(0).uniform(-1.0, 1.0, 8), 40)
+    u = 2.0 * np.repeat(np.random.default_rng(0).uniform(-1.0, 1.0, 6), 20)
     creep = KelvinVoigtOperator(np.array([0.2]), np.array([0.15]))
     y = trees()["plays"].run([RecordData(creep.run(u, DT)[0], u, DT)])[0]
     records, costs = [RecordData(u, y, DT)], []
