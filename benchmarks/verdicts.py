@@ -1,12 +1,13 @@
 """Count the verdicts on residuals of known making: noise, or structure of known size beside it.
 
-    python benchmarks/verdicts.py [--runs 6] [--first 100000]
+    python benchmarks/verdicts.py [--runs 6] [--first 100000] [--periods 2 8]
 
 A plant is a curve of its drive. Declared is that curve with a gain and a constant, fitted to the
 response, so that nothing but noise is left, or one thing that is missing: creep, a play, heat,
 ageing, a curve, a gain that steps, an input that was not recorded. What the fit leaves of it is 1.5
 to 30 times the noise, log-uniform; drives are multisines, triangles of several heights, filtered
-noise and staircases, of 2 to 8 periods. The verdict is `skhyst.diagnosis`'s, before any search.
+noise and staircases, of 2 to 8 periods; ``--periods 8 80`` are drives that are fast for the noise.
+The verdict is `skhyst.diagnosis`'s, before any search.
 Seeds from 0 on were for settling its figures, those from 100,000 on are for what is reported.
 """
 
@@ -24,12 +25,13 @@ from skhyst.hysteresis import BacklashOperator
 from skhyst.optimize import RecordData
 
 N = 1500
+PERIODS = 2.0, 8.0
 CRITERION = Criterion(alpha=0.01, min_improvement=0.05)
 
 
-def drive(rng):
-    """Draw a drive of 2 to 8 periods between about -1 and 1."""
-    periods, t = rng.uniform(2.0, 8.0), np.arange(N) / N
+def drive(rng, periods=PERIODS):
+    """Draw a drive between about -1 and 1, of a number of periods between two."""
+    periods, t = rng.uniform(*periods), np.arange(N) / N
     kind = rng.integers(4)
     if kind == 0:
         parts = [np.sin(2 * np.pi * (periods * k * t + rng.random())) / k for k in (1, 1.618, 2.3)]
@@ -58,7 +60,7 @@ def noise(law, rng):
     return lfilter([np.sqrt(1.0 - a * a)], [1.0, -a], white)[-N:]
 
 
-def missing(kind, u, rng):
+def missing(kind, u, rng, periods):
     """Return what the declared model lacks, of any size."""
     n = np.arange(N)
     if kind == "creep":
@@ -77,17 +79,17 @@ def missing(kind, u, rng):
         return u * (n > N * rng.uniform(0.3, 0.7))
     if kind == "hidden input":
         return np.sin(2 * np.pi * (rng.uniform(1.5, 12.0) * n / N + rng.random()))
-    return drive(rng)  # a hidden drive
+    return drive(rng, periods)  # a hidden drive
 
 
 NULLS = ("white", "AR 0.5", "AR 0.9", "1/f")
 KINDS = ("creep", "play", "heat", "ageing", "curve", "gain step", "hidden input", "hidden drive")
 
 
-def judged(name, seed):
+def judged(name, seed, periods=PERIODS):
     """Return the judgement of a run, and the true noise."""
     rng = np.random.default_rng([seed, (*NULLS, *KINDS).index(name)])
-    u = drive(rng)
+    u = drive(rng, periods)
     size, plant = 10.0 ** rng.uniform(-3.0, -1.0), u + 0.3 * np.tanh(2.0 * u)
     columns = np.stack([plant, np.ones(N)], axis=1)
 
@@ -97,7 +99,7 @@ def judged(name, seed):
     own = size * noise(name if name in NULLS else "white", rng)
     y = plant + own
     if name in KINDS:
-        lacking = left(missing(name, u, rng))
+        lacking = left(missing(name, u, rng, periods))
         y = y + lacking / lacking.std() * size * np.exp(rng.uniform(np.log(1.5), np.log(30.0)))
     r = left(y)
     found = judge_residual([RecordData(u, y, 1.0)], [r], [y - r], rng, CRITERION)
@@ -109,6 +111,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=6, help="of each kind")
     parser.add_argument("--first", type=int, default=100_000, help="seed")
+    parser.add_argument("--periods", type=float, nargs=2, default=PERIODS, help="of a drive")
     parser.add_argument("--only", nargs="*", default=[*NULLS, *KINDS])
     parser.add_argument("--verbose", action="store_true")
     options = parser.parse_args()
@@ -116,7 +119,7 @@ def main():
     print(f"{'left is':14s} noise  unexplained  undetermined  floor/true  ceiling/true  between")
     with threadpool_limits(limits=1):
         for name in options.only:
-            runs = [judged(name, options.first + k) for k in range(options.runs)]
+            runs = [judged(name, options.first + k, options.periods) for k in range(options.runs)]
             count = Counter(found.verdict for found, _ in runs)
             floor = np.array([found.floor / true for found, true in runs])
             ceiling = np.array([found.ceiling / true for found, true in runs])

@@ -29,7 +29,7 @@ from ..linear import DynamicStiffnessOperator, GainOperator, TransferFunction
 from ..operators import Scaled as ModulatedBy
 from ..operators import SumOperator, bare, is_straight, of_columns, snake_case
 from ..optimize import identify, predicted_cost, variable_projection
-from ._constants import ENOUGH, FULL, KNEE, NOTICEABLE, TANKS, TOLERANCE, USUAL
+from ._constants import ENOUGH, FULL, NOTICEABLE, TOLERANCE, USUAL
 from ._edits import (
     AddForce,
     Begin,
@@ -183,7 +183,8 @@ def moves(linear):
 class AtJoints:
     """A model at the joints of the series, other than the one of its stage order.
 
-    With ``inner``, only at joints between two stages.
+    With ``inner``, only at joints between two stages. Linear dynamics commute: they are tried once
+    between two parts that are not linear.
     """
 
     model: object
@@ -191,15 +192,27 @@ class AtJoints:
 
     def trees(self, name, scene):
         tree, found = scene.tree, []
-        usual = tree.position(self.model.stage_order)
+        seen = [tree.position(self.model.stage_order)]
         ends = range(int(tree.multi_input), len(tree.stages) + 1)
         for at in range(1, len(tree.stages)) if self.inner else ends:
-            if at != usual:
-                place = tree.names[at - 1] if at else None
-                starts = driven_starts(self.model, scene.records_at(at))
-                edits = [InsertAt(place, self.model, start) for start in starts]
-                found += scene.promising([tree.edited(name, edit) for edit in edits], at)
+            if at in seen or (self._is_linear and any(_commute(tree, at, own) for own in seen)):
+                continue
+            seen.append(at)
+            place = tree.names[at - 1] if at else None
+            starts = driven_starts(self.model, scene.records_at(at))
+            edits = [InsertAt(place, self.model, start) for start in starts]
+            found += scene.promising([tree.edited(name, edit) for edit in edits], at)
         return found
+
+    @property
+    def _is_linear(self):
+        return self.model.operator_class.signal_linear
+
+
+def _commute(tree, at, other):
+    """Whether linear dynamics have the same effect at two joints of the series."""
+    between = tree.operators[min(at, other) : max(at, other)]
+    return all(operator.signal_linear for operator in between)
 
 
 @dataclass(frozen=True)
@@ -294,10 +307,12 @@ class Knee:
         if at < len(tree.stages) or (tree.model.reads_columns and not tree.multi_input):
             return inserted(name, self.model, scene)
         found = []
-        for start in driven_starts(self.model, [replace(r, u=r.y) for r in scene.records]):
-            reach = max(float(np.abs(r.y - start.center).max()) for r in scene.records)
-            # the level has to lie above the largest response
-            start = replace(start, level=start.level + (reach or 1.0) * KNEE)
+        starts = driven_starts(self.model, [replace(r, u=r.y) for r in scene.records])
+        lowest = min(start.level for start in starts)
+        for start in starts:
+            reach = max(float(np.abs(r.y - start.center).max()) for r in scene.records) or 1.0
+            # all levels have to lie above the largest response
+            start = replace(start, level=start.level / lowest * reach / FULL)
             grown = _refitted_to([_before(r, start) for r in scene.records], tree)
             found.append(grown.edited(name, Insert(self.model, start)))
         return scene.promising(found, 0)
@@ -367,7 +382,7 @@ class InStages:
         for at, (place, operator) in enumerate(tree.stages):
             old = tree.models[at]
             rates = lag_rates(operator) if hasattr(operator, "with_poles") else []
-            if not 0 < len(rates) <= TANKS:
+            if not rates:
                 continue
             model = TankChain(
                 len(rates),

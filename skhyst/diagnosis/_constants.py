@@ -18,17 +18,17 @@ WORSE = 3.0  # sum of squares, relative to the best: what is further away is not
 TOLERANCE = 1e-5  # relative change of the sum of squares; a claim is worth a few per cent
 # Samples in all, above which records are cut, and to how many. With independent noise, the gain of
 # an effect that removes the fraction p of the squared error has the relative standard deviation
-# sqrt(2 / (p n)): 6 % for the least gain that is claimed by default.
+# sqrt(2 / (p n)): 4.5 % for the least gain that is claimed by default, p = 1 - 0.95^2.
 ENOUGH = 10_000
-MOST = 0.8  # of a whole record's range or mean power, that its first part must have
+# Of a whole record's range, and of its root mean square residual, that its first part must have.
+MOST = 1.0 - NOTICEABLE
 REWEIGHTED = 2  # fits before the first round: the first weights come from an unweighted fit
 
 # ---- definitions of effects. Where a name begins and ends is a convention; these are ours.
-FLAT = 0.25  # largest slope of a saturating curve at an end, relative to the centre
-HARD = 5.0  # shape of a Bouc-Wen force beyond which it follows the motion like a spring
+# A curve saturates beyond its knee point, where an output that is 10 % larger takes an input that
+# is 50 % larger: the definition for magnetic cores (IEC 61869-2).
+FLAT = 0.1 / 0.5
 REPEATS = 2.0  # periods of a sinusoid in the longest record, at least; a slower one is a drift
-TANKS = 3  # in series, at the most
-KNEE = 0.6  # of the largest response, added to a knee's starting levels
 FULL = 0.98  # of the level of a knee: its inverse is well conditioned up to there
 
 # ---- the black box that bounds the noise
@@ -42,11 +42,16 @@ TREES = {  # few and small: enough to detect structure, not to describe it
     "min_samples_leaf": 40,
     "early_stopping": False,
 }
-PLAYS = 5  # of the drive, evenly spaced
+# Plays of the drive, evenly spaced. Straight lines between n thresholds follow a branch that is a
+# parabola (Rayleigh's law) to 1 / (2 n)^2 of its height: five to 1 %.
+PLAYS = 5
 SHIFTS = 200  # of the drive in both directions: p-values down to half a per cent
 DRAWS = 100  # of noise on the drive: its power is then known to about a seventh
 
 # ---- repetitions
-BLOCKS = 16  # of the difference between two repetitions
-TRANSIENT = 2.0  # power of a block over the typical one, above which it is the transient
-SLOW = 3  # degree of the drift between them
+# Blocks of the difference between two repetitions. Where it is stationary, each of them is the
+# strongest equally often, so that a sixteenth of it is taken for a transient in one of 16.
+BLOCKS = 16
+# Degree of the drift between them. A cubic leaves 1 % of the power of a sine whose period is the
+# record, and less of a slower one.
+SLOW = 3

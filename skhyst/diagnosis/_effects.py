@@ -285,7 +285,7 @@ _BUILT_IN = (
     ),
     Effect(
         "lag",
-        lambda: [FirstOrderLag(), SecondOrderMode()],
+        lambda: [FirstOrderLag(), SecondOrderMode(), AtJoints(FirstOrderLag())],
         "A low-pass of first or second order, without a peak, delays and attenuates fast motion.",
         "Sweep to higher frequency: gain and phase fall together.",
         picture="frequency",
@@ -358,7 +358,7 @@ _BUILT_IN = (
     ),
     Effect(
         "creep",
-        lambda: [KelvinVoigt(n) for n in (1, 2, 3)],
+        lambda: [*(KelvinVoigt(n) for n in (1, 2, 3)), AtJoints(KelvinVoigt(1))],
         "The response goes on relaxing after each change of the drive, over decades of time.",
         "Step and rest: hold the drive for much longer than the slowest motion seen so far.",
         picture="relaxation",

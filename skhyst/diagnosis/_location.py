@@ -35,8 +35,6 @@ _COLUMNS = ["by", "record", "low", "high", "unit", "share", "concentration"]
 _COLUMNS += ["concentration_low", "concentration_high"]
 _LEVEL = 0.95
 _TENTHS = 10
-_STRONG = 1.5  # times the mean power
-_LEAST = 0.5  # of the samples, that have to remain in a fit without a part
 
 
 def locate(slices, drive, residual, units):
@@ -78,8 +76,8 @@ def locate(slices, drive, residual, units):
 
 def strongest(table):
     """Return the row of largest concentration of each ``by``, where it is beyond chance."""
-    strong = table["concentration"] > _STRONG
-    return table[strong & (table["concentration_low"] > 1.0)].groupby("by", sort=False).head(1)
+    strong = table["concentration_low"] > 1.0 + NOTICEABLE
+    return table[strong].groupby("by", sort=False).head(1)
 
 
 def parameters_without(tree, slices, records, drive, table, result, alpha):
@@ -115,7 +113,7 @@ def parameters_without(tree, slices, records, drive, table, result, alpha):
                 inside &= place["record"] == name
             weighed.append(replace(record, weights=record.counts() * ~inside))
         left, whole = (sum(r.counts().sum() for r in own) for own in (weighed, records))
-        if left < _LEAST * whole:
+        if 2.0 * left < whole:  # it would be a fit of another part, not of the rest
             continue
         _, found = tree.fitted(weighed, slices)
         for name, value in found.params.items():

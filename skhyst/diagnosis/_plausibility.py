@@ -13,7 +13,7 @@ from scipy.stats import norm
 from ..noise import largest_noise
 from ..operators import parts_with_resolution
 from ..records import near_period
-from ._constants import FLAT, HARD, NOTICEABLE, REPEATS
+from ._constants import FLAT, NOTICEABLE, REPEATS
 from ._traits import n_ringing, presliding_displacement
 from ._turns import turns
 
@@ -196,11 +196,15 @@ def varies_in_rate(operator, motion, records):
 
 
 def levels_off(operator, motion, records):
-    """Return by how much a rounded curve is flatter than required at an end of the motion."""
+    """Return by how much a rounded curve is beyond its knee point at an end of the motion.
+
+    Of :math:`y = v / (1 + |v / L|^n)^{1/n}`, the slope over the chord, :math:`(dy/dv) / (y/v)`, is
+    :math:`1 - |y / L|^n`.
+    """
     if not hasattr(operator, "knee"):
         return np.inf
     reached = min(np.abs(motion - operator.center).max() / operator.level, 1.0)
-    return FLAT - (1.0 - reached**operator.knee) ** (1.0 + 1.0 / operator.knee)  # dy/du, from y
+    return FLAT - (1.0 - reached**operator.knee)
 
 
 def goes_on(operator, motion, records):
@@ -279,10 +283,14 @@ def slides(operator, motion, records):
 
 
 def remembers(operator, motion, records):
-    """Return how well the displacement over which a force builds up is resolved."""
-    soft = HARD - abs(getattr(operator, "shape", 0.0))
-    way = presliding_displacement(operator)
-    return soft if way is None else min(soft, np.log(way / (0.2 * NOTICEABLE * np.ptp(motion))))
+    """Return how well the displacement over which a force builds up is resolved.
+
+    Where the force builds up from one sample to the next, it is Coulomb friction.
+    """
+    way, moves = presliding_displacement(operator), np.abs(np.diff(motion))
+    if way is None or not moves.any():
+        return np.inf
+    return np.log(way / moves[moves > 0.0].mean())
 
 
 def stops(operator, motion, records):

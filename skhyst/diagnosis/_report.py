@@ -130,7 +130,8 @@ class Report:
         ``after``, of the records of each sampling ``interval`` (s), one after the other.
     location, declared_location : list of dict
         Where the residual, and that of the declared model, is largest: the record, time, drive,
-        rate and frequency at which its mean power is more than 1.5 times the mean of the whole.
+        rate and frequency at which its mean power is noticeably above the mean of the whole,
+        beyond chance.
     failed : list of dict
         Candidates that raised an error: round, effect, error.
     verdict_reason : str

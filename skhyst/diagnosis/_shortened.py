@@ -55,7 +55,7 @@ def _first_part(record, residual, share):
         power *= record.weights
     known = np.cumsum(np.isfinite(residual))
     power = np.cumsum(power)
-    least = MOST * power[-1] / max(known[-1], 1)
+    least = MOST**2 * power[-1] / max(known[-1], 1)
     stop = max(int(share * n), len(record.segments))
     while stop < n and power[stop - 1] < least * known[stop - 1]:
         stop *= 2

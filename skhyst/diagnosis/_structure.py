@@ -46,7 +46,6 @@ from ._constants import (
     SHIFTS,
     SLOW,
     STRETCHES,
-    TRANSIENT,
     TREES,
 )
 from ._criterion import paired_p_value
@@ -138,7 +137,7 @@ def _settled(difference):
         rest = difference - _slow(difference)
         size = max(len(difference) // BLOCKS, 1)
         blocks = [np.mean(np.square(rest[k : k + size])) for k in range(0, len(rest), size)]
-        if len(blocks) < 4 or blocks[0] <= TRANSIENT * max(np.median(blocks[1:]), rounding):
+        if len(blocks) < 4 or blocks[0] <= max(*blocks[1:], rounding):
             break
         difference = difference[size:]
     return float(rest @ rest), max(len(rest) - SLOW - 1, 0)

@@ -14,7 +14,11 @@ the held-out error, or the part of it that a black box does not predict.
    It can be noise on these conditions. Its spectrum falls with an exponent below 2: the power of an
    integrated signal, such as drift or creep, grows without bound with the record. Its correlation
    falls to 1/e within a fifth of the drive's period: a response changes as the drive does, that to
-   a sine within 0.19 of its period. It is less than three times its innovations: a larger ratio
+   a sine within 0.19 of its period. Or the record is at least 90 times as long as this correlation:
+   then structure would have been found. The fraction s of the power, in m independent pieces, gives
+   a mean T of :math:`\sqrt{m s / (1 - s)} / 2` in the test of ``_criterion``, and a dozen trials at
+   the level of 1 % find half of the power with a probability of 95 % from
+   :math:`m = (2 (3.1 + 1.6))^2` on. It is less than three times its innovations: a larger ratio
    resembles a smooth misfit with a little noise (for a first-order process, a correlation of 0.94
    per sample). A black box predicts less of it than matters, even by chance. And the held-out error
    is less than three times that of the fit, both in blocks and in whole records within the range of
@@ -42,6 +46,7 @@ from ._turns import turns
 
 LARGEST_EXPONENT = 2.0  # of the spectrum: that of integrated white noise
 CORRELATED = 0.2  # of the drive's period
+PIECES = 90  # correlation lengths of a record, in which structure as large as noise is found
 PREDICTABLE = 3.0  # largest ratio of noise to its innovations
 
 
@@ -198,9 +203,9 @@ def _against_noise(records, residuals, noise, size):
     """Yield the reasons why residuals of this size can hardly be noise."""
     if noise.law == "power_law" and noise.coefficient >= LARGEST_EXPONENT:
         yield f"its spectrum falls as f^-{noise.coefficient:.2f}"
-    correlated = noise.correlation_length(max(int(np.isfinite(r).sum()) for r in residuals))
-    period = _drive_period(records)
-    if correlated > CORRELATED * period:
+    counts = [int(np.isfinite(r).sum()) for r in residuals]
+    correlated, period = noise.correlation_length(max(counts)), _drive_period(records)
+    if correlated > max(CORRELATED * period, sum(counts) / PIECES):
         yield f"it is correlated over {correlated:.3g} samples, the drive's period is {period:.3g}"
     innovations = _innovation_size(noise, residuals)
     if size >= PREDICTABLE * innovations:

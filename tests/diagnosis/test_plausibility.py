@@ -200,8 +200,8 @@ def test_a_line_that_some_record_tells_from_the_drive_is_its_own():
 
 @pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
 def test_margins_of_friction_are_ways_over_the_motion(unit):
-    """It slides within a twentieth of the motion; a hundredth of it is resolved."""
-    motion = unit * np.array([-2.0, 3.0, 1.0])
+    """It slides within a twentieth of the motion; what a sample's motion passes is not resolved."""
+    motion = unit * np.r_[np.linspace(-2.0, 3.0, 101), 3.0, np.linspace(3.0, 1.0, 41)]
 
     def names(way):
         operator = LuGreOperator(way * 5.0 * unit, 1.0, 0.5, 1.0)
@@ -213,8 +213,7 @@ def test_margins_of_friction_are_ways_over_the_motion(unit):
     assert names(0.049) == (True, True)
     assert names(0.051) == (False, True)
     assert slides(GainOperator(), motion, []) == np.inf
-    for shape, soft in ((4.9, True), (-4.9, True), (5.1, False), (-5.1, False)):
-        assert (remembers(SimpleNamespace(shape=shape, children=()), motion, []) > 0.0) == soft
+    assert remembers(GainOperator(), motion, []) == np.inf
 
 
 def test_a_curve_that_does_not_level_off_bends():

@@ -13,13 +13,13 @@ from skhyst.diagnosis import EFFECTS, _contest, _open_questions, _structure
 from skhyst.diagnosis._candidates import Candidate
 from skhyst.diagnosis._changes import Folded, Scaled, UnderWay, _before, _differ, _levels
 from skhyst.diagnosis._claim import Claim
-from skhyst.diagnosis._constants import FLAT, FULL, LAGS, PLAYS, REPEATS, SLOW
+from skhyst.diagnosis._constants import FULL, LAGS, PLAYS, REPEATS, SLOW
 from skhyst.diagnosis._contest import Contest
 from skhyst.diagnosis._criterion import Criterion
 from skhyst.diagnosis._edits import Drive
 from skhyst.diagnosis._location import locate
 from skhyst.diagnosis._open_questions import Intervals
-from skhyst.diagnosis._plausibility import has_own_lines, levels_off, stops
+from skhyst.diagnosis._plausibility import has_own_lines, stops
 from skhyst.diagnosis._starts import starting_trees
 from skhyst.diagnosis._structure import (
     N_PRESENT,
@@ -911,14 +911,6 @@ def test_what_a_column_adds_starts_from_that_column():
     edits = [edit for variant in found for one in variant for _, edit in one.edits]
     gains = {(e.column, round(e.operator.gain, 1)) for e in edits if type(e) is Drive}
     assert {(1, 2.0), (2, -3.0)} <= gains
-
-
-def test_a_curve_levels_off_by_its_slope_at_the_end_of_the_motion():
-    knee, end = SoftSaturationOperator(1.3, 2.0, 0.2), 1.1
-    above, below = (knee.run(np.array([end + h]), 0.01)[0][0] for h in (1e-6, -1e-6))
-    motion = knee.run(np.linspace(-0.3, end, 50), 0.01)[0]
-    slope = (above - below) / 2e-6
-    assert levels_off(knee, motion, []) == pytest.approx(FLAT - slope, abs=1e-6)
 
 
 @pytest.mark.parametrize("beside", [0.1, 0.24, 0.26, 0.4])
