@@ -676,6 +676,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         moving = None if self.free_run_state == "zero" else self._without_rest(result, records)
         if moving is None:
             result = self._settled(model, result, records)
+            result, records = self._led_through_gaps(result, records)
             self._doubt_rest(model, result, records)
             return self.finish(result, records)
         warnings.warn(
@@ -706,6 +707,30 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         again = refine(model, [(ordered, result.disturbances)], records, "variable_projection")
         evaluations = result.n_evaluations + again.n_evaluations
         return replace(again, n_evaluations=evaluations, is_local=result.is_local)
+
+    def _led_through_gaps(self, result, records):
+        """Return a fit, and its records, in which those behind missing rows begin in motion.
+
+        No one has said how these begin: the drive before them is estimated, unless the response is
+        explained as well without.
+        """
+        behind, operator = _behind_gaps(self.records_), result.operator
+        if (
+            not behind
+            or operator.memoryless
+            or operator.n_start
+            or result.input_history is not None
+        ):
+            return result, records
+        state, method = self.free_run_state, "variable_projection"
+        which = [number in behind for number in range(len(records))]
+        found = with_input_history(result, records, method, which=which, initial_state=state)
+        n_values = np.count_nonzero(np.isfinite(found.input_history))
+        if start_p_value(result, found, records, n_values, (state, state)) >= LEVEL:
+            return result, records
+        both = zip(records, found.input_history, strict=True)
+        records = [begun(operator, *pair) for pair in both]
+        return replace(found, input_history=None), records
 
     def _doubt_rest(self, model, result, records):
         """Warn if records do not begin at rest, which biases the fit.
@@ -784,7 +809,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
                 # the fit from rest may be a local optimum of its own
                 late = identified(self, later_halves(records))[1]
                 further = [(late.operator, late.disturbances)]
-                result = with_input_history(result, records, self.method, further)
+                result = with_input_history(result, records, self.method, further=further)
             else:
                 known = np.array([np.atleast_1d(getattr(record, kept)) for record in records])
                 result = replace(result, input_history=known)
@@ -1265,19 +1290,22 @@ def _warn_gaps(model, slices, going):
     """
     if model.operator_.memoryless:
         return
-    behind = [
-        own
-        for number, (one, own) in enumerate(pairwise(slices), start=1)
-        if one.label == own.label and number not in going
-    ]
+    behind = [number for number in _behind_gaps(slices) if number not in going]
     if behind:
+        first = slices[behind[0]].rows.start
         warnings.warn(
-            f"Rows are missing before row {behind[0].rows.start}, and before {len(behind)} row(s) "
-            f"in all: {type(model).__name__} starts there as at the beginning of a record. Give "
-            "the drive of these rows, or some response behind them by 'y_start'.",
+            f"Rows are missing before row {first}, and before {len(behind)} row(s) in all: "
+            f"{type(model).__name__} starts there as at the beginning of a record. Give the drive of "
+            "these rows, or some response behind them by 'y_start'.",
             ConvergenceWarning,
             stacklevel=3,
         )
+
+
+def _behind_gaps(slices):
+    """Return the numbers of the records that are the rest of one in which rows are missing."""
+    both = enumerate(pairwise(slices), start=1)
+    return [number for number, (before, own) in both if before.label == own.label]
 
 
 def _better_slope(drives, result, records):

@@ -210,16 +210,21 @@ def test_records_whose_start_is_known_are_run_once(monkeypatch):
 
 
 def test_rows_behind_missing_ones_begin_elsewhere():
-    """A fit says so where they show it; a prediction, which cannot know, wherever rows follow."""
+    """A fit finds out how; a prediction, which cannot know, says so wherever rows follow."""
     u = drive().cumsum() / 10
+    u -= u[0]  # from rest and from zero
     y = FirstOrderLagOperator(0.4).run(u, DT)[0] + 1e-3 * np.random.default_rng(0).normal(size=N)
     frame = pd.DataFrame({"u": u}, pd.Index(TIME, name="time"))
-    for kept in ((np.arange(N) < 60) | (np.arange(N) >= 80), np.arange(N) >= 80):
-        with pytest.warns(ConvergenceWarning, match="begin otherwise.*'estimate'"):
-            FirstOrderLag().fit(frame[kept], y[kept])
+    with pytest.warns(ConvergenceWarning, match="begin otherwise.*'estimate'"):
+        FirstOrderLag().fit(frame[80:], y[80:])
     kept = (np.arange(N) < 60) | (np.arange(N) >= 80)
-    model = FirstOrderLag(initial_state="estimate").fit(frame[kept], y[kept])
-    assert model.params_["gain"] == pytest.approx(1.0, abs=4.0 * model.params_std_["gain"])
+    for state in ("zero", "estimate", "rest"):
+        model = FirstOrderLag(initial_state=state).fit(frame[kept], y[kept])
+        assert model.fit_error_ < 1.1e-3
+        for name, value in {"gain": 1.0, "time_constant": 0.4}.items():
+            error = 4.0 * model.params_std_[name]
+            assert model.params_[name] == pytest.approx(value, abs=error)
+            assert error < 0.01 * value
     with pytest.warns(ConvergenceWarning, match="missing before row 60"):
         model.predict(frame[kept])
     known = np.where(np.arange(N) < 120, y, np.nan)[kept]

@@ -527,7 +527,9 @@ class OperatorProblem(Unknowns):
 
 
 def begun(operator, record, history):
-    """Return a record with its history: an earlier drive, or start values."""
+    """Return a record with its history: an earlier drive, or start values; the same one for NaN."""
+    if np.isnan(history).any():
+        return record
     return replace(record, **{"start" if operator.n_start else "before": history})
 
 
