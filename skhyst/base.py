@@ -1295,8 +1295,8 @@ def _warn_gaps(model, slices, going):
         first = slices[behind[0]].rows.start
         warnings.warn(
             f"Rows are missing before row {first}, and before {len(behind)} row(s) in all: "
-            f"{type(model).__name__} starts there as at the beginning of a record. Give the drive of "
-            "these rows, or some response behind them by 'y_start'.",
+            f"{type(model).__name__} starts there as at the beginning of a record. Give the drive "
+            "of these rows, or some response behind them by 'y_start'.",
             ConvergenceWarning,
             stacklevel=3,
         )
