@@ -20,7 +20,7 @@ from sklearn.pipeline import make_pipeline
 
 import skhyst
 from skhyst.base import ParametricModel
-from skhyst.compose import Cascade, OnColumn, Sum
+from skhyst.compose import Cascade, OnColumn, ScheduledParameters, Sum
 from skhyst.disturbance import Offset
 from skhyst.exceptions import (
     ConvergenceWarning,
@@ -290,6 +290,11 @@ def test_masked_values_are_refused():
 def test_a_fit_from_an_operator_of_another_model_is_refused():
     with pytest.raises(ValueError, match="must be a SecondOrderModeOperator"):
         SecondOrderMode(dt=DT).fit_from(FirstOrderLagOperator(0.1), X, Y)
+    steps = [("a", FirstOrderLag()), ("b", FirstOrderLag())]
+    for model in (Cascade(steps, dt=DT), Sum(steps, dt=DT), ScheduledParameters(steps[0][1])):
+        for wrong in (FirstOrderLagOperator(0.1), FirstOrderLag(), None):
+            with pytest.raises(ValueError, match="must have the parts of this model"):
+                model.fit_from(wrong, X, Y)
 
 
 def test_a_known_response_is_that_of_the_rows(model):
@@ -490,7 +495,7 @@ def test_standard_deviation_of_a_straight_line(offset):
     u, y = line_and_noise(200)
     model = Sum([("gain", Gain()), ("offset", Offset())], dt=DT) if offset else Gain(dt=DT)
     new = np.array([-50.0, 2.0, 80.0])
-    model.fit(u[:, None], y)
+    model.fit(pd.DataFrame(u, DT * np.arange(len(u))), y)  # white, but in order
     found, std = model.predict(new[:, None], return_std=True)
     columns, rows = (np.column_stack([x, np.ones(len(x))]) for x in (u, new))
     coefficients, rest, *_ = np.linalg.lstsq(columns, y)
