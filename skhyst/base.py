@@ -1017,7 +1017,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
                 ConvergenceWarning,
                 stacklevel=2,
             )
-        _warn_gaps(self, slices, going)
+        warn_gaps(self, self.operator_, slices, going)
         if not self.operator_.signal_linear:
             warn_beyond(self, X, self.operator_.acting_columns)
         warn_schedules(self, self.operator_, schedules)
@@ -1315,12 +1315,12 @@ def _refuse_other_parts(tree):
         _refuse_other_parts(part)
 
 
-def _warn_gaps(model, slices, going):
+def warn_gaps(model, operator, slices, going=()):
     """Warn of rows that are missing within a record whose response depends on them.
 
     ``going`` has the numbers of the records of which a response is known.
     """
-    if model.operator_.memoryless:
+    if operator.memoryless:
         return
     behind = [number for number in _behind_gaps(slices) if number not in going]
     if behind:

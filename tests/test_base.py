@@ -14,13 +14,14 @@ from scipy.signal import lfilter, lti
 from sklearn.base import clone
 from sklearn.exceptions import DataConversionWarning
 from sklearn.frozen import FrozenEstimator
+from sklearn.linear_model import LinearRegression
 from sklearn.metrics import root_mean_squared_error
 from sklearn.model_selection import GridSearchCV
 from sklearn.pipeline import make_pipeline
 
 import skhyst
 from skhyst.base import ParametricModel
-from skhyst.compose import Cascade, OnColumn, ScheduledParameters, Sum
+from skhyst.compose import Cascade, Corrected, OnColumn, ScheduledParameters, Sum
 from skhyst.disturbance import Offset
 from skhyst.exceptions import (
     ConvergenceWarning,
@@ -227,6 +228,11 @@ def test_rows_behind_missing_ones_begin_elsewhere():
             assert error < 0.01 * value
     with pytest.warns(ConvergenceWarning, match="missing before row 60"):
         model.predict(frame[kept])
+    around = Corrected(LinearRegression(), FirstOrderLag(), cv=2, max_iter=1)
+    with pytest.warns(ConvergenceWarning, match="missing before row 60.*Corrected"):
+        around.fit(frame[kept], y[kept])
+    with pytest.warns(ConvergenceWarning, match="missing before row 60.*Corrected"):
+        around.predict(frame[kept])
     known = np.where(np.arange(N) < 120, y, np.nan)[kept]
     found = model.predict(frame[kept], y_start=known)  # warnings are errors
     np.testing.assert_allclose(found, y[kept], atol=0.02)
