@@ -518,11 +518,15 @@ def as_floats(estimator, X, *y, **options):
         return data
     array, response = data
     try:
-        return array, np.asarray(response, dtype=float)
+        values = np.asarray(response, dtype=float)
     except ValueError as error:  # text, which validate_data lets through
         raise RecordError(
             f"The response y must be numbers. Got {response[0]!r} instead."
         ) from error
+    if not np.isfinite(values).all():  # of None, or of text
+        row = int(np.argmin(np.isfinite(values)))
+        raise RecordError(f"The response y must be finite. Got {response[row]!r} in row {row}.")
+    return array, values
 
 
 def known_response(X, y):

@@ -293,6 +293,15 @@ def test_masked_values_are_refused():
             attempt()
 
 
+@pytest.mark.parametrize("wrong", [None, "nan"])
+def test_a_response_of_objects_is_numbers(wrong):
+    y = Y.astype(object)
+    assert FirstOrderLag(dt=DT).fit(X, y).fit_error_ == FirstOrderLag(dt=DT).fit(X, Y).fit_error_
+    y[7] = wrong
+    with pytest.raises(RecordError, match="response y must be"):
+        FirstOrderLag(dt=DT).fit(X, y)
+
+
 def test_a_fit_from_an_operator_of_another_model_is_refused():
     with pytest.raises(ValueError, match="must be a SecondOrderModeOperator"):
         SecondOrderMode(dt=DT).fit_from(FirstOrderLagOperator(0.1), X, Y)
