@@ -18,12 +18,13 @@ from sklearn.utils.validation import (
 )
 
 from ._sklearn import StrOptions, check_sample_weight, validate_parameter_constraints
-from .exceptions import ExtrapolationWarning, RecordError
+from .exceptions import ConvergenceWarning, ExtrapolationWarning, RecordError
 from .records import MISMATCH, chosen_interval, record_slices, refuse_lost_index
 
 # Largest value and, inverted, the smallest, unless an estimator has its own `largest_value`: the
 # squares of such values, of their gains and of the inverses of these are finite.
 EXTREME = 1e100
+_ROUNDING = 1e-9  # of a standard deviation
 _FEWEST = 64  # rows of which an order can be told: eight standard deviations, or a ratio of one
 _UNLIKELY = 1e-3  # p-value of numbers of repeats, if rows are drawn
 _OF_A_CLASS = 5.0  # expected in each, for Pearson's test to hold
@@ -54,6 +55,7 @@ def read_data(estimator, X, *y, reset, dt=None, bridge=False):
     if reset:
         if not _is_memoryless(estimator):
             refuse_drawn(X, drive, array, response)
+            _doubt_order(X, drive, response)
         keep_seen(estimator, drive, slices)
     return slices, array, response
 
@@ -100,6 +102,11 @@ def _is_time(drive, slices):
 
 
 def _is_memoryless(estimator):
+    said = [part for key, part in _parts(estimator).items() if "__" not in key]
+    parts = [part.estimator if isinstance(part, FrozenEstimator) else part for part in said]
+    models = [part for part in parts if hasattr(part, "operator_class")]
+    if models:
+        return all(map(_is_memoryless, models))
     # of some operators their values say it
     return getattr(getattr(estimator, "operator_class", None), "memoryless", False) is True
 
@@ -147,6 +154,35 @@ def refuse_drawn(frame, drive, X, response):
             "second time, in no order, instead: an ensemble draws them at random. Give the "
             "repetitions as sample_weight, as BaggingRegressor does for a model that is in no "
             "pipeline; if the rows are in order, an index of their times says so."
+        )
+
+
+def _doubt_order(frame, drive, response):
+    """Warn if rows without times have to do with themselves, and none with the one before.
+
+    As if a recording had been shuffled: each of drive, response and what a straight line leaves of
+    it is then independent of the others one row earlier. A device with a memory shows it in one of
+    them. Each correlation is of an independent pair within four standard deviations.
+    """
+    index, n = getattr(frame, "index", None), len(drive)
+    has_times = isinstance(index, pd.Index) and not isinstance(index, pd.RangeIndex)
+    if has_times or n < _FEWEST or not (np.ptp(drive) and np.ptp(response)):
+        return
+    own, other = ((values - values.mean()) / np.std(values) for values in (drive, response))
+    slope = own @ other / n
+    left = other - slope * own
+    size = np.std(left)
+    if abs(slope) < 4.0 / np.sqrt(n) or not size > _ROUNDING:
+        return
+    columns = np.column_stack([own, other, left / size])
+    if np.abs(columns[1:].T @ columns[:-1]).max() < 4.0 * np.sqrt(n):
+        warnings.warn(
+            "Drive and response of a row have to do with each other, but neither with the row "
+            "before, as if the rows had been shuffled. A model with a memory needs them in the "
+            "order of time (train_test_split(shuffle=False), skhyst.model_selection); if they are, "
+            "an index of their times says so.",
+            ConvergenceWarning,
+            stacklevel=5,
         )
 
 
@@ -482,11 +518,15 @@ def as_floats(estimator, X, *y, **options):
         return data
     array, response = data
     try:
-        return array, np.asarray(response, dtype=float)
+        values = np.asarray(response, dtype=float)
     except ValueError as error:  # text, which validate_data lets through
         raise RecordError(
             f"The response y must be numbers. Got {response[0]!r} instead."
         ) from error
+    if not np.isfinite(values).all():  # of None, or of text
+        row = int(np.argmin(np.isfinite(values)))
+        raise RecordError(f"The response y must be finite. Got {response[row]!r} in row {row}.")
+    return array, values
 
 
 def known_response(X, y):
@@ -631,17 +671,17 @@ def finite_number(value, caller, name):
     return float(finite_numbers(value, caller, name, "a finite number", ndim=0))
 
 
-def rest_of(u0, initial_state, n_inputs, caller):
-    """Return the inputs (n_inputs,), or more, at which a stepped device rests at first.
+def rest_of(u0, initial_state, n_inputs, caller, *, with_amplitude=False):
+    """Return the inputs (n_inputs,) at which a stepped device rests at first.
 
-    Inputs that are not finite, or too few, are refused, and so is an initial state other than
-    "rest", "zero" and None.
+    Inputs that are not finite, or of another number, are refused, and so is an initial state other
+    than "rest", "zero" and None. With ``with_amplitude`` the amplitude may follow the inputs.
     """
     options = {"initial_state": [StrOptions({"rest", "zero"}), None]}
     validate_parameter_constraints(options, {"initial_state": initial_state}, caller)
     wanted = "a finite number" + (f", or {n_inputs} of them" if n_inputs > 1 else "")
     levels = np.ravel(finite_numbers(u0, caller, "u0", wanted))
-    if 1 < levels.size < n_inputs:
+    if levels.size not in (1, n_inputs, n_inputs + with_amplitude):
         raise ValueError(
             f"The 'u0' parameter of {caller} must be {wanted}. Got {shortened(u0)} instead."
         )

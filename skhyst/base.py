@@ -42,9 +42,12 @@ from .exceptions import (
     ShortRecordWarning,
 )
 from .operators import (
+    MovableOperator,
     Operator,
+    Series,
     Signal,
     Stepper,
+    SumOperator,
     add_disturbances,
     cut_off,
     run_records,
@@ -57,6 +60,7 @@ from .optimize import (
     NOISELESS,
     Method,
     RecordData,
+    as_of,
     begun,
     calibrated,
     identify,
@@ -192,7 +196,8 @@ def identified(model, records):
 
 def input_at_rest(model, u0, initial_state, caller):
     """Return the input at which a fitted model rests; see :meth:`ParametricModel.stepper`."""
-    levels = rest_of(u0, initial_state, model.n_features_in_, caller)
+    more = {"with_amplitude": model.reads_columns}
+    levels = rest_of(u0, initial_state, model.n_features_in_, caller, **more)
     if not model.reads_columns:
         return float(levels[drive_column(model)])
     # the amplitude of the record may follow the columns
@@ -321,6 +326,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     reads_columns = False  # of X other than the first
     one_interval = False  # whether all records must have the same interval
     any_interval = False  # whether the response to a straight drive is the same at any interval
+    moves_positions = False  # whether a fit finds where the terms of a sum are, and how many
     has_rest_ = True
     disturbance_names = ()  # of the additive disturbances of the model
 
@@ -430,10 +436,22 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """
         data = self._read_records(X, y)
         data = data if records is None else list(records)
-        tree = self.tree(operator)
-        _refuse_other_parts(tree)
+        tree = self._tree_of(operator)
         with _calculable():
             return self.finish(refine(self, [tree], data, method), data)
+
+    def _tree_of(self, operator):
+        """Return an operator as a tree of this model, or refuse one of another structure."""
+        try:
+            tree = self.tree(operator)
+        except (AttributeError, ValueError) as error:  # where the model has parts, it has none
+            raise ValueError(
+                f"The 'operator' parameter of {type(self).__name__}.fit_from must have the parts "
+                f"of this model, as 'operator_' of its fit. Got a {type(operator).__name__} "
+                "instead."
+            ) from error
+        _refuse_other_parts(tree)
+        return tree
 
     def _doubt_drive(self, X, y, weights):
         """Warn if a straight line through an ignored column predicts better than the model."""
@@ -676,6 +694,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         moving = None if self.free_run_state == "zero" else self._without_rest(result, records)
         if moving is None:
             result = self._settled(model, result, records)
+            result, records = self._led_through_gaps(result, records)
             self._doubt_rest(model, result, records)
             return self.finish(result, records)
         warnings.warn(
@@ -706,6 +725,30 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         again = refine(model, [(ordered, result.disturbances)], records, "variable_projection")
         evaluations = result.n_evaluations + again.n_evaluations
         return replace(again, n_evaluations=evaluations, is_local=result.is_local)
+
+    def _led_through_gaps(self, result, records):
+        """Return a fit, and its records, in which those behind missing rows begin in motion.
+
+        No one has said how these begin: the drive before them is estimated, unless the response is
+        explained as well without.
+        """
+        behind, operator = _behind_gaps(self.records_), result.operator
+        if (
+            not behind
+            or operator.memoryless
+            or operator.n_start
+            or result.input_history is not None
+        ):
+            return result, records
+        state, method = self.free_run_state, "variable_projection"
+        which = [number in behind for number in range(len(records))]
+        found = with_input_history(result, records, method, which=which, initial_state=state)
+        n_values = np.count_nonzero(np.isfinite(found.input_history))
+        if start_p_value(result, found, records, n_values, (state, state)) >= LEVEL:
+            return result, records
+        both = zip(records, found.input_history, strict=True)
+        records = [begun(operator, *pair) for pair in both]
+        return replace(found, input_history=None), records
 
     def _doubt_rest(self, model, result, records):
         """Warn if records do not begin at rest, which biases the fit.
@@ -784,13 +827,27 @@ class ParametricModel(RegressorMixin, BaseEstimator):
                 # the fit from rest may be a local optimum of its own
                 late = identified(self, later_halves(records))[1]
                 further = [(late.operator, late.disturbances)]
-                result = with_input_history(result, records, self.method, further)
+                result = with_input_history(result, records, self.method, further=further)
             else:
                 known = np.array([np.atleast_1d(getattr(record, kept)) for record in records])
                 result = replace(result, input_history=known)
+        result = self._with_position_errors(result, records)
         for message, kind in self.cautions(result, records):
             warnings.warn(message, kind, stacklevel=4)
         return self.adopt(result)
+
+    def _with_position_errors(self, result, records):
+        """Return a result whose standard errors hold those of positions that the fit has moved."""
+        driven, _ = split_disturbances(self.tree((result.operator, result.disturbances)))
+        movable = _with_movable_positions(driven)
+        if movable is driven or result.joint_covariance is None:
+            return result
+        if result.input_history is not None:
+            both = zip(records, result.input_history, strict=True)
+            records = [begun(driven, *pair) for pair in both]
+        held = {name for name, _ in driven.entries()} - set(result.params)
+        how = {"fixed": held, "initial_state": self.free_run_state}
+        return result.narrowed(as_of(result, movable, records, **how))
 
     def cautions(self, result, records):
         """Yield the warnings of an identification result.
@@ -960,7 +1017,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
                 ConvergenceWarning,
                 stacklevel=2,
             )
-        _warn_gaps(self, slices, going)
+        warn_gaps(self, self.operator_, slices, going)
         if not self.operator_.signal_linear:
             warn_beyond(self, X, self.operator_.acting_columns)
         warn_schedules(self, self.operator_, schedules)
@@ -1258,26 +1315,41 @@ def _refuse_other_parts(tree):
         _refuse_other_parts(part)
 
 
-def _warn_gaps(model, slices, going):
+def warn_gaps(model, operator, slices, going=()):
     """Warn of rows that are missing within a record whose response depends on them.
 
     ``going`` has the numbers of the records of which a response is known.
     """
-    if model.operator_.memoryless:
+    if operator.memoryless:
         return
-    behind = [
-        own
-        for number, (one, own) in enumerate(pairwise(slices), start=1)
-        if one.label == own.label and number not in going
-    ]
+    behind = [number for number in _behind_gaps(slices) if number not in going]
     if behind:
+        first = slices[behind[0]].rows.start
         warnings.warn(
-            f"Rows are missing before row {behind[0].rows.start}, and before {len(behind)} row(s) "
-            f"in all: {type(model).__name__} starts there as at the beginning of a record. Give "
-            "the drive of these rows, or some response behind them by 'y_start'.",
+            f"Rows are missing before row {first}, and before {len(behind)} row(s) in all: "
+            f"{type(model).__name__} starts there as at the beginning of a record. Give the drive "
+            "of these rows, or some response behind them by 'y_start'.",
             ConvergenceWarning,
             stacklevel=3,
         )
+
+
+def _with_movable_positions(tree):
+    """Return a tree in which positions that its models move are parameters; itself without any."""
+    if getattr(tree, "resolution", None) is not None:
+        moves = isinstance(tree.model, ParametricModel) and tree.model.moves_positions
+        return MovableOperator.around(tree, np.inf) if moves else tree
+    if not isinstance(tree, Series | SumOperator):
+        return tree
+    stages = tuple(map(_with_movable_positions, tree.stages))
+    same = all(own is stage for own, stage in zip(stages, tree.stages, strict=True))
+    return tree if same else replace(tree, stages=stages)
+
+
+def _behind_gaps(slices):
+    """Return the numbers of the records that are the rest of one in which rows are missing."""
+    both = enumerate(pairwise(slices), start=1)
+    return [number for number, (before, own) in both if before.label == own.label]
 
 
 def _better_slope(drives, result, records):

@@ -14,13 +14,14 @@ from scipy.signal import lfilter, lti
 from sklearn.base import clone
 from sklearn.exceptions import DataConversionWarning
 from sklearn.frozen import FrozenEstimator
+from sklearn.linear_model import LinearRegression
 from sklearn.metrics import root_mean_squared_error
 from sklearn.model_selection import GridSearchCV
 from sklearn.pipeline import make_pipeline
 
 import skhyst
 from skhyst.base import ParametricModel
-from skhyst.compose import Cascade, OnColumn, Sum
+from skhyst.compose import Cascade, Corrected, OnColumn, ScheduledParameters, Sum
 from skhyst.disturbance import Offset
 from skhyst.exceptions import (
     ConvergenceWarning,
@@ -210,18 +211,28 @@ def test_records_whose_start_is_known_are_run_once(monkeypatch):
 
 
 def test_rows_behind_missing_ones_begin_elsewhere():
-    """A fit says so where they show it; a prediction, which cannot know, wherever rows follow."""
+    """A fit finds out how; a prediction, which cannot know, says so wherever rows follow."""
     u = drive().cumsum() / 10
+    u -= u[0]  # from rest and from zero
     y = FirstOrderLagOperator(0.4).run(u, DT)[0] + 1e-3 * np.random.default_rng(0).normal(size=N)
     frame = pd.DataFrame({"u": u}, pd.Index(TIME, name="time"))
-    for kept in ((np.arange(N) < 60) | (np.arange(N) >= 80), np.arange(N) >= 80):
-        with pytest.warns(ConvergenceWarning, match="begin otherwise.*'estimate'"):
-            FirstOrderLag().fit(frame[kept], y[kept])
+    with pytest.warns(ConvergenceWarning, match="begin otherwise.*'estimate'"):
+        FirstOrderLag().fit(frame[80:], y[80:])
     kept = (np.arange(N) < 60) | (np.arange(N) >= 80)
-    model = FirstOrderLag(initial_state="estimate").fit(frame[kept], y[kept])
-    assert model.params_["gain"] == pytest.approx(1.0, abs=4.0 * model.params_std_["gain"])
+    for state in ("zero", "estimate", "rest"):
+        model = FirstOrderLag(initial_state=state).fit(frame[kept], y[kept])
+        assert model.fit_error_ < 1.1e-3
+        for name, value in {"gain": 1.0, "time_constant": 0.4}.items():
+            error = 4.0 * model.params_std_[name]
+            assert model.params_[name] == pytest.approx(value, abs=error)
+            assert error < 0.01 * value
     with pytest.warns(ConvergenceWarning, match="missing before row 60"):
         model.predict(frame[kept])
+    around = Corrected(LinearRegression(), FirstOrderLag(), cv=2, max_iter=1)
+    with pytest.warns(ConvergenceWarning, match="missing before row 60.*Corrected"):
+        around.fit(frame[kept], y[kept])
+    with pytest.warns(ConvergenceWarning, match="missing before row 60.*Corrected"):
+        around.predict(frame[kept])
     known = np.where(np.arange(N) < 120, y, np.nan)[kept]
     found = model.predict(frame[kept], y_start=known)  # warnings are errors
     np.testing.assert_allclose(found, y[kept], atol=0.02)
@@ -282,9 +293,23 @@ def test_masked_values_are_refused():
             attempt()
 
 
+@pytest.mark.parametrize("wrong", [None, "nan"])
+def test_a_response_of_objects_is_numbers(wrong):
+    y = Y.astype(object)
+    assert FirstOrderLag(dt=DT).fit(X, y).fit_error_ == FirstOrderLag(dt=DT).fit(X, Y).fit_error_
+    y[7] = wrong
+    with pytest.raises(RecordError, match="response y must be"):
+        FirstOrderLag(dt=DT).fit(X, y)
+
+
 def test_a_fit_from_an_operator_of_another_model_is_refused():
     with pytest.raises(ValueError, match="must be a SecondOrderModeOperator"):
         SecondOrderMode(dt=DT).fit_from(FirstOrderLagOperator(0.1), X, Y)
+    steps = [("a", FirstOrderLag()), ("b", FirstOrderLag())]
+    for model in (Cascade(steps, dt=DT), Sum(steps, dt=DT), ScheduledParameters(steps[0][1])):
+        for wrong in (FirstOrderLagOperator(0.1), FirstOrderLag(), None):
+            with pytest.raises(ValueError, match="must have the parts of this model"):
+                model.fit_from(wrong, X, Y)
 
 
 def test_a_known_response_is_that_of_the_rows(model):
@@ -485,7 +510,7 @@ def test_standard_deviation_of_a_straight_line(offset):
     u, y = line_and_noise(200)
     model = Sum([("gain", Gain()), ("offset", Offset())], dt=DT) if offset else Gain(dt=DT)
     new = np.array([-50.0, 2.0, 80.0])
-    model.fit(u[:, None], y)
+    model.fit(pd.DataFrame(u, DT * np.arange(len(u))), y)  # white, but in order
     found, std = model.predict(new[:, None], return_std=True)
     columns, rows = (np.column_stack([x, np.ones(len(x))]) for x in (u, new))
     coefficients, rest, *_ = np.linalg.lstsq(columns, y)

@@ -13,16 +13,18 @@ from sklearn.ensemble import (
     StackingRegressor,
     VotingRegressor,
 )
+from sklearn.exceptions import ConvergenceWarning
 from sklearn.feature_selection import RFE, RFECV, SequentialFeatureSelector
+from sklearn.frozen import FrozenEstimator
 from sklearn.linear_model import LinearRegression, RANSACRegressor
-from sklearn.model_selection import GridSearchCV
+from sklearn.model_selection import GridSearchCV, train_test_split
 from sklearn.multioutput import MultiOutputRegressor, RegressorChain
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 from skhyst.compose import Cascade
 from skhyst.exceptions import RecordError
-from skhyst.linear import FirstOrderLag, FirstOrderLagOperator
+from skhyst.linear import FirstOrderLag, FirstOrderLagOperator, Gain
 from skhyst.model_selection import RecordKFold
 from skhyst.preprocessing import LaggedFeatures
 from skhyst.records import stack_records
@@ -126,11 +128,18 @@ def test_a_pipeline_is_bagged_by_drawing_rows(steps):
         bagging.fit(*ONE)
 
 
-def test_ransac_is_wrong_without_a_word():
-    """The page warns of it: of data without noise, the time constant of the array is another."""
+def test_rows_in_another_order_are_told():
+    """Of data without noise, the time constant of the shuffled array is another."""
     lag = FirstOrderLag(dt=DT)
-    model = RANSACRegressor(lag, min_samples=100, max_trials=2, random_state=0).fit(*ONE)
+    ransac = RANSACRegressor(lag, min_samples=100, max_trials=2, random_state=0)
+    with pytest.warns(ConvergenceWarning, match="shuffled.*order of time"):
+        model = ransac.fit(*ONE)
     assert model.estimator_.params_["time_constant"] != pytest.approx(SECONDS, rel=0.01)
+    shuffled = train_test_split(np.asarray(ONE[0]), np.asarray(ONE[1]), random_state=0)[::2]
+    with pytest.warns(ConvergenceWarning, match="shuffled.*order of time"):
+        lag.fit(*shuffled)
+    held = Cascade([("gain", FrozenEstimator(Gain().fit(*shuffled))), ("curve", SmoothCurve(3))])
+    held.fit(*shuffled)  # nothing of them has a memory, and warnings are errors
 
 
 def test_an_array_from_a_step_is_refused_where_y_has_the_index():

@@ -353,7 +353,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
                 f"The 'dt' parameter of {caller} must be {own:g} s, that of the records of the "
                 f"fit: the lags are in samples. Got {dt!r} instead."
             )
-        levels = rest_of(u0, initial_state, self.n_features_in_, caller)[: self.n_features_in_]
+        levels = rest_of(u0, initial_state, self.n_features_in_, caller)
         rules, places, inputs = self._row(0.0 * levels if initial_state == "zero" else levels)
         history = np.zeros(self._n_outputs())
         if initial_state is None and self._start_kind() == "given":

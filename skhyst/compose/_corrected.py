@@ -32,6 +32,7 @@ from ..base import (
     read_data,
     refine,
     scored_where,
+    warn_gaps,
     with_params,
 )
 from ..linear import Gain
@@ -216,6 +217,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         )
         effects.records_, effects.n_features_in_ = slices, columns.shape[1]
         effects.adopt(last.effects)
+        warn_gaps(self, effects.operator_, slices)
         estimator = backfitting.fitted(last.targets)
         return self._assemble(estimator, effects, slices, 1 + last.number)
 
@@ -255,6 +257,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             rows = inputs if read is None else inputs[read]
             rows = pd.DataFrame(rows, getattr(X, "index", None), names)
             return with_params(effects, **interval).predict(rows, known)
+        warn_gaps(self, effects.operator_, slices)
         signal, schedules = effects.operator_input(inputs, slices)
         state = effects.free_run_state
         y = run_records(effects.operator_, signal, slices, state, schedules)

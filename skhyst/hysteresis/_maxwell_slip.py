@@ -269,9 +269,14 @@ class MaxwellSlip(FrictionModel):
         start = MaxwellSlipOperator(thresholds, zeros, non_negative=self.non_negative)
         fixed, state = self.held_parameters(), self.free_run_state
         starts = in_direction([start], records, fixed, state)
-        if isinstance(self.thresholds, str) and self.thresholds == "auto":
+        if self.moves_positions:
             return as_fine_as_needed(starts, records, fixed, state)
         return starts
+
+    @property
+    def moves_positions(self):
+        """Whether the thresholds are found."""
+        return isinstance(self.thresholds, str) and self.thresholds == "auto"
 
     def resolved(self, operator) -> Self:
         thresholds = operator.thresholds.tolist()

@@ -538,9 +538,14 @@ class PrandtlIshlinskii(PlayModel):
         ]
         fixed, state = self.held_parameters(), self.free_run_state
         starts = in_direction(starts, records, fixed | {"drive_offset"}, state)
-        if isinstance(self.thresholds, str) and self.thresholds == "auto":
+        if self.moves_positions:
             return as_fine_as_needed(starts, records, fixed, state)
         return starts
+
+    @property
+    def moves_positions(self):
+        """Whether the thresholds are found."""
+        return isinstance(self.thresholds, str) and self.thresholds == "auto"
 
     def held_parameters(self) -> frozenset[str]:
         held = super().held_parameters()

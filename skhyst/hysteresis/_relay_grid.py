@@ -270,6 +270,7 @@ class RelayGridModel(ParametricModel):
         if self.initial_state == "estimate":
             drives = zip(records, self.initial_drive_, strict=True)
             records = [dataclasses.replace(record, before=u) for record, u in drives]
+        if any(record.before is not None for record in records):
             self.adopt(self.identify(records))
         return self
 

@@ -488,7 +488,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         check_is_fitted(self)
         caller = f"{type(self).__name__}.stepper"
         dt = self.operator_.dt if dt is None else chosen_interval((), dt, caller)
-        u0 = rest_of(u0, initial_state, self.n_features_in_, caller)[: self.n_features_in_]
+        u0 = rest_of(u0, initial_state, self.n_features_in_, caller)
         state = self.operator_.init(u0, initial_state or self.initial_state)
         step = self.operator_.compiled_step(dt, state)
         again = partial(copy(self).stepper, dt, u0, initial_state)

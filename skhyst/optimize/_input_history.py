@@ -28,12 +28,13 @@ operator needs no search: its derivatives give all residuals, and their least-sq
 """
 
 from dataclasses import replace
+from itertools import compress
 
 import numpy as np
 
 from ._bounded_step import bounded_step
 from ._identify import identify
-from ._problem import OperatorProblem, ages, scheduled
+from ._problem import OperatorProblem, ages, begun, scheduled
 from ._start_values import estimate_start_values, start_values_of
 from ._variable_projection import variable_projection
 
@@ -55,6 +56,8 @@ def estimate_input_history(
     method="variable_projection",
     with_errors=True,
     further=(),
+    which=None,
+    initial_state="rest",
 ):
     """Identify parameters and the drive before each record.
 
@@ -71,40 +74,65 @@ def estimate_input_history(
         As of :func:`identify`.
     further : sequence of (Operator, sequence of DisturbanceOperator), default=()
         Further starts of the same structure, such as a fit to the later halves.
+    which : sequence of bool, default=None
+        Records that begin otherwise than at ``initial_state``; by default all of them do.
+    initial_state : {"rest", "zero"}, default="rest"
+        State before each of the other records.
 
     Returns
     -------
     result : IdentificationResult
     input_history : ndarray of shape (n_records, n_values), or (n_records, n_values, n_inputs)
-        Drive 1, 2, 4, ... samples before each record, in its units; for each of several inputs. For
-        an operator without a state of rest the start values, see ``_start_values``.
+        Drive 1, 2, 4, ... samples before each record, in its units; for each of several inputs. NaN
+        for the other records. For an operator without a state of rest the start values, see
+        ``_start_values``.
     """
     if operator.n_start:
         return estimate_start_values(operator, disturbances, records, fixed=fixed, method=method)
-    count = _count(records)
+    count, which = _count(records), [True] * len(records) if which is None else which
     records = [r if _is_known(r, count) else replace(r, before=None) for r in records]
     start = [(operator, disturbances)]
-    how = {"fixed": fixed, "method": method, "with_errors": with_errors}
+    how = {"fixed": fixed, "method": method, "initial_state": initial_state}
+    how["with_errors"] = with_errors
     best = identify(start, records, **how)
-    late = later_halves(records)
-    chance = sum(_rest(r, count).size for r in records) / sum(r.counts().sum() for r in records)
+    halves = zip(records, later_halves(records), which, strict=True)
+    late = [half if own else record for record, half, own in halves]
+    n_values = sum(_rest(r, count).size for r in compress(records, which))
+    chance = n_values / sum(r.counts().sum() for r in records)
     rough = how | {"with_errors": False}
     result, evaluations, gain = identify([*start, *further], late, **rough), 0, 1.0
     while gain > chance:
         operator, disturbances = result.operator, result.disturbances
-        found, runs = input_history_of(operator, disturbances, records)
-        trial = [replace(r, before=own) for r, own in zip(records, found, strict=True)]
+        options = {"which": which, "initial_state": initial_state}
+        found, runs = input_history_of(operator, disturbances, records, **options)
+        trial = [begun(operator, r, own) for r, own in zip(records, found, strict=True)]
         result = identify([(operator, disturbances)], trial, **how)
         evaluations += runs + result.n_evaluations
         gain = 1.0 - (result.error / best.error) ** 2 if best.error > 0.0 else 0.0
         if gain > 0.0:
             records, best = trial, result
         if gain > chance:
-            problem = OperatorProblem(best.operator, records, disturbances=best.disturbances)
-            loose = [replace(r, beside=problem.carried(best.operator, r)) for r in records]
+            problem = OperatorProblem(
+                best.operator,
+                records,
+                disturbances=best.disturbances,
+                initial_state=initial_state,
+            )
+            loose = [
+                replace(
+                    r,
+                    beside=problem.carried(best.operator, r)
+                    if own
+                    else np.zeros((len(r.u), _rest(r, count).size)),
+                )
+                for r, own in zip(records, which, strict=True)
+            ]
             start = [(best.operator, best.disturbances)]
             result = identify(start, loose, **rough)
-    input_history = np.array([_rest(r, count) if r.before is None else r.before for r in records])
+    input_history = [_rest(r, count) if r.before is None else r.before for r in records]
+    input_history = np.array(
+        [h if own else np.full_like(h, np.nan) for h, own in zip(input_history, which, strict=True)]
+    )
     return replace(best, n_evaluations=best.n_evaluations + evaluations), input_history
 
 
@@ -115,13 +143,13 @@ def later_halves(records):
     ]
 
 
-def with_input_history(result, records, method="variable_projection", further=()):
+def with_input_history(result, records, method="variable_projection", **options):
     """Return what identification found, fitted again together with the drive before each record.
 
-    Held parameters stay held; see :func:`estimate_input_history`.
+    Held parameters stay held; ``options`` are those of :func:`estimate_input_history`.
     """
     fixed = {name for name, _ in result.operator.entries()} - set(result.params)
-    options = {"fixed": fixed, "method": method, "further": further}
+    options |= {"fixed": fixed, "method": method}
     found, drives = estimate_input_history(result.operator, result.disturbances, records, **options)
     evaluations = result.n_evaluations + found.n_evaluations
     return replace(found, n_evaluations=evaluations, input_history=drives)
@@ -143,12 +171,15 @@ def _rest(record, count):
     return np.repeat(record.u[:1], count, axis=0)
 
 
-def input_history_of(operator, disturbances, records, drive_range=None):
+def input_history_of(
+    operator, disturbances, records, drive_range=None, *, which=None, initial_state="rest"
+):
     """Return the input history of each record with the parameters held, and the number of runs.
 
     The history is (n_records, n_values), or (n_records, n_values, n_inputs); a run simulates all
-    records. The limits are by default those of the inputs in the records. For an operator without a
-    state of rest, the start values (n_records, n_start) are returned.
+    records. The limits are by default those of the inputs in the records; ``which`` and
+    ``initial_state`` are as for :func:`estimate_input_history`. For an operator without a state of
+    rest, the start values (n_records, n_start) are returned.
     """
     if operator.n_start:
         return start_values_of(operator, disturbances, records)
@@ -158,8 +189,15 @@ def input_history_of(operator, disturbances, records, drive_range=None):
         low[0], high[0] = drive_range
     # the history may exceed the range of the drive by as much on either side
     limits, count = (2.0 * low - high, 2.0 * high - low), _count(records)
-    problem = OperatorProblem(operator, records, disturbances=disturbances)
-    found = [_history(problem, record, limits, count) for record in problem.records]
+    options = {"disturbances": disturbances, "initial_state": initial_state}
+    problem = OperatorProblem(operator, records, **options)
+    which = [True] * len(records) if which is None else which
+    found = [
+        _history(problem, record, limits, count)
+        if own
+        else (np.full_like(_rest(record, count), np.nan, dtype=float), 0)
+        for record, own in zip(problem.records, which, strict=True)
+    ]
     return np.array([own for own, _ in found]), max(runs for _, runs in found)
 
 

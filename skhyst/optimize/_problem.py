@@ -324,6 +324,7 @@ class OperatorProblem(Unknowns):
         columns += [] if record.beside is None else [record.beside]
         return np.concatenate(columns, axis=1)
 
+    @np.errstate(over="ignore", invalid="ignore")  # of a run that diverges the squares are infinite
     def evaluate(self, x, *, jacobian=True, select=None):
         """Simulate all records; return the Gram matrices of ``[B, J, r]``, one per segment.
 
@@ -527,7 +528,9 @@ class OperatorProblem(Unknowns):
 
 
 def begun(operator, record, history):
-    """Return a record with its history: an earlier drive, or start values."""
+    """Return a record with its history: an earlier drive, or start values; the same one for NaN."""
+    if np.isnan(history).any():
+        return record
     return replace(record, **{"start" if operator.n_start else "before": history})
 
 

@@ -82,7 +82,7 @@ def test_models_are_stepped_from_what_is_a_device_at_rest(models, name):
         assert_named(model.preview, "dt", NO_INTERVAL)
         return
     assert_named(model.stepper, "u0", NOT_FINITE, **options)
-    assert_named(model.stepper, "u0", [[0.0, np.nan], [], ["0", "1"]], **options)
+    assert_named(model.stepper, "u0", [[0.0, np.nan], [], ["0", "1"], np.zeros(9)], **options)
     if name != "Observer":
         assert_named(
             model.stepper, "initial_state", ["estimate", "at rest", 0.0, np.nan], **options

@@ -1,5 +1,6 @@
 """Plays and stops: definition, memory, work, inverse, recovery of plants."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -10,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 from sklearn.linear_model import LinearRegression
 from sklearn.pipeline import make_pipeline
 
-from skhyst.hysteresis import PrandtlIshlinskii, PrandtlIshlinskiiOperator
+from skhyst.hysteresis import MaxwellSlip, PrandtlIshlinskii, PrandtlIshlinskiiOperator
 from skhyst.preprocessing import StopOperators
 
 signals = arrays(float, st.integers(2, 60), elements=st.floats(-100, 100, width=32))
@@ -352,3 +353,35 @@ def test_a_force_needs_stops(force):
     X, y = force
     error = {form: PrandtlIshlinskii(form=form).fit(X, y).fit_error_ for form in ("play", "stop")}
     assert error["stop"] < 0.03 * error["play"]
+
+
+@pytest.mark.parametrize("kind", ["plays", "elements"])
+def test_errors_of_weights_hold_those_of_thresholds_that_were_found(kind):
+    """Least squares in weights and thresholds together, with the slopes of a finite change."""
+    dt = 0.01
+    t = dt * np.arange(600)
+    u = np.sin(2 * np.pi * t / (200 * dt)) * np.linspace(2.0, 0.5, len(t))
+    form = "play" if kind == "plays" else "stop"
+    y = PrandtlIshlinskiiOperator([0.0, 0.7], [0.6, 0.3], form=form).run(u, dt)[0]
+    y += 0.01 * np.random.default_rng(1).normal(size=len(u))
+    options = {"thresholds": "auto", "dt": dt}
+    model = PrandtlIshlinskii(2, **options)
+    if kind == "elements":
+        model = MaxwellSlip(2, fit_damping=False, fit_stiffness=True, **options)
+    model.fit(u[:, None], y)
+    found, columns = model.operator_, []
+    for name in ("weights", "thresholds", "stiffness", "intercept"):
+        values = np.atleast_1d(getattr(found, name, []))
+        for i in np.flatnonzero((values != 0.0) | (name == "intercept")):
+            runs = []
+            for step in (1e-6, -1e-6):
+                moved = values + step * (np.arange(values.size) == i)
+                moved = moved if np.ndim(getattr(found, name)) else moved[0]
+                runs.append(replace(found, **{name: moved}).run(u, dt)[0])
+            columns.append((runs[0] - runs[1]) / 2e-6)
+    J = np.array(columns).T
+    residual = y - found.run(u, dt)[0]
+    covariance = residual @ residual / (len(y) - J.shape[1]) * np.linalg.inv(J.T @ J)
+    n = np.count_nonzero(found.weights)
+    errors = [model.params_std_white_[f"weights[{i}]"] for i in np.flatnonzero(found.weights)]
+    np.testing.assert_allclose(errors, np.sqrt(np.diag(covariance))[:n], rtol=0.05)

@@ -436,3 +436,11 @@ def test_a_refused_step_is_halved_at_least():
         n_refused += refused is not None
         x, gram = (x, gram) if refused is not None else (rival, own)
     assert n_refused > 1
+
+
+def test_what_diverges_costs_infinitely_much():
+    """Without a warning of its own: the fit takes another step."""
+    operator, u = FirstOrderLagOperator(0.1), drive(0)
+    for weights in (None, np.ones(len(u))):
+        problem = OperatorProblem(operator, [RecordData(u, 1e200 * u, DT, weights=weights)])
+        assert problem.total(problem.evaluate(problem.x0))[-1, -1] == np.inf
