@@ -24,7 +24,9 @@ reduce it by the fraction k / n for n samples of noise.
 Where the memory fades, most of a record does not depend on its history, and none of it on values
 far back. Both are determined first, from histories at the limits, and are not simulated again: what
 is left out changes the output by a small part of the mean squared residual of a sample. A linear
-operator needs no search: its derivatives give all residuals, and their least-squares solution.
+operator needs no search: its derivatives give all residuals, and their least-squares solution. It
+needs no limits either: its history stands for the state at the first sample, which may be beyond
+all that the drive reaches within a record, and only the penalty holds what the record leaves open.
 """
 
 from dataclasses import replace
@@ -156,7 +158,7 @@ def input_history_of(operator, disturbances, records, drive_range=None):
     low, high = np.min(ends, axis=0)[0], np.max(ends, axis=0)[1]
     if drive_range is not None:
         low[0], high[0] = drive_range
-    # the history may exceed the range of the drive by as much on either side
+    # the history of what is not linear may exceed the range of the drive by as much on either side
     limits, count = (2.0 * low - high, 2.0 * high - low), _count(records)
     problem = OperatorProblem(operator, records, disturbances=disturbances)
     found = [_history(problem, record, limits, count) for record in problem.records]
@@ -235,9 +237,10 @@ class _Misfit:
         self.scale = 1.0  # of the response, as a least-squares problem has it
 
     def relative(self, values):
-        """Return inputs relative to the limits, clipped to them."""
+        """Return inputs relative to the limits, clipped to them unless the operator is linear."""
         own = np.reshape(values, (-1, len(self._size))) - self._low
-        return np.clip(own / np.where(self._size > 0.0, self._size, 1.0), 0.0, 1.0).ravel()
+        own = (own / np.where(self._size > 0.0, self._size, 1.0)).ravel()
+        return own if self._operator.signal_linear else np.clip(own, 0.0, 1.0)
 
     def before(self, values):
         """Return the input history in the form of a record."""
@@ -254,8 +257,8 @@ class _Misfit:
         left = columns[:, -1:] + columns[:, :-1] @ (starts - rest).T
         self._stiffness = np.linalg.norm(left, axis=0).min() / np.sqrt(n)
         gram = self._gram(columns, rest)
-        step = bounded_step(gram[:-1, :-1], gram[:-1, -1], -rest, 1.0 - rest)
-        return np.clip(rest + step, 0.0, 1.0)
+        free = np.full(len(rest), np.inf)
+        return rest + bounded_step(gram[:-1, :-1], gram[:-1, -1], -free, free)
 
     def look_over(self, starts):
         """Return the sums of squares of starts without the penalty of changes, and set the penalty.
