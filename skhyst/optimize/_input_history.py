@@ -250,15 +250,18 @@ class _Misfit:
     def solved(self, starts):
         """Return the values of least residual and penalty, for a linear operator.
 
-        The penalty is set as by :meth:`look_over`, from the least residual of the starts.
+        The penalty is set as by :meth:`look_over`, from the least residual of the starts, then from
+        that of the solution: a start far from all of them must not be held there by their residual.
         """
         rest, n = starts[0], len(self._root)
-        columns = self._columns(rest)[:n]
+        columns, free = self._columns(rest), np.full(len(rest), np.inf)
         left = columns[:, -1:] + columns[:, :-1] @ (starts - rest).T
-        self._stiffness = np.linalg.norm(left, axis=0).min() / np.sqrt(n)
-        gram = self._gram(columns, rest)
-        free = np.full(len(rest), np.inf)
-        return rest + bounded_step(gram[:-1, :-1], gram[:-1, -1], -free, free)
+        for _ in range(2):
+            self._stiffness = np.linalg.norm(left, axis=0).min() / np.sqrt(n)
+            gram = self._gram(columns, rest)
+            step = bounded_step(gram[:-1, :-1], gram[:-1, -1], -free, free)
+            left = np.column_stack([left, columns[:, -1] + columns[:, :-1] @ step])
+        return rest + step
 
     def look_over(self, starts):
         """Return the sums of squares of starts without the penalty of changes, and set the penalty.
