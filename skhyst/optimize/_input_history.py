@@ -37,7 +37,7 @@ from ._bounded_step import bounded_step
 from ._identify import identify
 from ._problem import OperatorProblem, ages, scheduled
 from ._start_values import estimate_start_values, start_values_of
-from ._variable_projection import variable_projection
+from ._variable_projection import VariableProjection, variable_projection
 
 _THIRDS = 3.0 ** -np.arange(1, 5)  # of the limits: the range of the drive, to a few per cent of it
 _STEPS = np.outer(_THIRDS, (1.0, -1.0)).ravel()
@@ -91,7 +91,23 @@ def estimate_input_history(
     late = later_halves(records)
     chance = sum(_rest(r, count).size for r in records) / sum(r.counts().sum() for r in records)
     rough = how | {"with_errors": False}
-    result, evaluations, gain = identify([*start, *further], late, **rough), 0, 1.0
+    begins = [identify([*start, *further], late, **rough)]
+    if operator.signal_linear:
+        # the dynamics of least error while the linear parameters and the history are free
+        rested = [replace(r, before=_rest(r, count)) if r.before is None else r for r in records]
+        held = rough | {"method": VariableProjection(max_evaluations=1)}
+        free = [_loosened(*own, rested, held) for own in (*start, *further)]
+        begins.append(min(free, key=lambda own: own.error))
+    ends = [_in_turn(begin, best, records, chance, how) for begin in begins]
+    evaluations = sum(own.n_evaluations for own, _ in ends)
+    best, records = min(ends, key=lambda own: own[0].error)
+    input_history = np.array([_rest(r, count) if r.before is None else r.before for r in records])
+    return replace(best, n_evaluations=evaluations), input_history
+
+
+def _in_turn(result, best, records, chance, how):
+    """Identify histories and parameters in turn; return the best result and its records."""
+    evaluations, gain = best.n_evaluations, 1.0
     while gain > chance:
         operator, disturbances = result.operator, result.disturbances
         found, runs = input_history_of(operator, disturbances, records)
@@ -102,12 +118,16 @@ def estimate_input_history(
         if gain > 0.0:
             records, best = trial, result
         if gain > chance:
-            problem = OperatorProblem(best.operator, records, disturbances=best.disturbances)
-            loose = [replace(r, beside=problem.carried(best.operator, r)) for r in records]
-            start = [(best.operator, best.disturbances)]
-            result = identify(start, loose, **rough)
-    input_history = np.array([_rest(r, count) if r.before is None else r.before for r in records])
-    return replace(best, n_evaluations=best.n_evaluations + evaluations), input_history
+            rough = how | {"with_errors": False}
+            result = _loosened(best.operator, best.disturbances, records, rough)
+    return replace(best, n_evaluations=evaluations), records
+
+
+def _loosened(operator, disturbances, records, how):
+    """Return a fit in which the response to small changes of the history is eliminated."""
+    problem = OperatorProblem(operator, records, disturbances=disturbances)
+    loose = [replace(r, beside=problem.carried(operator, r)) for r in records]
+    return identify([(operator, disturbances)], loose, **how)
 
 
 def later_halves(records):
