@@ -825,8 +825,11 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             kept = "start" if result.operator.n_start else "before"
             if any(getattr(record, kept) is None for record in records):
                 # the fit from rest may be a local optimum of its own
-                late = identified(self, later_halves(records))[1]
+                model, late = identified(self, later_halves(records))
                 further = [(late.operator, late.disturbances)]
+                if late.operator.signal_linear:
+                    starts = model.starting_values(records)
+                    further += [(start, late.disturbances) for start in starts]
                 result = with_input_history(result, records, self.method, further=further)
             else:
                 known = np.array([np.atleast_1d(getattr(record, kept)) for record in records])

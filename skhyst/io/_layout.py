@@ -43,11 +43,13 @@ _UNIT_OF_TIME = re.compile(r"(horizontal|[hx]_?)[ _]?units?([ _]label)?", re.IGN
 _NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 _INTERVAL = re.compile(
     r"(sampl(e|ing)[ _]?)?interval|sampl(e|ing)[ _]?(time|cycle|period)|delta_x|hresolution|t_?inc"
-    r"|increment",
+    r"|increment|dt|ts",
     re.IGNORECASE,
 )
-_RATE = re.compile(r"(sample|sampling)[ _](rate|frequency)( ?[(\[]Hz[)\]])?", re.I)
-_ASSIGNED = re.compile(rf"([^=:]+?)\s*[=:]\s*({_NUMBER})\s*(s|Hz)?")
+_RATE = re.compile(r"sampl(e|ing)[ _]?(rate|frequency)|abtast(rate|frequenz)|fs", re.IGNORECASE)
+_HERTZ = {"kHz": 1e3, "MHz": 1e6}
+_ASSIGNED = re.compile(rf"([^=:]+?)\s*[=:]\s*({_NUMBER})\s*([munµμ]?s|[kM]?Hz)?")
+_COMMENTED = re.compile(r"([#%]*)\s*(.*)", re.DOTALL)
 _NO_UNIT = re.compile(r"[-–]*|1")
 _SETTLE = (
     "pass delimiter=',' where they separate columns, or decimal=',' where they are decimal signs"
@@ -193,16 +195,16 @@ class Layout:
         for row, below in pairwise([*self.rows[: self.first], []]):
             for i, field in enumerate([*row, _assignment(row)]):
                 own = _ASSIGNED.fullmatch(field)
-                name, value = own.groups()[:2] if own else (field, "")
+                name, value, said = own.groups() if own else (field.rstrip(" :="), "", None)
                 for beside in (value, *row[i + 1 : i + 2], *below[i : i + 1]):
                     beside = beside.replace(",", ".") if self.commas else beside
                     if not re.fullmatch(_NUMBER, beside) or not float(beside) > 0.0:
                         continue
+                    unit = said or unit_of(name) or next(iter(row[i + 2 : i + 3]), "")
                     if _INTERVAL.fullmatch(without_unit(name)):
-                        unit = unit_of(name) or next(iter(row[i + 2 : i + 3]), "")
-                        return float(beside) * SECONDS.get(unit, 1.0)
-                    if _RATE.fullmatch(name):
-                        return 1.0 / float(beside)
+                        return float(beside) * SECONDS.get(re.sub("[µμ]", "u", unit), 1.0)
+                    if _RATE.fullmatch(without_unit(name)):
+                        return 1.0 / (float(beside) * _HERTZ.get(unit, 1.0))
         return None
 
     def ends(self, rows):
@@ -262,6 +264,10 @@ def fields(line, delimiter):
     if delimiter is None:
         return [line.strip().strip('"')]
     if delimiter == " ":
+        mark, names = _COMMENTED.fullmatch(line.strip()).groups()
+        aligned = re.split(r"\s{2,}", names)
+        if mark and len(aligned) > 1:  # names that may have blanks, as "Time (s)"
+            return [mark + aligned[0], *aligned[1:]]
         line = " ".join(line.split())
     try:
         row = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])

@@ -174,8 +174,18 @@ def _decode(data):
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
         head = data[:_SAMPLE].rsplit(b"\n", 1)[0]  # which ends with a whole character
-        found = next((c for c in _SCRIPTS if _is_written_in(head, c)), "latin-1")
+        found = next((c for c in _SCRIPTS if _is_written_in(head, c)), "")
+        found = found or ("cp1250" if _is_central_european(head) else "cp1252")
         return data.decode(found, "replace")
+
+
+def _is_central_european(data):
+    """Whether a letter of Windows-1250 is within a word where Windows-1252 has a sign."""
+    text, signs = data.decode("cp1250", "replace"), data.decode("cp1252", "replace")
+    return any(
+        before.isalpha() and own.isalpha() and after.isalpha() and not sign.isalpha()
+        for before, own, after, sign in zip(text, text[1:], text[2:], signs[1:], strict=False)
+    )
 
 
 def _is_written_in(data, encoding):

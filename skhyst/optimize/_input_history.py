@@ -24,7 +24,9 @@ reduce it by the fraction k / n for n samples of noise.
 Where the memory fades, most of a record does not depend on its history, and none of it on values
 far back. Both are determined first, from histories at the limits, and are not simulated again: what
 is left out changes the output by a small part of the mean squared residual of a sample. A linear
-operator needs no search: its derivatives give all residuals, and their least-squares solution.
+operator needs no search: its derivatives give all residuals, and their least-squares solution. It
+needs no limits either: its history stands for the state at the first sample, which may be beyond
+all that the drive reaches within a record, and only the penalty holds what the record leaves open.
 """
 
 from dataclasses import replace
@@ -36,7 +38,7 @@ from ._bounded_step import bounded_step
 from ._identify import identify
 from ._problem import OperatorProblem, ages, begun, scheduled
 from ._start_values import estimate_start_values, start_values_of
-from ._variable_projection import variable_projection
+from ._variable_projection import VariableProjection, variable_projection
 
 _THIRDS = 3.0 ** -np.arange(1, 5)  # of the limits: the range of the drive, to a few per cent of it
 _STEPS = np.outer(_THIRDS, (1.0, -1.0)).ravel()
@@ -100,10 +102,32 @@ def estimate_input_history(
     n_values = sum(_rest(r, count).size for r in compress(records, which))
     chance = n_values / sum(r.counts().sum() for r in records)
     rough = how | {"with_errors": False}
-    result, evaluations, gain = identify([*start, *further], late, **rough), 0, 1.0
+    begins = [identify([*start, *further], late, **rough)]
+    if operator.signal_linear:
+        # the dynamics of least error while the linear parameters and the history are free
+        rested = [
+            replace(r, before=_rest(r, count)) if own and r.before is None else r
+            for r, own in zip(records, which, strict=True)
+        ]
+        held = rough | {"method": VariableProjection(max_evaluations=1)}
+        free = [_loosened(*own, rested, which, held) for own in (*start, *further)]
+        begins.append(min(free, key=lambda own: own.error))
+    ends = [_in_turn(begin, best, records, which, chance, how) for begin in begins]
+    evaluations = sum(own.n_evaluations for own, _ in ends)
+    best, records = min(ends, key=lambda own: own[0].error)
+    input_history = [_rest(r, count) if r.before is None else r.before for r in records]
+    input_history = np.array(
+        [h if own else np.full_like(h, np.nan) for h, own in zip(input_history, which, strict=True)]
+    )
+    return replace(best, n_evaluations=evaluations), input_history
+
+
+def _in_turn(result, best, records, which, chance, how):
+    """Identify histories and parameters in turn; return the best result and its records."""
+    evaluations, gain = best.n_evaluations, 1.0
+    options = {"which": which, "initial_state": how["initial_state"]}
     while gain > chance:
         operator, disturbances = result.operator, result.disturbances
-        options = {"which": which, "initial_state": initial_state}
         found, runs = input_history_of(operator, disturbances, records, **options)
         trial = [begun(operator, r, own) for r, own in zip(records, found, strict=True)]
         result = identify([(operator, disturbances)], trial, **how)
@@ -112,28 +136,25 @@ def estimate_input_history(
         if gain > 0.0:
             records, best = trial, result
         if gain > chance:
-            problem = OperatorProblem(
-                best.operator,
-                records,
-                disturbances=best.disturbances,
-                initial_state=initial_state,
-            )
-            loose = [
-                replace(
-                    r,
-                    beside=problem.carried(best.operator, r)
-                    if own
-                    else np.zeros((len(r.u), _rest(r, count).size)),
-                )
-                for r, own in zip(records, which, strict=True)
-            ]
-            start = [(best.operator, best.disturbances)]
-            result = identify(start, loose, **rough)
-    input_history = [_rest(r, count) if r.before is None else r.before for r in records]
-    input_history = np.array(
-        [h if own else np.full_like(h, np.nan) for h, own in zip(input_history, which, strict=True)]
-    )
-    return replace(best, n_evaluations=best.n_evaluations + evaluations), input_history
+            rough = how | {"with_errors": False}
+            result = _loosened(best.operator, best.disturbances, records, which, rough)
+    return replace(best, n_evaluations=evaluations), records
+
+
+def _loosened(operator, disturbances, records, which, how):
+    """Return a fit in which the response to small changes of the history is eliminated."""
+    options = {"disturbances": disturbances, "initial_state": how["initial_state"]}
+    problem, count = OperatorProblem(operator, records, **options), _count(records)
+    loose = [
+        replace(
+            r,
+            beside=problem.carried(operator, r)
+            if own
+            else np.zeros((len(r.u), _rest(r, count).size)),
+        )
+        for r, own in zip(records, which, strict=True)
+    ]
+    return identify([(operator, disturbances)], loose, **how)
 
 
 def later_halves(records):
@@ -187,7 +208,7 @@ def input_history_of(
     low, high = np.min(ends, axis=0)[0], np.max(ends, axis=0)[1]
     if drive_range is not None:
         low[0], high[0] = drive_range
-    # the history may exceed the range of the drive by as much on either side
+    # the history of what is not linear may exceed the range of the drive by as much on either side
     limits, count = (2.0 * low - high, 2.0 * high - low), _count(records)
     options = {"disturbances": disturbances, "initial_state": initial_state}
     problem = OperatorProblem(operator, records, **options)
@@ -273,9 +294,10 @@ class _Misfit:
         self.scale = 1.0  # of the response, as a least-squares problem has it
 
     def relative(self, values):
-        """Return inputs relative to the limits, clipped to them."""
+        """Return inputs relative to the limits, clipped to them unless the operator is linear."""
         own = np.reshape(values, (-1, len(self._size))) - self._low
-        return np.clip(own / np.where(self._size > 0.0, self._size, 1.0), 0.0, 1.0).ravel()
+        own = (own / np.where(self._size > 0.0, self._size, 1.0)).ravel()
+        return own if self._operator.signal_linear else np.clip(own, 0.0, 1.0)
 
     def before(self, values):
         """Return the input history in the form of a record."""
@@ -285,15 +307,18 @@ class _Misfit:
     def solved(self, starts):
         """Return the values of least residual and penalty, for a linear operator.
 
-        The penalty is set as by :meth:`look_over`, from the least residual of the starts.
+        The penalty is set as by :meth:`look_over`, from the least residual of the starts, then from
+        that of the solution: a start far from all of them must not be held there by their residual.
         """
         rest, n = starts[0], len(self._root)
-        columns = self._columns(rest)[:n]
+        columns, free = self._columns(rest), np.full(len(rest), np.inf)
         left = columns[:, -1:] + columns[:, :-1] @ (starts - rest).T
-        self._stiffness = np.linalg.norm(left, axis=0).min() / np.sqrt(n)
-        gram = self._gram(columns, rest)
-        step = bounded_step(gram[:-1, :-1], gram[:-1, -1], -rest, 1.0 - rest)
-        return np.clip(rest + step, 0.0, 1.0)
+        for _ in range(2):
+            self._stiffness = np.linalg.norm(left, axis=0).min() / np.sqrt(n)
+            gram = self._gram(columns, rest)
+            step = bounded_step(gram[:-1, :-1], gram[:-1, -1], -free, free)
+            left = np.column_stack([left, columns[:, -1] + columns[:, :-1] @ step])
+        return rest + step
 
     def look_over(self, starts):
         """Return the sums of squares of starts without the penalty of changes, and set the penalty.

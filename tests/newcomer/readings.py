@@ -170,6 +170,21 @@ def keyence(folder):
     return [folder / "laser.csv"]
 
 
+def aligned_comments(folder):
+    """A simulation's export: names with blanks, aligned, in the last of its comment lines."""
+    head = "% Model: stage.mph\n% Time (s)     Voltage (V)     Displacement (um)\n"
+    rows = "".join(f"{t:g}   {u}   {y}\n" for t, u, y in zip(T, U, Y, strict=True))
+    (folder / "export.txt").write_text(head + rows)
+    return [folder / "export.txt"]
+
+
+def rate_in_a_comment(folder):
+    """The rate in kHz above the names."""
+    rows = "".join(f"{u}\t{y}\n" for u, y in zip(U, Y, strict=True))
+    (folder / "rate.txt").write_text("# fs = 1 kHz\n# u [V]\ty [um]\n" + rows)
+    return [folder / "rate.txt"]
+
+
 def grouped(values):
     """Return numbers as text with points between thousands and a decimal comma."""
     return [f"{v:,.6f}".translate(str.maketrans(",.", ".,")) for v in values]
@@ -300,6 +315,13 @@ READINGS = {
         "Ход, мкм",
         ("--drive", "Напряжение, В"),
     ),
+    "polish.csv": Reading(
+        table({"Czas [s]": T, "Napięcie [V]": U, "Położenie [µm]": Y}, sep=";", encoding="cp1250"),
+        "Napięcie [V]",
+        "Położenie [µm]",
+    ),
+    "rate.txt": Reading(rate_in_a_comment, "u [V]", "y [um]"),
+    "comments.txt": Reading(aligned_comments, "Voltage (V)", "Displacement (um)"),
     "clock_with_commas.csv": Reading(
         table({"Uhrzeit": _stamps("%H:%M:%S,%f"), "Sollwert": U, "Istwert": Y}, sep=";"),
         "Sollwert",

@@ -115,6 +115,13 @@ def test_a_linear_device_is_run_once():
     assert errors(DEVICES["mode"], record, input_history[0])[1] < 1e-3
 
 
+def test_a_linear_device_may_begin_beyond_the_reach_of_the_drive():
+    u = drive(0, N)
+    y = _LAG.run(u, DT, _LAG.init(100.0))[0]  # the drive is within 4
+    input_history, _ = input_history_of(_LAG, (), [RecordData(u, y, DT)])
+    assert errors(_LAG, RecordData(u, y, DT), input_history[0])[1] < 1e-3
+
+
 def test_a_device_without_memory_tells_nothing():
     record = cut(GainOperator(2.0), 0, noise=0.1)
     input_history, _ = input_history_of(GainOperator(2.0), (), [record])
