@@ -265,12 +265,13 @@ def _choose(files, name, key, roles):
 def _little_picture(outline):
     """Return a curve as SVG: from the smallest to the largest reading of each part."""
     low, high = outline.min(), outline.max()
-    x = np.repeat(np.linspace(1.0, 199.0, len(outline)), 2)
-    y = 29.0 - 28.0 * (outline.ravel() - low) / ((high - low) or 1.0)
-    points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
+    x = np.linspace(1.0, 199.0, len(outline))
+    least, most = 29.0 - 28.0 * (outline.T - low) / ((high - low) or 1.0)
+    around = zip([*x, *x[::-1]], [*least, *most[::-1]], strict=True)
+    points = " ".join(f"{a:.1f},{b:.1f}" for a, b in around)
     return (
         '<svg xmlns="http://www.w3.org/2000/svg" width="200" height="30" viewBox="0 0 200 30">'
-        f'<polyline points="{points}" fill="none" stroke="#2a85c4" stroke-width="1"/></svg>'
+        f'<polygon points="{points}" fill="#2a85c4" stroke="#2a85c4" stroke-width="1"/></svg>'
     )
 
 

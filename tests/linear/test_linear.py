@@ -11,6 +11,7 @@ from scipy.signal import lsim
 
 from skhyst.linear import (
     DelayOperator,
+    FirstOrderLag,
     FirstOrderLagOperator,
     GainOperator,
     KelvinVoigtOperator,
@@ -365,3 +366,15 @@ def test_clocks_go_on_where_a_record_is_cut():
         y, state = shift.run(part, 0.01, state)
         parts.append(y)
     np.testing.assert_allclose(np.concatenate(parts), whole, atol=1e-12)
+
+
+def test_a_slow_lag_that_begins_far_off_is_found():
+    """From rest the fit is another lag, which no history before the record mends."""
+    time = 5e-3 * np.arange(300)
+    u = 20.0 * np.sin(9.0 * time + 6.0 * time**2) + 8.0 * np.sin(14.0 * time + 1.0)
+    operator = FirstOrderLagOperator(1.0)
+    y = operator.run(u, 5e-3, operator.init(200.0))[0]
+    y = y + 0.1 * np.random.default_rng(0).normal(size=300)
+    model = FirstOrderLag(dt=5e-3, initial_state="estimate").fit(u[:, None], y)
+    assert model.params_["time_constant"] == pytest.approx(1.0, rel=0.02)
+    assert model.fit_error_ < 0.12
