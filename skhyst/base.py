@@ -732,7 +732,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         No one has said how these begin: the drive before them is estimated, unless the response is
         explained as well without.
         """
-        behind, operator = _behind_gaps(self.records_), result.operator
+        behind, operator = behind_gaps(self.records_), result.operator
         if (
             not behind
             or operator.memoryless
@@ -1325,7 +1325,7 @@ def warn_gaps(model, operator, slices, going=()):
     """
     if operator.memoryless:
         return
-    behind = [number for number in _behind_gaps(slices) if number not in going]
+    behind = [number for number in behind_gaps(slices) if number not in going]
     if behind:
         first = slices[behind[0]].rows.start
         warnings.warn(
@@ -1349,7 +1349,7 @@ def _with_movable_positions(tree):
     return tree if same else replace(tree, stages=stages)
 
 
-def _behind_gaps(slices):
+def behind_gaps(slices):
     """Return the numbers of the records that are the rest of one in which rows are missing."""
     both = enumerate(pairwise(slices), start=1)
     return [number for number, (before, own) in both if before.label == own.label]

@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 
 from .._sklearn import HasMethods, Interval, StrOptions, fit_context
 from .._validation import refuse_no_experiment
-from ..base import read_data
+from ..base import behind_gaps, read_data
 from ..model_selection import by_content, segment_folds
 from ..optimize import record_folds
 from ..records import (
@@ -84,7 +84,8 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         minus the contribution of the effects; effects that act on the drive before it are not
         tried.
     effects : "all" or list of str, default="all"
-        Effects to try, see :func:`effect_names`.
+        Effects to try, see :func:`effect_names`. Where rows are missing within a record,
+        ``"initial_state"`` is one of them: what follows begins in motion.
     cv : int, splitter or iterable, default=5
         What is held out, as in ``GridSearchCV``. An int: that many folds, each of a block of every
         record, or of a part of its period if the drive is periodic, see
@@ -378,6 +379,8 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
             self.resampling_error_ = resampling_error(X, y, dt=self.resample)
         (X, y, self._read), given = fill_lost_rows(even, response), (even, response)
         slices, drive, response = read_data(self, X, y, reset=True)
+        if behind_gaps(slices):  # otherwise a drift or another model explains how they begin
+            effects = list({own.name: own for own in [*effects, EFFECTS["initial_state"]]}.values())
         at, every = column_of(self), drive
         X, drive = without_column(X, at), without_column(drive, at)
         segments, folds = segment_folds(slices, self.cv, X, response, washout=self.washout)

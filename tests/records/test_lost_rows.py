@@ -206,3 +206,17 @@ def test_folds_and_scores_see_one_record():
     late = record_slices(X, bridge=True)[0].samples >= 20
     expected = -nrmse(y[late], found.predict(X)[late])
     assert washout_scorer(nrmse, washout=20)(found, X, y) == pytest.approx(expected)
+
+
+def test_a_search_takes_what_follows_a_gap_for_no_drift():
+    t = DT * np.arange(700)
+    u = np.sin(2.0 * np.pi * t / (120 * DT)) * np.linspace(2.0, 1.0, len(t))
+    y = FirstOrderLagOperator(60 * DT).run(u, DT)[0]
+    y += 1e-3 * np.random.default_rng(0).normal(size=len(t))
+    kept = (np.arange(len(t)) < 300) | (np.arange(len(t)) >= 400)
+    X = pd.DataFrame({"drive": u}, pd.Index(t, name="time"))[kept]
+    search = EffectSearchCV(FirstOrderLag(), effects=["drift"], cv=3, random_state=0)
+    search.fit(X, y[kept])
+    assert search.effects_ == ["initial_state"]
+    found = search.best_estimator_.params_["time_constant"]
+    assert found == pytest.approx(60 * DT, rel=0.01)
