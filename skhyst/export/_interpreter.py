@@ -176,7 +176,9 @@ class Interpreter:
 
         def note_state(env):
             if note and "s" in env:
-                for x in own(env)[:size].tolist():
+                numbers = own(env)[:size].tolist()
+                ends = min(numbers, default=0.0), max(numbers, default=0.0)
+                for x in ends if math.isfinite(ends[1] - ends[0]) else numbers:
                     note(x)
 
         def run(env):

@@ -17,8 +17,8 @@ from ._interpreter import Interpreter
 _OF_INFINITY = {*COMPARISONS, "min", "max", "abs", "neg", "math.fabs", "math.copysign"}
 _LONGEST_TRIAL = 1000  # iterations of a loop, which may not end in a branch that is only tried
 _FAILED = (ArithmeticError, ValueError, IndexError, KeyError)
-_LONGEST_RUN = 1_000_000  # operations after the drive, some seconds
-_LONGEST_SEARCH = 100_000  # operations that lead to further branches, about a second
+_LONGEST_RUN = 1_000_000  # operations after the drive, a few seconds
+_LONGEST_SEARCH = 100_000  # operations that lead to further branches, half a second
 _BITS = 44  # of rounded numbers: fewer than the 50 of the program, to find effects of rounding
 _BEYOND = (16, 8, 4, 2)  # multiples of the largest input of the drive at which input is limited
 _REST = 100  # samples
@@ -52,6 +52,7 @@ class Ranges(Interpreter):
         self._seen, self._tried, self._infinite = {}, {}, set()
         self._led, self._passed = set(), set()  # branches that samples take, and do not take
         self._sizes, self._is_trial, self._left = self._seen, False, math.inf
+        self._is_search = False
         for u in drive:
             self.answer(u)
         self._left = _LONGEST_RUN
@@ -73,9 +74,9 @@ class Ranges(Interpreter):
         """Whether the number of operations was exhausted before all samples were run."""
         return self._left <= 0
 
-    def limit(self, most):
-        """Run no more than so many operations from now on."""
-        self._left = min(self._left, most)
+    def search(self, most):
+        """From now on run no more than so many operations, and try no branch a second time."""
+        self._left, self._is_search = min(self._left, most), True
 
     @property
     def led(self):
@@ -167,7 +168,7 @@ class Ranges(Interpreter):
 
     def _try(self, work, env, place):
         """Do some work on a copy of the variables, unless a sample has taken that branch."""
-        if place in self._led:
+        if place in self._led or (self._is_search and place in self._passed):
             return
         self._passed.add(place)
         before, self._sizes, self._is_trial = (self._sizes, self._is_trial), self._tried, True
@@ -201,22 +202,26 @@ class _Rounded(Interpreter):
     def __init__(self, ranges, spare):
         super().__init__(*ranges.begin)
         self._ranges, self._spare = ranges, spare
-        self._lasts = {}  # place value of the last bit of each number, None where it is kept
+        self._run = 0  # in which sizes do not change
         self.led = set()  # branches that samples have taken
 
     def _stored(self, step, *key):
         if not key:
             return None
-        key, lasts, most = (step, *key), self._lasts, 2 ** (_BITS + self._spare)
+        most, run, up, down = 2.0 ** (_BITS + self._spare), None, math.nan, math.nan
 
         def stored(value):
-            if key not in lasts:
-                size = self._ranges.of(*key)
-                lasts[key] = exponent(size) - _BITS if size else None
-            last = lasts[key]
-            if last is None or not math.isfinite(value):
-                return value
-            return math.ldexp(max(-most, min(round(math.ldexp(value, -last)), most)), last)
+            nonlocal run, up, down
+            if run != self._run:
+                run, size = self._run, self._ranges.of(step, *key)
+                last = max(exponent(size) - _BITS, -1000) if size else math.nan
+                up, down = 2.0**-last, 2.0**last
+            count = value * up
+            if -most <= count <= most:
+                return round(count) * down
+            # a number without a size, not finite, or too large
+            kept = math.isnan(up) or not math.isfinite(value)
+            return value if kept else math.copysign(most * down, value)
 
         return stored
 
@@ -234,7 +239,7 @@ class _Rounded(Interpreter):
     def agrees(self, drive, outputs, allowed):
         """Run a drive and return whether the responses are these; if not, nothing has changed."""
         before = self.memory()
-        self._lasts.clear()  # sizes may have grown
+        self._run += 1
         try:
             agrees = all(
                 abs(self.answer(u) - y) <= allowed for u, y in zip(drive, outputs, strict=True)
@@ -326,7 +331,7 @@ def explore(ranges, counts, units, spare, answers):
             counts = np.append(counts, jumps, axis=0)
         if fits:
             break
-    ranges.limit(_LONGEST_SEARCH)
+    ranges.search(_LONGEST_SEARCH)
     for jumps in itertools.chain(*(_searches(*own, n_states) for own in ((low, high), ends))):
         taken, there_are = ranges.branches
         if taken == there_are or ranges.is_cut:

@@ -423,7 +423,8 @@ def _merged(env, other, join=_joined):
 def _both(arrays, others, join=_joined):
     merged = {**others, **arrays}
     for key in arrays.keys() & others.keys():
-        merged[key] = list(map(join, arrays[key], others[key]))
+        if arrays[key] != others[key]:
+            merged[key] = list(map(join, arrays[key], others[key]))
     return merged
 
 
