@@ -16,7 +16,15 @@ from sklearn.preprocessing import PolynomialFeatures, StandardScaler
 
 from skhyst.autoregressive import NARMAXRegressor, NARXRegressor
 from skhyst.base import ParametricModel
-from skhyst.compose import Cascade, Corrected, Modulated, OnColumn, ScheduledParameters, Sum
+from skhyst.compose import (
+    Cascade,
+    Corrected,
+    ModalFeedback,
+    Modulated,
+    OnColumn,
+    ScheduledParameters,
+    Sum,
+)
 from skhyst.control import InverseCompensator
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.discovery import all_estimators
@@ -161,6 +169,7 @@ IN_C = {  # models of plain arithmetic, by the number of columns
     "held and drifting": (1, lambda: Sum([("h", plays()), ("drift", Drift(1))])),
     "modes": (1, lambda: ModalModel(1)),
     "modes of two inputs": (2, lambda: ModalModel(1)),
+    "modes with a loop": (2, lambda: ModalFeedback(1, max_evaluations=10)),
     "search": (
         1,
         lambda: EffectSearchCV(plays(), effects=["lag"], cv=2, max_effects=1),

@@ -10,6 +10,7 @@ from ._columns import lags_of_column as lags_of_column
 from ._corrected import Corrected
 from ._divided import Divisions as Divisions
 from ._feedback import Feedback
+from ._modal_feedback import ModalFeedback, SampledFeedback
 from ._scheduled_parameters import ScheduledParameters
 from ._shared_parameters import SharedParameters
 from ._sum import Sum
@@ -18,8 +19,10 @@ __all__ = [
     "Cascade",
     "Corrected",
     "Feedback",
+    "ModalFeedback",
     "Modulated",
     "OnColumn",
+    "SampledFeedback",
     "ScheduledParameters",
     "SharedParameters",
     "Sum",

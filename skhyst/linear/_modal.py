@@ -134,13 +134,25 @@ class SampledStateSpace:
         ValueError
             If ``dt`` is not the sampling interval of the system.
         """
-        self._refuse_other(dt)
+        self.refuse_other(dt)
         u = np.ascontiguousarray(u, dtype=float)
         x, previous = self.init(u[0]) if state is None else state
         y, x = state_space_run_many(self.a, self.b, 0.0 * self.b, self.c, self.d, u, x, previous)
         return y + self.intercept, (x, u[-1].copy())
 
-    def _refuse_other(self, dt):
+    def refuse_other(self, dt):
+        """Refuse another sampling interval.
+
+        Parameters
+        ----------
+        dt : float
+            Sampling interval in s.
+
+        Raises
+        ------
+        ValueError
+            If it is not that of the system.
+        """
         if abs(dt - self.dt) > 1e-3 * self.dt:
             raise ValueError(
                 f"The system is sampled every {self.dt:g} s and runs at no other interval. Got "
@@ -189,12 +201,8 @@ class SampledStateSpace:
         NotImplementedError
             If there are several responses: a step returns one number.
         """
-        if len(self.c) > 1:
-            raise NotImplementedError(
-                f"A model of {len(self.c)} responses cannot be stepped: a step returns one number. "
-                "Fit each response alone."
-            )
-        self._refuse_other(dt)
+        self.refuse_several()
+        self.refuse_other(dt)
         x, previous = state
         steps = []
         for i in range(self.b.shape[1]):  # responses add up, so the first can carry the whole state
@@ -205,6 +213,20 @@ class SampledStateSpace:
         if len(steps) == 1:
             return steps[0]
         return CompiledSum(tuple(CompiledColumn((s,), i, 0.0) for i, s in enumerate(steps)))
+
+    def refuse_several(self):
+        """Refuse several responses where a step returns one number.
+
+        Raises
+        ------
+        NotImplementedError
+            If there are several.
+        """
+        if len(self.c) > 1:
+            raise NotImplementedError(
+                f"A model of {len(self.c)} responses cannot be stepped: a step returns one number. "
+                "Fit each response alone."
+            )
 
     def poles(self):
         """Return the poles in the z-plane, complex, shape (n_states,)."""

@@ -1,0 +1,629 @@
+r"""Common modes of several inputs and responses, with memoryless curves in the feedback.
+
+.. math::
+
+    x_{k+1} = A x_k + B u_k + E w_k, \quad y_k = C x_k + D u_k + c, \quad
+    w_k = \tanh(F x_k + G u_k + b) - \tanh b
+
+Each loop has a signal, a row of F and G, and acts on the states by a column of E. Sums of such
+functions approximate any static function of the states and inputs (Cybenko, *Mathematics of
+Control, Signals, and Systems*, 1989). The loops act with a delay of one sample, so that they are
+explicit. The poles of A are in blocks on its diagonal; tangents of the states by all parameters but
+C, D and c run along with them, and of these only the Gram matrix is kept.
+"""
+
+import math
+import warnings
+from dataclasses import dataclass, replace
+from numbers import Integral
+from typing import Self
+
+import numpy as np
+
+from .._jit import jit
+from .._sklearn import Interval, fit_context
+from .._validation import as_floats
+from ..base import one_thread
+from ..exceptions import ConvergenceWarning
+from ..linear import ModalModel, SampledStateSpace
+from ..operators import CompiledLaw
+from ..optimize import variable_projection
+from ..records import with_lost_rows
+
+_CHUNK = 512  # samples whose tangents are multiplied at once
+_TRIALS = 50  # of Newton's method for the state at rest
+
+
+@jit
+def _advance(a, b, e, f, g, bias, c, d, intercept, u, x, y):
+    """Write the responses (n_samples, n_outputs) to ``y`` and the last state to ``x``."""
+    n, m, r = x.size, u.shape[1], bias.size
+    new, w = np.empty(n), np.empty(r)
+    for k in range(len(u)):
+        for i in range(intercept.size):
+            total = intercept[i]
+            for j in range(n):
+                total += c[i, j] * x[j]
+            for j in range(m):
+                total += d[i, j] * u[k, j]
+            y[k, i] = total
+        for i in range(r):
+            total = bias[i]
+            for j in range(n):
+                total += f[i, j] * x[j]
+            for j in range(m):
+                total += g[i, j] * u[k, j]
+            w[i] = math.tanh(total) - math.tanh(bias[i])
+        for i in range(n):
+            total = 0.0
+            for j in range(n):
+                total += a[i, j] * x[j]
+            for j in range(m):
+                total += b[i, j] * u[k, j]
+            for j in range(r):
+                total += e[i, j] * w[j]
+            new[i] = total
+        x[:] = new
+
+
+@jit
+def _tangents(a, n_real, b, e, f, g, bias, c, u, x, dx, dy):
+    """Write the tangents (n_samples, n_outputs, p + own) of the responses; advance ``x``, ``dx``.
+
+    The p are by the entries of A, of B, E, F, G by rows, and the bias; the own of each response by
+    its rows of C and D and its intercept. A real pole has one entry, a pair two: real and imaginary
+    part.
+    """
+    n, m, r, p = x.size, u.shape[1], bias.size, dx.shape[1]
+    at_e = n + n * m
+    at_f = at_e + n * r
+    at_g = at_f + r * n
+    new, dnew, w, dw = np.empty(n), np.empty_like(dx), np.empty(r), np.empty((r, p))
+    for k in range(len(u)):
+        for i in range(len(c)):
+            row, own = dy[k, i], p + i * (n + m + 1)
+            row[:] = 0.0
+            for j in range(n):
+                row[own + j] = x[j]
+                for q in range(p):
+                    row[q] += c[i, j] * dx[j, q]
+            for j in range(m):
+                row[own + n + j] = u[k, j]
+            row[own + n + m] = 1.0
+        for i in range(r):
+            total = bias[i]
+            row = dw[i]
+            row[:] = 0.0
+            for j in range(n):
+                total += f[i, j] * x[j]
+                for q in range(p):
+                    row[q] += f[i, j] * dx[j, q]
+                row[at_f + i * n + j] += x[j]
+            for j in range(m):
+                total += g[i, j] * u[k, j]
+                row[at_g + i * m + j] += u[k, j]
+            value, rest = math.tanh(total), math.tanh(bias[i])
+            w[i] = value - rest
+            row *= 1.0 - value**2
+            row[p - r + i] += rest**2 - value**2
+        for i in range(n):
+            row, total = dnew[i], 0.0
+            row[:] = 0.0
+            first = i if i < n_real else n_real + (i - n_real) // 2 * 2
+            last = i + 1 if i < n_real else first + 2
+            for j in range(first, last):
+                total += a[i, j] * x[j]
+                for q in range(p):
+                    row[q] += a[i, j] * dx[j, q]
+            if i < n_real:
+                row[i] += x[i]
+            else:
+                row[first] += x[i]
+                row[first + 1] += x[i + 1] if i == first else -x[i - 1]
+            for j in range(m):
+                total += b[i, j] * u[k, j]
+                row[n + i * m + j] += u[k, j]
+            for j in range(r):
+                total += e[i, j] * w[j]
+                for q in range(p):
+                    row[q] += e[i, j] * dw[j, q]
+                row[at_e + i * r + j] += w[j]
+            new[i] = total
+        x[:] = new
+        dx[:] = dnew
+
+
+@jit
+def modal_feedback_step(u, c, s):
+    """Return the single response; ``c`` is that of :func:`_advance`, ``s`` the states and work."""
+    a, b, e, f, g, bias, output, direct, intercept = c
+    n, r = output.size, bias.size
+    y = intercept
+    for i in range(r):
+        total = bias[i]
+        for j in range(n):
+            total += f[i, j] * s[j]
+        for j in range(direct.size):
+            total += g[i, j] * u[j]
+        s[2 * n + i] = math.tanh(total) - math.tanh(bias[i])
+    for i in range(n):
+        total = 0.0
+        y += output[i] * s[i]
+        for j in range(n):
+            total += a[i, j] * s[j]
+        for j in range(direct.size):
+            total += b[i, j] * u[j]
+        for j in range(r):
+            total += e[i, j] * s[2 * n + j]
+        s[n + i] = total
+    for j in range(direct.size):
+        y += direct[j] * u[j]
+    for i in range(n):
+        s[i] = s[n + i]
+    return y
+
+
+@dataclass(frozen=True)
+class SampledFeedback:
+    """Sampled state space with loops: see :class:`ModalFeedback`.
+
+    It has ``init``, ``step`` and ``run`` as operators have, for inputs (n_samples, n_inputs) and
+    responses (n_samples, n_outputs), but only at its own sampling interval.
+
+    Parameters
+    ----------
+    linear : SampledStateSpace
+        Without the loops.
+    e : ndarray of shape (n_states, n_loops)
+        From the loops to the next state.
+    f : ndarray of shape (n_loops, n_states)
+        From the state to the signals of the loops.
+    g : ndarray of shape (n_loops, n_inputs)
+        From the inputs to these signals.
+    bias : ndarray of shape (n_loops,)
+        Signals at a state of zero.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.compose import SampledFeedback
+    >>> from skhyst.linear import SampledStateSpace
+    >>> one = np.ones((1, 1))
+    >>> linear = SampledStateSpace(0.5 * one, one, one, 0.0 * one, 0.1, np.zeros(1))
+    >>> loop = SampledFeedback(linear, -0.2 * one, one, 0.0 * one, np.zeros(1))
+    >>> loop.run([[0.0], [1.0], [1.0]], dt=0.1)[0].ravel()
+    array([0., 0., 1.])
+    """
+
+    linear: SampledStateSpace
+    e: np.ndarray
+    f: np.ndarray
+    g: np.ndarray
+    bias: np.ndarray
+
+    @property
+    def dt(self):
+        """Sampling interval in s."""
+        return self.linear.dt
+
+    @property
+    def intercept(self):
+        """Constant of each response."""
+        return self.linear.intercept
+
+    def _arrays(self):
+        own = self.linear
+        arrays = own.a, own.b, self.e, self.f, self.g, self.bias, own.c, own.d, own.intercept
+        return tuple(np.ascontiguousarray(array, dtype=float) for array in arrays)
+
+    def init(self, u0, initial_state="rest"):
+        """Return the state before the first sample, (n_states,): zero, or at rest at ``u0``.
+
+        Parameters
+        ----------
+        u0 : array-like of shape (n_inputs,)
+            Inputs at the first sample.
+        initial_state : {"rest", "zero"}, default="rest"
+            Which of the two.
+
+        Returns
+        -------
+        ndarray of shape (n_states,)
+            The state.
+        """
+        u0 = np.asarray(u0, dtype=float)
+        if initial_state == "zero":
+            return np.zeros(len(self.linear.a))
+        x = self.linear.init(u0)[0]
+        for _ in range(_TRIALS):
+            z = self.f @ x + self.g @ u0 + self.bias
+            moved = self.linear.a @ x + self.linear.b @ u0
+            left = moved + self.e @ (np.tanh(z) - np.tanh(self.bias)) - x
+            step = np.linalg.solve(np.eye(len(x)) - self.slope(z), left)
+            x = x + step
+            if np.abs(step).max(initial=0.0) <= 1e-13 * np.abs(x).max(initial=0.0):
+                break
+        return x
+
+    def slope(self, z):
+        """Return the derivative of the next state by the state.
+
+        Parameters
+        ----------
+        z : ndarray of shape (n_loops,)
+            Signals of the loops.
+
+        Returns
+        -------
+        ndarray of shape (n_states, n_states)
+            Matrix of the linearised loop.
+        """
+        return self.linear.a + (self.e * (1.0 - np.tanh(z) ** 2)) @ self.f
+
+    def poles_at(self, u0):
+        """Return the poles of small motions about the rest, in the z-plane.
+
+        Parameters
+        ----------
+        u0 : array-like of shape (n_inputs,)
+            Inputs at rest.
+
+        Returns
+        -------
+        ndarray of shape (n_states,), complex
+            Inside the unit circle where the rest is stable.
+        """
+        x, u0 = self.init(u0), np.asarray(u0, dtype=float)
+        return np.linalg.eigvals(self.slope(self.f @ x + self.g @ u0 + self.bias))
+
+    def run(self, u, dt, state=None):
+        """Map the inputs (n_samples, n_inputs) to the responses (n_samples, n_outputs).
+
+        Parameters
+        ----------
+        u : array-like of shape (n_samples, n_inputs)
+            Inputs.
+        dt : float
+            Sampling interval in s.
+        state : ndarray of shape (n_states,), default=None
+            State before; None: at rest at the first inputs.
+
+        Returns
+        -------
+        y : ndarray of shape (n_samples, n_outputs)
+            Responses.
+        state : ndarray of shape (n_states,)
+            State behind the last sample.
+
+        Raises
+        ------
+        ValueError
+            If ``dt`` is not the sampling interval of the system.
+        """
+        self.linear.refuse_other(dt)
+        u = np.ascontiguousarray(u, dtype=float)
+        x = np.array(self.init(u[0]) if state is None else state, dtype=float)
+        y = np.empty((len(u), len(self.linear.c)))
+        _advance(*self._arrays(), u, x, y)
+        return y, x
+
+    def step(self, state, u, dt):
+        """Advance by one sample.
+
+        Parameters
+        ----------
+        state : ndarray of shape (n_states,)
+            As :meth:`init` returns it.
+        u : array-like of shape (n_inputs,)
+            Inputs at the sample.
+        dt : float
+            Sampling interval in s.
+
+        Returns
+        -------
+        state : ndarray of shape (n_states,)
+            State behind the sample.
+        y : ndarray of shape (n_outputs,)
+            Responses.
+        """
+        y, state = self.run(np.asarray(u, dtype=float)[None], dt, state)
+        return state, y[0]
+
+    def compiled_step(self, dt, state):
+        """Return the compiled step of a single response, see :class:`~skhyst.operators.Operator`.
+
+        Parameters
+        ----------
+        dt : float
+            Sampling interval in s.
+        state : ndarray of shape (n_states,)
+            As :meth:`init` returns it.
+
+        Returns
+        -------
+        CompiledLaw
+            The step.
+
+        Raises
+        ------
+        NotImplementedError
+            If there are several responses: a step returns one number.
+        """
+        self.linear.refuse_several()
+        self.linear.refuse_other(dt)
+        *loops, c, d, intercept = self._arrays()
+        work = np.zeros(len(state) + len(self.bias))
+        constants = *loops, c[0], d[0], float(intercept[0])
+        return CompiledLaw(
+            modal_feedback_step, constants, [*state, *work], n_inputs=self.linear.b.shape[1]
+        )
+
+
+class _Problem:
+    """Least squares of the free run, with the interface that the solver needs."""
+
+    def __init__(self, records, start, washout):
+        self.records, self.washout, self.dt = records, washout, start.dt
+        a, b, e, f, g, bias, c, d, intercept = start._arrays()
+        poles, vectors = np.linalg.eig(a)
+        real, upper = np.flatnonzero(poles.imag == 0.0), np.flatnonzero(poles.imag > 0.0)
+        turn, entries = [vectors[:, real].real], [poles[real].real]
+        for i in upper:
+            turn.append(np.column_stack([vectors[:, i].real, vectors[:, i].imag]))
+            entries.append([poles[i].real, poles[i].imag])
+        turn, self.n_real = np.concatenate(turn, axis=1), len(real)
+        self.shapes = b.shape, e.shape, f.shape, g.shape, bias.shape
+        parts = [np.linalg.solve(turn, b), np.linalg.solve(turn, e), f @ turn, g, bias]
+        own = np.column_stack([c @ turn, d, intercept])
+        self.x0 = np.concatenate([*entries, *map(np.ravel, parts), own.ravel()])
+        self.n_dynamic = len(self.x0) - own.size
+        self.lower, self.upper = np.full(len(self.x0), -np.inf), np.full(len(self.x0), np.inf)
+        self.log = np.zeros(len(self.x0), dtype=bool)
+        self.linear = np.arange(len(self.x0)) >= self.n_dynamic
+        self.scale = float(sum(np.sum(y[washout:] ** 2) for _, y in records))
+
+    def operator(self, x):
+        """Return the operator of values."""
+        (n, m), *_ = self.shapes
+        a, k = np.diag(np.r_[x[: self.n_real], np.repeat(x[self.n_real : n : 2], 2)]), n
+        first = np.arange(self.n_real, n, 2)
+        a[first, first + 1], a[first + 1, first] = x[first + 1], -x[first + 1]
+        parts = []
+        for shape in self.shapes:
+            size = int(np.prod(shape))
+            parts.append(x[k : k + size].reshape(shape))
+            k += size
+        own = x[k:].reshape(-1, n + m + 1)
+        c, d, intercept = own[:, :n], own[:, n:-1], own[:, -1].copy()
+        linear = SampledStateSpace(a, parts[0], c, d, self.dt, intercept)
+        return SampledFeedback(linear, *parts[1:])
+
+    def tangents(self, operator, u, x, dx):
+        """Return responses and their tangents; advance the state and its tangents."""
+        y = np.empty((len(u), len(operator.linear.c)))
+        dy = np.empty((*y.shape, len(self.x0)))
+        a, b, e, f, g, bias, c, d, intercept = operator._arrays()
+        _tangents(a, self.n_real, b, e, f, g, bias, c, u, x.copy(), dx, dy)
+        _advance(a, b, e, f, g, bias, c, d, intercept, u, x, y)
+        return y, dy
+
+    def begun(self, operator, u0):
+        """Return the state at rest and its tangents."""
+        x, dx = operator.init(u0), np.zeros((self.shapes[0][0], self.n_dynamic))
+        self.tangents(operator, u0[None], x.copy(), dx)  # those of the next state, at a fixed one
+        slope = operator.slope(operator.f @ x + operator.g @ u0 + operator.bias)
+        return x, np.linalg.solve(np.eye(len(x)) - slope, dx)
+
+    def evaluate(self, x, *, select=None):
+        """Return the Gram matrix of ``[J, r]``."""
+        operator, gram = self.operator(x), np.zeros((len(x) + 1,) * 2)
+        with np.errstate(over="ignore", invalid="ignore"):
+            for u, y in self.records:
+                state, dx = self.begun(operator, u[0])
+                for begin in range(0, len(u), _CHUNK):
+                    rows = slice(begin, min(begin + _CHUNK, len(u)))
+                    run, dy = self.tangents(operator, u[rows], state, dx)
+                    kept = slice(max(self.washout - begin, 0), None)
+                    left = (run - y[rows])[kept].reshape(-1, 1)
+                    columns = np.hstack([dy[kept].reshape(len(left), -1), left])
+                    gram += columns.T @ columns
+        return gram
+
+    def total(self, blocks, select=None):
+        """Return the Gram matrix."""
+        return blocks
+
+
+class ModalFeedback(ModalModel):
+    r"""Common modes of several inputs and responses, with static nonlinear feedback.
+
+    .. math::
+
+        x_{k+1} = A x_k + B u_k + E w_k, \qquad y_k = C x_k + D u_k + c
+
+    with one saturating curve per loop, :math:`w = \tanh(F x_k + G u_k + b) - \tanh b`. Loops act on
+    all modes, and sums of them approximate any static function of states and inputs [1]_: a
+    resonance that moves with the amplitude at all points of a structure, for instance. It is a
+    nonlinear linear-fractional model (NL-LFR [2]_) in discrete time.
+
+    The start is :class:`~skhyst.linear.ModalModel`, the best linear approximation; each loop senses
+    a response. All parameters are then refined jointly on the free run by least squares with exact
+    derivatives.
+
+    Parameters
+    ----------
+    n_poles : int, default=4
+        Number of states.
+    n_loops : int, default=1
+        Number of curves in the feedback.
+    washout : int, default=0
+        Samples at the start of each record that are not scored: those of an unknown initial state.
+    fit_intercept : bool, default=True
+        As of :class:`~skhyst.linear.ModalModel`, for the start.
+    transient_periods : int, default=1
+        As of :class:`~skhyst.linear.ModalModel`, for the start.
+    initial_state : {"rest", "zero"}, default="rest"
+        State before each record's first sample in :meth:`predict`; in ``fit`` it is rest.
+    tolerance : float, default=1e-6
+        Relative change of the sum of squares at which the least-squares fit stops.
+    max_evaluations : int, default=60
+        Largest number of evaluations of either fit.
+    dt : float or None, default=None
+        Sampling interval in s of data without a time index.
+
+    Attributes
+    ----------
+    operator_ : SampledFeedback
+        ``linear``, ``e``, ``f``, ``g``, ``bias``; ``init``, ``step``, ``run`` and ``poles_at``.
+    poles_ : ndarray of shape (n_poles,), complex
+        rad/s, of small motions about the rest at the mean inputs; without standard errors.
+    n_evaluations_ : int
+    fit_error_ : float
+        Root mean square of the residual, relative to the standard deviation of each response.
+
+    Warns
+    -----
+    ConvergenceWarning
+        If the budget does not suffice, or a rest within the range of the inputs is unstable.
+
+    See Also
+    --------
+    Feedback : One input and response, in continuous time, with any curve.
+
+    References
+    ----------
+    .. [1] Cybenko, *Mathematics of Control, Signals, and Systems*, 1989.
+    .. [2] Schoukens and Tóth, *IFAC-PapersOnLine*, 2020.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skhyst.compose import ModalFeedback, SampledFeedback
+    >>> from skhyst.linear import ModalModel
+    >>> X = np.random.default_rng(0).normal(size=(300, 1))
+    >>> y = np.zeros((300, 1))
+    >>> for k in range(299):
+    ...     y[k + 1] = 0.5 * y[k] + X[k] - 0.4 * np.tanh(y[k])
+    >>> linear = ModalModel(1, dt=0.1).fit(X, y)
+    >>> model = ModalFeedback(1, n_loops=1, dt=0.1).fit(X, y)
+    >>> bool(np.std(y - model.predict(X)) < 0.2 * np.std(y - linear.predict(X)))
+    True
+    """
+
+    _parameter_constraints = {
+        **ModalModel._parameter_constraints,
+        "n_loops": [Interval(Integral, 1, None, closed="left")],
+        "washout": [Interval(Integral, 0, None, closed="left")],
+    }
+
+    def __init__(
+        self,
+        n_poles=4,
+        *,
+        n_loops=1,
+        washout=0,
+        fit_intercept=True,
+        transient_periods=1,
+        initial_state="rest",
+        tolerance=1e-6,
+        max_evaluations=60,
+        dt=None,
+    ):
+        super().__init__(
+            n_poles,
+            fit_intercept=fit_intercept,
+            transient_periods=transient_periods,
+            initial_state=initial_state,
+            tolerance=tolerance,
+            max_evaluations=max_evaluations,
+            dt=dt,
+        )
+        self.n_loops = n_loops
+        self.washout = washout
+
+    @fit_context(prefer_skip_nested_validation=True)
+    def fit(self, X, y) -> Self:
+        """Identify the model.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+            All columns are inputs; the index carries records and time.
+        y : array-like of shape (n_samples, n_outputs) or (n_samples,)
+            Responses.
+
+        Returns
+        -------
+        self
+        """
+        super().fit(X, y)
+        array, response = as_floats(self, X, y, multi_output=True, reset=False)
+        response = response.reshape(len(array), -1)
+        slices, array, response, _ = with_lost_rows(self.records_, array, response)
+        linear, size = self.operator_, response.std(axis=0)
+        sizes = [np.where(own > 0.0, own, 1.0) for own in (array.std(axis=0), size)]
+        scaled = SampledStateSpace(
+            linear.a,
+            linear.b * sizes[0],
+            linear.c / sizes[1][:, None],
+            linear.d * sizes[0] / sizes[1][:, None],
+            linear.dt,
+            linear.intercept / sizes[1],
+        )
+        records = [(array[s.rows] / sizes[0], response[s.rows] / sizes[1]) for s in slices]
+        start = self._start(scaled, response.mean(axis=0) / sizes[1])
+        with one_thread():
+            problem = _Problem(records, start, self.washout)
+            limits = {"tolerance": self.tolerance, "max_evaluations": self.max_evaluations}
+            solution = variable_projection(problem, problem.x0, **limits)
+        self.n_evaluations_ += solution.n_evaluations
+        self.n_iter_ = self.n_evaluations_
+        if not solution.converged:
+            warnings.warn(
+                f"The fit of ModalFeedback has not converged in 'max_evaluations' = "
+                f"{self.max_evaluations} evaluations; the best fit so far is returned.",
+                ConvergenceWarning,
+                stacklevel=3,
+            )
+        n_scored = sum(max(len(own) - self.washout, 0) for _, own in records) * len(size)
+        self.fit_error_ = float(np.sqrt(solution.cost / max(n_scored, 1)))
+        found = problem.operator(solution.x)
+        linear = SampledStateSpace(
+            found.linear.a,
+            found.linear.b / sizes[0],
+            np.ascontiguousarray(found.linear.c * sizes[1][:, None]),
+            found.linear.d * sizes[1][:, None] / sizes[0],
+            found.dt,
+            found.intercept * sizes[1],
+        )
+        self.operator_ = replace(found, linear=linear, g=found.g / sizes[0])
+        self._judge_rests(array)
+        return self
+
+    def _start(self, linear, mean):
+        """Return loops without effect, each of which senses a response relative to its mean.
+
+        Where there are more loops than responses, the next ones sense one of them about a standard
+        deviation above the mean, then below, then two.
+        """
+        turns, own = np.divmod(np.arange(self.n_loops), len(mean))
+        away = (turns + 1) // 2 * np.where(turns % 2, 1.0, -1.0)
+        bias = (linear.intercept - mean)[own] - away
+        e = np.zeros((len(linear.a), self.n_loops))
+        return SampledFeedback(linear, e, linear.c[own], linear.d[own], bias)
+
+    def _judge_rests(self, array):
+        """Store the poles at the mean inputs, and warn of rests that are unstable."""
+        rests = [array.mean(axis=0), array.min(axis=0), array.max(axis=0)]
+        poles = [self.operator_.poles_at(u0) for u0 in rests]
+        n = len(poles[0])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            seconds = np.log(poles[0].astype(complex)) / self.operator_.dt
+        self._set_modes(seconds, np.zeros((n, 1), dtype=complex), np.full((1, 1), np.nan))
+        if max(np.abs(own).max() for own in poles) >= 1.0:
+            warnings.warn(
+                "ModalFeedback is not stable at rest at the lowest, mean or highest inputs: a free "
+                "run leaves it.",
+                ConvergenceWarning,
+                stacklevel=3,
+            )

@@ -1,0 +1,76 @@
+"""Several inputs and responses with loops: derivatives, recovery, stepping, refusals."""
+
+import numpy as np
+import pytest
+
+from skhyst.compose import ModalFeedback, SampledFeedback
+from skhyst.compose._modal_feedback import _Problem
+from skhyst.exceptions import ConvergenceWarning
+from skhyst.linear import ModalModel, SampledStateSpace
+from skhyst.persistence import from_json, to_json
+
+DT = 0.01
+
+
+def device(n_outputs=2):
+    """Return a pair of poles and a real one with two loops, two inputs."""
+    a = np.array([[0.7, 0.5, 0.0], [-0.5, 0.7, 0.0], [0.0, 0.0, 0.4]])
+    b, c = np.array([[1.0, 0.3], [0.2, 0.5], [0.4, -0.6]]), np.array([[1.0, 0.0, 0.5], [0.2, 1, 1]])
+    d, intercept = np.array([[0.0, 0.1], [0.2, 0.0]]), np.array([0.3, -0.2])
+    linear = SampledStateSpace(a, b, c[:n_outputs], d[:n_outputs], DT, intercept[:n_outputs])
+    e, f = (
+        np.array([[0.2, 0.0], [0.0, -0.3], [0.1, 0.2]]),
+        np.array([[0.5, 0, 0.2], [0, 0.4, -0.3]]),
+    )
+    return SampledFeedback(linear, e, f, np.array([[0.1, 0.0], [0.0, 0.3]]), np.array([0.2, -0.5]))
+
+
+def test_derivatives():
+    """Those of the solver agree with central differences, the state at rest among them."""
+    u = np.random.default_rng(0).normal(size=(30, 2))
+    problem = _Problem([(u, device().run(u, DT)[0])], device(), 0)
+    operator = problem.operator(problem.x0)
+    np.testing.assert_allclose(operator.run(u, DT)[0], device().run(u, DT)[0], rtol=1e-11)
+    _, dy = problem.tangents(operator, u, *problem.begun(operator, u[0]))
+    for k in range(len(problem.x0)):
+        ends = []
+        for sign in (1.0, -1.0):
+            x = problem.x0.copy()
+            x[k] += sign * 1e-5
+            ends.append(problem.operator(x).run(u, DT)[0])
+        found = (ends[0] - ends[1]) / 2e-5
+        np.testing.assert_allclose(dy[:, :, k], found, atol=1e-6 * np.abs(dy).max())
+
+
+def test_recovery_and_units():
+    """The loops of a device are found, where its best linear approximation is not enough."""
+    X = np.random.default_rng(1).normal(size=(500, 2))
+    y = device().run(X, DT)[0]
+    model = ModalFeedback(3, n_loops=2, dt=DT).fit(X[:400], y[:400])
+    linear = ModalModel(3, dt=DT).fit(X[:400], y[:400])
+    left = np.std((model.predict(X) - y)[400:])
+    assert left < 0.02 * np.std((linear.predict(X) - y)[400:])
+    inputs, units = np.array([1e-3, 1e3]), np.array([1e6, 1e-3])
+    model.fit(X[:400] * inputs, y[:400] * units)
+    left = np.std(model.predict(X * inputs) / units - y)
+    assert left < 0.02 * np.std(linear.predict(X) - y)
+
+
+def test_one_response_is_stepped_and_saved():
+    X = np.random.default_rng(2).normal(size=(120, 2))
+    y = device(1).run(X, DT)[0][:, 0]
+    with (
+        pytest.warns(ConvergenceWarning, match="ModalFeedback has not converged"),
+        pytest.warns(ConvergenceWarning, match="ModalModel has not converged"),
+    ):
+        model = ModalFeedback(3, n_loops=2, dt=DT, max_evaluations=3).fit(X, y)
+    whole = model.predict(X)
+    np.testing.assert_allclose(model.stepper(u0=X[0]).run(X), whole, rtol=1e-10)
+    np.testing.assert_array_equal(from_json(to_json(model)).predict(X), whole)
+    first, state = model.operator_.run(X[:50], DT)
+    rest = model.operator_.run(X[50:], DT, state)[0]
+    np.testing.assert_array_equal(np.concatenate([first, rest])[:, 0], whole)
+    with pytest.raises(NotImplementedError, match="2 responses cannot be stepped"):
+        device().compiled_step(DT, np.zeros(3))
+    with pytest.raises(ValueError, match=r"sampled every 0\.01 s"):
+        device().run(X, 2.0 * DT)
