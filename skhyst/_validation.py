@@ -118,9 +118,8 @@ def refuse_drawn(frame, drive, X, response):
     n = len(X)
     if _is_drawn_in_order(np.column_stack([X, response])):
         raise RecordError(
-            "The rows must be a recording. Got rows that are there once, twice, three times and so "
-            "on as often as in a random sample of them that was sorted, in which others lack, "
-            "instead. Give the repetitions of all rows as sample_weight; if the rows are a "
+            "The rows must be a recording. Got repeated and missing rows, as in a sorted "
+            "random sample with replacement, instead. Give the repetitions of all rows as sample_weight; if the rows are a "
             "recording, an index of their times says so."
         )
     if n < _FEWEST or not all(_is_disordered(values) for values in (drive, response)):

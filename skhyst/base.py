@@ -82,7 +82,7 @@ _NO_REST = (
     "a known response, 'y_start' of predict"
 )
 _MOST = 0.5  # ratio of squared errors: below it, more of the error is removed than remains
-_FEW = "Records this short tell like few independent samples, and params_std_ is too small for"
+_FEW = "The records hold few independent samples, so that params_std_ is too small for"
 
 
 class _OneThread:
@@ -736,10 +736,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
                 state, best, before = other, found, begun
         if state != "rest":
             warnings.warn(
-                f"The records begin otherwise than at the rest that {type(self).__name__} starts "
-                "from, at their first rows or behind rows that are missing: with "
-                f"initial_state={state!r} the error is {best.error:.3g} in place of "
-                f"{result.error:.3g}.",
+                f"The records do not begin at rest, as {type(self).__name__} assumes, at their "
+                f"first rows or after missing rows: with initial_state={state!r} the error is "
+                f"{best.error:.3g} instead of {result.error:.3g}.",
                 ConvergenceWarning,
                 stacklevel=5,
             )
@@ -813,14 +812,14 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         driven = not (self.operator_class.is_disturbance or self.reads_columns)
         if driven and self.free_run_state == "rest" and not np.ptp(drives):
             yield (
-                f"The drive does not move: it is {drives[0]:g} in every sample, which leaves open "
-                f"how {name} responds. If it was switched on at the first sample, say so by "
+                f"The drive does not move: it is {drives[0]:g} in every sample, which does not "
+                f"determine how {name} responds. If it was switched on at the first sample, set "
                 "initial_state='zero'.",
                 ConvergenceWarning,
             )
         slope = _better_slope(drives, result, records) if driven else 0.0
         if slope:
-            remedy = "put a Gain beside it in a Cascade, or take other units"
+            remedy = "add a Gain to it in a Cascade, or take other units"
             if slope < 0.0:
                 remedy = "turn the sign of one of them"
             elif result.operator.owns_gain:

@@ -215,7 +215,7 @@ def test_rows_behind_missing_ones_begin_elsewhere():
     y = FirstOrderLagOperator(0.4).run(u, DT)[0] + 1e-3 * np.random.default_rng(0).normal(size=N)
     frame = pd.DataFrame({"u": u}, pd.Index(TIME, name="time"))
     for kept in ((np.arange(N) < 60) | (np.arange(N) >= 80), np.arange(N) >= 80):
-        with pytest.warns(ConvergenceWarning, match="begin otherwise.*'estimate'"):
+        with pytest.warns(ConvergenceWarning, match="do not begin at rest.*'estimate'"):
             FirstOrderLag().fit(frame[kept], y[kept])
     kept = (np.arange(N) < 60) | (np.arange(N) >= 80)
     model = FirstOrderLag(initial_state="estimate").fit(frame[kept], y[kept])
@@ -727,7 +727,7 @@ def test_a_column_that_is_doubted_is_weighed():
         FirstOrderLag(dt=DT).fit(two, spoilt)
 
 
-@pytest.mark.filterwarnings("ignore:The records begin otherwise")  # those of folds
+@pytest.mark.filterwarnings("ignore:The records do not begin at rest")  # those of folds
 def test_weights_through_a_pipeline_and_a_search():
     """As scikit-learn routes them: to the fit of the model in each fold, by name or by request."""
     weights = np.ones(N)

@@ -199,7 +199,7 @@ def _columns(files):
         unit = clock.selectbox(FIELDS["time_unit"], known)
         reading["time_unit"] = None if unit == known[0] else unit
     else:
-        label, about = f"{FIELDS['sampling_rate']} (Hz)", "as in the file, where it tells"
+        label, about = f"{FIELDS['sampling_rate']} (Hz)", "as in the file, if given"
         rate = clock.number_input(label, 0.0, value=None, format="%g", placeholder=about)
         reading["sampling_rate"] = rate or None
     open_ = [role for role in ("drive", "response") if role not in reading]

@@ -290,7 +290,7 @@ class Feedback(ParametricModel):
         if away:
             yield (
                 f"Feedback is not stable at rest at a response of {', '.join(away)}: a free run "
-                "leaves it, for another rest, a limit cycle, or for good.",
+                "does not stay there: it has another equilibrium or a limit cycle, or diverges.",
                 ConvergenceWarning,
             )
 

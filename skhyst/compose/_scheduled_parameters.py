@@ -152,7 +152,7 @@ class ScheduledParameters(AroundModel):
     def starting_values(self, records):
         if any(record.schedule is None for record in records):
             raise ValueError(
-                "ScheduledParameters stands outermost, or in a Sum: put the Cascade into it, and "
+                "ScheduledParameters must be the outermost model, or a term of a Sum: put the Cascade into it, and "
                 "search effects of the model inside."
             )
         model = self._starting_model(informed(clone(self.estimator), self))
@@ -160,7 +160,7 @@ class ScheduledParameters(AroundModel):
         result = model.identify(plain)
         if result.disturbances:
             raise ValueError(
-                "ScheduledParameters takes a driven model: a disturbance has coefficients of each "
+                "ScheduledParameters takes a driven model: a disturbance has own coefficients for each "
                 "record's own already."
             )
         values, found = [r.schedule for r in records], []

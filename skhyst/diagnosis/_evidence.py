@@ -64,7 +64,7 @@ def gather_evidence(claim, before, after):
     share = 100.0 * (1.0 - (after / before) ** 2) if before > 0.0 else 0.0
     statement = (
         f"{claim.effect.law} {told}It removes {share:.1f} % of the power of the held-out residual "
-        "that is left without it."
+        "of the model without it."
     )
     picture = _tried("picture", draw, claim, Picture(claim.effect.name, "", "", ()))
     return Evidence(claim.effect.name, statement.strip(), numbers, picture)

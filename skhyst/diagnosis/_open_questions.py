@@ -189,9 +189,9 @@ class Contrasts:
             form = forms[count].format(*names, names[int(np.argmax(own))])
             size = number(np.sqrt(shown / n_samples), 2)
             told[count > 0].append(f"{form} ({size} times the noise)")
-        parts = [f"it tells {listed(told[True])}"] if told[True] else []
-        parts += [f"it hardly tells {listed(told[False])}"] if told[False] else []
-        return f"{', but '.join(parts)}: RMS of what a refit leaves of their difference."
+        parts = [f"it distinguishes {listed(told[True])}"] if told[True] else []
+        parts += [f"it hardly distinguishes {listed(told[False])}"] if told[False] else []
+        return f"{', but '.join(parts)}. The numbers are the RMS of their difference after a refit."
 
 
 class Intervals:
@@ -237,15 +237,15 @@ class Intervals:
 
     def told(self, answer, n_samples):
         """Say which intervals become narrower, and by how much."""
-        lead = "no effect comes near a claim" if self._is_open else "nothing is ambiguous"
+        lead = "no effect is near to a claim" if self._is_open else "nothing is ambiguous"
         if not len(self._widest):
-            return f"{lead}, and no parameter has an interval."
+            return f"{lead}, and no parameter has a confidence interval."
         before, after = (100.0 * self._widths(own)[self._widest] for own in answer)
         narrower = listed(
             f"{_spoken(self._names[self._inner[i]])} (from ±{number(a, 2)} to ±{number(b, 2)} %)"
             for i, a, b in zip(self._widest, before, after, strict=True)
         )
-        return f"{lead}, and it makes the widest intervals narrower, of {narrower}."
+        return f"{lead}; it narrows the widest confidence intervals: {narrower}."
 
 
 def _spoken(name):

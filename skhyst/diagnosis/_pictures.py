@@ -99,12 +99,12 @@ def _curve(title, claim, loop=False):
     A stage that owns the gain of the series is drawn against the response without it.
     """
     without, measured, identified = claim.left_out()
-    x, x_label = claim.inputs(), f"what comes into it ({claim.units[0]})"
+    x, x_label = claim.inputs(), f"its input ({claim.units[0]})"
     if claim.operator.owns_gain:
         x, x_label = without, "response without it"
     signals = x, measured, identified
     curves = _largest_loop(*signals) if loop else _means(*signals, by_direction=True)
-    return Picture(title, x_label, "what it adds (response)", curves)
+    return Picture(title, x_label, "contribution (response)", curves)
 
 
 def _balance(claim, motions, reach):
@@ -135,7 +135,7 @@ def _force(title, claim, against="displacement", loop=False):
     """Draw a force against displacement, by direction or along a loop, or against velocity."""
     fast = against == "velocity"
     if claim.in_motion:
-        y_label, unit = "force that the linear stage leaves (drive)", "response"
+        y_label, unit = "residual force of the linear stage (drive)", "response"
         own = claim.seen.outputs
         # behind further stages the motion is not measured: the model's motion plus the residual
         left = zip(own, claim.measured, claim.modelled, strict=True)
@@ -144,7 +144,7 @@ def _force(title, claim, against="displacement", loop=False):
         _, modelled, identified = _balance(claim, own, np.inf)
         x = modelled if fast else x
     elif claim.is_part:
-        y_label, unit = "force that the others leave (response)", claim.units[0]
+        y_label, unit = "residual force of the other terms (response)", claim.units[0]
         x = _rates(claim, claim.inputs()) if fast else claim.inputs()
         measured, identified = claim.lacking(claim.without)
     else:
@@ -164,7 +164,7 @@ def _rate(title, claim):
     slow = claim.structure.with_stage(claim.at, operator=slow)
     lacking = claim.lacking(slow.respond(claim.records))
     curves = _means(_rates(claim, claim.seen.inputs), *lacking)
-    return Picture(title, "rate of the drive (drive/s)", "what it adds (response)", curves)
+    return Picture(title, "rate of the drive (drive/s)", "contribution (response)", curves)
 
 
 # ------------------------------------------------------------------ against frequency
@@ -311,7 +311,7 @@ def _column(title, claim):
         x = [own / claim.operator.gain for own in identified]
         x_label = f"{x_label}, behind the time constant"
     curves = _means(x, measured, identified)
-    return Picture(title, x_label, "what the drive does not explain (response)", curves)
+    return Picture(title, x_label, "response not explained by the drive (response)", curves)
 
 
 def _by_number(title, claim):

@@ -228,13 +228,15 @@ class Unknown:
         if len(self.laws):
             first = self.laws.iloc[0]
             text += f", which can be {first['formula']}"
-        text += f"; it explains {100.0 * self.share:.0f} % of the power that was left"
+        text += f"; it explains {100.0 * self.share:.0f} % of the power of the residual"
         if self.ambiguous_with:
-            text += f"; the recording does not tell it from {', or '.join(self.ambiguous_with)}"
+            text += (
+                f"; the recording does not distinguish it from {', or '.join(self.ambiguous_with)}"
+            )
         if self.second is not None:
-            return f"{text}; and beside it {self.second}"
+            return f"{text}; in addition, {self.second}"
         if self.structure_left:
-            text += "; more than noise may be left beside it, so that the place is not sure"
+            text += "; the residual with it may not be noise, so that its place is uncertain"
         return text
 
     @property

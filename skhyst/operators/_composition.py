@@ -1112,7 +1112,7 @@ class SumOperator(_Composition):
     def inverse(self):
         """Return the inverse of the sum; with a preview if all parts are linear."""
         if not self.stages:
-            raise ValueError("A sum of nothing has no inverse.")
+            raise ValueError("A sum without terms has no inverse.")
         is_linear = all(hasattr(stage, "discrete") for stage in self.stages)
         return InverseLinearOperator(self) if is_linear else RootInverseOperator(self)
 

@@ -253,7 +253,7 @@ def test_a_step_that_is_left_out_has_no_part_in_further_starts(place):
     np.testing.assert_allclose(found, expected, atol=1e-6 * np.ptp(y))
 
 
-@pytest.mark.filterwarnings("ignore:The records begin otherwise")  # those of folds
+@pytest.mark.filterwarnings("ignore:The records do not begin at rest")  # those of folds
 @pytest.mark.parametrize("word", ["passthrough", "drop"])
 def test_a_step_of_a_cascade_is_left_out(word):
     """In a search too: with the lag the fit is exact, without it it is not."""

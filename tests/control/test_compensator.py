@@ -152,7 +152,7 @@ def test_a_reference_that_moves_at_its_ends_asks_for_no_more_than_it_needs(dampi
     """The direction that the response does not show stays out, whatever the limits are."""
     reference = np.sin(40.0 * np.pi * DT * np.arange(300) + phase)
     found, mode = fitted_mode(damping_ratio, **NONE)
-    with pytest.warns(ReachWarning, match="which is not limited, are beyond what the fit has seen"):
+    with pytest.warns(ReachWarning, match="which is not limited, are beyond the range of the fit"):
         drive = found.predict(reference[:, None])
     needed = bounded(mode, reference)
     np.testing.assert_allclose(drive[-20:], needed[-20:], atol=0.05)
@@ -215,7 +215,7 @@ def test_three_times_the_reference_is_cut_and_told():
     assert wide.drive_limits_ == pytest.approx((u.min() - 0.5 * span, u.max() + 0.5 * span))
     assert wide.rate_limit_ == pytest.approx(1.5 * found.drive_rate_)
     free = clone(found).set_params(**NONE).fit(u[:, None], y)
-    with pytest.warns(ReachWarning, match="not limited, are beyond what the fit has seen"):
+    with pytest.warns(ReachWarning, match="not limited, are beyond the range of the fit"):
         drive = free.predict(3.0 * y[:, None])
     np.testing.assert_allclose(PLAYS.run(drive, DT)[0], 3.0 * y, atol=1e-5)
 

@@ -104,11 +104,13 @@ def test_what_is_told_apart_is_said_with_the_least_that_tells_it():
     found = np.array([[400.0, 100.0], [1.0, 900.0], [4.0, 1.0]])
     enough = found > 50.0
     said = contrasts.told((found, enough), 100)
-    assert said.startswith("it tells a from b (1.0 times the noise) and c from d if it is d (3.0 ")
-    assert "but it hardly tells e from f (0.20 times the noise)" in said
+    assert said.startswith(
+        "it distinguishes a from b (1.0 times the noise) and c from d if it is d (3.0 "
+    )
+    assert "but it hardly distinguishes e from f (0.20 times the noise)" in said
     contrasts = Contrasts(search, [pair("cd", "xy", ([], []))])
     said = contrasts.told((found[1:2, ::-1], enough[1:2, ::-1]), 100)
-    assert said.startswith("it tells c from d if it is c (3.0 times the noise):")
+    assert said.startswith("it distinguishes c from d if it is c (3.0 times the noise).")
 
 
 @pytest.mark.parametrize("verdict", ["noise", "unexplained"])
@@ -126,7 +128,7 @@ def test_a_record_narrows_intervals_as_a_regression_says(verdict):
     said = intervals.told(answer, 25)
     assert f"gain (from ±{wide:.1f} to ±{narrow:.1f} %)" in said
     assert "intercept" not in said  # it may be zero: its interval over its value says nothing
-    lead = "nothing is ambiguous" if verdict == "noise" else "no effect comes near a claim"
+    lead = "nothing is ambiguous" if verdict == "noise" else "no effect is near to a claim"
     assert said.startswith(lead)
 
 
@@ -135,7 +137,7 @@ def test_the_widest_intervals_come_first():
         old = record(40, 0, intercept=intercept)
         intervals = Intervals(searched(line(old), [old]))
         said = intervals.told(intervals.ask(old), 40)
-        assert f"the widest intervals narrower, of {first} (from" in said
+        assert f"the widest confidence intervals: {first} (from" in said
 
 
 def test_a_logarithm_is_its_own_measure():
