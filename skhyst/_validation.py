@@ -119,8 +119,8 @@ def refuse_drawn(frame, drive, X, response):
     if _is_drawn_in_order(np.column_stack([X, response])):
         raise RecordError(
             "The rows must be a recording. Got repeated and missing rows, as in a sorted "
-            "random sample with replacement, instead. Give the repetitions of all rows as sample_weight; if the rows are a "
-            "recording, an index of their times says so."
+            "random sample with replacement, instead. Give the repetitions of all rows as "
+            "sample_weight; if the rows are a recording, give their times in the index."
         )
     if n < _FEWEST or not all(_is_disordered(values) for values in (drive, response)):
         return

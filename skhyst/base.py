@@ -712,10 +712,10 @@ class ParametricModel(RegressorMixin, BaseEstimator):
 
         ``model`` has a definite hold.
         """
-        operator, told = result.operator, agreed(self, "initial_state") != "rest"
-        if told or operator.memoryless or result.input_history is not None:
+        operator, is_given = result.operator, agreed(self, "initial_state") != "rest"
+        if is_given or operator.memoryless or result.input_history is not None:
             return
-        if not np.ptp(np.concatenate([record.drive for record in records])):  # which is told
+        if not np.ptp(np.concatenate([record.drive for record in records])):  # which is warned of
             return
         # what has no rest does not forget how it began
         asked = is_coloured(result, records) if operator.n_start else is_left_early(result, records)
@@ -842,14 +842,14 @@ class ParametricModel(RegressorMixin, BaseEstimator):
                 "local optimum.",
                 ConvergenceWarning,
             )
-        for names, told, kind in (
+        for names, text, kind in (
             (result.undetermined, "The data do not determine", ConvergenceWarning),
             (result.short, _FEW, ShortRecordWarning),
         ):
             if names:
                 named, more = ", ".join(names[:_NAMED]), len(names) - _NAMED
                 rest = f" and {more} more" if more > 0 else ""
-                yield f"{told} these parameters of {type(self).__name__}: {named}{rest}.", kind
+                yield f"{text} these parameters of {type(self).__name__}: {named}{rest}.", kind
 
     def adopt(self, result):
         """Store an identification result.
@@ -1002,15 +1002,15 @@ class ParametricModel(RegressorMixin, BaseEstimator):
 
     def _begun(self, slices, signal, schedules, y):
         """Return the runs of the records with known response, by their numbers."""
-        told = [i for i, s in enumerate(slices) if np.isfinite(y[s.rows]).any()]
+        given = [i for i, s in enumerate(slices) if np.isfinite(y[s.rows]).any()]
         data = []
-        for i in told:
+        for i in given:
             own, rows = y[slices[i].rows], slices[i].rows
             weights = np.isfinite(own).astype(float)
             own = np.where(weights > 0.0, own, 0.0)
             options = {"schedule": schedules[i], "weights": weights}
             data.append(RecordData(signal[rows], own, slices[i].dt, **options))
-        if not told:
+        if not given:
             return {}
         parts = [r.first_part(1 + np.flatnonzero(r.weights)[-1]) for r in data]
         # as stored by a fit; a part of a search's model has no range
@@ -1020,7 +1020,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         input_history, _ = input_history_of(driven, beside, parts, limits)
         known = getattr(self, "covariance_", None), getattr(self, "noise_std_", None)
         found = {}
-        for i, record, part, before in zip(told, data, parts, input_history, strict=True):
+        for i, record, part, before in zip(given, data, parts, input_history, strict=True):
             own = calibrated(self.operator_, begun(driven, part, before), *known)
             record = begun(driven, record, before)
             u, skip = record.with_history()
@@ -1030,12 +1030,12 @@ class ParametricModel(RegressorMixin, BaseEstimator):
 
     def _doubt_known(self, run, known):
         """Warn if no initial state leads to the known response, for example in another unit."""
-        told = np.isfinite(known)
+        given = np.isfinite(known)
         # about as many values are estimated: fewer samples do not suffice
-        if np.count_nonzero(told) <= np.log2(len(known)) or not hasattr(self, "fit_error_"):
+        if np.count_nonzero(given) <= np.log2(len(known)) or not hasattr(self, "fit_error_"):
             return
-        known = known[told]
-        error = np.sqrt(np.mean(np.square(run[told] - known)))
+        known = known[given]
+        error = np.sqrt(np.mean(np.square(run[given] - known)))
         # a constant predicts better, and the error exceeds that of the fit in any part of it
         n_fitted = sum(record.n_samples for record in self.records_)
         largest = np.sqrt(n_fitted / len(known)) * self.fit_error_

@@ -241,15 +241,15 @@ def _table(files, columns, roles):
             args=(files, column.name, key, roles),
         )
         if roles[column.name] in ("drive", "response", "auxiliary"):
-            told = unit_of(column.name)
+            stated = unit_of(column.name)
             own = unit.text_input(
                 f"{FIELDS['units']} of {column.name}",
-                told,
+                stated,
                 key=f"unit of {key}",
                 placeholder="unit",
                 max_chars=12,
             ).strip()
-            units |= {column.name: own} if own and own != told else {}
+            units |= {column.name: own} if own and own != stated else {}
     return units
 
 
@@ -392,8 +392,8 @@ def _search(files, reading, model, options, X, y):
         save_model(search.best_estimator_, file)
         own = file.read_bytes()
     del st.session_state.running
-    told = {"recording": name, "declared": model, "seconds": time.perf_counter() - begin}
-    return told | {"search": search, "report": report, "page": page, "model": own}
+    row = {"recording": name, "declared": model, "seconds": time.perf_counter() - begin}
+    return row | {"search": search, "report": report, "page": page, "model": own}
 
 
 def _command(files, reading, model, options):

@@ -166,8 +166,8 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         self.records_, X, y = read_data(self, X, y, reset=True, bridge=self._bridges)
         if not np.ptp(X, axis=0).any():
             warnings.warn(
-                f"The drive does not move: it is {X[0, 0]:g} in every sample, which does not determine "
-                f"how {type(self).__name__} responds to it.",
+                f"The drive does not move: it is {X[0, 0]:g} in every sample, which does not "
+                f"determine how {type(self).__name__} responds to it.",
                 ConvergenceWarning,
                 stacklevel=3,
             )

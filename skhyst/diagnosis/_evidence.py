@@ -56,14 +56,14 @@ def gather_evidence(claim, before, after):
         for name, (value, std, unit) in found.items()
     }
     known = [name for name, (value, std, _) in numbers.items() if not std > abs(value)]
-    told = [name for name in known if not _UNTOLD.match(name)] or known or list(numbers)
-    told = [
-        f"{name} {plus_minus(*numbers[name][:2])} {numbers[name][2]}".strip() for name in told[:4]
+    shown = [name for name in known if not _UNTOLD.match(name)] or known or list(numbers)
+    shown = [
+        f"{name} {plus_minus(*numbers[name][:2])} {numbers[name][2]}".strip() for name in shown[:4]
     ]
-    told = f"Identified: {listed(told)}. " if told else ""
+    shown = f"Identified: {listed(shown)}. " if shown else ""
     share = 100.0 * (1.0 - (after / before) ** 2) if before > 0.0 else 0.0
     statement = (
-        f"{claim.effect.law} {told}It removes {share:.1f} % of the power of the held-out residual "
+        f"{claim.effect.law} {shown}It removes {share:.1f} % of the power of the held-out residual "
         "of the model without it."
     )
     picture = _tried("picture", draw, claim, Picture(claim.effect.name, "", "", ()))

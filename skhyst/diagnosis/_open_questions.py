@@ -182,15 +182,15 @@ class Contrasts:
     def told(self, answer, n_samples):
         """Say which models are distinguished, and by how much."""
         forms = {2: "{0} from {1}", 1: "{0} from {1} if it is {2}", 0: "{0} from {1}"}
-        told = {False: [], True: []}
+        found = {False: [], True: []}
         for (*names, _), own, enough in zip(self._pairs, *answer, strict=True):
             count = np.count_nonzero(enough)
             shown = own[enough].min() if count else own.max()
             form = forms[count].format(*names, names[int(np.argmax(own))])
             size = number(np.sqrt(shown / n_samples), 2)
-            told[count > 0].append(f"{form} ({size} times the noise)")
-        parts = [f"it distinguishes {listed(told[True])}"] if told[True] else []
-        parts += [f"it hardly distinguishes {listed(told[False])}"] if told[False] else []
+            found[count > 0].append(f"{form} ({size} times the noise)")
+        parts = [f"it distinguishes {listed(found[True])}"] if found[True] else []
+        parts += [f"it hardly distinguishes {listed(found[False])}"] if found[False] else []
         return f"{', but '.join(parts)}. The numbers are the RMS of their difference after a refit."
 
 

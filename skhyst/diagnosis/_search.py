@@ -602,7 +602,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         terms, found = find_unknown(base, data, *how), None
         for term in reversed(terms):
             own = str(term.site), term.candidate.structure
-            self._not_told += [(*own, told, c.structure) for told, c in term.same]
+            self._not_told += [(*own, site, c.structure) for site, c in term.same]
             found = self._term(term, data, contest, declared, found)
         if found is not None and self.verdict_ == "undetermined":  # a significant term is structure
             self.verdict_, self.verdict_advice_ = "unexplained", ""
@@ -625,7 +625,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
             after.error,
             max(1.0 - (after.error / before.error) ** 2, 0.0),
             term.p_value,
-            tuple(told for told, _ in term.same),
+            tuple(site for site, _ in term.same),
             pd.DataFrame(laws_of(term, data, contest.criterion), columns=LAW_COLUMNS),
             judged.verdict != "noise",
             after.error * judged.unpredicted**0.5,
@@ -800,8 +800,8 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
 
     def _with_result(self, diagram):
         """Return the HTML of a notebook: the result, if there is one, above the diagram."""
-        told = hasattr(self, "verdict_") and not hasattr(self, "searches_")
-        return (self.report()._repr_html_() if told else "") + diagram
+        fitted = hasattr(self, "verdict_") and not hasattr(self, "searches_")
+        return (self.report()._repr_html_() if fitted else "") + diagram
 
     def _repr_html_inner(self):
         return self._with_result(super()._repr_html_inner())

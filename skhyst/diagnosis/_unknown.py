@@ -375,8 +375,8 @@ def find_unknown(base, data, criterion, n_tried, n_jobs, judgement):
     best, other = rivals[chosen], rivals[not chosen]
     if criterion.p_value(other[-1].candidate, best[-1].candidate) < criterion.alpha:
         return best
-    told = ", and ".join(str(term.site) for term in other), other[-1].candidate
-    return [replace(best[0], same=[*best[0].same, told]), *best[1:]]
+    same = ", and ".join(str(term.site) for term in other), other[-1].candidate
+    return [replace(best[0], same=[*best[0].same, same]), *best[1:]]
 
 
 @dataclass(frozen=True)

@@ -143,16 +143,20 @@ def judge_residual(records, residuals, predictions, rng, criterion, *, error=Non
         unpredicted = float(best.share)
         noise, ceiling = fit_noise(best.left, readings), ceiling * unpredicted**0.5
     share = min(own.share for own in (found or trials).values())
-    told = p_value, share, bool(pairs), unpredicted
+    statistics = p_value, share, bool(pairs), unpredicted
     if found:
         reason = "; ".join(found)
-        return Judgement("unexplained", min(floor, ceiling), ceiling, noise, reason, *told)
+        return Judgement("unexplained", min(floor, ceiling), ceiling, noise, reason, *statistics)
     matters = 1.0 - criterion.min_improvement
     if floor >= matters * ceiling:
-        return Judgement("noise", floor, ceiling, noise, "noise floor and ceiling agree", *told)
+        return Judgement(
+            "noise", floor, ceiling, noise, "noise floor and ceiling agree", *statistics
+        )
     scatters = scatter is None or scatter >= matters * ceiling
     if pairs and scatters and not trials["it repeats with the drive"].matters(criterion):
-        return Judgement("noise", floor, ceiling, noise, "it does not repeat with the drive", *told)
+        return Judgement(
+            "noise", floor, ceiling, noise, "it does not repeat with the drive", *statistics
+        )
     size = float(np.sqrt(power))
     against = list(_against_noise(records, residuals, noise, size))
     predicts = trials["a black box predicts it"]
@@ -166,8 +170,10 @@ def judge_residual(records, residuals, predictions, rng, criterion, *, error=Non
         against = [f"the held-out error is {ceiling / size:.3g} times the residual of the fit"]
         advice = "record longer, and more of the conditions with the largest held-out error"
     if not against:
-        return Judgement("noise", floor, ceiling, noise, f"it is consistent with {noise}", *told)
-    return Judgement("undetermined", floor, ceiling, noise, "; ".join(against), *told, advice)
+        return Judgement(
+            "noise", floor, ceiling, noise, f"it is consistent with {noise}", *statistics
+        )
+    return Judgement("undetermined", floor, ceiling, noise, "; ".join(against), *statistics, advice)
 
 
 def noise_floor(responses, residuals, noise=None, scatter=None):

@@ -130,8 +130,8 @@ class LoopFiguresDisplay(Display):
         units = unit_of(self.drive_name), unit_of(self.response_name)
         time = "s" if self.time_unit == "s" else "samples"
         found, numbered = [], self.figures["n_cycles"].reset_index(drop=True)
-        told = numbered.nlargest(len(numbered) if most is None else most).index.sort_values()
-        for (record, _), row in self.figures.iloc[told].iterrows():
+        chosen = numbered.nlargest(len(numbered) if most is None else most).index.sort_values()
+        for (record, _), row in self.figures.iloc[chosen].iterrows():
             if not row["n_cycles"]:
                 found.append(f"record {record}: no closed loop")
                 continue
@@ -145,8 +145,8 @@ class LoopFiguresDisplay(Display):
             count = f"{row['n_cycles']:.0f} cycle{'s' if row['n_cycles'] > 1 else ''}"
             head = f"record {record}, {count} {ends}, {row['period']:.4g} {time} each"
             found.append(f"{head}: {', '.join(numbers)}")
-        if len(told) < len(numbered):
-            found.append(f"and {len(numbered) - len(told)} more with fewer cycles")
+        if len(chosen) < len(numbered):
+            found.append(f"and {len(numbered) - len(chosen)} more with fewer cycles")
         return found
 
     def plot(self, ax=None, *, max_loops=4) -> Self:

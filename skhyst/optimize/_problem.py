@@ -112,8 +112,8 @@ class RecordData:
             path = path.reshape(len(path), -1)[:, 0]
             return np.concatenate([path, self.u]), len(path)
         rest = np.repeat(self.u[:1], len(path), axis=0)
-        told = path.reshape(len(path), -1)[:, : rest.shape[1]]
-        rest[:, : told.shape[1]] = told
+        given = path.reshape(len(path), -1)[:, : rest.shape[1]]
+        rest[:, : given.shape[1]] = given
         return np.concatenate([rest, self.u]), len(path)
 
     def first_part(self, stop):

@@ -113,8 +113,8 @@ def data_quality(X, y, records) -> pd.DataFrame:
             found.append(("lost_rows", name, rows, np.nan))
         for rows, number in lost_samples(u, own):
             # lost rows are reported already
-            told = np.abs(rows[:, None] - np.flatnonzero(steps)).min(axis=1, initial=len(u))
-            rows = rows[told >= SIDE]
+            distance = np.abs(rows[:, None] - np.flatnonzero(steps)).min(axis=1, initial=len(u))
+            rows = rows[distance >= SIDE]
             if rows.size:
                 found.append(("lost_samples", name, rows + record.rows.start, number))
     return _table(found)
