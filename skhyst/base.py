@@ -21,8 +21,8 @@ from ._documentation import inherit_documentation
 from ._signals import input_signals
 from ._sklearn import Interval, StrOptions, fit_context
 from ._validation import (
-    agreed,
     as_floats,
+    common_parameter,
     drive_column,
     finite_number,
     fitted_interval,
@@ -30,7 +30,7 @@ from ._validation import (
     read_data,
     read_weights,
     refuse_several,
-    rest_of,
+    rest_input,
     used_interval,
     warn_beyond,
     warn_schedules,
@@ -57,13 +57,13 @@ from .optimize import (
     NOISELESS,
     Method,
     RecordData,
-    begun,
     calibrated,
+    has_start_misfit,
     identify,
     input_history_of,
     is_coloured,
-    is_left_early,
     later_halves,
+    record_with_history,
     start_p_value,
     with_further_starts,
     with_input_history,
@@ -192,7 +192,7 @@ def identified(model, records):
 
 def input_at_rest(model, u0, initial_state, caller):
     """Return the input at which a fitted model rests; see :meth:`ParametricModel.stepper`."""
-    levels = rest_of(u0, initial_state, model.n_features_in_, caller)
+    levels = rest_input(u0, initial_state, model.n_features_in_, caller)
     if not model.reads_columns:
         return float(levels[drive_column(model)])
     # the amplitude of the record may follow the columns
@@ -216,11 +216,11 @@ class _Run:
 
     def run(self):
         """Return the output of the record, and the state of the operator after it."""
-        driven, beside = split_disturbances(self.operator)
+        driven, additive = split_disturbances(self.operator)
         y, state = driven.run(self.u, self.dt, driven.init(self.u[0], self.initial_state))
-        if not beside:
+        if not additive:
             return y[self.skip :], state
-        runs = [own.run(self.u[self.skip :], self.dt) for own in beside]
+        runs = [own.run(self.u[self.skip :], self.dt) for own in additive]
         y = y[self.skip :] + np.sum([own for own, _ in runs], axis=0)
         return y, (state, *(after for _, after in runs))
 
@@ -393,7 +393,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         with _calculable():
             self._fit_records(data)
         weights = None if sample_weight is None else np.concatenate([r.weights for r in data])
-        self._doubt_drive(X, y, weights)
+        self._warn_of_other_column(X, y, weights)
         return self
 
     @fit_context(prefer_skip_nested_validation=True)
@@ -435,9 +435,13 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         with _calculable():
             return self.finish(refine(self, [tree], data, method), data)
 
-    def _doubt_drive(self, X, y, weights):
+    def _warn_of_other_column(self, X, y, weights):
         """Warn if a straight line through an ignored column predicts better than the model."""
-        if self.n_features_in_ == 1 or self.reads_columns or agreed(self, "drive") is not None:
+        if (
+            self.n_features_in_ == 1
+            or self.reads_columns
+            or common_parameter(self, "drive") is not None
+        ):
             return
         X, y = as_floats(self, X, y, reset=False)
         weights = np.ones(len(y)) if weights is None else weights
@@ -676,7 +680,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         moving = None if self.free_run_state == "zero" else self._without_rest(result, records)
         if moving is None:
             result = self._settled(model, result, records)
-            self._doubt_rest(model, result, records)
+            self._warn_of_moving_start(model, result, records)
             return self.finish(result, records)
         warnings.warn(
             f"{_NO_REST.format(type(self).__name__)}: with initial_state='zero' the error is "
@@ -686,7 +690,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         )
         self.has_rest_ = False
         return self.finish(
-            moving if agreed(self, "initial_state") == "estimate" else result, records
+            moving if common_parameter(self, "initial_state") == "estimate" else result, records
         )
 
     def _settled(self, model, result, records):
@@ -707,18 +711,20 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         evaluations = result.n_evaluations + again.n_evaluations
         return replace(again, n_evaluations=evaluations, is_local=result.is_local)
 
-    def _doubt_rest(self, model, result, records):
+    def _warn_of_moving_start(self, model, result, records):
         """Warn if records do not begin at rest, which biases the fit.
 
         ``model`` has a definite hold.
         """
-        operator, is_given = result.operator, agreed(self, "initial_state") != "rest"
+        operator, is_given = result.operator, common_parameter(self, "initial_state") != "rest"
         if is_given or operator.memoryless or result.input_history is not None:
             return
         if not np.ptp(np.concatenate([record.drive for record in records])):  # which is warned of
             return
         # what has no rest does not forget how it began
-        asked = is_coloured(result, records) if operator.n_start else is_left_early(result, records)
+        asked = (
+            is_coloured(result, records) if operator.n_start else has_start_misfit(result, records)
+        )
         if not asked:
             return
         state, best, before = "rest", result, "rest"
@@ -776,7 +782,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """
         if not np.isfinite(result.error):
             raise RecordError(_OUT_OF_RANGE)
-        estimated = agreed(self, "initial_state") == "estimate" and self.has_rest_
+        estimated = common_parameter(self, "initial_state") == "estimate" and self.has_rest_
         if estimated and result.input_history is None:
             kept = "start" if result.operator.n_start else "before"
             if any(getattr(record, kept) is None for record in records):
@@ -787,11 +793,11 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             else:
                 known = np.array([np.atleast_1d(getattr(record, kept)) for record in records])
                 result = replace(result, input_history=known)
-        for message, kind in self.cautions(result, records):
+        for message, kind in self.fit_warnings(result, records):
             warnings.warn(message, kind, stacklevel=4)
         return self.adopt(result)
 
-    def cautions(self, result, records):
+    def fit_warnings(self, result, records):
         """Yield the warnings of an identification result.
 
         Parameters
@@ -952,7 +958,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         if known and read is not None:
             known[0][~read] = np.nan
         signal, schedules = self.operator_input(X, slices)
-        going = self._begun(slices, signal, schedules, known[0]) if known else {}
+        going = self._runs_with_known_response(slices, signal, schedules, known[0]) if known else {}
         if self.free_run_state == "rest" and not self.has_rest_ and len(going) < len(slices):
             warnings.warn(
                 f"{_NO_REST.format(type(self).__name__)}, from which this run starts.",
@@ -971,7 +977,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         for number, own in going.items():
             rows = slices[number].rows
             y[rows] = cut_off(own.run()[0])
-            self._doubt_known(y[rows], known[0][rows])
+            self._warn_of_unmatched_response(y[rows], known[0][rows])
         if not return_std:
             return y if read is None else y[read]
         variance = np.empty(len(y))
@@ -1000,7 +1006,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """Return the records of X, and X as an array."""
         return read_data(self, X, reset=False, bridge=True)[:2]
 
-    def _begun(self, slices, signal, schedules, y):
+    def _runs_with_known_response(self, slices, signal, schedules, y):
         """Return the runs of the records with known response, by their numbers."""
         given = [i for i, s in enumerate(slices) if np.isfinite(y[s.rows]).any()]
         data = []
@@ -1016,19 +1022,19 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         # as stored by a fit; a part of a search's model has no range
         drives = np.concatenate([getattr(self, "drive_range_", ()), *(r.drive for r in data)])
         limits = drives.min(), drives.max()
-        driven, beside = split_disturbances(self.operator_)
-        input_history, _ = input_history_of(driven, beside, parts, limits)
+        driven, additive = split_disturbances(self.operator_)
+        input_history, _ = input_history_of(driven, additive, parts, limits)
         known = getattr(self, "covariance_", None), getattr(self, "noise_std_", None)
         found = {}
         for i, record, part, before in zip(given, data, parts, input_history, strict=True):
-            own = calibrated(self.operator_, begun(driven, part, before), *known)
-            record = begun(driven, record, before)
+            own = calibrated(self.operator_, record_with_history(driven, part, before), *known)
+            record = record_with_history(driven, record, before)
             u, skip = record.with_history()
             state = "rest" if record.start is None else record.start
             found[i] = _Run(*own, u, record.dt, state, skip).at(record.schedule)
         return found
 
-    def _doubt_known(self, run, known):
+    def _warn_of_unmatched_response(self, run, known):
         """Warn if no initial state leads to the known response, for example in another unit."""
         given = np.isfinite(known)
         # about as many values are estimated: fewer samples do not suffice
@@ -1174,9 +1180,11 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         refuse_several(self, slices)
         signal, schedules = self.operator_input(X, slices)
         rest = _Run(self.operator_, None, signal, slices[0].dt, self.free_run_state)
-        going = self._begun(slices, signal, schedules, y).get(0, rest.at(schedules[0]))
+        going = self._runs_with_known_response(slices, signal, schedules, y).get(
+            0, rest.at(schedules[0])
+        )
         run, state = going.run()
-        self._doubt_known(run, y)
+        self._warn_of_unmatched_response(run, y)
         if schedule is not None:
             schedule = finite_number(schedule, f"{type(self).__name__}.stepper_from", "schedule")
             warn_schedules(self, self.operator_, [schedule])
@@ -1239,7 +1247,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     @property
     def free_run_state(self) -> str:
         """State before each record of a free run, "rest" or "zero"."""
-        state = agreed(self, "initial_state")
+        state = common_parameter(self, "initial_state")
         known = state == "zero" or (state == "estimate" and not self.has_rest_)
         return "zero" if known else "rest"
 

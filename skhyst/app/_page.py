@@ -21,7 +21,7 @@ from skhyst._validation import refuse_no_experiment, refuse_still
 from skhyst.app._processes import own_processes
 from skhyst.app._samples import SAMPLES, sample_recording
 from skhyst.app._suggestion import DEVICES, suggest_model
-from skhyst.app._words import FIELDS, as_words
+from skhyst.app._words import FIELDS, page_message
 from skhyst.diagnosis import EffectSearchCV, Report, effect_names, next_experiment
 from skhyst.discovery import parse_model
 from skhyst.inspection import compare_models
@@ -93,7 +93,7 @@ def _sentences(ends=True):
 
 
 def _told(message):
-    return _plain(as_words(str(message)))
+    return _plain(page_message(str(message)))
 
 
 def _plain(text):

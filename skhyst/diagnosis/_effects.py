@@ -41,7 +41,6 @@ from ..static import (
 )
 from ._changes import (
     AtJoints,
-    BesideForce,
     Driven,
     FirstHysteresis,
     Folded,
@@ -56,6 +55,7 @@ from ._changes import (
     LoadedMotion,
     MoreTerms,
     MovedModes,
+    ParallelForce,
     PerRecord,
     RateDependence,
     Scaled,
@@ -63,20 +63,20 @@ from ._changes import (
 )
 from ._plausibility import (
     bends,
-    comes_later,
-    goes_on,
+    delay_beyond_sampling,
     has_no_peak,
     has_own_lines,
+    input_beyond_dead_zone,
     is_between_samples,
-    is_wider_than_noise,
     levels_off,
-    remembers,
+    motion_beyond_kinks,
+    presliding_resolution,
     responds_promptly,
     rings,
-    shows_its_slopes,
     slides,
     stops,
     varies_in_rate,
+    width_beyond_noise,
 )
 
 
@@ -95,7 +95,7 @@ class Effect:
         The physical law in one sentence.
     experiment : str
         The measurement that shows the effect best and distinguishes it from others.
-    beside : bool, default=False
+    additive : bool, default=False
         Whether it is an additive disturbance; otherwise it is a step of the series, placed by the
         ``stage_order`` of its operator.
     picture : str, optional
@@ -115,7 +115,7 @@ class Effect:
     variants: Callable
     law: str
     experiment: str
-    beside: bool = False
+    additive: bool = False
     picture: str | None = None
     plausible: Callable | None = None
 
@@ -137,12 +137,12 @@ class Effect:
         Effect or None
             With the variants that are tried; None if there are none.
         """
-        if not self.beside:
+        if not self.additive:
             return None if additive else self
         forms = [v for v in self.variants() if hasattr(v, "trees") != additive]
         if not additive:
             forms = [v for v in forms if v.places(tree)]
-        return replace(self, variants=partial(list, forms), beside=additive) if forms else None
+        return replace(self, variants=partial(list, forms), additive=additive) if forms else None
 
     def __reduce_ex__(self, protocol):
         if any(own is self for own in _BUILT_IN):  # pickled by name: its lambdas cannot be pickled
@@ -177,9 +177,9 @@ _BUILT_IN = (
             InMotion(RestoringForce(1, damping_degree=1)),
             InMotion(BoucWenStage()),
             InMotion(BoucWenStage(fit_exponent=True)),
-            BesideForce(Dahl(fit_damping=False, fit_intercept=False)),
-            BesideForce(BoucWen(fit_gain=False, fit_intercept=False)),
-            BesideForce(MaxwellSlip(10)),
+            ParallelForce(Dahl(fit_damping=False, fit_intercept=False)),
+            ParallelForce(BoucWen(fit_gain=False, fit_intercept=False)),
+            ParallelForce(MaxwellSlip(10)),
             FirstHysteresis(PrandtlIshlinskii(10)),
             FirstHysteresis(PrandtlIshlinskii(10), behind=True),
         ],
@@ -187,7 +187,7 @@ _BUILT_IN = (
         "Sweep slowly up and down with several turning points: the branches stay apart at any "
         "rate.",
         picture="loop",
-        plausible=remembers,
+        plausible=presliding_resolution,
     ),
     Effect(
         "input_saturation",
@@ -205,7 +205,7 @@ _BUILT_IN = (
         lambda: [DeadBand(), AtJoints(DeadBand()), *_in_between(DeadBand())],
         "The actuator does not respond while the drive is within a band.",
         "Repeat at smaller amplitude: the gain falls, to zero within the band.",
-        plausible=goes_on,
+        plausible=input_beyond_dead_zone,
     ),
     Effect(
         "backlash",
@@ -218,7 +218,7 @@ _BUILT_IN = (
         "Play in the transmission: after each reversal the drive crosses a gap first.",
         "Reverse at different levels: the lost motion is the same everywhere.",
         picture="loop",
-        plausible=is_wider_than_noise,
+        plausible=width_beyond_noise,
     ),
     Effect(
         "slew_limit",
@@ -271,7 +271,7 @@ _BUILT_IN = (
         "The response follows the drive after a pure shift in time.",
         "Sweep faster: the phase of a delay grows in proportion to frequency, the gain stays.",
         picture="frequency",
-        plausible=comes_later,
+        plausible=delay_beyond_sampling,
     ),
     Effect(
         "asymmetry",
@@ -281,7 +281,7 @@ _BUILT_IN = (
         "One-sided dead zones behind the hysteresis make its two branches curve differently.",
         "Sweep faster: dynamics behind the hysteresis separate a curve at the hysteresis from "
         "one at the sensor.",
-        plausible=shows_its_slopes,
+        plausible=motion_beyond_kinks,
     ),
     Effect(
         "lag",
@@ -306,8 +306,8 @@ _BUILT_IN = (
             InMotion(FrictionStage(fit_bristle_damping=False)),
             InMotion(FrictionStage()),
             InMotion(FrictionStage(False, fit_bristle_damping=False, friction_gradient=True)),
-            BesideForce(CoulombFriction(fit_damping=False, fit_intercept=False)),
-            BesideForce(CoulombFriction(True, fit_damping=False, fit_intercept=False)),
+            ParallelForce(CoulombFriction(fit_damping=False, fit_intercept=False)),
+            ParallelForce(CoulombFriction(True, fit_damping=False, fit_intercept=False)),
             _of_free_mass(friction=True),
             _of_free_mass(friction=True, damping_asymmetry=True),
             _of_free_mass(friction=True, stribeck=True),
@@ -435,21 +435,21 @@ _BUILT_IN = (
         lambda: [Offset(), _of_free_mass(fit_force_offset=True)],
         "Each record has a constant offset, or a constant force adds to the drive.",
         "Repeat a record after setting up the sensor anew.",
-        beside=True,
+        additive=True,
     ),
     Effect(
         "drift",
         lambda: [*(Drift(degree) for degree in (1, 3, 8)), _of_free_mass(fit_force_drift=True)],
         "The response drifts slowly, whatever the drive does, or a force that does adds to it.",
         "Rest at a constant drive for as long as a record takes.",
-        beside=True,
+        additive=True,
     ),
     Effect(
         "periodic_disturbance",
         lambda: [PeriodicDisturbance(n) for n in (1, 2, 3)],
         "Sinusoids whose frequencies do not depend on the drive add to the response.",
         "Record at rest: the lines remain when the drive does not move.",
-        beside=True,
+        additive=True,
         picture="spectrum",
         plausible=has_own_lines,
     ),

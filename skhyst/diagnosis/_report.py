@@ -256,13 +256,13 @@ class Report:
 
     def to_text(self) -> str:
         """Return what is missing, the errors, the residual and remarks, in a few lines."""
-        lines = [*_outdone(self), self.summary]
+        lines = [*_better_model(self), self.summary]
         lines += [f"resolution: {', '.join(self.resolution)}"] if self.resolution else []
         lines.append(f"missing: {', '.join(self.effects) or 'nothing'}")
         for claim in self.claims:
             lines.append(f"  {claim['effect']}: {claim['statement']}")
             if claim["ambiguous_with"]:
-                lines.append(f"    {_not_told(claim)} {claim['experiment']}")
+                lines.append(f"    {_ambiguity(claim)} {claim['experiment']}")
             if claim["provisional"]:
                 lines.append(f"    {_PROVISIONAL}")
         if self.unknown:
@@ -277,7 +277,7 @@ class Report:
             *([f"of the declared model's, in power: {parts}"] if parts else []),
             f"residual: {_LEFT[self.verdict]}",
             f"noise of the residual: {self.noise_model['text']}",
-            *([_kept(self)] if self.held_out else []),
+            *([_unused_data(self)] if self.held_out else []),
             *self.remarks,
         ]
         return printable("\n".join(lines) + "\n")
@@ -338,7 +338,7 @@ def _experiment(search):
 
     Other open questions would require further fits, as long as a search.
     """
-    if not search._not_told and not search.history_["ambiguous_with"].map(len).any():
+    if not search._undistinguished and not search.history_["ambiguous_with"].map(len).any():
         return None
     driven = search.declared_estimator_
     if not hasattr(driven, "drive_rate_"):  # a black box, whose range of the drive is not known
@@ -623,7 +623,7 @@ def next_steps(claims, not_it, location, verdict, faults, settings, advice="", e
         )
     elif verdict == "unexplained":
         step = "Record more data where no effect explains the residual"
-        where = _looks(location)
+        where = _location_text(location)
         steps.append(
             f"{step}: it is strongest {where}."
             if where
@@ -631,7 +631,11 @@ def next_steps(claims, not_it, location, verdict, faults, settings, advice="", e
             "is noise."
         )
     if advice:
-        where = f" The residual is largest {_looks(location)}." if _looks(location) else ""
+        where = (
+            f" The residual is largest {_location_text(location)}."
+            if _location_text(location)
+            else ""
+        )
         steps.append(f"{advice[0].upper()}{advice[1:]}.{where}")
     if experiment is not None:
         steps.append(
@@ -652,7 +656,7 @@ def next_steps(claims, not_it, location, verdict, faults, settings, advice="", e
 # ------------------------------------------------------------------------------------------ words
 
 
-def _outdone(report):
+def _better_model(report):
     """Yield a sentence if another model explains far more than the declared and augmented ones."""
     if report.comparison is None:
         return
@@ -669,7 +673,7 @@ def _outdone(report):
 
 
 def _warnings(report):
-    yield from _outdone(report)
+    yield from _better_model(report)
     worst, part = max(report.error_before, report.error_after), report.data["extrapolated"]
     if worst > report.response_range:
         yield (
@@ -846,14 +850,14 @@ def _error(report, value, whole=None):
     return f"{f'{number(value)} {unit}'.strip()} ({part} of the range)"
 
 
-def _kept(report):
+def _unused_data(report):
     """Return a sentence with the errors on data that the search has not used."""
     kept, names = report.held_out, ("before", "after")[: 1 + bool(report.effects)]
     own = [f"{_error(report, kept[f'error_{n}'], kept['response_range'])} {n}" for n in names]
     return f"On {kept['n_samples']} samples that the search has not used: {', '.join(own)}."
 
 
-def _sure(claim):
+def _certainty(claim):
     """Return how sure a claim is, in words."""
     text = f"{claim['effect']}: {chance(claim['p_value'])}"
     if claim["ambiguous_with"]:
@@ -861,7 +865,7 @@ def _sure(claim):
     return text + (", provisional" if claim["provisional"] else "")
 
 
-def _not_told(claim):
+def _ambiguity(claim):
     """Return what else a claim may be, in words."""
     others = listed(claim["ambiguous_with"])
     return (
@@ -870,7 +874,7 @@ def _not_told(claim):
     )
 
 
-def _looks(location):
+def _location_text(location):
     """Return where a residual is strongest, in words.
 
     Examples
@@ -1000,7 +1004,7 @@ def _rendered(report, form):
         keep_trailing_newline=True,
     )
 
-    def said(text):
+    def escaped(text):
         """Return escaped text for the page."""
         text = " ".join(str(markupsafe.escape(text) if form == "html" else text).split())
         if form == "html":
@@ -1008,11 +1012,11 @@ def _rendered(report, form):
         return re.sub(r"([\\`*_\[\]<>|#])", r"\\\1", text)
 
     environment.filters |= {
-        "said": said,
+        "escaped": escaped,
         "error": partial(_error, report),
-        "looks": _looks,
-        "sure": _sure,
-        "not_told": _not_told,
+        "location_text": _location_text,
+        "certainty": _certainty,
+        "ambiguity": _ambiguity,
     }
     environment.filters |= {f.__name__: f for f in (chance, listed, number, percent, share)}
     script = environment.loader.get_source(environment, "pictures.js")[0]
@@ -1026,7 +1030,7 @@ def _rendered(report, form):
             provisional=_PROVISIONAL,
             known=_known(report),
             parts=_parts(report),
-            kept=_kept(report) if report.held_out else "",
+            kept=_unused_data(report) if report.held_out else "",
             is_full=_is_full(report.claims, report.settings),
             change=change,
             plus_minus=plus_minus,

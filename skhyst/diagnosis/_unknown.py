@@ -678,7 +678,7 @@ def _smoothed(site, model, flexible, tree, records, independent=1.0):
 def _candidate(tree, records):
     problem = tree.problem(records)
     cost = predicted_cost(problem, problem.x0)
-    size = len(problem.x0) + tree.n_besides()
+    size = len(problem.x0) + tree.n_further_estimates()
     return Candidate(tree.effects[-1:], tree, np.inf, cost, size, problem.x0)
 
 
@@ -869,7 +869,7 @@ def laws_of(term, data, criterion):
             continue
         c = held_out(c, records, folds)
         p_value = criterion.p_value(c, chosen)
-        if p_value < criterion.alpha and criterion.matters(c, chosen):
+        if p_value < criterion.alpha and criterion.improves_enough(c, chosen):
             continue
         own = site.make.unit(c.structure)
         unit = 1.0 if scaled else float(law(*(1.0 / (own * largest))))

@@ -153,14 +153,14 @@ def judge_residual(records, residuals, predictions, rng, criterion, *, error=Non
             "noise", floor, ceiling, noise, "noise floor and ceiling agree", *statistics
         )
     scatters = scatter is None or scatter >= matters * ceiling
-    if pairs and scatters and not trials["it repeats with the drive"].matters(criterion):
+    if pairs and scatters and not trials["it repeats with the drive"].improves_enough(criterion):
         return Judgement(
             "noise", floor, ceiling, noise, "it does not repeat with the drive", *statistics
         )
     size = float(np.sqrt(power))
     against = list(_against_noise(records, residuals, noise, size))
     predicts = trials["a black box predicts it"]
-    if predicts.matters(criterion):
+    if predicts.improves_enough(criterion):
         against.append(
             f"a black box predicts part of it, not significantly (p = {predicts.p_value:.2g})"
         )

@@ -326,7 +326,7 @@ class RestoringForceOperator(OscillatorOperator, loops=(*loops(restoring), resto
             "third harmonic of the force": (100.0 * abs(third / first), "%"),
         }
 
-    def _fed_back(self, s, shift):
+    def _parameters_under_feedback(self, s, shift):
         springs = np.arange(1, self.stiffness_coefficients.size + 1)
         dampers = np.arange(1, self.damping_coefficients.size + 1)
         return {

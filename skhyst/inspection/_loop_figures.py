@@ -17,7 +17,7 @@ from ..metrics import (
     widest_opening,
 )
 from ._base import Display
-from ._drawing import COLORS, INK, legend_beside, new_axes, plain, tidy
+from ._drawing import COLORS, INK, legend_right, new_axes, plain, tidy
 from ._plot_data import thin_path
 
 _POINTS = 1000  # drawn of a cycle
@@ -176,7 +176,7 @@ class LoopFiguresDisplay(Display):
         if not any(self.loops):
             panel.text(0.5, 0.5, "no closed loop", ha="center", transform=panel.transAxes)
         else:
-            legend_beside(panel)
+            legend_right(panel)
         tidy(panel, x_label=self.drive_name, y_label=self.response_name)
         self.ax_, self.figure_ = panel, panel.figure
         return self

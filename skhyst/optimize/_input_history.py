@@ -101,7 +101,10 @@ def estimate_input_history(
             records, best = trial, result
         if gain > chance:
             problem = OperatorProblem(best.operator, records, disturbances=best.disturbances)
-            loose = [replace(r, beside=problem.carried(best.operator, r)) for r in records]
+            loose = [
+                replace(r, eliminated=problem.history_sensitivities(best.operator, r))
+                for r in records
+            ]
             start = [(best.operator, best.disturbances)]
             result = identify(start, loose, **rough)
     input_history = np.array([_rest(r, count) if r.before is None else r.before for r in records])
@@ -173,7 +176,7 @@ def _history(problem, record, limits, count):
     starts = _starts(misfit, record, count)
     if problem.operator.signal_linear:
         return misfit.before(misfit.solved(np.array(starts))), misfit.runs
-    left = misfit.look_over(starts)
+    left = misfit.screen_starts(starts)
     starts = [start[: misfit.n_values] for start in starts]
     # many histories have the same residual: the penalty of their changes distinguishes them
     left += [np.square(misfit.changes(start)).sum() for start in starts]
@@ -247,7 +250,7 @@ class _Misfit:
     def solved(self, starts):
         """Return the values of least residual and penalty, for a linear operator.
 
-        The penalty is set as by :meth:`look_over`, from the least residual of the starts.
+        The penalty is set as by :meth:`screen_starts`, from the least residual of the starts.
         """
         rest, n = starts[0], len(self._root)
         columns = self._columns(rest)[:n]
@@ -257,7 +260,7 @@ class _Misfit:
         step = bounded_step(gram[:-1, :-1], gram[:-1, -1], -rest, 1.0 - rest)
         return np.clip(rest + step, 0.0, 1.0)
 
-    def look_over(self, starts):
+    def screen_starts(self, starts):
         """Return the sums of squares of starts without the penalty of changes, and set the penalty.
 
         The penalty is the mean square of the least residual. Later simulations are limited to the
@@ -324,7 +327,9 @@ class _Misfit:
     def _columns(self, values):
         """Return the derivatives by the values and the residual, (n_samples, n_values + 1)."""
         self.runs += 1
-        output, part = self._problem.carry(self._operator, self._begun(values))
+        output, part = self._problem.output_and_history_sensitivities(
+            self._operator, self._begun(values)
+        )
         columns = np.zeros((len(self._root), len(values) + 1))
         columns[: len(part), :-1] = np.tile(self._size, len(values) // len(self._size)) * part
         columns[:, -1] = self._whole(output) - self._record.y

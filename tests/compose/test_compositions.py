@@ -224,8 +224,8 @@ def test_gain_and_intercept_of_linear_stages_move_and_do_not_vanish(without, dat
 
 
 def test_the_diagram_shows_what_stands_behind_and_what_beside():
-    beside = Sum([("plays", PrandtlIshlinskii()), ("drift", Drift())])
-    drawn = estimator_html_repr(Cascade([("stage", beside), ("lag", FirstOrderLag())]))
+    additive = Sum([("plays", PrandtlIshlinskii()), ("drift", Drift())])
+    drawn = estimator_html_repr(Cascade([("stage", additive), ("lag", FirstOrderLag())]))
     serial, parallel = (re.search(rf'class="sk-{kind}"', drawn) for kind in ("serial", "parallel"))
     assert serial.start() < parallel.start()
     places = [drawn.index(f"<div>{name}</div>") for name in ("PrandtlIshlinskii", "Drift")]

@@ -437,10 +437,10 @@ def test_what_follows_at_once_is_streamed_as_it_is_predicted(name):
 @pytest.mark.parametrize("preview", [0, 3])
 def test_disturbances_that_are_known_are_taken_out_of_the_stream(preview):
     """Offset and drift of the record, at the sample whose drive it is."""
-    beside = OPERATORS["offset"], OPERATORS["drift"]
-    device = add_disturbances(GainOperator(2.0), beside)
+    additive = OPERATORS["offset"], OPERATORS["drift"]
+    device = add_disturbances(GainOperator(2.0), additive)
     reference = smooth(3.0)
-    known = sum(own.run(reference, DT)[0] for own in beside)
+    known = sum(own.run(reference, DT)[0] for own in additive)
     drive = compensator(device).stepper(DT, reference[0], preview).run(reference)[preview:]
     expected = (0.5 * (reference - known))[: N - preview]
     np.testing.assert_allclose(drive, expected, rtol=0.0, atol=1e-12)

@@ -341,7 +341,7 @@ def test_forces_beside_a_declared_force(effect, extra, name, level):
 
 @pytest.mark.slow
 def test_an_effect_of_ones_own_beside_the_model_has_evidence_too():
-    register_effect(Effect("own", lambda: [Drift(3)], "A law.", "An experiment.", beside=True))
+    register_effect(Effect("own", lambda: [Drift(3)], "A law.", "An experiment.", additive=True))
     try:
         recording, _ = found("drift")
         search = EffectSearchCV(PrandtlIshlinskii(), effects=["own"], max_effects=1)

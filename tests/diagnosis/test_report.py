@@ -342,7 +342,7 @@ def test_what_to_measure_next():
     assert "so far: Triangle of 2 Hz: it tells. On the command line" in proposal
     assert steps([claim | {"ambiguous_with": []}]) == []
     (step,) = steps(not_it=[miss, miss | {"change": -0.01}, miss | {"p_value": np.nan}])
-    assert step.startswith("creep would make the error 10 % smaller")
+    assert step.startswith("creep would reduce the error by 10 %")
     assert "Step and rest" in step
     assert "from 1.00 to 2.00 Hz" in steps(location=[place], verdict="unexplained")[0]
     assert "repeat one record" in steps(verdict="unexplained")[0]
