@@ -28,9 +28,9 @@ class Feedback(ParametricModel):
     response relative to the gain, and at rest ``s(q) = u``: of a mass on a spring, s is the
     characteristic of the spring, whatever its form, and the dynamics may have more poles than a
     mass. Where s is the identity the model is linear. Of the velocity, ``f(q') = s(q')`` is a
-    damper's force beside that of a linear one, and of both ``f(q, q') = s(q, q') - q``, such as a
-    damping that depends on the position. It is also known as a nonlinear linear-fractional model
-    (NL-LFR [1]_).
+    damper's force in addition to that of a linear one, and of both ``f(q, q') = s(q, q') - q``,
+    such as a damping that depends on the position. It is also known as a nonlinear
+    linear-fractional model (NL-LFR [1]_).
 
     Parameters
     ----------
@@ -66,7 +66,8 @@ class Feedback(ParametricModel):
     Warns
     -----
     ConvergenceWarning
-        If a rest within the range of the response is unstable: a free run leaves it.
+        If a rest within the range of the response is unstable, so that a free run does not stay
+        there.
 
     See Also
     --------

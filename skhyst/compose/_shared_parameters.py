@@ -83,7 +83,7 @@ class SharedParameters(MetaEstimatorMixin, MultiOutputMixin, RegressorMixin, Bas
 
     Examples
     --------
-    One hysteresis and one mode, seen by two sensors:
+    One hysteresis and one mode, measured by two sensors:
 
     >>> import numpy as np
     >>> from skhyst.compose import Cascade, SharedParameters

@@ -121,7 +121,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
     n_features_in_ : int
     drive_range_, drive_rate_ : tuple of (float, float), float
         Range and largest rate of the drive in the records of the model's fit, as for
-        :class:`~skhyst.base.ParametricModel`; missing if the model does not know them.
+        :class:`~skhyst.base.ParametricModel`; missing if the model has none.
     drive_limits_, rate_limit_ : tuple of (float, float), float
         Limits in force, units of the drive and these per s; infinite if there are none.
 
@@ -268,7 +268,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         ------
         ValueError
             If the reference is not finite, a stage has no stable inverse, or the residual of a
-            learned inverse is asked for.
+            learned inverse is requested.
         """
         X, _, read = fill_lost_rows(X)
         read = slice(None) if read is None else read
@@ -536,7 +536,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         return messages
 
     def _unknown(self):
-        """Return a warning if the limits of the fit are asked for and not known, else ``""``."""
+        """Return a warning if the limits of the fit are required and not known, else ``""``."""
         if hasattr(self, "drive_range_") or "fit" not in (self.drive_limits, self.rate_limit):
             return ""
         return (

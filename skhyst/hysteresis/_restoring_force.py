@@ -471,7 +471,7 @@ class RestoringForce(OscillatorModel):
     preload and the spring's coefficients are hardly distinguishable, and their standard errors,
     which are those of a linearised model, are too small.
 
-    Equation (7) as printed, ``z' = (alpha_s / 2) (1 + sgn(z_s - |z|)) x'``, never leaves its limit:
+    Equation (7) as printed, ``z' = (alpha_s / 2) (1 + sgn(z_s - |z|)) x'``, stays at its limit:
     the bracket is zero there in both directions. Meant is an elastic, ideally plastic element (a
     stop operator), which is elastic again as soon as the motion reverses. Equation (6) prints
     ``lambda_9 x'^9``; the text announces six coefficients, so ``lambda_5 x'^5`` is meant.

@@ -131,7 +131,7 @@ class Layout:
         """Names and units from lines with a key, None if there is no such line.
 
         A line has its key in a column that is blank in the table ("trace_names,time,Out1"), or
-        before each of its values ("Name,u,Name,x"), or it tells one name ("NAME0 = command").
+        before each of its values ("Name,u,Name,x"), or it gives one name ("NAME0 = command").
         """
         width, rows = len(self.form), self.rows[: self.first]
         numbered = [_NUMBERED.fullmatch(_assignment(row)) for row in rows]

@@ -236,7 +236,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
     :math:`c_r`, like a mode of a structure: as many states as poles, for any number of inputs and
     responses. Several :class:`TransferFunction` would need as many poles each.
 
-    The model describes the *sampled* device, including the hold of its inputs, whatever that is.
+    The model describes the *sampled* device, including the hold of its inputs, of any kind.
     Records with periodic inputs in steady state (at least as many different records as inputs)
     are fitted at the excited lines, without leakage; all others by the Fourier transforms of the
     complete records [3]_, with the initial state of every record as an unknown. Vector fitting

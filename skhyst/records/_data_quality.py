@@ -49,7 +49,7 @@ def data_quality(X, y, records) -> pd.DataFrame:
     DataFrame
         One row per fault and record: ``fault`` (one of ``outlier``, ``lost_reading``,
         ``stuck_sensor``, ``clipped_range``, ``wrapped_reading``, ``clock_jitter``,
-        ``lost_samples``, ``lost_rows`` (of which the index tells), ``swapped_channels``,
+        ``lost_samples``, ``lost_rows`` (gaps in the index), ``swapped_channels``,
         ``noisy_drive``, ``repeated_record``, and of all records ``constant_drive`` and
         ``same_signal``), ``record``, ``n_samples``, ``rows`` (the first few;
         of lost ones those behind), ``value`` (reading at which it was stuck, clipped or lost; jump
