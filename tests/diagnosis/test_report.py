@@ -254,7 +254,7 @@ def of_one_candidate(report):
     return {"ranking": [row]}
 
 
-STRONGEST = "What the declared model leaves is strongest"
+STRONGEST = "The residual of the declared model is strongest"
 SAID = [  # report, changes of it, what it says, and what it does not say
     ("nothing", {}, ["Nothing is missing", "its held-out error is"], "nexplained"),
     (
