@@ -67,7 +67,7 @@ class Contest:
         As of the search.
     negligible : float
         Held-out error below which no effect is sought.
-    tell : callable
+    report_progress : callable
         Called with a line about progress or "", the round, the effect that is tried, the number of
         finished candidates of the step, and their total.
     renew : callable or None

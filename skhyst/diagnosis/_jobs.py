@@ -20,7 +20,7 @@ def side_by_side(jobs, n_jobs, report_progress=lambda *step: None):
     jobs : iterable of joblib.delayed calls
         The first argument is the effect or the candidate that the job is for.
     n_jobs : int or None
-    tell : callable
+    report_progress : callable
         Called with the name of the next job, the number of finished jobs, and the total.
 
     Returns
@@ -54,7 +54,9 @@ def _parallel(jobs, n_jobs, report_progress):
         report_progress("", len(done), len(jobs))
     finally:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # where `tell` raises, running jobs are cancelled
+            warnings.simplefilter(
+                "ignore"
+            )  # where `report_progress` raises, running jobs are cancelled
             results.close()
     return done
 

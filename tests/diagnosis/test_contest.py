@@ -75,7 +75,7 @@ def contest_of(**options):
         "max_effects": 3,
         "n_jobs": 1,
         "negligible": 1e-3,
-        "tell": lambda *told: None,
+        "report_progress": lambda *told: None,
         "renew": None,
         "judge": lambda c: None,
         **options,
@@ -405,7 +405,7 @@ def test_a_residual_is_judged_once(known):
 def test_paths_go_on_until_nothing_is_better(known):
     """Each as far as it comes; the ends are those that have no better one."""
     told = []
-    contest = contest_of(tell=lambda *own: told.append(own[0]))
+    contest = contest_of(report_progress=lambda *own: told.append(own[0]))
     better = {"": ["a", "b"], "a": [], "b": ["bc"], "bc": []}
     errors = {"": 1.0, "a": 0.5, "b": 0.6, "bc": 0.3}
     contest._better = lambda path, *_: [
@@ -489,7 +489,7 @@ def test_a_name_is_plausible_by_its_margin_and_by_what_it_predicts(known, monkey
 
 def pruned(errors, right=True):
     """Prune the effects a, b and c whose models have those errors; return what is left."""
-    contest = contest_of(tell=lambda *_: None)
+    contest = contest_of(report_progress=lambda *_: None)
     found = {names: candidate(names, error) for names, error in errors.items()}
     contest.without = lambda base, name: found[
         "".join(n for n in base.structure.effects if n != name)
