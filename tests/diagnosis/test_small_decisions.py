@@ -700,7 +700,7 @@ def pruned(needless, names="abc"):
     contest = SimpleNamespace(
         without=without,
         n_tried=1,
-        criterion=SimpleNamespace(is_better=is_missed, matters=lambda worse, better: True),
+        criterion=SimpleNamespace(is_better=is_missed, improves_enough=lambda worse, better: True),
         _is_needed=lambda base, name, reduced: is_missed(reduced, base),
         _keeps_names=lambda *_: True,
         dropped=[],
@@ -754,7 +754,7 @@ def test_the_best_path_goes_on_and_the_simplest_that_is_not_told_from_it():
 def better_of(driven, additive, pairs, *, room=2, error=1.0, structured=True):
     path = of_effects("p", error)
     criterion = SimpleNamespace(
-        matters=lambda worse, better: better.error < 0.95 * worse.error,
+        improves_enough=lambda worse, better: better.error < 0.95 * worse.error,
         is_better=lambda worse, better, n_tried: better.error < 0.5 * worse.error,
     )
     contest = SimpleNamespace(
