@@ -751,7 +751,7 @@ def test_the_best_path_goes_on_and_the_simplest_that_is_not_told_from_it():
     assert Contest._few(contest, [], []) == []
 
 
-def better_of(driven, additive, pairs, *, room=2, error=1.0, structured=True):
+def better_of(driven, of_time, pairs, *, room=2, error=1.0, structured=True):
     path = of_effects("p", error)
     criterion = SimpleNamespace(
         improves_enough=lambda worse, better: better.error < 0.95 * worse.error,
@@ -762,13 +762,11 @@ def better_of(driven, additive, pairs, *, room=2, error=1.0, structured=True):
         negligible=1e-3,
         n_tried=1,
         criterion=criterion,
-        extended=lambda path, fully=True, additive=False: additive if additive else drivens,
+        extended=lambda path, fully=True, additive=False: added if additive else drivens,
         judgement=lambda path: SimpleNamespace(structured=structured),
         _pairs=lambda path, singles: two,
     )
-    drivens, additive, two = (
-        [of_effects("x", e) for e in own] for own in (driven, additive, pairs)
-    )
+    drivens, added, two = ([of_effects("x", e) for e in own] for own in (driven, of_time, pairs))
     return [c.error for c in Contest._better(contest, path, True)]
 
 
