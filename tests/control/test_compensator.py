@@ -121,7 +121,7 @@ def test_what_is_cut_by_limits_is_told():
 
 def test_what_is_out_of_reach_is_named_with_its_value():
     device = Series(("plays", "amplifier"), (PLAYS, SaturationOperator(upper=2.0)))
-    with pytest.warns(ReachWarning, match=r"stage 'amplifier' does not give (3\.9|4)"):
+    with pytest.warns(ReachWarning, match=r"stage 'amplifier' cannot reach the required (3\.9|4)"):
         compensator(device, max_iter=0).predict(smooth(2.0)[:, None])
 
 
@@ -466,7 +466,9 @@ def test_an_inverse_that_is_not_stable_is_named():
     """Where the rate lowers the response, what comes later determines the drive."""
     parts = TanhHysteresisOperator(0.3, -0.002, 0.4, 2.3), GainOperator(0.2)
     device = SumOperator(("tanh", "gain"), parts)
-    with pytest.warns(ReachWarning, match=r"stage 'SumOperator' does not give .* is not stable"):
+    with pytest.warns(
+        ReachWarning, match=r"stage 'SumOperator' cannot reach the required .* is not stable"
+    ):
         compensator(device, max_iter=0).predict(smooth(2.0)[:, None])
 
 
