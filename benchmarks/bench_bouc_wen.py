@@ -169,11 +169,11 @@ def main():
         rows, ratios = [], []
         for seed in range(options.evolutions):
             u, y, floor = plant(seed)
-            beside = [fit(u, y)[2:] for _ in range(10)]
+            additive = [fit(u, y)[2:] for _ in range(10)]
             error, evaluations, seconds = evolve(u, y, seed)
-            beside += [fit(u, y)[2:] for _ in range(10)]
+            additive += [fit(u, y)[2:] for _ in range(10)]
             rows.append((error / floor, evaluations, seconds))
-            ratios.append(seconds / np.median(beside, axis=0))
+            ratios.append(seconds / np.median(additive, axis=0))
         theirs = np.array(rows)
         print(
             f"  differential_evolution: {np.sum(theirs[:, 0] < AT_FLOOR)} of "

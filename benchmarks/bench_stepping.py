@@ -216,7 +216,7 @@ def in_c(operator, samples, repeats):
     return float(found.stdout.split()[0])
 
 
-def told(value, unit, limit=None):
+def formatted(value, unit, limit=None):
     """Format a time beside its limit."""
     if value is None:
         return "no compiler"
@@ -238,15 +238,15 @@ def main():
         loop = least(lambda s=stepper: s.run(u), options.repeats)
         limits = (CALL_LIMIT, LOOP_LIMIT, C_LIMIT) if name == "20 plays" else (None,) * 3
         parts = [
-            "a call " + told(1e6 * call / len(few), "us", limits[0]),
-            "a sample " + told(1e9 * loop / len(u), "ns", limits[1]),
-            "in C " + told(in_c(operator, options.samples, options.repeats), "ns", limits[2]),
+            "a call " + formatted(1e6 * call / len(few), "us", limits[0]),
+            "a sample " + formatted(1e9 * loop / len(u), "ns", limits[1]),
+            "in C " + formatted(in_c(operator, options.samples, options.repeats), "ns", limits[2]),
         ]
         y, _ = operator.run(u[:20_000], DT)
         inverse = inverse_of(operator)
         inverse.run(y[:10], DT)
         seconds = least(lambda i=inverse, r=y: i.run(r, DT), options.repeats)
-        parts.append(f"inverse {told(1e9 * seconds / len(y), 'ns')} a sample")
+        parts.append(f"inverse {formatted(1e9 * seconds / len(y), 'ns')} a sample")
         print(f"{name}: " + ", ".join(parts), flush=True)
 
 

@@ -67,7 +67,7 @@ def error(operator, drive, wanted):
     return np.abs(y - wanted).max() / (np.ptp(wanted) or 1.0)
 
 
-def told(value, bar):
+def formatted(value, bar):
     """Format an error beside its bar."""
     return f"{value:8.1e} (at most {bar:.0e}: {'kept' if value <= bar else 'MISSED'})"
 
@@ -86,7 +86,7 @@ def line(name, operator, wanted, bar=None):
         return
     closed = inverse.signal_linear or not isinstance(inverse, InverseOperator)
     bar = bar or (ANALYTIC if closed else ITERATIVE)
-    text = f"{name:45s} {told(error(operator, drive, wanted), bar)}"
+    text = f"{name:45s} {formatted(error(operator, drive, wanted), bar)}"
     try:
         compiled_step, ahead = inverse.ahead(DT, wanted[0], min(bar, STREAMED))
     except NotImplementedError:

@@ -82,16 +82,16 @@ class Other:
 
     def respond(self, u, gain=1.0):
         """Return the response at the samples."""
-        beside = {
+        additive = {
             "plays": self._plays,
             "plays and mode": self._plays,
             "preisach": self._relays,
             "bouc_wen": self._bouc_wen,
         }[self.kind]
         if self.kind != "plays and mode":
-            return gain * (0.9 * u + beside(u))
+            return gain * (0.9 * u + additive(u))
         fine = refine(u, SUBSTEPS)
-        y = gain * (0.9 * fine + beside(fine))
+        y = gain * (0.9 * fine + additive(fine))
         return oscillate(y, DT / SUBSTEPS, *self.mode)[::SUBSTEPS]
 
     def model(self):

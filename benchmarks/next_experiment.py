@@ -95,7 +95,7 @@ def _searched(plant):
         return {"first": "too faint"}
     X, y = recording.X_train, recording.y_train
     search = EffectSearchCV(model, random_state=0).fit(X, y)
-    row = {"first": told(search)}
+    row = {"first": claims_text(search)}
     if not any(search.history_["ambiguous_with"]):
         return row
     first = recording.X_test.index.get_level_values("record") == len(X.index.unique("record"))
@@ -113,13 +113,13 @@ def _searched(plant):
         more = recorded(drive=drive)
         again = EffectSearchCV(model, random_state=0)
         again.fit(pd.concat([X, more.X_test[first]]), pd.concat([y, more.y_test[first]]))
-        row[kind] = told(again)
+        row[kind] = claims_text(again)
         alone = not any(again.history_["ambiguous_with"])
         row[f"{kind}_settled"] = alone and plant.effect in again.effects_
     return row
 
 
-def told(search):
+def claims_text(search):
     """Format the claims of a search, each with what it was not told from."""
     rows = search.history_.itertuples()
     claims = ["|".join([row.effect, *row.ambiguous_with]) for row in rows]

@@ -174,8 +174,8 @@ def ramp(device, rng):
     """A drift of 23 times the noise beside three periods of a sine."""
     n, std = 1500, 0.002
     u = np.sin(2 * np.pi * 3 * np.arange(n) / n)
-    beside = 23 * std * np.sqrt(12) * (np.arange(n) / n - 0.5)
-    return u[:, None], u + beside + std * rng.standard_normal(n), std
+    additive = 23 * std * np.sqrt(12) * (np.arange(n) / n - 0.5)
+    return u[:, None], u + additive + std * rng.standard_normal(n), std
 
 
 def same_record_twice(device, rng):

@@ -43,7 +43,7 @@ def check_outputs(paths, inputs=(), *, force=False):
         written.
     """
     for path in paths:  # first of all: "new/../file" needs the folder "new"
-        with telling(path):
+        with errors_naming(path):
             path.parent.mkdir(parents=True, exist_ok=True)
             TemporaryDirectory(dir=path.parent).cleanup()
     for i, path in enumerate(paths):
@@ -85,7 +85,10 @@ def replacing(*paths):
     paths = [Path(path) for path in paths]
     for path in paths:
         _check_target(path)
-    with telling(paths[0]), TemporaryDirectory(dir=paths[0].parent, prefix=".skhyst") as folder:
+    with (
+        errors_naming(paths[0]),
+        TemporaryDirectory(dir=paths[0].parent, prefix=".skhyst") as folder,
+    ):
         written = [Path(folder, path.name) for path in paths]
         yield written
         for part, path in zip(written, paths, strict=True):
@@ -115,7 +118,7 @@ def _check_target(path):
 
 
 @contextmanager
-def telling(path):
+def errors_naming(path):
     """Raise errors of the system as one sentence on the file, without its temporary name."""
     try:
         yield

@@ -56,7 +56,7 @@ def read_data(estimator, X, *y, reset, dt=None, bridge=False):
         if not _is_memoryless(estimator):
             refuse_drawn(X, drive, array, response)
             _doubt_order(X, drive, response)
-        keep_seen(estimator, drive, slices)
+        store_drive_range(estimator, drive, slices)
     return slices, array, response
 
 
@@ -125,10 +125,9 @@ def refuse_drawn(frame, drive, X, response):
     n = len(X)
     if _is_drawn_in_order(np.column_stack([X, response])):
         raise RecordError(
-            "The rows must be a recording. Got rows that are there once, twice, three times and so "
-            "on as often as in a random sample of them that was sorted, in which others lack, "
-            "instead. Give the repetitions of all rows as sample_weight; if the rows are a "
-            "recording, an index of their times says so."
+            "The rows must be a recording. Got repeated and missing rows, as in a sorted "
+            "random sample with replacement, instead. Give the repetitions of all rows as "
+            "sample_weight; if the rows are a recording, give their times in the index."
         )
     if n < _FEWEST or not all(_is_disordered(values) for values in (drive, response)):
         return
@@ -321,10 +320,10 @@ def interval_of(estimator, *, fitted=True):
         own, unit = fitted_interval(estimator)
         if own is not None:
             return own if unit == "s" else None
-    return agreed(estimator, "dt")
+    return common_parameter(estimator, "dt")
 
 
-def agreed(estimator, name):
+def common_parameter(estimator, name):
     """Return a parameter of an estimator or, if it is None, the value that its parts agree on.
 
     None where no part says it. A part that is held, in a FrozenEstimator, has the interval of its
@@ -345,7 +344,7 @@ def agreed(estimator, name):
             continue
         held = isinstance(part, FrozenEstimator)
         part = part.estimator if held else part
-        value = interval_of(part) if held and name == "dt" else agreed(part, name)
+        value = interval_of(part) if held and name == "dt" else common_parameter(part, name)
         if value is not None:
             said[key] = value
     if len(set(said.values())) > 1:
@@ -379,7 +378,7 @@ def drive_column(estimator):
     ValueError
         If there is no such column, or the estimator needs the drive in front.
     """
-    drive = agreed(estimator, "drive")
+    drive = common_parameter(estimator, "drive")
     if drive is None:
         return 0
     if isinstance(drive, bool):  # which is a number in Python
@@ -406,7 +405,7 @@ def _drive_of(estimator, reset):
     if known != position:
         raise ValueError(
             f"The 'drive' parameter of {type(estimator).__name__} must be that of the fit, column "
-            f"{known}. Got {agreed(estimator, 'drive')!r} instead; fit the model again."
+            f"{known}. Got {common_parameter(estimator, 'drive')!r} instead; fit the model again."
         )
     return position
 
@@ -454,7 +453,7 @@ def find_column(estimator, column, parameter) -> int:
     )
 
 
-def keep_seen(estimator, drive, slices):
+def store_drive_range(estimator, drive, slices):
     """Store the range and the largest rate of the drive of a fit.
 
     See :class:`ParametricModel` for ``drive_range_`` and ``drive_rate_``.
@@ -582,7 +581,7 @@ def _weights_name(estimator):
     return None if inside is None else _weights_name(inside)
 
 
-def take_rows(values, rows):
+def select_rows(values, rows):
     """Return some rows of X or y, with their index where it has one."""
     if not hasattr(values, "iloc"):
         return np.asarray(values)[rows]
@@ -671,7 +670,7 @@ def finite_number(value, caller, name):
     return float(finite_numbers(value, caller, name, "a finite number", ndim=0))
 
 
-def rest_of(u0, initial_state, n_inputs, caller, *, with_amplitude=False):
+def rest_input(u0, initial_state, n_inputs, caller, *, with_amplitude=False):
     """Return the inputs (n_inputs,) at which a stepped device rests at first.
 
     Inputs that are not finite, or of another number, are refused, and so is an initial state other

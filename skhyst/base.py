@@ -21,8 +21,8 @@ from ._documentation import inherit_documentation
 from ._signals import input_signals
 from ._sklearn import Interval, StrOptions, fit_context
 from ._validation import (
-    agreed,
     as_floats,
+    common_parameter,
     drive_column,
     finite_number,
     fitted_interval,
@@ -30,7 +30,7 @@ from ._validation import (
     read_data,
     read_weights,
     refuse_several,
-    rest_of,
+    rest_input,
     used_interval,
     warn_beyond,
     warn_schedules,
@@ -61,13 +61,13 @@ from .optimize import (
     Method,
     RecordData,
     as_of,
-    begun,
     calibrated,
+    has_start_misfit,
     identify,
     input_history_of,
     is_coloured,
-    is_left_early,
     later_halves,
+    record_with_history,
     start_p_value,
     with_further_starts,
     with_input_history,
@@ -86,7 +86,7 @@ _NO_REST = (
     "a known response, 'y_start' of predict"
 )
 _MOST = 0.5  # ratio of squared errors: below it, more of the error is removed than remains
-_FEW = "Records this short tell like few independent samples, and params_std_ is too small for"
+_FEW = "The records hold few independent samples, so that params_std_ is too small for"
 
 
 class _OneThread:
@@ -197,7 +197,7 @@ def identified(model, records):
 def input_at_rest(model, u0, initial_state, caller):
     """Return the input at which a fitted model rests; see :meth:`ParametricModel.stepper`."""
     more = {"with_amplitude": model.reads_columns}
-    levels = rest_of(u0, initial_state, model.n_features_in_, caller, **more)
+    levels = rest_input(u0, initial_state, model.n_features_in_, caller, **more)
     if not model.reads_columns:
         return float(levels[drive_column(model)])
     # the amplitude of the record may follow the columns
@@ -221,11 +221,11 @@ class _Run:
 
     def run(self):
         """Return the output of the record, and the state of the operator after it."""
-        driven, beside = split_disturbances(self.operator)
+        driven, additive = split_disturbances(self.operator)
         y, state = driven.run(self.u, self.dt, driven.init(self.u[0], self.initial_state))
-        if not beside:
+        if not additive:
             return y[self.skip :], state
-        runs = [own.run(self.u[self.skip :], self.dt) for own in beside]
+        runs = [own.run(self.u[self.skip :], self.dt) for own in additive]
         y = y[self.skip :] + np.sum([own for own, _ in runs], axis=0)
         return y, (state, *(after for _, after in runs))
 
@@ -399,7 +399,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         with _calculable():
             self._fit_records(data)
         weights = None if sample_weight is None else np.concatenate([r.weights for r in data])
-        self._doubt_drive(X, y, weights)
+        self._warn_of_other_column(X, y, weights)
         return self
 
     @fit_context(prefer_skip_nested_validation=True)
@@ -453,9 +453,13 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         _refuse_other_parts(tree)
         return tree
 
-    def _doubt_drive(self, X, y, weights):
+    def _warn_of_other_column(self, X, y, weights):
         """Warn if a straight line through an ignored column predicts better than the model."""
-        if self.n_features_in_ == 1 or self.reads_columns or agreed(self, "drive") is not None:
+        if (
+            self.n_features_in_ == 1
+            or self.reads_columns
+            or common_parameter(self, "drive") is not None
+        ):
             return
         X, y = as_floats(self, X, y, reset=False)
         weights = np.ones(len(y)) if weights is None else weights
@@ -695,7 +699,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         if moving is None:
             result = self._settled(model, result, records)
             result, records = self._led_through_gaps(result, records)
-            self._doubt_rest(model, result, records)
+            self._warn_of_moving_start(model, result, records)
             return self.finish(result, records)
         warnings.warn(
             f"{_NO_REST.format(type(self).__name__)}: with initial_state='zero' the error is "
@@ -705,7 +709,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         )
         self.has_rest_ = False
         return self.finish(
-            moving if agreed(self, "initial_state") == "estimate" else result, records
+            moving if common_parameter(self, "initial_state") == "estimate" else result, records
         )
 
     def _settled(self, model, result, records):
@@ -747,21 +751,23 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         if start_p_value(result, found, records, n_values, (state, state)) >= LEVEL:
             return result, records
         both = zip(records, found.input_history, strict=True)
-        records = [begun(operator, *pair) for pair in both]
+        records = [record_with_history(operator, *pair) for pair in both]
         return replace(found, input_history=None), records
 
-    def _doubt_rest(self, model, result, records):
+    def _warn_of_moving_start(self, model, result, records):
         """Warn if records do not begin at rest, which biases the fit.
 
         ``model`` has a definite hold.
         """
-        operator, told = result.operator, agreed(self, "initial_state") != "rest"
-        if told or operator.memoryless or result.input_history is not None:
+        operator, is_given = result.operator, common_parameter(self, "initial_state") != "rest"
+        if is_given or operator.memoryless or result.input_history is not None:
             return
-        if not np.ptp(np.concatenate([record.drive for record in records])):  # which is told
+        if not np.ptp(np.concatenate([record.drive for record in records])):  # which is warned of
             return
         # what has no rest does not forget how it began
-        asked = is_coloured(result, records) if operator.n_start else is_left_early(result, records)
+        asked = (
+            is_coloured(result, records) if operator.n_start else has_start_misfit(result, records)
+        )
         if not asked:
             return
         state, best, before = "rest", result, "rest"
@@ -779,10 +785,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
                 state, best, before = other, found, begun
         if state != "rest":
             warnings.warn(
-                f"The records begin otherwise than at the rest that {type(self).__name__} starts "
-                "from, at their first rows or behind rows that are missing: with "
-                f"initial_state={state!r} the error is {best.error:.3g} in place of "
-                f"{result.error:.3g}.",
+                f"The records do not begin at rest, as {type(self).__name__} assumes, at their "
+                f"first rows or after missing rows: with initial_state={state!r} the error is "
+                f"{best.error:.3g} instead of {result.error:.3g}.",
                 ConvergenceWarning,
                 stacklevel=5,
             )
@@ -820,7 +825,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """
         if not np.isfinite(result.error):
             raise RecordError(_OUT_OF_RANGE)
-        estimated = agreed(self, "initial_state") == "estimate" and self.has_rest_
+        estimated = common_parameter(self, "initial_state") == "estimate" and self.has_rest_
         if estimated and result.input_history is None:
             kept = "start" if result.operator.n_start else "before"
             if any(getattr(record, kept) is None for record in records):
@@ -835,7 +840,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
                 known = np.array([np.atleast_1d(getattr(record, kept)) for record in records])
                 result = replace(result, input_history=known)
         result = self._with_position_errors(result, records)
-        for message, kind in self.cautions(result, records):
+        for message, kind in self.fit_warnings(result, records):
             warnings.warn(message, kind, stacklevel=4)
         return self.adopt(result)
 
@@ -847,12 +852,12 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             return result
         if result.input_history is not None:
             both = zip(records, result.input_history, strict=True)
-            records = [begun(driven, *pair) for pair in both]
+            records = [record_with_history(driven, *pair) for pair in both]
         held = {name for name, _ in driven.entries()} - set(result.params)
         how = {"fixed": held, "initial_state": self.free_run_state}
         return result.narrowed(as_of(result, movable, records, **how))
 
-    def cautions(self, result, records):
+    def fit_warnings(self, result, records):
         """Yield the warnings of an identification result.
 
         Parameters
@@ -873,14 +878,14 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         driven = not (self.operator_class.is_disturbance or self.reads_columns)
         if driven and self.free_run_state == "rest" and not np.ptp(drives):
             yield (
-                f"The drive does not move: it is {drives[0]:g} in every sample, which leaves open "
-                f"how {name} responds. If it was switched on at the first sample, say so by "
+                f"The drive does not move: it is {drives[0]:g} in every sample, which does not "
+                f"determine how {name} responds. If it was switched on at the first sample, set "
                 "initial_state='zero'.",
                 ConvergenceWarning,
             )
         slope = _better_slope(drives, result, records) if driven else 0.0
         if slope:
-            remedy = "put a Gain beside it in a Cascade, or take other units"
+            remedy = "add a Gain to it in a Cascade, or take other units"
             if slope < 0.0:
                 remedy = "turn the sign of one of them"
             elif result.operator.owns_gain:
@@ -903,14 +908,14 @@ class ParametricModel(RegressorMixin, BaseEstimator):
                 "local optimum.",
                 ConvergenceWarning,
             )
-        for names, told, kind in (
+        for names, text, kind in (
             (result.undetermined, "The data do not determine", ConvergenceWarning),
             (result.short, _FEW, ShortRecordWarning),
         ):
             if names:
                 named, more = ", ".join(names[:_NAMED]), len(names) - _NAMED
                 rest = f" and {more} more" if more > 0 else ""
-                yield f"{told} these parameters of {type(self).__name__}: {named}{rest}.", kind
+                yield f"{text} these parameters of {type(self).__name__}: {named}{rest}.", kind
 
     def adopt(self, result):
         """Store an identification result.
@@ -1013,7 +1018,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         if known and read is not None:
             known[0][~read] = np.nan
         signal, schedules = self.operator_input(X, slices)
-        going = self._begun(slices, signal, schedules, known[0]) if known else {}
+        going = self._runs_with_known_response(slices, signal, schedules, known[0]) if known else {}
         if self.free_run_state == "rest" and not self.has_rest_ and len(going) < len(slices):
             warnings.warn(
                 f"{_NO_REST.format(type(self).__name__)}, from which this run starts.",
@@ -1032,7 +1037,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         for number, own in going.items():
             rows = slices[number].rows
             y[rows] = cut_off(own.run()[0])
-            self._doubt_known(y[rows], known[0][rows])
+            self._warn_of_unmatched_response(y[rows], known[0][rows])
         if not return_std:
             return y if read is None else y[read]
         variance = np.empty(len(y))
@@ -1061,42 +1066,42 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """Return the records of X, and X as an array."""
         return read_data(self, X, reset=False, bridge=True)[:2]
 
-    def _begun(self, slices, signal, schedules, y):
+    def _runs_with_known_response(self, slices, signal, schedules, y):
         """Return the runs of the records with known response, by their numbers."""
-        told = [i for i, s in enumerate(slices) if np.isfinite(y[s.rows]).any()]
+        given = [i for i, s in enumerate(slices) if np.isfinite(y[s.rows]).any()]
         data = []
-        for i in told:
+        for i in given:
             own, rows = y[slices[i].rows], slices[i].rows
             weights = np.isfinite(own).astype(float)
             own = np.where(weights > 0.0, own, 0.0)
             options = {"schedule": schedules[i], "weights": weights}
             data.append(RecordData(signal[rows], own, slices[i].dt, **options))
-        if not told:
+        if not given:
             return {}
         parts = [r.first_part(1 + np.flatnonzero(r.weights)[-1]) for r in data]
         # as stored by a fit; a part of a search's model has no range
         drives = np.concatenate([getattr(self, "drive_range_", ()), *(r.drive for r in data)])
         limits = drives.min(), drives.max()
-        driven, beside = split_disturbances(self.operator_)
-        input_history, _ = input_history_of(driven, beside, parts, limits)
+        driven, additive = split_disturbances(self.operator_)
+        input_history, _ = input_history_of(driven, additive, parts, limits)
         known = getattr(self, "covariance_", None), getattr(self, "noise_std_", None)
         found = {}
-        for i, record, part, before in zip(told, data, parts, input_history, strict=True):
-            own = calibrated(self.operator_, begun(driven, part, before), *known)
-            record = begun(driven, record, before)
+        for i, record, part, before in zip(given, data, parts, input_history, strict=True):
+            own = calibrated(self.operator_, record_with_history(driven, part, before), *known)
+            record = record_with_history(driven, record, before)
             u, skip = record.with_history()
             state = "rest" if record.start is None else record.start
             found[i] = _Run(*own, u, record.dt, state, skip).at(record.schedule)
         return found
 
-    def _doubt_known(self, run, known):
+    def _warn_of_unmatched_response(self, run, known):
         """Warn if no initial state leads to the known response, for example in another unit."""
-        told = np.isfinite(known)
+        given = np.isfinite(known)
         # about as many values are estimated: fewer samples do not suffice
-        if np.count_nonzero(told) <= np.log2(len(known)) or not hasattr(self, "fit_error_"):
+        if np.count_nonzero(given) <= np.log2(len(known)) or not hasattr(self, "fit_error_"):
             return
-        known = known[told]
-        error = np.sqrt(np.mean(np.square(run[told] - known)))
+        known = known[given]
+        error = np.sqrt(np.mean(np.square(run[given] - known)))
         # a constant predicts better, and the error exceeds that of the fit in any part of it
         n_fitted = sum(record.n_samples for record in self.records_)
         largest = np.sqrt(n_fitted / len(known)) * self.fit_error_
@@ -1235,9 +1240,11 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         refuse_several(self, slices)
         signal, schedules = self.operator_input(X, slices)
         rest = _Run(self.operator_, None, signal, slices[0].dt, self.free_run_state)
-        going = self._begun(slices, signal, schedules, y).get(0, rest.at(schedules[0]))
+        going = self._runs_with_known_response(slices, signal, schedules, y).get(
+            0, rest.at(schedules[0])
+        )
         run, state = going.run()
-        self._doubt_known(run, y)
+        self._warn_of_unmatched_response(run, y)
         if schedule is not None:
             schedule = finite_number(schedule, f"{type(self).__name__}.stepper_from", "schedule")
             warn_schedules(self, self.operator_, [schedule])
@@ -1300,7 +1307,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     @property
     def free_run_state(self) -> str:
         """State before each record of a free run, "rest" or "zero"."""
-        state = agreed(self, "initial_state")
+        state = common_parameter(self, "initial_state")
         known = state == "zero" or (state == "estimate" and not self.has_rest_)
         return "zero" if known else "rest"
 

@@ -67,7 +67,7 @@ def declarable_models() -> dict[str, type]:
     return {
         snake_case(name): model
         for name, model in all_estimators()
-        if issubclass(model, ParametricModel) and _stands_alone(model)
+        if issubclass(model, ParametricModel) and _is_complete(model)
     }
 
 
@@ -155,7 +155,7 @@ def _model(node):
         raise ValueError(f"The options of {ast.unparse(node)!r} do not fit: {error}") from error
 
 
-def _stands_alone(model):
+def _is_complete(model):
     """Whether a model needs no other, and responds to the drive."""
     parameters = inspect.signature(model).parameters.values()
     complete = all(parameter.default is not parameter.empty for parameter in parameters)

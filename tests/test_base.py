@@ -216,7 +216,7 @@ def test_rows_behind_missing_ones_begin_elsewhere():
     u -= u[0]  # from rest and from zero
     y = FirstOrderLagOperator(0.4).run(u, DT)[0] + 1e-3 * np.random.default_rng(0).normal(size=N)
     frame = pd.DataFrame({"u": u}, pd.Index(TIME, name="time"))
-    with pytest.warns(ConvergenceWarning, match="begin otherwise.*'estimate'"):
+    with pytest.warns(ConvergenceWarning, match="do not begin at rest.*'estimate'"):
         FirstOrderLag().fit(frame[80:], y[80:])
     kept = (np.arange(N) < 60) | (np.arange(N) >= 80)
     for state in ("zero", "estimate", "rest"):
@@ -752,7 +752,7 @@ def test_a_column_that_is_doubted_is_weighed():
         FirstOrderLag(dt=DT).fit(two, spoilt)
 
 
-@pytest.mark.filterwarnings("ignore:The records begin otherwise")  # those of folds
+@pytest.mark.filterwarnings("ignore:The records do not begin at rest")  # those of folds
 def test_weights_through_a_pipeline_and_a_search():
     """As scikit-learn routes them: to the fit of the model in each fold, by name or by request."""
     weights = np.ones(N)

@@ -85,15 +85,15 @@ def faults(names, switched_off):
         code = getattr(code, "__func__", code)
         if code not in seen:
             seen.add(code)
-            off = switched_off | not_asked(name, shown)
+            off = switched_off | skipped_checks(name, shown)
             found = validate(name, validator_cls=Documented)["errors"]
             yield from ((name, check, text) for check, text in found if check not in off)
 
 
-def not_asked(name, shown):
+def skipped_checks(name, shown):
     """Return the checks that an object of this kind need not pass."""
     if inspect.isclass(shown):
-        return not_asked_of_class(shown)
+        return skipped_class_checks(shown)
     off = {"SA01"}  # a class leads to its like
     owner = Validator._load_obj(name.rpartition(".")[0])
     if inspect.isclass(owner):
@@ -107,7 +107,7 @@ def not_asked(name, shown):
     return off
 
 
-def not_asked_of_class(kind):
+def skipped_class_checks(kind):
     """Return the checks that a class need not pass."""
     if issubclass(kind, BaseEstimator):
         return set()

@@ -174,8 +174,8 @@ CRITERION = [  # of this way to decide
     ),
     (
         "of two tests the smaller p-value counts once",
-        "p = 2.0 * min(p, paired_p_value(*_evened(*map(better.noise.innovations, own))))",
-        "p = min(p, paired_p_value(*_evened(*map(better.noise.innovations, own))))",
+        "p = 2.0 * min(p, paired_p_value(*_rescaled(*map(better.noise.innovations, own))))",
+        "p = min(p, paired_p_value(*_rescaled(*map(better.noise.innovations, own))))",
         "",
     ),
     (
@@ -252,8 +252,8 @@ CRITERION = [  # of this way to decide
     ),
     (
         "a force beside the drive of a mass comes after all that is driven",
-        "        if not self.beside:\n            return None if additive else self\n",
-        "        if True:\n            return self if self.beside == additive else None\n",
+        "        if not self.additive:\n            return None if additive else self\n",
+        "        if True:\n            return self if self.additive == additive else None\n",
         "tests/diagnosis/test_changes.py -k force",
     ),
     (

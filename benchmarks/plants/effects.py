@@ -147,7 +147,7 @@ def drift(rng, setting):
     law = ("linear", "exponential", "sine")[rng.integers(3)]
     spans = rng.uniform(0.04, 0.2, len(setting.lengths)) * np.ptp(setting.response)
     spans *= setting.strength
-    beside = []
+    additive = []
     for n, span in zip(setting.lengths, spans, strict=True):
         s = np.arange(n) / n
         if law == "linear":
@@ -156,8 +156,8 @@ def drift(rng, setting):
             curve = -np.exp(-s / rng.uniform(0.1, 0.5))
         else:
             curve = np.sin(2 * np.pi * (rng.uniform(0.4, 1.0) * s + rng.random()))
-        beside.append(rng.choice([-1, 1]) * span * (curve - curve[0]) / np.ptp(curve))
-    return PlantEffect(beside=beside, truth={"law": law, "spans": setting.unit * spans})
+        additive.append(rng.choice([-1, 1]) * span * (curve - curve[0]) / np.ptp(curve))
+    return PlantEffect(additive=additive, truth={"law": law, "spans": setting.unit * spans})
 
 
 def offset(rng, setting):
@@ -166,8 +166,8 @@ def offset(rng, setting):
     while np.ptp(np.sign(values[:N_TRAIN])) == 0:  # equal offsets are one offset, of the model
         values *= rng.choice([-1, 1], count)
     values *= np.ptp(setting.response) * setting.strength
-    beside = [np.full(n, value) for n, value in zip(setting.lengths, values, strict=True)]
-    return PlantEffect(beside=beside, truth={"values": setting.unit * values})
+    additive = [np.full(n, value) for n, value in zip(setting.lengths, values, strict=True)]
+    return PlantEffect(additive=additive, truth={"values": setting.unit * values})
 
 
 def periodic_disturbance(rng, setting):
@@ -180,7 +180,7 @@ def periodic_disturbance(rng, setting):
     shape = (len(setting.lengths), count)
     locked = rng.random() < 0.5  # to the start of every record; else each starts at random
     phases = rng.uniform(0, 2 * np.pi, (1, count) if locked else shape)
-    beside = [
+    additive = [
         np.sin(2 * np.pi * np.outer(np.arange(n), frequencies) + phase) @ amplitudes
         for n, phase in zip(setting.lengths, np.broadcast_to(phases, shape), strict=True)
     ]
@@ -189,7 +189,7 @@ def periodic_disturbance(rng, setting):
         "amplitudes": setting.unit * amplitudes,
         "locked": locked,
     }
-    return PlantEffect(beside=beside, truth=truth)
+    return PlantEffect(additive=additive, truth=truth)
 
 
 # ------------------------------------------------------------------------- memory and rate
@@ -331,8 +331,8 @@ def auxiliary_input(rng, setting):
         tau = log_uniform(rng, 15, 120)
         truth["tau"] = tau * setting.dt
         units = [first_order(part, 1.0, tau) for part in units]
-    beside = [strength * part for part in units]
-    return PlantEffect(beside=beside, column=(name, column), truth=truth)
+    additive = [strength * part for part in units]
+    return PlantEffect(additive=additive, column=(name, column), truth=truth)
 
 
 def amplitude_dependence(rng, setting):

@@ -186,8 +186,8 @@ def respond(plant, found, setting, read=None):
     read = read or partial(Plant.respond, substeps=setting.substeps)
     clean = [read(one, drive) for one, drive in drives]
     for effect in found:
-        if effect.beside:
-            clean = [y + part for y, part in zip(clean, effect.beside, strict=True)]
+        if effect.additive:
+            clean = [y + part for y, part in zip(clean, effect.additive, strict=True)]
     return clean
 
 

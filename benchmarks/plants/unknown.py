@@ -55,7 +55,7 @@ def self_oscillation(rng, setting):
     pull, push = rng.uniform(0.4, 0.7), rng.uniform(0.3, 0.8)
     size = rng.uniform(0.015, 0.035) * np.ptp(setting.response) / 2
     n = setting.substeps
-    beside = [
+    additive = [
         size
         * van_der_pol(
             refine(u, n), 1.0 / n, frequency, strength, pull, push, rng.uniform(-2, 2), 0.0
@@ -63,7 +63,7 @@ def self_oscillation(rng, setting):
         for u in _unit_drives(setting)
     ]
     truth = {"frequency": frequency / setting.dt, "strength": strength, "pull": pull}
-    return PlantEffect(beside=beside, truth=truth)
+    return PlantEffect(additive=additive, truth=truth)
 
 
 def volterra_product(rng, setting):
@@ -79,7 +79,7 @@ def volterra_product(rng, setting):
     size = rng.uniform(0.02, 0.04) * np.ptp(setting.response)
     size /= np.sqrt(np.mean(np.square(np.concatenate(products))))
     truth = {"taus": (short * setting.dt, long * setting.dt)}
-    return PlantEffect(beside=[size * product for product in products], truth=truth)
+    return PlantEffect(additive=[size * product for product in products], truth=truth)
 
 
 def switching_gain(rng, setting):
@@ -131,11 +131,11 @@ def chaotic_neighbour(rng, setting):
     rate, push = 1.0 / log_uniform(rng, 25, 70), rng.uniform(5, 15)
     size = rng.uniform(0.015, 0.04) * np.ptp(setting.response) / 15.0
     n = setting.substeps
-    beside = []
+    additive = []
     for u in _unit_drives(setting):
         start = np.array([1.0, 1.0, 25.0]) + rng.uniform(-5, 5, 3)
-        beside.append(size * lorenz(refine(u, n), 1.0 / n, rate, push, start)[::n])
-    return PlantEffect(beside=beside, truth={"rate": rate / setting.dt})
+        additive.append(size * lorenz(refine(u, n), 1.0 / n, rate, push, start)[::n])
+    return PlantEffect(additive=additive, truth={"rate": rate / setting.dt})
 
 
 def state_dependent_delay(rng, setting):

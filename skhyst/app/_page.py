@@ -21,7 +21,7 @@ from skhyst._validation import refuse_no_experiment, refuse_still
 from skhyst.app._processes import own_processes
 from skhyst.app._samples import SAMPLES, sample_recording
 from skhyst.app._suggestion import DEVICES, suggest_model
-from skhyst.app._words import FIELDS, as_words
+from skhyst.app._words import FIELDS, page_message
 from skhyst.diagnosis import EffectSearchCV, Report, effect_names, next_experiment
 from skhyst.discovery import parse_model
 from skhyst.inspection import compare_models
@@ -93,7 +93,7 @@ def _sentences(ends=True):
 
 
 def _told(message):
-    return _plain(as_words(str(message)))
+    return _plain(page_message(str(message)))
 
 
 def _plain(text):
@@ -199,7 +199,7 @@ def _columns(files):
         unit = clock.selectbox(FIELDS["time_unit"], known)
         reading["time_unit"] = None if unit == known[0] else unit
     else:
-        label, about = f"{FIELDS['sampling_rate']} (Hz)", "as in the file, where it tells"
+        label, about = f"{FIELDS['sampling_rate']} (Hz)", "as in the file, if given"
         rate = clock.number_input(label, 0.0, value=None, format="%g", placeholder=about)
         reading["sampling_rate"] = rate or None
     open_ = [role for role in ("drive", "response") if role not in reading]
@@ -241,15 +241,15 @@ def _table(files, columns, roles):
             args=(files, column.name, key, roles),
         )
         if roles[column.name] in ("drive", "response", "auxiliary"):
-            told = unit_of(column.name)
+            stated = unit_of(column.name)
             own = unit.text_input(
                 f"{FIELDS['units']} of {column.name}",
-                told,
+                stated,
                 key=f"unit of {key}",
                 placeholder="unit",
                 max_chars=12,
             ).strip()
-            units |= {column.name: own} if own and own != told else {}
+            units |= {column.name: own} if own and own != stated else {}
     return units
 
 
@@ -393,8 +393,8 @@ def _search(files, reading, model, options, X, y):
         save_model(search.best_estimator_, file)
         own = file.read_bytes()
     del st.session_state.running
-    told = {"recording": name, "declared": model, "seconds": time.perf_counter() - begin}
-    return told | {"search": search, "report": report, "page": page, "model": own}
+    row = {"recording": name, "declared": model, "seconds": time.perf_counter() - begin}
+    return row | {"search": search, "report": report, "page": page, "model": own}
 
 
 def _command(files, reading, model, options):

@@ -36,7 +36,7 @@ _NAMED = re.compile(r"'(time_unit|sampling_rate|on_missing|missing_code)'(?! par
 _PARAMETER = re.compile(r"The '(\w+)' parameter of \w+ must")
 
 
-def as_words(text) -> str:
+def page_message(text) -> str:
     """Return a message as one who clicks would say it.
 
     Parameters

@@ -28,7 +28,7 @@ from .._validation import (
     refuse_large,
     refuse_several,
     refuse_std,
-    rest_of,
+    rest_input,
 )
 from ..base import read_data
 from ..exceptions import ConvergenceWarning, DivergenceWarning, RecordError
@@ -37,7 +37,7 @@ from ..preprocessing import SampleRules, lagged_columns, read_lag_table, read_la
 from ..records import MISMATCH, chosen_interval, with_lost_rows
 from ._initial_outputs import estimate_history, fit_line, rest_outputs
 from ._runs import Lags, Start, free_runs, runs_ahead
-from ._streaming import compiled_lags, rows_kept
+from ._streaming import compiled_lags, n_stored_rows
 
 _BOUND = 100.0  # an output this many ranges of the response beyond its largest has diverged
 
@@ -166,8 +166,8 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         self.records_, X, y = read_data(self, X, y, reset=True, bridge=self._bridges)
         if not np.ptp(X, axis=0).any():
             warnings.warn(
-                f"The drive does not move: it is {X[0, 0]:g} in every sample, which leaves open "
-                f"how {type(self).__name__} responds to it.",
+                f"The drive does not move: it is {X[0, 0]:g} in every sample, which does not "
+                f"determine how {type(self).__name__} responds to it.",
                 ConvergenceWarning,
                 stacklevel=3,
             )
@@ -353,7 +353,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
                 f"The 'dt' parameter of {caller} must be {own:g} s, that of the records of the "
                 f"fit: the lags are in samples. Got {dt!r} instead."
             )
-        levels = rest_of(u0, initial_state, self.n_features_in_, caller)
+        levels = rest_input(u0, initial_state, self.n_features_in_, caller)
         rules, places, inputs = self._row(0.0 * levels if initial_state == "zero" else levels)
         history = np.zeros(self._n_outputs())
         if initial_state is None and self._start_kind() == "given":
@@ -402,7 +402,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         stepper.run(own[: start.n_past])
         if start.n_past and len(start.history):
             rules, _, inputs = self._row(X[0])
-            first, state = rows_kept(inputs, rules) * len(rules.row), stepper.state
+            first, state = n_stored_rows(inputs, rules) * len(rules.row), stepper.state
             state[first : first + len(start.history)] = start.history[::-1]
             stepper.state = state
         stepper.run(own[start.n_past :])

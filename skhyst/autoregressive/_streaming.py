@@ -44,7 +44,7 @@ def signals_of(c, s):
 
 
 @jit
-def remembered(y, c, s):
+def store_output(y, c, s):
     """Return an output, cut off at the bound, after storing it among the past outputs."""
     y = clipped(y, c[4])
     first, n_outputs = int(c[2]), int(c[3])
@@ -64,7 +64,7 @@ def of_number(u, c, s):
     _moved(s, 0, int(c[2]), int(c[1]))
     s[0] = u
     at = signals_of(c, s)
-    return remembered(step(s, at, c[7:]), c, s)
+    return store_output(step(s, at, c[7:]), c, s)
 
 
 def of_row(u, c, s):
@@ -73,7 +73,7 @@ def of_row(u, c, s):
     for j in range(int(c[0])):
         s[j] = u[j]
     at = signals_of(c, s)
-    return remembered(step(s, at, c[7:]), c, s)
+    return store_output(step(s, at, c[7:]), c, s)
 
 
 @cache
@@ -81,7 +81,7 @@ def _bound(loop, law):
     return bind(loop, law, allocates=False)
 
 
-def rows_kept(inputs, rules):
+def n_stored_rows(inputs, rules):
     """Return the number of rows in the state; the past outputs follow them."""
     deepest = max([lag for _, lag in inputs], default=0)
     return 1 + max(deepest, 1 if rules.table else 0)
@@ -111,7 +111,7 @@ def compiled_lags(step, inputs, outputs, bound, rules, history, call=None, name=
     """
     size, n_outputs = len(rules.row), len(history)
     n_columns = size - len(rules.table)
-    n_rows = rows_kept(inputs, rules)
+    n_rows = n_stored_rows(inputs, rules)
     places = [lag * size + place for place, lag in inputs]
     places += [n_rows * size + lag - 1 for lag in outputs]
     table = np.reshape(np.array(rules.table, dtype=float), (-1, 4))
@@ -129,7 +129,7 @@ def compiled_lags(step, inputs, outputs, bound, rules, history, call=None, name=
         s[size : n_rows * size] = s[: (n_rows - 1) * size]
         s[:n_columns] = u if n_columns == 1 else u[:n_columns]
         at = signals_of(own, s)
-        return remembered(float(np.ravel(call(s[None, at:]))[0]), own, s)
+        return store_output(float(np.ravel(call(s[None, at:]))[0]), own, s)
 
     return CompiledCall(called, state, name, of_rows)
 

@@ -68,7 +68,7 @@ def _diagnose_one(options):
     if model is None:
         model, comparison = _choose(options, X, y)
     search = make_search(model, options, **_searching(options)).fit(X, y)
-    if comparison is None and _may_be_outdone(search):
+    if comparison is None and _may_have_better_model(search):
         comparison = _compared(options, X, y)
     conclude(search, options, held_out, comparison)
     return search
@@ -97,7 +97,7 @@ def _compared(options, X, y):
     return compare_models(X, y)
 
 
-def _may_be_outdone(search):
+def _may_have_better_model(search):
     """Whether another model can be so much better than the declared one that a report says so."""
     left = search.error_after_ > (1.0 + search.min_improvement) * search.noise_floor_
     return left and search.error_before_ > FAR * search.noise_floor_
@@ -120,7 +120,7 @@ def _summarize(options):
             summary=options.summary,
             force=options.force,
             n_jobs=options.jobs,
-            on_done=None if options.quiet else _tell_rows,
+            on_done=None if options.quiet else _print_rows,
         )
     except BrokenExecutor as error:
         raise OSError(
@@ -150,7 +150,7 @@ def _of_first(options, reading):
     raise failure
 
 
-def _tell_rows(rows):
+def _print_rows(rows):
     for row in rows.itertuples():
         print(f"{row.file}: {row.failure or row.effects or 'nothing missing'}", file=sys.stderr)
 

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from sklearn.base import clone
 
-from .._validation import fit_weighted, take_rows
+from .._validation import fit_weighted, select_rows
 from ..exceptions import ExtrapolationWarning
 from ..operators import FrozenOperator, Series, SumOperator
 from ._columns import OnColumnOperator, Scaled
@@ -94,7 +94,7 @@ class Backfitting:
         found = np.empty_like(targets)
         for k, target in enumerate(targets):
             rows = np.flatnonzero(self._fold != k)
-            fitted = self._fitted(take_rows(self._X, rows), target[rows], self._weights[rows])
+            fitted = self._fitted(select_rows(self._X, rows), target[rows], self._weights[rows])
             with warnings.catch_warnings():  # a fold may exceed the range of the others
                 warnings.simplefilter("ignore", ExtrapolationWarning)
                 found[k] = np.ravel(fitted.predict(self._X))

@@ -12,7 +12,7 @@ from sklearn.frozen import FrozenEstimator
 from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import BaseComposition, diagram_of
-from .._validation import agreed
+from .._validation import common_parameter
 from ..base import ParametricModel, as_node, informed, refine, with_params
 from ..operators import (
     FrozenOperator,
@@ -117,8 +117,8 @@ class Composition(ParametricModel, BaseComposition):
     def operators_(self) -> dict[str, Operator]:
         """The identified operator of each step, by name."""
         driven, disturbances = split_disturbances(self.operator_)
-        beside = zip(self.disturbance_names, disturbances, strict=True)
-        return dict(driven.members()) | dict(beside)
+        additive = zip(self.disturbance_names, disturbances, strict=True)
+        return dict(driven.members()) | dict(additive)
 
     def get_params(self, deep=True) -> dict:
         """Return the parameters of the composition and, with ``deep``, those of its steps."""
@@ -181,12 +181,12 @@ class Composition(ParametricModel, BaseComposition):
 
     def _starting_models(self):
         """Return the steps as models with the initial state of the whole."""
-        state = agreed(self, "initial_state")
+        state = common_parameter(self, "initial_state")
         return [with_params(model, initial_state=state) for model in self._models()]
 
     def _agreed(self):
         """Return the parameters in which the steps have to agree."""
-        return {key: agreed(self, key) for key in ("dt", "initial_state")}
+        return {key: common_parameter(self, key) for key in ("dt", "initial_state")}
 
     def _kept_steps(self):
         """Return the steps without those that are left out."""
@@ -216,16 +216,16 @@ class Composition(ParametricModel, BaseComposition):
                 f"A slice of a fitted {type(self).__name__} must have a step that is driven. Got "
                 f"{[name for name, _ in part.steps]} instead."
             )
-        beside = [
+        additive = [
             (own, np.full(np.size(own.coefficients), name in names))
             for name, own in zip(self.disturbance_names, disturbances, strict=True)
         ]
         operator = replace(
             driven, names=tuple(n for n, _ in stages), stages=tuple(own for _, own in stages)
         )
-        columns = np.concatenate([[], *(kept for _, kept in beside)]).astype(bool)
+        columns = np.concatenate([[], *(kept for _, kept in additive)]).astype(bool)
         others = {
-            "disturbances": tuple(own for own, kept in beside if kept.all()),
+            "disturbances": tuple(own for own, kept in additive if kept.all()),
             "record_coefficients": self._identified.record_coefficients[:, columns],
             "input_history": None,
         }
@@ -604,9 +604,9 @@ class Cascade(Composition):
         products = self.further_starts(data)
         if products:
             yield refine(self, products, data, self.method)
-        yield from self._led_back(data)
+        yield from self._fitted_to_last_input(data)
 
-    def _led_back(self, data):
+    def _fitted_to_last_input(self, data):
         """Yield results in which the other steps are first fitted to the input of the last step."""
         names = [name for name, _ in self._kept_steps()]
         for last in _driven_starts(self._models()[-1], data) if len(names) > 1 else ():
@@ -635,8 +635,10 @@ class Cascade(Composition):
             names = [steps[j][0] for j in places]
             candidates = [
                 self._compose(names, [(stages | {i: operator})[j] for j in places])
-                for operator, beside in map(split_disturbances, models[i].starting_values(records))
-                if not beside
+                for operator, additive in map(
+                    split_disturbances, models[i].starting_values(records)
+                )
+                if not additive
             ]
             if not candidates:
                 raise ValueError(

@@ -7,7 +7,7 @@ from typing import Self
 import numpy as np
 
 from .._sklearn import HasMethods, Interval, StrOptions
-from .._validation import agreed
+from .._validation import common_parameter
 from ..base import ParametricModel, as_node, informed, with_params
 from ..linear import FirstOrderLagOperator
 from ..operators import OnColumnOperator, Scaled, add_disturbances, can_scale, split_disturbances
@@ -69,7 +69,7 @@ class AroundModel(ParametricModel):
 
     def _starting_model(self, model):
         """Return the model inside with the initial state of the whole."""
-        return with_params(model, initial_state=agreed(self, "initial_state"))
+        return with_params(model, initial_state=common_parameter(self, "initial_state"))
 
     def _check_estimator(self):
         if not isinstance(self.estimator, ParametricModel):
@@ -201,8 +201,8 @@ class OnColumn(_ColumnModel):
         own = [replace(r, u=np.ascontiguousarray(r.u[:, self.column]) - reference) for r in records]
         starts = map(split_disturbances, self._starting_model(self.estimator).starting_values(own))
         return [
-            add_disturbances(OnColumnOperator(driven, self.column, reference), beside)
-            for driven, beside in starts
+            add_disturbances(OnColumnOperator(driven, self.column, reference), additive)
+            for driven, additive in starts
         ]
 
     def unfitted(self, operator) -> Self:
@@ -361,8 +361,8 @@ class Modulated(_ColumnModel):
         for driven, _ in starts:
             self._check_scaled(driven)
         return [
-            add_disturbances(Scaled(driven, column, float(reference), lag=lag, **own), beside)
-            for driven, beside in starts
+            add_disturbances(Scaled(driven, column, float(reference), lag=lag, **own), additive)
+            for driven, additive in starts
             for lag in (lags_of_column(records) if self.lag else [None])
         ]
 

@@ -20,7 +20,7 @@ from .._validation import (
     known_response,
     read_weights,
     refuse_std,
-    rest_of,
+    rest_input,
     used_interval,
 )
 from ..autoregressive import compiled_regressor
@@ -316,7 +316,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         """
         check_is_fitted(self)
         dt = used_interval(self, dt, "Corrected.stepper")
-        row = rest_of(u0, initial_state, self.n_features_in_, "Corrected.stepper")
+        row = rest_input(u0, initial_state, self.n_features_in_, "Corrected.stepper")
         if hasattr(self.estimator_, "stepper"):
             first = self.estimator_.stepper(dt, row, initial_state).compiled_step
         else:

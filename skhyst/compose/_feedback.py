@@ -7,7 +7,7 @@ from typing import Self
 import numpy as np
 
 from .._sklearn import HasMethods, Interval, StrOptions
-from .._validation import agreed
+from .._validation import common_parameter
 from ..base import ParametricModel, as_node, informed, refine, with_params
 from ..exceptions import ConvergenceWarning
 from ..operators import FEEDBACK_ARGUMENTS, FeedbackOperator, has_velocity, split_disturbances
@@ -28,9 +28,9 @@ class Feedback(ParametricModel):
     response relative to the gain, and at rest ``s(q) = u``: of a mass on a spring, s is the
     characteristic of the spring, whatever its form, and the dynamics may have more poles than a
     mass. Where s is the identity the model is linear. Of the velocity, ``f(q') = s(q')`` is a
-    damper's force beside that of a linear one, and of both ``f(q, q') = s(q, q') - q``, such as a
-    damping that depends on the position. It is also known as a nonlinear linear-fractional model
-    (NL-LFR [1]_).
+    damper's force in addition to that of a linear one, and of both ``f(q, q') = s(q, q') - q``,
+    such as a damping that depends on the position. It is also known as a nonlinear
+    linear-fractional model (NL-LFR [1]_).
 
     Parameters
     ----------
@@ -66,7 +66,8 @@ class Feedback(ParametricModel):
     Warns
     -----
     ConvergenceWarning
-        If a rest within the range of the response is unstable: a free run leaves it.
+        If a rest within the range of the response is unstable, so that a free run does not stay
+        there.
 
     See Also
     --------
@@ -171,12 +172,14 @@ class Feedback(ParametricModel):
         linear : Operator, default=None
             The linear dynamics, if known; by default they are identified alone.
         """
-        linear = self._linear_alone(records) if linear is None else linear
+        linear = self._open_loop(records) if linear is None else linear
         return self._starts_around(linear, records)
 
-    def _linear_alone(self, records):
+    def _open_loop(self, records):
         """Return the operator of the linear dynamics without a feedback."""
-        linear = with_params(self._models()[0], initial_state=agreed(self, "initial_state"))
+        linear = with_params(
+            self._models()[0], initial_state=common_parameter(self, "initial_state")
+        )
         base = linear.identify(records).operator
         is_linear = hasattr(base, "discrete") and hasattr(base, "hold")
         if not (is_linear and base.gain and not base.n_start):
@@ -199,7 +202,7 @@ class Feedback(ParametricModel):
         found = []
         for start in self._models()[1].starting_values(answers):
             own, _ = split_disturbances(start)
-            fed = self._fed_back(base, own, records, answers)
+            fed = self._curves_of_measured_feedback(base, own, records, answers)
             found += [self.divided(base, c, records) for c in (own, *fed)]
         return found
 
@@ -227,7 +230,7 @@ class Feedback(ParametricModel):
             n = int(np.clip(np.ceil(min(dt * fastest, np.pi) / _FINE), 1, None))
         return replace(operator, n_substeps=n)
 
-    def _fed_back(self, linear, curve, records, answers):
+    def _curves_of_measured_feedback(self, linear, curve, records, answers):
         """Yield the curve that fits best with the measured response fed back, if it is linear.
 
         Then ``y = G u - sum_i a_i G[f_i(q)] + c``, and all coefficients, with that of G u, follow
@@ -262,7 +265,7 @@ class Feedback(ParametricModel):
         The range of q grows as the gain of the dynamics falls; beyond the range of its start, a
         curve is only extrapolated.
         """
-        base = self._linear_alone(data)
+        base = self._open_loop(data)
         result = refine(self, self._starts_around(base, data), data)
         for _ in range(_ROUNDS):
             found = result.operator.linear
@@ -282,15 +285,15 @@ class Feedback(ParametricModel):
             result = replace(again, n_evaluations=evaluations)
         return result
 
-    def cautions(self, result, records):
-        yield from super().cautions(result, records)
+    def fit_warnings(self, result, records):
+        yield from super().fit_warnings(result, records)
         rests = _rests(records)
         rates = [np.max(result.operator.poles_at(y).real, initial=-np.inf) for y in rests]
         away = [f"{y:.3g}" for y, rate in zip(rests, rates, strict=True) if rate > 0.0]
         if away:
             yield (
                 f"Feedback is not stable at rest at a response of {', '.join(away)}: a free run "
-                "leaves it, for another rest, a limit cycle, or for good.",
+                "does not stay there: it has another equilibrium or a limit cycle, or diverges.",
                 ConvergenceWarning,
             )
 

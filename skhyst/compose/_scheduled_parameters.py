@@ -152,16 +152,16 @@ class ScheduledParameters(AroundModel):
     def starting_values(self, records):
         if any(record.schedule is None for record in records):
             raise ValueError(
-                "ScheduledParameters stands outermost, or in a Sum: put the Cascade into it, and "
-                "search effects of the model inside."
+                "ScheduledParameters must be the outermost model, or a term of a Sum: put the "
+                "Cascade into it, and search effects of the model inside."
             )
         model = self._starting_model(informed(clone(self.estimator), self))
         plain = [RecordData(r.u, r.y, r.dt, r.segments, weights=r.weights) for r in records]
         result = model.identify(plain)
         if result.disturbances:
             raise ValueError(
-                "ScheduledParameters takes a driven model: a disturbance has coefficients of each "
-                "record's own already."
+                "ScheduledParameters takes a driven model: a disturbance has coefficients for "
+                "each record already."
             )
         values, found = [r.schedule for r in records], []
         # parameters that differ between records may look like another form in the joint fit

@@ -18,7 +18,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from .._documentation import documented_like
 from .._sklearn import HasMethods, fit_context
-from .._validation import agreed, as_floats, read_slices, read_weights
+from .._validation import as_floats, common_parameter, read_slices, read_weights
 from ..base import ParametricModel, one_thread, refine
 from ..operators import Operator, ParameterSpec, split_disturbances
 from ..optimize import NOISELESS
@@ -83,7 +83,7 @@ class SharedParameters(MetaEstimatorMixin, MultiOutputMixin, RegressorMixin, Bas
 
     Examples
     --------
-    One hysteresis and one mode, seen by two sensors:
+    One hysteresis and one mode, measured by two sensors:
 
     >>> import numpy as np
     >>> from skhyst.compose import Cascade, SharedParameters
@@ -140,7 +140,7 @@ class SharedParameters(MetaEstimatorMixin, MultiOutputMixin, RegressorMixin, Bas
                 "The 'estimator' parameter of SharedParameters must be a parametric model of "
                 f"skhyst. Got {self.estimator!r} instead."
             )
-        if agreed(self.estimator, "initial_state") == "estimate":
+        if common_parameter(self.estimator, "initial_state") == "estimate":
             raise ValueError(
                 "The 'initial_state' of the model of SharedParameters must be 'rest' or 'zero'. "
                 "Got 'estimate' instead."
@@ -259,8 +259,8 @@ def _starts(models, own, scales):
     """Return joint starting operators from models that were fitted alone."""
     bases = []
     for model in models:
-        driven, beside = split_disturbances(model.tree(model.operator_))
-        if beside:
+        driven, additive = split_disturbances(model.tree(model.operator_))
+        if additive:
             raise ValueError(
                 "The model of SharedParameters must have no additive disturbances, which each "
                 f"response has for itself. Got {model!r} instead."

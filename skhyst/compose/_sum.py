@@ -127,13 +127,13 @@ class Sum(Composition):
             if not _is_disturbance(models[i]):
                 found[i] = result.operator
             disturbances[i] = result.disturbances
-        beside = tuple(own for i in sorted(disturbances) for own in disturbances[i])
-        alone = len(found) == 1 and not beside
+        additive = tuple(own for i in sorted(disturbances) for own in disturbances[i])
+        alone = len(found) == 1 and not additive
         branches = [found] if alone or not last else [found, *self._others(found, *last)]
         steps = self._kept_steps()
         names = [steps[i][0] for i in sorted(found)]
         starts = [self._compose(names, [own[i] for i in sorted(own)]) for own in branches]
-        result = refine(self, [(start, beside) for start in starts], data)
+        result = refine(self, [(start, additive) for start in starts], data)
         return replace(result, n_evaluations=evaluations + result.n_evaluations)
 
     def _others(self, found, i, records):

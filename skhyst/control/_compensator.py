@@ -121,7 +121,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
     n_features_in_ : int
     drive_range_, drive_rate_ : tuple of (float, float), float
         Range and largest rate of the drive in the records of the model's fit, as for
-        :class:`~skhyst.base.ParametricModel`; missing if the model does not know them.
+        :class:`~skhyst.base.ParametricModel`; missing if the model has none.
     drive_limits_, rate_limit_ : tuple of (float, float), float
         Limits in force, units of the drive and these per s; infinite if there are none.
 
@@ -268,7 +268,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         ------
         ValueError
             If the reference is not finite, a stage has no stable inverse, or the residual of a
-            learned inverse is asked for.
+            learned inverse is requested.
         """
         X, _, read = fill_lost_rows(X)
         read = slice(None) if read is None else read
@@ -520,7 +520,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         if cut.any():
             messages.append(
                 f"The limits of the drive cut {_percent(cut)} of the samples: {limits}. They are "
-                "'drive_limits' and 'rate_limit', by default what the fit has seen."
+                "'drive_limits' and 'rate_limit', by default the range of the fit."
             )
         if self.drive_limits is not None:
             seen = replace(seen, low=-np.inf, high=np.inf)
@@ -531,16 +531,16 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         if beyond.any():
             messages.append(
                 f"{_percent(beyond)} of the samples of the drive, which is not limited, are beyond "
-                f"what the fit has seen ({seen}): up to {drive[np.abs(drive).argmax()]:.6g}."
+                f"the range of the fit ({seen}): up to {drive[np.abs(drive).argmax()]:.6g}."
             )
         return messages
 
     def _unknown(self):
-        """Return a warning if the limits of the fit are asked for and not known, else ``""``."""
+        """Return a warning if the limits of the fit are required and not known, else ``""``."""
         if hasattr(self, "drive_range_") or "fit" not in (self.drive_limits, self.rate_limit):
             return ""
         return (
-            "The drive is not limited to what the fit has seen: the model was saved by an earlier "
+            "The drive is not limited to the range of the fit: the model was saved by an earlier "
             "version, without it. Give 'drive_limits' and 'rate_limit'."
         )
 
@@ -733,7 +733,7 @@ class _InvertiblePlant:
         if size * np.ptp(wanted) <= enough:
             return ""
         return (
-            f"The stage '{name}' does not give {value:g}, which is asked of it: the reference is "
+            f"The stage '{name}' cannot reach the required {value:g}: the reference is "
             "out of its range, its law is not monotone, or its inverse is not stable."
         )
 

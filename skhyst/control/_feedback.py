@@ -203,7 +203,7 @@ class FeedforwardPI:
     start_time : {"fit"} or float, default="fit"
         Time in s in which the reference moves from the first reading to the given reference. By
         default the time of the drive through the range of the fit at its largest rate, and zero
-        without a compensator that knows them.
+        without a compensator that has them.
 
     Notes
     -----

@@ -118,11 +118,11 @@ class Filter:
             run, fraction = step.streaming(s), 1.0 - self.output @ self.gain
             return lambda rows: (rows[:, 0] - run(rows[:, 0])) / fraction
 
-        rows = foretold(innovating, step.state.copy(), rows, lost)
+        rows = with_predicted_readings(innovating, step.state.copy(), rows, lost)
         return innovating(step.state.copy())(rows)
 
 
-def foretold(innovating, state, rows, lost):
+def with_predicted_readings(innovating, state, rows, lost):
     """Return rows in which lost readings (the last column) are replaced by their prediction.
 
     The innovation is zero there, so that the filter continues without it. Its gain is the
@@ -151,7 +151,7 @@ def stages_of(driven):
     return driven.stages if isinstance(driven, Series) else (driven,)
 
 
-def tail_of(operator):
+def last_linear_stages(operator):
     """Return the linear stages at the end of the driven part of an operator.
 
     A stage with hysteresis in its equation of motion is the first, as its linear mode without it.
@@ -196,7 +196,7 @@ def stationary(tail, dt, noise, drift, process):
     return Filter(transition, p @ output / variance, output, variance)
 
 
-def most_likely(tail, records, given, smallest):
+def maximum_likelihood(tail, records, given, smallest):
     """Return the maximum-likelihood variances of :func:`stationary`.
 
     Parameters

@@ -32,11 +32,11 @@ from ._compensator import _fitted
 from ._kalman import (
     CompiledObserver,
     driven_by_noise,
-    foretold,
-    most_likely,
+    last_linear_stages,
+    maximum_likelihood,
     stages_of,
     stationary,
-    tail_of,
+    with_predicted_readings,
 )
 from ._unscented import Unscented
 
@@ -172,9 +172,9 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         lost = np.zeros(len(residual), dtype=bool) if read is None else ~read
         records = [(residual[s.rows], s.dt, lost[s.rows]) for s in slices]
         rounding = (np.finfo(float).eps * np.abs(response).max()) ** 2 or np.finfo(float).tiny
-        tail = tail_of(self.model_.operator_)
+        tail = last_linear_stages(self.model_.operator_)
         with one_thread():
-            variances = most_likely(tail, records, self._given(), rounding)
+            variances = maximum_likelihood(tail, records, self._given(), rounding)
         self.noise_std_, self.drift_std_, self.process_std_ = map(float, np.sqrt(variances))
         self.reset()
         return self
@@ -352,7 +352,9 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
             rows, u = np.column_stack([signal[s.rows], y[s.rows]]), signal[s.rows]
             if not read[s.rows].all():
                 step = self.compiled_step(s.dt, u[0])
-                rows = foretold(step.innovating, step.state.copy(), rows, ~read[s.rows])
+                rows = with_predicted_readings(
+                    step.innovating, step.state.copy(), rows, ~read[s.rows]
+                )
             yield rows, u, s.dt, read[s.rows]
 
     def _streaming(self):
@@ -366,7 +368,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
     def _compiled_step(self, dt, u0, operator):
         driven, disturbances = split_disturbances(operator)
         # the filter's gains belong to the model, even if another operator predicts the response
-        tail, state = tail_of(self.model_.operator_), self.model_.free_run_state
+        tail, state = last_linear_stages(self.model_.operator_), self.model_.free_run_state
         variances = self.noise_std_**2, self.drift_std_**2, self.process_std_**2
         in_motion = not all(stage.signal_linear for stage in stages_of(driven)[-len(tail) :])
         if not tail or self.method == "linear" or (self.method == "auto" and not in_motion):

@@ -139,28 +139,28 @@ class Device(DeviceRecords):
     def drift(self, strength=0.1, time_constant=200.0):
         size = strength * self.response
         return PlantEffect(
-            beside=[-size * np.expm1(-time / time_constant) for time in self.times()]
+            additive=[-size * np.expm1(-time / time_constant) for time in self.times()]
         )
 
     def offset(self, strength=0.1):
-        beside = []
+        additive = []
         for number, time in enumerate(self.times()):
             rng = self.generator(number, "offset")
             share = rng.choice([-1, 1]) * rng.uniform(0.5, 1.0)
-            beside.append(np.full(time.size, strength * self.response * share))
-        return PlantEffect(beside=beside)
+            additive.append(np.full(time.size, strength * self.response * share))
+        return PlantEffect(additive=additive)
 
     def periodic_disturbance(self, strength=0.02, frequency=0.36):
-        beside = []
+        additive = []
         for number, time in enumerate(self.times()):
             phase = self.generator(number, "periodic_disturbance").uniform(0.0, 2.0 * np.pi)
             wave = np.sin(2.0 * np.pi * frequency * time + phase)
-            beside.append(strength * self.response * wave)
-        return PlantEffect(beside=beside)
+            additive.append(strength * self.response * wave)
+        return PlantEffect(additive=additive)
 
     def auxiliary_input(self, strength=0.1, time_constant=10.0):
         """Return a column that varies slowly between about -1 and 1, and acts with a lag."""
-        columns, beside = [], []
+        columns, additive = [], []
         for number, record in enumerate(self.records):
             rng = self.generator(number, "auxiliary_input")
             cycles = rng.uniform(1.0, 4.0, 3) / (record.n_samples * record.dt)
@@ -168,8 +168,8 @@ class Device(DeviceRecords):
             angles = 2.0 * np.pi * np.outer(self.times()[number], cycles) + phases
             columns.append(np.sin(angles).mean(axis=1))
             late = first_order(columns[-1], record.dt, time_constant)
-            beside.append(strength * self.response * late)
-        return PlantEffect(beside=beside, column=("temperature", columns))
+            additive.append(strength * self.response * late)
+        return PlantEffect(additive=additive, column=("temperature", columns))
 
     def _force(self, **forces):
         return PlantEffect(
@@ -200,17 +200,17 @@ def simulate(device, X, plant, effects, respond):
     signals of all records.
     """
     drives = X.to_numpy(dtype=float)
-    plants, beside = [plant] * len(device.records), [np.zeros(t.size) for t in device.times()]
+    plants, additive = [plant] * len(device.records), [np.zeros(t.size) for t in device.times()]
     for name, parameters in effects.items():
         effect = getattr(device, name)(**parameters)
         plants = effect.changes(plants)
-        if effect.beside:
-            beside = [a + b for a, b in zip(beside, effect.beside, strict=True)]
+        if effect.additive:
+            additive = [a + b for a, b in zip(additive, effect.additive, strict=True)]
         if effect.column[0]:
             X = X.assign(**{effect.column[0]: np.concatenate(effect.column[1])})
     parts = [
         respond(plant, drives[record.rows], record.dt, added)
-        for plant, record, added in zip(plants, device.records, beside, strict=True)
+        for plant, record, added in zip(plants, device.records, additive, strict=True)
     ]
     return X, {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 

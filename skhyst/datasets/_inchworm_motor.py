@@ -318,10 +318,10 @@ def _effects(effects, n_columns, caller):
     return effects
 
 
-def _respond(plant, drives, dt, beside, loop, substeps):
+def _respond(plant, drives, dt, additive, loop, substeps):
     """Return the signals of one record at its samples."""
     signals = _Motor(plant, dt, loop, substeps, drives.shape[1]).signals(drives)
-    return signals | {"response": signals["response"] + beside}
+    return signals | {"response": signals["response"] + additive}
 
 
 class _Motor:

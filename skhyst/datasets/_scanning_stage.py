@@ -305,15 +305,15 @@ def _path(stage):
     return path(hysteresis, partial(_vibrate, stage=stage))
 
 
-def _respond(plant, drives, dt, beside, stage, measured):
+def _respond(plant, drives, dt, additive, stage, measured):
     """Return the signals of one record at its samples."""
     moving = _Stage(plant, dt, stage, fine=measured == "velocity")
     signals = moving.signals(drives[:, 0])
     if measured == "velocity":
         signals["response"] = _slope(signals["response"], dt / moving.substeps)
-        beside = np.gradient(beside, dt)
+        additive = np.gradient(additive, dt)
     signals = {name: signal[:: moving.substeps] for name, signal in signals.items()}
-    return signals | {"response": signals["response"] + beside}
+    return signals | {"response": signals["response"] + additive}
 
 
 class _Stage:

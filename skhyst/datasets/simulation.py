@@ -168,7 +168,7 @@ class PlantEffect:
         The stage; a list holds one for each record.
     alter : callable, default=None
         Instead, maps the plant of a record and its number to the changed plant.
-    beside : list of ndarray of shape (n_samples,), default=[]
+    additive : list of ndarray of shape (n_samples,), default=[]
         Signal added to the response of each record; empty: none.
     column : (str, list of ndarray of shape (n_samples,)), default=("", [])
         Name and values, record by record, of a further column of X.
@@ -179,7 +179,7 @@ class PlantEffect:
     place: str = ""
     stage: Callable | list | None = None
     alter: Callable[[Plant, int], Plant] | None = None
-    beside: list = field(default_factory=list)
+    additive: list = field(default_factory=list)
     column: tuple[str, list] = ("", [])
     truth: dict = field(default_factory=dict)
 

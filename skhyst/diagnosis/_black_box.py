@@ -15,7 +15,7 @@ import numpy as np
 from sklearn.base import clone
 from sklearn.utils import check_random_state
 
-from .._validation import agreed
+from .._validation import common_parameter
 from ..base import ParametricModel, identified, read_data
 from ..compose import Backfitting, Corrected, ScheduledParameters, Turn
 from ..linear import Gain, TransferFunction
@@ -34,7 +34,7 @@ def declare(estimator, X, columns, y, slices, random_state, reference=None):
             "The 'estimator' parameter of EffectSearchCV must respond to a drive: declare a Sum of "
             f"such a model and the disturbance. Got {estimator!r} instead."
         )
-    if _comes_apart(estimator):
+    if _is_splittable(estimator):
         read_data(estimator, X, y, reset=True)
         if isinstance(estimator, TransferFunction) and not isinstance(estimator.inputs, str):
             # a stage of a composition does not know the names of the columns
@@ -43,7 +43,7 @@ def declare(estimator, X, columns, y, slices, random_state, reference=None):
     return BlackBox(estimator, X, columns, y, slices, random_state, reference)
 
 
-def _comes_apart(estimator):
+def _is_splittable(estimator):
     """Whether a search can split an estimator into stages and add effects to them."""
     if not isinstance(estimator, ScheduledParameters):
         return isinstance(estimator, ParametricModel)
@@ -86,7 +86,7 @@ class Declared:
         """Return the effects that can be added to this model."""
         return effects
 
-    def begin(self, records, folds):
+    def prepare(self, records, folds):
         """Return the records with the drive of the model, and the folds in which it is held out."""
         return records, folds
 
@@ -97,7 +97,7 @@ class Declared:
         """
         read, input_history = as_read(self.model, records), ()
         model, result = identified(self.model, read)
-        if agreed(model, "initial_state") == "estimate":
+        if common_parameter(model, "initial_state") == "estimate":
             result = with_input_history(result, read, model.method)
             input_history = tuple(result.input_history)
         return result, Tree.from_result(model, result, input_history)
@@ -127,7 +127,7 @@ class BlackBox(Declared):
     """Any regressor."""
 
     def __init__(self, estimator, X, columns, y, slices, random_state, reference):
-        super().__init__(Gain(dt=agreed(estimator, "dt")), columns, slices)
+        super().__init__(Gain(dt=common_parameter(estimator, "dt")), columns, slices)
         read_data(self.model, X, y, reset=True)
         self._estimator = _seeded(estimator, random_state)
         self._X, self._y, self._reference = X, y, reference
@@ -137,9 +137,9 @@ class BlackBox(Declared):
 
     def effects(self, effects):
         """Return the effects without those that act on the drive in front of the black box."""
-        return [_placed_behind(effect) for effect in effects]
+        return [_without_drive_variants(effect) for effect in effects]
 
-    def begin(self, records, folds):
+    def prepare(self, records, folds):
         # a fold whose fit uses all samples would be scored on samples that it was fitted to
         self._folds = folds = [own for own in folds if not own[0].all()]
         fold = np.zeros(len(self._y), dtype=int)
@@ -234,12 +234,12 @@ def _knowing(estimator, other):
     return estimator
 
 
-def _placed_behind(effect):
+def _without_drive_variants(effect):
     """Return an effect without the variants that act on the drive."""
-    return replace(effect, variants=partial(_behind, effect))
+    return replace(effect, variants=partial(_variants_not_on_drive, effect))
 
 
-def _behind(effect):
+def _variants_not_on_drive(effect):
     """Return the variants of an effect that do not act on the drive."""
     return [v for v in effect.variants() if hasattr(v, "trees") or v.stage_order > 0]
 
@@ -263,7 +263,7 @@ def drive_of(driver, X, columns, known=None):
     The prediction continues a ``known`` response (n_samples,), NaN where unknown, where the driver
     can do so.
     """
-    if _comes_apart(driver):
+    if _is_splittable(driver):
         return columns[:, 0]
     found = None if known is None else predicted_from(driver, X, known)
     return np.ravel(driver.predict(X) if found is None else found).astype(float)
@@ -271,4 +271,4 @@ def drive_of(driver, X, columns, known=None):
 
 def effect_of(driver, effect):
     """Return an effect as it applies behind a fitted ``driver``."""
-    return effect if _comes_apart(driver) else _placed_behind(effect)
+    return effect if _is_splittable(driver) else _without_drive_variants(effect)

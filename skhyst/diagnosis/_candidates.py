@@ -18,7 +18,7 @@ import numpy as np
 from joblib import delayed
 
 from ..noise import fit_noise
-from ..optimize import begin_and_predict, single_step, variable_projection
+from ..optimize import single_step, start_descent_and_predict, variable_projection
 from ._constants import FEW, NOTICEABLE, RUNG, SEVERAL, THOROUGH, TOLERANCE
 from ._criterion import weighted
 from ._shortened import are_long
@@ -80,9 +80,9 @@ def screened(effect, structure, records):
         starts = []
         for start in variant:
             problem = start.problem(records)
-            starts.append((start, problem, begin_and_predict(problem, problem.x0)))
+            starts.append((start, problem, start_descent_and_predict(problem, problem.x0)))
         start, problem, own = min(starts, key=lambda own: own[2].predicted_cost)
-        tree, n_parameters = start.at(problem, own.x), len(own.x) + start.n_besides()
+        tree, n_parameters = start.at(problem, own.x), len(own.x) + start.n_further_estimates()
         known = tree, np.inf, own.predicted_cost, n_parameters, own.x
         found.append(Candidate((effect.name,), *known, solution=own))
     return found
@@ -94,7 +94,7 @@ def refitted(candidate, structure, records, max_evaluations=THOROUGH, begun=None
     ``begun`` is what the descent begins with where that is known.
     """
     problem = structure.problem(records)
-    n_parameters = len(problem.x0) + structure.n_besides()
+    n_parameters = len(problem.x0) + structure.n_further_estimates()
     solution = variable_projection(
         problem, problem.x0, begun=begun, tolerance=TOLERANCE, max_evaluations=max_evaluations
     )

@@ -45,7 +45,7 @@ from ._edits import (
     Schedule,
     both_models,
 )
-from ._starts import Scene, driven_starts, fed_as_before, inserted
+from ._starts import Scene, driven_starts, inserted, with_same_input
 from ._traits import lag_rates
 from ._tree import BRIEFLY
 
@@ -94,7 +94,7 @@ class UnderWay:
         # a history affects the first samples most; the claimed effect's own one is estimated from
         # whole records
         parts = [r.first_part(len(r.u) // 3) for r in scene.records]
-        return [tree.edited(name, Begin(tree.led_by(parts).input_history))]
+        return [tree.edited(name, Begin(tree.with_estimated_history(parts).input_history))]
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ class FirstHysteresis:
             if linear.signal_linear and not linear.memoryless:
                 starts = driven_starts(self.model, scene.records_at(at))
                 edits = [InsertAt(place, self.model, start) for start in starts]
-                found += [fed_as_before(tree.edited(name, edit), at, scene) for edit in edits]
+                found += [with_same_input(tree.edited(name, edit), at, scene) for edit in edits]
         return found
 
 
@@ -431,7 +431,7 @@ class InStages:
 
 
 @dataclass(frozen=True)
-class BesideForce:
+class ParallelForce:
     """A force in parallel with those of a force model, whose drive is the measured motion."""
 
     model: object
@@ -671,7 +671,11 @@ class MovedModes:
             return []
         ends = min(numbers), max(numbers)
         is_large = np.array(numbers) > 0.5 * sum(ends)
-        large = [r for r, own in zip(tree.begun(scene.records), is_large, strict=True) if own]
+        large = [
+            r
+            for r, own in zip(tree.records_with_history(scene.records), is_large, strict=True)
+            if own
+        ]
         model = TransferFunction(2 * self.n_modes, n_zeros=2 * self.n_modes)
         found = []
         for candidate in inserted(name, model, Scene(replace(tree, input_history=()), large)):

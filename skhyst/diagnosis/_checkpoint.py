@@ -57,7 +57,7 @@ class Checkpoint:
         except ImportError:
             raise
         except Exception as error:  # a file of another format may raise any exception
-            raise ValueError(f"{self.path} is no checkpoint of a search ({error}).") from error
+            raise ValueError(f"{self.path} is not a checkpoint of a search ({error}).") from error
         if not isinstance(kept, dict) or kept.pop("key", None) != self._key:
             raise ValueError(
                 f"{self.path} is the checkpoint of another search: data, parameters or the version "

@@ -171,7 +171,7 @@ class Claim:
         """
         if self.kind == "branch":
             return self.column_unit, "drive" if self._biases else "response"
-        if self.kind == "beside":
+        if self.kind == "additive":
             return "drive", "response"
         operators = self.structure.operators
         owners = [i for i, o in enumerate(operators) if o.owns_gain]
@@ -219,7 +219,7 @@ class Claim:
     def seen(self):
         """The inputs and outputs of the operator."""
         dts = [record.dt for record in self.records]
-        if self.kind == "beside":
+        if self.kind == "additive":
             inputs = [record.u for record in self.records]
             return Seen(inputs, self.measured, dts, self._coefficients(self.operator))
         if self.kind == "branch":
@@ -281,14 +281,14 @@ class Claim:
         """The response of the model without the effect."""
         return self.rest.respond(self.records)
 
-    def lacking(self, without):
+    def model_residuals(self, without):
         """Return the residual of a model, of the measurement and of the full model's response."""
         return (
             [y - x for y, x in zip(self.measured, without, strict=True)],
             [y - x for y, x in zip(self.modelled, without, strict=True)],
         )
 
-    def left_out(self):
+    def without_effect(self):
         """Return the response without the effect, and its residuals; see :meth:`lacking`.
 
         Where the effect owns the gain of the series, the response is scaled by a fitted straight
@@ -299,4 +299,4 @@ class Claim:
             x, y = np.concatenate(without), np.concatenate(self.measured)
             slope, constant = np.polyfit(x, y, 1)
             without = [slope * part + constant for part in without]
-        return without, *self.lacking(without)
+        return without, *self.model_residuals(without)

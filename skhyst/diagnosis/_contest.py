@@ -67,7 +67,7 @@ class Contest:
         As of the search.
     negligible : float
         Held-out error below which no effect is sought.
-    tell : callable
+    report_progress : callable
         Called with a line about progress or "", the round, the effect that is tried, the number of
         finished candidates of the step, and their total.
     renew : callable or None
@@ -96,7 +96,7 @@ class Contest:
     max_effects: int
     n_jobs: int | None
     negligible: float
-    tell: Callable
+    report_progress: Callable
     renew: Callable | None
     judge: Callable
     lost: list | None = None
@@ -110,7 +110,7 @@ class Contest:
     _best: dict = field(default_factory=dict)
     _judgements: dict = field(default_factory=dict)
     _contests: dict = field(default_factory=dict)
-    _anew: dict = field(default_factory=dict)
+    _reidentified_fits: dict = field(default_factory=dict)
     _rounds: dict = field(default_factory=dict)
     _weighings: int = 0
 
@@ -159,7 +159,7 @@ class Contest:
         finer, done = raised(base, self.records, self.folds)
         self._add_time("resolution", begin)
         for what in done:
-            self._say(f"{what}: held-out error {what.error_after:.4g}")
+            self._report_progress(f"{what}: held-out error {what.error_after:.4g}")
         return finer, done
 
     def _finer(self, candidate):
@@ -202,7 +202,9 @@ class Contest:
                 claims += [c for c in better if self.criterion.is_better(path, c, self.n_tried)]
             paths = [self._refreshed(c) for c in self._few(further, claims)]
             for c in paths:
-                self._say(f"{' + '.join(c.structure.effects)}: held-out error {c.error:.4g}")
+                self._report_progress(
+                    f"{' + '.join(c.structure.effects)}: held-out error {c.error:.4g}"
+                )
         return ends
 
     def _better(self, path, fully, barred=()):
@@ -219,13 +221,13 @@ class Contest:
         if room <= 0 or path.error <= self.negligible:
             return []
         driven = allowed(self.extended(path, fully=fully))
-        found = [c for c in driven if self.criterion.matters(path, c)]
+        found = [c for c in driven if self.criterion.improves_enough(path, c)]
         if not found:
             added = allowed(self.extended(path, additive=True))
             found = [c for c in added if self.criterion.is_better(path, c, self.n_tried)]
         if not found and room > 1 and self.judgement(path).structured:
             pairs = allowed(self._pairs(path, driven))
-            found = [c for c in pairs if self.criterion.matters(path, c)]
+            found = [c for c in pairs if self.criterion.improves_enough(path, c)]
         return found
 
     def _few(self, candidates, claims):
@@ -255,11 +257,11 @@ class Contest:
         if self.renew is not None:
             return self.renew(base, base, self.records_of(base), thorough=True)
         key = self._set(base), base.structure.effects, base.error
-        if key not in self._anew:
-            self._anew[key] = self._identified_anew(base)
-        return self._least(self._anew[key])
+        if key not in self._reidentified_fits:
+            self._reidentified_fits[key] = self._reidentified(base)
+        return self._least(self._reidentified_fits[key])
 
-    def _identified_anew(self, base):
+    def _reidentified(self, base):
         records = self.records_of(base)
         tree, anew = base.structure, []
         trees = [] if are_long(records) else [tree.identified(records)]
@@ -296,12 +298,12 @@ class Contest:
             found = self._fitted([start], self._screened(start, pairs))
             self._keep(key, self._held_out(start, found))
         found = self.steps[key]["candidates"]
-        return [self._finer(c) for c in found if self.criterion.matters(base, c)]
+        return [self._finer(c) for c in found if self.criterion.improves_enough(base, c)]
 
     def _has_course(self, candidate):
         """Whether an additive disturbance is more than the course of the noise itself."""
         # the residual of a black box has a course that depends on the box
-        additive = EFFECTS[candidate.effects[-1]].beside
+        additive = EFFECTS[candidate.effects[-1]].additive
         if self.renew is not None or not additive:
             return True
         p_values = course_p_values(candidate.structure, self.records_of(candidate))
@@ -325,7 +327,7 @@ class Contest:
                 own: c
                 for own, c in reduced.items()
                 if not self._is_needed(base, *own, c)
-                and (self.criterion.matters(c, base) or self._keeps_names(c, base))
+                and (self.criterion.improves_enough(c, base) or self._keeps_names(c, base))
             }
             if not needless:
                 for first, second in combinations(names, 2):
@@ -342,7 +344,9 @@ class Contest:
                 rival, _ = self._contested(base, *own)
             self.dropped += [n for n in names if n not in fewer.structure.effects]
             base = rival or fewer
-            self._say(f"{' and '.join(own)} not needed: held-out error {base.error:.4g}")
+            self._report_progress(
+                f"{' and '.join(own)} not needed: held-out error {base.error:.4g}"
+            )
         return base
 
     def _is_needed(self, base, name, reduced):
@@ -362,9 +366,9 @@ class Contest:
 
     def without(self, base, name):
         """Return the best model that was found without one of the effects of a candidate."""
-        return self._least(self._taken_out(base, name))
+        return self._least(self._without_effect(base, name))
 
-    def _taken_out(self, base, name):
+    def _without_effect(self, base, name):
         """Return a candidate without one of its effects, refitted and held out."""
         key = f"{self._set(base)} without {name}"
         if not self._is_done(key):
@@ -424,7 +428,7 @@ class Contest:
         rivals = self.extended(start, fully=False) + self.extended(start, additive=True)
         family, own = self.n_tried, replace(base, effects=(name,))
         if start is reduced:  # a name is no simpler because other parts have fewer terms
-            finer = self._taken_out(base, name).n_parameters - reduced.n_parameters
+            finer = self._without_effect(base, name).n_parameters - reduced.n_parameters
             own = replace(own, n_parameters=base.n_parameters - finer)
         rivals = [
             c
@@ -436,7 +440,7 @@ class Contest:
             and (
                 c.effects != (name,)
                 or c.n_parameters < own.n_parameters
-                or self.criterion.matters(base, c)
+                or self.criterion.improves_enough(base, c)
             )
         ]
         rivals.sort(key=lambda c: c.error)
@@ -520,7 +524,7 @@ class Contest:
         """
         if len(base.structure.effects) >= self.max_effects or base.error <= self.negligible:
             return []
-        found = [c for c in self.extended(base) if self.criterion.matters(base, c)]
+        found = [c for c in self.extended(base) if self.criterion.improves_enough(base, c)]
         errors = fold_errors(base, self.records_of(base), self.folds)
         rows = []
         for c in sorted(found, key=lambda c: c.error):
@@ -612,7 +616,9 @@ class Contest:
 
     def _parallel(self, jobs):
         """Return the results of jobs, None for a job that failed."""
-        done, failures = side_by_side(jobs, self.n_jobs, partial(self.tell, "", self._number))
+        done, failures = side_by_side(
+            jobs, self.n_jobs, partial(self.report_progress, "", self._number)
+        )
         self._failures += failures
         return done
 
@@ -753,8 +759,8 @@ class Contest:
         base = refitted(base, base.structure, self.records)
         return held_out(base, self.records, self.folds)
 
-    def _say(self, text):
-        self.tell(f"round {self._number}: {text}", self._number)
+    def _report_progress(self, text):
+        self.report_progress(f"round {self._number}: {text}", self._number)
 
     def _add_time(self, stage, begin):
         self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - begin

@@ -90,13 +90,13 @@ class Criterion:
     alpha: float
     min_improvement: float
 
-    def matters(self, worse, better):
+    def improves_enough(self, worse, better):
         """Whether the held-out error falls by `min_improvement` at least."""
         return bool(better.error < (1.0 - self.min_improvement) * worse.error)
 
     def is_better(self, worse, better, n_tried=1):
         """Whether one contestant is better than another; see :meth:`p_value`."""
-        matters = self.matters(worse, better)
+        matters = self.improves_enough(worse, better)
         return matters and self.p_value(worse, better, n_tried) < self.alpha
 
     def p_value(self, worse, better, n_tried=1):
@@ -107,7 +107,7 @@ class Criterion:
             own.append(weighted(shown, better.weights))
         p = paired_p_value(*own)
         if better.noise.law != "white":
-            p = 2.0 * min(p, paired_p_value(*_evened(*map(better.noise.innovations, own))))
+            p = 2.0 * min(p, paired_p_value(*_rescaled(*map(better.noise.innovations, own))))
         return min(1.0, n_tried * p)
 
 
@@ -117,7 +117,7 @@ def weighted(series, weights):
     return [root * own for root, own in zip(roots, series, strict=True)]
 
 
-def _evened(worse, better, *instruments):
+def _rescaled(worse, better, *instruments):
     """Return series divided by the root mean square of both residuals of a record."""
     sizes = [
         np.sqrt(np.nansum(np.square(both)) / max(np.isfinite(both).sum(), 1)) or 1.0

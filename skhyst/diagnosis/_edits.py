@@ -18,10 +18,10 @@ from ..operators import (
     Scaled,
     Stage,
     SumOperator,
+    add_parallel,
     modulated,
     of_columns,
     on_column,
-    put_beside_series,
     scheduled,
 )
 
@@ -193,16 +193,16 @@ class AddForce:
 
 
 @dataclass(frozen=True)
-class Beside(_Edit):
+class AddDisturbance(_Edit):
     """An additive disturbance, in parallel with the driven part."""
 
     model: object
     operator: object
-    kind = "beside"
+    kind = "additive"
 
     def __call__(self, tree, name):
         disturbance = self.model.tree(self.operator)
-        return tree.composed(put_beside_series(tree.whole, name, disturbance))
+        return tree.composed(add_parallel(tree.whole, name, disturbance))
 
 
 @dataclass(frozen=True)
@@ -216,7 +216,7 @@ class Drive(_Edit):
 
     def __call__(self, tree, name):
         branch = on_column(tree.whole, self.model.tree(self.operator), self.column)
-        return tree.composed(put_beside_series(tree.whole, name, branch))
+        return tree.composed(add_parallel(tree.whole, name, branch))
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,6 @@ from ..static import (
 )
 from ._changes import (
     AtJoints,
-    BesideForce,
     Driven,
     FirstHysteresis,
     Folded,
@@ -56,6 +55,7 @@ from ._changes import (
     LoadedMotion,
     MoreTerms,
     MovedModes,
+    ParallelForce,
     PerRecord,
     RateDependence,
     Scaled,
@@ -63,20 +63,20 @@ from ._changes import (
 )
 from ._plausibility import (
     bends,
-    comes_later,
-    goes_on,
+    delay_beyond_sampling,
     has_no_peak,
     has_own_lines,
+    input_beyond_dead_zone,
     is_between_samples,
-    is_wider_than_noise,
     levels_off,
-    remembers,
+    motion_beyond_kinks,
+    presliding_resolution,
     responds_promptly,
     rings,
-    shows_its_slopes,
     slides,
     stops,
     varies_in_rate,
+    width_beyond_noise,
 )
 
 
@@ -95,7 +95,7 @@ class Effect:
         The physical law in one sentence.
     experiment : str
         The measurement that shows the effect best and distinguishes it from others.
-    beside : bool, default=False
+    additive : bool, default=False
         Whether it is an additive disturbance; otherwise it is a step of the series, placed by the
         ``stage_order`` of its operator.
     picture : str, optional
@@ -115,7 +115,7 @@ class Effect:
     variants: Callable
     law: str
     experiment: str
-    beside: bool = False
+    additive: bool = False
     picture: str | None = None
     plausible: Callable | None = None
 
@@ -137,12 +137,12 @@ class Effect:
         Effect or None
             With the variants that are tried; None if there are none.
         """
-        if not self.beside:
+        if not self.additive:
             return None if additive else self
         forms = [v for v in self.variants() if hasattr(v, "trees") != additive]
         if not additive:
             forms = [v for v in forms if v.places(tree)]
-        return replace(self, variants=partial(list, forms), beside=additive) if forms else None
+        return replace(self, variants=partial(list, forms), additive=additive) if forms else None
 
     def __reduce_ex__(self, protocol):
         if any(own is self for own in _BUILT_IN):  # pickled by name: its lambdas cannot be pickled
@@ -177,17 +177,17 @@ _BUILT_IN = (
             InMotion(RestoringForce(1, damping_degree=1)),
             InMotion(BoucWenStage()),
             InMotion(BoucWenStage(fit_exponent=True)),
-            BesideForce(Dahl(fit_damping=False, fit_intercept=False)),
-            BesideForce(BoucWen(fit_gain=False, fit_intercept=False)),
-            BesideForce(MaxwellSlip(10)),
+            ParallelForce(Dahl(fit_damping=False, fit_intercept=False)),
+            ParallelForce(BoucWen(fit_gain=False, fit_intercept=False)),
+            ParallelForce(MaxwellSlip(10)),
             FirstHysteresis(PrandtlIshlinskii(10)),
             FirstHysteresis(PrandtlIshlinskii(10), behind=True),
         ],
-        "The response depends on where the drive, or the motion, has turned round before.",
-        "Sweep slowly up and down with several turning points: the branches stay apart, however "
-        "slow.",
+        "The response depends on earlier turning points of the drive, or of the motion.",
+        "Sweep slowly up and down with several turning points: the branches stay apart at any "
+        "rate.",
         picture="loop",
-        plausible=remembers,
+        plausible=presliding_resolution,
     ),
     Effect(
         "input_saturation",
@@ -204,8 +204,8 @@ _BUILT_IN = (
         "dead_zone",
         lambda: [DeadBand(), AtJoints(DeadBand()), *_in_between(DeadBand())],
         "The actuator does not respond while the drive is within a band.",
-        "Repeat at smaller amplitude: the gain falls, down to nothing within the band.",
-        plausible=goes_on,
+        "Repeat at smaller amplitude: the gain falls, to zero within the band.",
+        plausible=input_beyond_dead_zone,
     ),
     Effect(
         "backlash",
@@ -215,10 +215,10 @@ _BUILT_IN = (
             AtJoints(Backlash(), inner=True),
             *_in_between(Backlash()),
         ],
-        "Play in the transmission: after each turn the drive moves alone for a while.",
-        "Turn round at different levels: the lost motion is the same everywhere.",
+        "Play in the transmission: after each reversal the drive crosses a gap first.",
+        "Reverse at different levels: the lost motion is the same everywhere.",
         picture="loop",
-        plausible=is_wider_than_noise,
+        plausible=width_beyond_noise,
     ),
     Effect(
         "slew_limit",
@@ -247,7 +247,7 @@ _BUILT_IN = (
     Effect(
         "initial_state",
         lambda: [UnderWay()],
-        "The device had not rested when a record begins: it remembers what came before.",
+        "The device is not at rest when a record begins: its memory is of an earlier drive.",
         "Rest at the first value before each record, or drive to both ends of the range first.",
     ),
     Effect(
@@ -260,8 +260,8 @@ _BUILT_IN = (
             TimeShift(between="line"),
             TimeShift(fit_skew=True),
         ],
-        "Drive and response are not read at the same instants, or the drive differs in between.",
-        "Record one signal on both channels: what shift there is belongs to the instruments.",
+        "Drive and response are not sampled at once, or the drive differs between samples.",
+        "Record one signal on both channels: a shift between them is due to the instruments.",
         picture="frequency",
         plausible=is_between_samples,
     ),
@@ -271,7 +271,7 @@ _BUILT_IN = (
         "The response follows the drive after a pure shift in time.",
         "Sweep faster: the phase of a delay grows in proportion to frequency, the gain stays.",
         picture="frequency",
-        plausible=comes_later,
+        plausible=delay_beyond_sampling,
     ),
     Effect(
         "asymmetry",
@@ -281,7 +281,7 @@ _BUILT_IN = (
         "One-sided dead zones behind the hysteresis make its two branches curve differently.",
         "Sweep faster: dynamics behind the hysteresis separate a curve at the hysteresis from "
         "one at the sensor.",
-        plausible=shows_its_slopes,
+        plausible=motion_beyond_kinks,
     ),
     Effect(
         "lag",
@@ -306,8 +306,8 @@ _BUILT_IN = (
             InMotion(FrictionStage(fit_bristle_damping=False)),
             InMotion(FrictionStage()),
             InMotion(FrictionStage(False, fit_bristle_damping=False, friction_gradient=True)),
-            BesideForce(CoulombFriction(fit_damping=False, fit_intercept=False)),
-            BesideForce(CoulombFriction(True, fit_damping=False, fit_intercept=False)),
+            ParallelForce(CoulombFriction(fit_damping=False, fit_intercept=False)),
+            ParallelForce(CoulombFriction(True, fit_damping=False, fit_intercept=False)),
             _of_free_mass(friction=True),
             _of_free_mass(friction=True, damping_asymmetry=True),
             _of_free_mass(friction=True, stribeck=True),
@@ -320,7 +320,7 @@ _BUILT_IN = (
                 )
             ),
         ],
-        "A force against the motion that hardly depends on how fast it is.",
+        "A force against the motion that hardly depends on its speed.",
         "Move at several constant speeds in both directions: the force jumps with the direction.",
         picture="velocity",
         plausible=slides,
@@ -352,15 +352,15 @@ _BUILT_IN = (
             ]
         ),
         "Beyond a gap the motion runs against a stop, far stiffer than the spring.",
-        "Drive slowly beyond the suspected stop: the response hardly goes on.",
+        "Drive slowly beyond the suspected stop: the response hardly grows.",
         picture="displacement",
         plausible=stops,
     ),
     Effect(
         "creep",
         lambda: [*(KelvinVoigt(n) for n in (1, 2, 3)), AtJoints(KelvinVoigt(1))],
-        "The response goes on relaxing after each change of the drive, over decades of time.",
-        "Step and rest: hold the drive for much longer than the slowest motion seen so far.",
+        "The response continues to relax after each change of the drive, over decades of time.",
+        "Step and rest: hold the drive for much longer than the slowest motion so far.",
         picture="relaxation",
         plausible=responds_promptly,
     ),
@@ -378,7 +378,7 @@ _BUILT_IN = (
             *_in_between(SmoothCurve(9)),
             *_in_between(Saturation()),
         ],
-        "The reading, or what passes from one stage to the next, is a memoryless curve.",
+        "The reading, or the signal between two stages, passes a memoryless curve.",
         "Calibrate the sensor on its own, or sweep faster: a curve at the sensor acts behind the "
         "dynamics.",
         plausible=bends,
@@ -399,7 +399,7 @@ _BUILT_IN = (
         "rectification",
         lambda: [Folded(Fold("lower")), Folded(Fold("upper"))],
         "The reading folds back at a level, as that of a sensor that loses the sign.",
-        "Drive slowly through the level: the reading turns round where the drive goes on.",
+        "Drive slowly through the level: the reading reverses while the drive does not.",
     ),
     Effect(
         "amplitude_dependence",
@@ -428,28 +428,28 @@ _BUILT_IN = (
             PerRecord("column", "all"),
         ],
         "A further measured quantity acts on the response, or on what drives it.",
-        "Change that quantity alone, at rest and under way.",
+        "Change that quantity alone, at rest and in motion.",
     ),
     Effect(
         "offset",
         lambda: [Offset(), _of_free_mass(fit_force_offset=True)],
-        "Each record has a constant of its own, or a constant force acts beside the drive.",
+        "Each record has a constant offset, or a constant force adds to the drive.",
         "Repeat a record after setting up the sensor anew.",
-        beside=True,
+        additive=True,
     ),
     Effect(
         "drift",
         lambda: [*(Drift(degree) for degree in (1, 3, 8)), _of_free_mass(fit_force_drift=True)],
-        "The response moves slowly with time, whatever the drive does, or a force beside it grows.",
+        "The response drifts slowly, whatever the drive does, or a force that does adds to it.",
         "Rest at a constant drive for as long as a record takes.",
-        beside=True,
+        additive=True,
     ),
     Effect(
         "periodic_disturbance",
         lambda: [PeriodicDisturbance(n) for n in (1, 2, 3)],
-        "Sinusoids at frequencies of their own are added to the response.",
+        "Sinusoids whose frequencies do not depend on the drive add to the response.",
         "Record at rest: the lines remain when the drive does not move.",
-        beside=True,
+        additive=True,
         picture="spectrum",
         plausible=has_own_lines,
     ),

@@ -12,7 +12,7 @@ from ._report_text import listed, plus_minus
 from ._traits import characteristics
 
 # parameters with another name or factor in common use
-_SPOKEN = {
+_LABELS = {
     "half_width": ("width of the band", 2.0),
     "half_gap": ("play", 2.0),
     "lower": ("lower level", 1.0),
@@ -23,7 +23,7 @@ _SPOKEN = {
     "coulomb_force": ("Coulomb force", 1.0),
 }
 # numbered weights and coefficients mean little one by one
-_UNTOLD = re.compile("(weight|coefficient|compliance|numerator)s? ")
+_LESS_TELLING = re.compile("(weight|coefficient|compliance|numerator)s? ")
 
 
 @dataclass(frozen=True)
@@ -56,15 +56,15 @@ def gather_evidence(claim, before, after):
         for name, (value, std, unit) in found.items()
     }
     known = [name for name, (value, std, _) in numbers.items() if not std > abs(value)]
-    told = [name for name in known if not _UNTOLD.match(name)] or known or list(numbers)
-    told = [
-        f"{name} {plus_minus(*numbers[name][:2])} {numbers[name][2]}".strip() for name in told[:4]
+    shown = [name for name in known if not _LESS_TELLING.match(name)] or known or list(numbers)
+    shown = [
+        f"{name} {plus_minus(*numbers[name][:2])} {numbers[name][2]}".strip() for name in shown[:4]
     ]
-    told = f"Identified: {listed(told)}. " if told else ""
+    shown = f"Identified: {listed(shown)}. " if shown else ""
     share = 100.0 * (1.0 - (after / before) ** 2) if before > 0.0 else 0.0
     statement = (
-        f"{claim.effect.law} {told}It removes {share:.1f} % of the power of the held-out residual "
-        "that is left without it."
+        f"{claim.effect.law} {shown}It removes {share:.1f} % of the power of the held-out residual "
+        "of the model without it."
     )
     picture = _tried("picture", draw, claim, Picture(claim.effect.name, "", "", ()))
     return Evidence(claim.effect.name, statement.strip(), numbers, picture)
@@ -103,7 +103,7 @@ def _of_parts(claim):
     operator, seen = claim.operator.unpack(x), claim.seen
     found = dict(_derived(operator, seen, free, claim.covariance(keys)))
     if claim.kind == "branch":
-        measured, identified = map(np.concatenate, claim.lacking(claim.without))
+        measured, identified = map(np.concatenate, claim.model_residuals(claim.without))
         part = 100.0 * (1.0 - np.var(measured - identified) / np.var(measured))
         found["part of the residual that it explains"] = part, np.nan, "%"
     outputs = np.concatenate(seen.outputs)
@@ -114,7 +114,7 @@ def _of_parts(claim):
         spec = entries[index][1]
         if size > 6 or name in claim.not_new:  # the values of a longer vector are parameters
             continue
-        label, factor = _SPOKEN.get(name, (re.sub("_+", " ", name), 1.0))
+        label, factor = _LABELS.get(name, (re.sub("_+", " ", name), 1.0))
         if number:
             label = re.sub("([^s])s$", r"\1", re.sub("ies$", "ys", label))
             label += f" {int(number) + 1}" if size > 1 else ""

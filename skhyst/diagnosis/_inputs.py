@@ -54,7 +54,7 @@ def first_row(search, record):
     return min(unknown if search.washout is None else search.washout, record.n_samples - 1)
 
 
-def _under_way(search, slices):
+def _continues_fit(search, slices):
     """Return for each record whether it continues a record of the fit."""
     # it starts within a record of the fit, or after a gap too short to separate two records
     return [
@@ -67,11 +67,11 @@ def _under_way(search, slices):
     ]
 
 
-def _led(structure, records, begun):
+def _with_estimated_history(structure, records, begun):
     """Return a structure with an estimated input history of the records that have ``begun``."""
     if not any(begun) or all(operator.memoryless for operator in structure.operators):
         return structure
-    led = iter(structure.led_by(list(compress(records, begun))).input_history)
+    led = iter(structure.with_estimated_history(list(compress(records, begun))).input_history)
     return replace(structure, input_history=tuple(next(led) if own else None for own in begun))
 
 
@@ -81,7 +81,7 @@ def held_out_error(search, X, y, declared):
     slices, columns, response = read_data(search, X, y, reset=False)
     X, columns = (without_column(own, column_of(search)) for own in (X, columns))
     driver = search.declared_estimator_ if declared else search._driver
-    begun, known = _under_way(search, slices), np.full(len(response), np.nan)
+    begun, known = _continues_fit(search, slices), np.full(len(response), np.nan)
     for s, own in zip(slices, begun, strict=True):
         counted = s.rows.start + first_row(search, s)
         known[s.rows.start : counted] = response[s.rows.start : counted] if own else np.nan
@@ -92,9 +92,9 @@ def held_out_error(search, X, y, declared):
         records.append(record_data(s, *inputs, response, segments, read))
     structure = search._declared_structure if declared else search._structure
     if structure.input_history:
-        structure = structure.led_by(records)
+        structure = structure.with_estimated_history(records)
     else:
-        structure = _led(structure, records, begun)
+        structure = _with_estimated_history(structure, records, begun)
     problem = structure.problem(records)
     nothing = np.zeros(len(problem.segment_record), dtype=bool)
     predictions = problem.predictions(problem.x0, nothing)

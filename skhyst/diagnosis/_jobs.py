@@ -9,7 +9,7 @@ from sklearn.exceptions import FitFailedWarning
 __all__ = ["side_by_side"]
 
 
-def side_by_side(jobs, n_jobs, tell=lambda *step: None):
+def side_by_side(jobs, n_jobs, report_progress=lambda *step: None):
     """Return the results of jobs, in order, and the errors of those that failed.
 
     Where a worker process dies, the jobs that ran at the same time are lost too. Each job is then
@@ -20,7 +20,7 @@ def side_by_side(jobs, n_jobs, tell=lambda *step: None):
     jobs : iterable of joblib.delayed calls
         The first argument is the effect or the candidate that the job is for.
     n_jobs : int or None
-    tell : callable
+    report_progress : callable
         Called with the name of the next job, the number of finished jobs, and the total.
 
     Returns
@@ -32,7 +32,7 @@ def side_by_side(jobs, n_jobs, tell=lambda *step: None):
     """
     jobs = list(jobs)
     try:
-        done = _parallel(jobs, n_jobs, tell)
+        done = _parallel(jobs, n_jobs, report_progress)
     except BrokenExecutor:
         done = [_alone(job, n_jobs) for job in jobs]
     failures = [
@@ -45,16 +45,18 @@ def side_by_side(jobs, n_jobs, tell=lambda *step: None):
     return [result for result, _ in done], failures
 
 
-def _parallel(jobs, n_jobs, tell):
+def _parallel(jobs, n_jobs, report_progress):
     results, done = _results(jobs, n_jobs), []
     try:
         for _, (about, *_), _ in jobs:
-            tell(_about(about), len(done), len(jobs))
+            report_progress(_about(about), len(done), len(jobs))
             done.append(next(results))
-        tell("", len(done), len(jobs))
+        report_progress("", len(done), len(jobs))
     finally:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # where `tell` raises, running jobs are cancelled
+            warnings.simplefilter(
+                "ignore"
+            )  # where `report_progress` raises, running jobs are cancelled
             results.close()
     return done
 

@@ -144,14 +144,14 @@ def next_experiment(search, drive_limits, rate_limit=None, duration=None, dt=Non
     duration = longest.n_samples * longest.dt if duration is None else duration
     signals = signals_within(drive_limits, duration, dt, rate_limit=rate_limit)
     question = question_of(search)
-    answers = {name: question.ask(_record(search, u, dt)) for name, u in signals.items()}
-    name = max(answers, key=lambda own: question.worth(answers[own]))
+    answers = {name: question.evaluate(_record(search, u, dt)) for name, u in signals.items()}
+    name = max(answers, key=lambda own: question.score(answers[own]))
     drive = signals[name]
     time = pd.Index(dt * np.arange(len(drive)), name="time")
-    reason = question.told(answers[name], len(drive))
+    reason = question.describe(answers[name], len(drive))
     if search._records[0].auxiliary is not None:
         reason += " Further columns are taken to stay at their means."
-    gain, name = float(question.worth(answers[name])[-1]), search.units_.in_time(name)
+    gain, name = float(question.score(answers[name])[-1]), search.units_.in_time(name)
     return Experiment(
         pd.Series(drive, time, name="drive"), name, f"{name[0].upper()}{name[1:]}: {reason}", gain
     )

@@ -65,7 +65,7 @@ class Fitted:
         blocks = problem.evaluate(problem.x0)
         self.gram = problem.total(blocks)[:-1, :-1]
         # additive disturbances continue as in the last record
-        self._beside = problem.coefficients(blocks)[-1:]
+        self._additive = problem.coefficients(blocks)[-1:]
         self._tree = replace(tree, input_history=())  # a new record begins at rest
 
     def problem(self, record):
@@ -75,7 +75,7 @@ class Fitted:
     def predict(self, record):
         """Return the response to a new record, (n_samples,)."""
         problem = self.problem(record)
-        return problem.outputs(problem.operator, problem.disturbances, self._beside)[0]
+        return problem.outputs(problem.operator, problem.disturbances, self._additive)[0]
 
     def misses(self, y, record):
         """Return the residual sum of squares on response y, after a refit to y and the old data."""
@@ -102,8 +102,8 @@ def _inverse(gram):
 def question_of(search):
     """Return the open question of a fitted search: an object that rates a new record.
 
-    ``ask(record)`` returns an answer, ``worth(answer)`` a tuple that is larger for better records
-    and ends with the nats, ``told(answer, n_samples)`` the answer in words.
+    ``evaluate(record)`` returns an answer, ``score(answer)`` a tuple that is larger for better
+    records and ends with the nats, ``describe(answer, n_samples)`` the answer in words.
     """
     pairs = list(_rivals(search)) or list(_places(search)) or list(_near_claims(search))
     return Contrasts(search, pairs) if pairs else Intervals(search)
@@ -123,7 +123,7 @@ def _rivals(search):
 
 def _places(search):
     """Yield two places of a term without a name, and the models with it at either."""
-    for own, tree, name, other in search._not_told[:FEW]:
+    for own, tree, name, other in search._undistinguished[:FEW]:
         yield own, name, tuple([Fitted(model, search._records)] for model in (tree, other))
 
 
@@ -164,7 +164,7 @@ class Contrasts:
         self._n_old = len(search.response_)
         self._share = (1.0 - search.min_improvement) ** -2 - 1.0
 
-    def ask(self, record):
+    def evaluate(self, record):
         """Return the noncentrality if either model of a pair is right, and if it suffices."""
         found = []
         for _, _, sides in self._pairs:
@@ -174,24 +174,24 @@ class Contrasts:
         found = np.array(found) / self._variance
         return found, found > self._share * (self._n_old + len(record.u))
 
-    def worth(self, answer):
+    def score(self, answer):
         """Return the number of wrong models that are rejected, and the mean nats."""
         found, enough = answer
         return np.count_nonzero(enough), 0.25 * np.log1p(found).sum()
 
-    def told(self, answer, n_samples):
+    def describe(self, answer, n_samples):
         """Say which models are distinguished, and by how much."""
         forms = {2: "{0} from {1}", 1: "{0} from {1} if it is {2}", 0: "{0} from {1}"}
-        told = {False: [], True: []}
+        found = {False: [], True: []}
         for (*names, _), own, enough in zip(self._pairs, *answer, strict=True):
             count = np.count_nonzero(enough)
             shown = own[enough].min() if count else own.max()
             form = forms[count].format(*names, names[int(np.argmax(own))])
             size = number(np.sqrt(shown / n_samples), 2)
-            told[count > 0].append(f"{form} ({size} times the noise)")
-        parts = [f"it tells {listed(told[True])}"] if told[True] else []
-        parts += [f"it hardly tells {listed(told[False])}"] if told[False] else []
-        return f"{', but '.join(parts)}: RMS of what a refit leaves of their difference."
+            found[count > 0].append(f"{form} ({size} times the noise)")
+        parts = [f"it distinguishes {listed(found[True])}"] if found[True] else []
+        parts += [f"it hardly distinguishes {listed(found[False])}"] if found[False] else []
+        return f"{', but '.join(parts)}. The numbers are the RMS of their difference after a refit."
 
 
 class Intervals:
@@ -214,7 +214,7 @@ class Intervals:
         order = np.argsort(-self._widths(covariance))
         self._widest = order[: min(FEW, np.count_nonzero(np.isfinite(self._values)))]
         self._is_open = search.verdict_ != "noise"
-        self._asked = order if self._is_open else self._widest
+        self._rated = order if self._is_open else self._widest
 
     def _covariance(self, gram):
         return self._variance * _inverse(gram[np.ix_(self._inner, self._inner)])
@@ -222,38 +222,38 @@ class Intervals:
     def _widths(self, covariance):
         return np.sqrt(np.diag(covariance)) / self._values
 
-    def ask(self, record):
+    def evaluate(self, record):
         """Return the covariance of the parameters without and with a record."""
         problem = self._model.problem(record)
         new = problem.total(problem.evaluate(problem.x0))[:-1, :-1]
         new = new if np.isfinite(new).all() else np.zeros_like(new)
         return [self._covariance(gram) for gram in (self._model.gram, self._model.gram + new)]
 
-    def worth(self, answer):
+    def score(self, answer):
         """Return the nats as a tuple."""
-        asked = np.ix_(self._asked, self._asked)
+        asked = np.ix_(self._rated, self._rated)
         before, after = (np.linalg.slogdet(covariance[asked])[1] for covariance in answer)
         return (0.5 * (before - after),)
 
-    def told(self, answer, n_samples):
+    def describe(self, answer, n_samples):
         """Say which intervals become narrower, and by how much."""
-        lead = "no effect comes near a claim" if self._is_open else "nothing is ambiguous"
+        lead = "no effect is near to a claim" if self._is_open else "nothing is ambiguous"
         if not len(self._widest):
-            return f"{lead}, and no parameter has an interval."
+            return f"{lead}, and no parameter has a confidence interval."
         before, after = (100.0 * self._widths(own)[self._widest] for own in answer)
         narrower = listed(
-            f"{_spoken(self._names[self._inner[i]])} (from ±{number(a, 2)} to ±{number(b, 2)} %)"
+            f"{_in_words(self._names[self._inner[i]])} (from ±{number(a, 2)} to ±{number(b, 2)} %)"
             for i, a, b in zip(self._widest, before, after, strict=True)
         )
-        return f"{lead}, and it makes the widest intervals narrower, of {narrower}."
+        return f"{lead}; it narrows the widest confidence intervals: {narrower}."
 
 
-def _spoken(name):
+def _in_words(name):
     """Return the name of a parameter in words.
 
     Examples
     --------
-    >>> _spoken("prandtl_ishlinskii__weights[9]"), _spoken("gain")
+    >>> _in_words("prandtl_ishlinskii__weights[9]"), _in_words("gain")
     ('weights 10 of prandtl_ishlinskii', 'gain')
     """
     *stages, own = name.split("__")

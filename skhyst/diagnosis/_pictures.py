@@ -43,7 +43,7 @@ class Picture:
 def draw(claim):
     """Return the picture of a claim, by the kind of its edit, or the one that its effect names."""
     title = claim.effect.name.replace("_", " ").capitalize()
-    own = claim.effect.picture or ("time" if claim.kind == "beside" else "curve")
+    own = claim.effect.picture or ("time" if claim.kind == "additive" else "curve")
     picture = _PICTURES[claim.kind if claim.kind in _PICTURES else own](title, claim)
     return _in_units(picture, claim.words)
 
@@ -98,13 +98,13 @@ def _curve(title, claim, loop=False):
 
     A stage that owns the gain of the series is drawn against the response without it.
     """
-    without, measured, identified = claim.left_out()
-    x, x_label = claim.inputs(), f"what comes into it ({claim.units[0]})"
+    without, measured, identified = claim.without_effect()
+    x, x_label = claim.inputs(), f"its input ({claim.units[0]})"
     if claim.operator.owns_gain:
         x, x_label = without, "response without it"
     signals = x, measured, identified
     curves = _largest_loop(*signals) if loop else _means(*signals, by_direction=True)
-    return Picture(title, x_label, "what it adds (response)", curves)
+    return Picture(title, x_label, "contribution (response)", curves)
 
 
 def _balance(claim, motions, reach):
@@ -135,7 +135,7 @@ def _force(title, claim, against="displacement", loop=False):
     """Draw a force against displacement, by direction or along a loop, or against velocity."""
     fast = against == "velocity"
     if claim.in_motion:
-        y_label, unit = "force that the linear stage leaves (drive)", "response"
+        y_label, unit = "residual force of the linear stage (drive)", "response"
         own = claim.seen.outputs
         # behind further stages the motion is not measured: the model's motion plus the residual
         left = zip(own, claim.measured, claim.modelled, strict=True)
@@ -144,9 +144,9 @@ def _force(title, claim, against="displacement", loop=False):
         _, modelled, identified = _balance(claim, own, np.inf)
         x = modelled if fast else x
     elif claim.is_part:
-        y_label, unit = "force that the others leave (response)", claim.units[0]
+        y_label, unit = "residual force of the other terms (response)", claim.units[0]
         x = _rates(claim, claim.inputs()) if fast else claim.inputs()
-        measured, identified = claim.lacking(claim.without)
+        measured, identified = claim.model_residuals(claim.without)
     else:
         return _curve(title, claim, loop)
     signals = x, measured, identified
@@ -162,9 +162,9 @@ def _rate(title, claim):
     """Draw the contribution of the rate in rate-dependent plays against the rate of the drive."""
     slow = replace(claim.operator, dilation=0.0, stretch=0.0, rate_weights=())
     slow = claim.structure.with_stage(claim.at, operator=slow)
-    lacking = claim.lacking(slow.respond(claim.records))
+    lacking = claim.model_residuals(slow.respond(claim.records))
     curves = _means(_rates(claim, claim.seen.inputs), *lacking)
-    return Picture(title, "rate of the drive (drive/s)", "what it adds (response)", curves)
+    return Picture(title, "rate of the drive (drive/s)", "contribution (response)", curves)
 
 
 # ------------------------------------------------------------------ against frequency
@@ -256,7 +256,7 @@ def _relaxation(title, claim):
 # ------------------------------------------------------------------ over time
 
 
-def _beside(claim):
+def _additive(claim):
     """Return the residual without a disturbance, and the disturbance; each one array per record."""
     own = claim.course(claim.operator)
     left = zip(claim.measured, claim.modelled, own, strict=True)
@@ -265,7 +265,7 @@ def _beside(claim):
 
 def _spectra(title, claim):
     """Draw the spectrum of the residual, with and without a disturbance."""
-    left, identified = _beside(claim)
+    left, identified = _additive(claim)
     with_it = [x - y for x, y in zip(left, identified, strict=True)]
     groups, curves = by_interval(claim.records), []
     for dt, numbers in groups.items():
@@ -280,7 +280,7 @@ def _spectra(title, claim):
 
 def _time(title, claim):
     """Draw a disturbance in the first records, or a stage where its contribution is largest."""
-    if claim.kind != "beside":
+    if claim.kind != "additive":
         without = claim.without
         added = [np.abs(x - y) for x, y in zip(claim.modelled, without, strict=True)]
         number = int(np.argmax([part.max() for part in added]))
@@ -291,7 +291,7 @@ def _time(title, claim):
         curves = (*_styled(time, *signals), ("without it", time, without[number][rows], "dashed"))
         return Picture(title, "time (s)", "response", curves)
     curves = []
-    for i, (record, left, own) in enumerate(zip(claim.records, *_beside(claim), strict=True)):
+    for i, (record, left, own) in enumerate(zip(claim.records, *_additive(claim), strict=True)):
         rows = slice(0, None, max(len(own) // 400, 1))
         time = (record.dt * np.arange(len(own)))[rows]
         curves += [(f"record {i}", time, left[rows], "points"), ("", time, own[rows], "line")]
@@ -305,13 +305,13 @@ def _time(title, claim):
 
 def _column(title, claim):
     """Draw the residual of the drive's part against a column, or against its lagged value."""
-    measured, identified = claim.lacking(claim.without)
+    measured, identified = claim.model_residuals(claim.without)
     x, x_label = claim.in_column(), claim.column_name
     if "time_constant" in claim.values and claim.operator.gain:
         x = [own / claim.operator.gain for own in identified]
         x_label = f"{x_label}, behind the time constant"
     curves = _means(x, measured, identified)
-    return Picture(title, x_label, "what the drive does not explain (response)", curves)
+    return Picture(title, x_label, "response not explained by the drive (response)", curves)
 
 
 def _by_number(title, claim):

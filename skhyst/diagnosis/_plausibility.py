@@ -158,7 +158,7 @@ def responds_promptly(operator, motion, records):
     return 1.0 / (1.0 + np.ravel(operator.compliances) @ shown) - NOTICEABLE
 
 
-def comes_later(operator, motion, records):
+def delay_beyond_sampling(operator, motion, records):
     """Return by how much a delay exceeds a sampling interval: sampling may cause a shorter one."""
     return operator.delay / min(record.dt for record in records) - 1.0
 
@@ -169,7 +169,7 @@ def is_between_samples(operator, motion, records):
     return np.inf if shift is None else 1.0 - shift / min(record.dt for record in records)
 
 
-def is_wider_than_noise(operator, motion, records):
+def width_beyond_noise(operator, motion, records):
     """Return by how much a play is wider than the white noise of the recorded drive.
 
     A narrower one only smooths that noise, which did not act on the device. Both are fractions of
@@ -207,7 +207,7 @@ def levels_off(operator, motion, records):
     return FLAT - (1.0 - reached**operator.knee)
 
 
-def goes_on(operator, motion, records):
+def input_beyond_dead_zone(operator, motion, records):
     """Return by how much the input of a dead zone exceeds its nearer end.
 
     Otherwise the band is where the drive saturates; a band without samples is a shift.
@@ -237,7 +237,7 @@ def bends(operator, motion, records):
     return turned.max() / np.abs(slope).mean()
 
 
-def shows_its_slopes(operator, motion, records):
+def motion_beyond_kinks(operator, motion, records):
     """Return how much of the motion lies behind the outermost kinks, beyond what is noticeable.
 
     Beyond the recorded motion a curve goes on with the slope that it has at the end. Over a small
@@ -282,7 +282,7 @@ def slides(operator, motion, records):
     return np.inf if way is None else np.log(NOTICEABLE * np.ptp(motion) / way)
 
 
-def remembers(operator, motion, records):
+def presliding_resolution(operator, motion, records):
     """Return how well the displacement over which a force builds up is resolved.
 
     Where the force builds up from one sample to the next, it is Coulomb friction.

@@ -73,7 +73,7 @@ def watched(verbose, on_progress):
         if verbose:
             observers.append(stack.enter_context(_bar()) if _is_interactive() else _lines())
 
-        def tell(text, round=0, trying="", done=0, total=0):
+        def report_progress(text, round=0, trying="", done=0, total=0):
             nonlocal step
             now = time.perf_counter()
             step = step if done else now
@@ -81,7 +81,7 @@ def watched(verbose, on_progress):
             for observer in observers:
                 observer(Progress(round, trying, done, total, now - begin, text, left))
 
-        yield tell
+        yield report_progress
 
 
 def _lines():

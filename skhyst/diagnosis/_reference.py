@@ -38,7 +38,7 @@ from sklearn.linear_model import Ridge
 from ..preprocessing import PlayOperators, find_column
 from ._constants import BOX_FOLDS, ENOUGH, NEGLIGIBLE, STRETCHES
 from ._criterion import paired_p_value
-from ._structure import moved, past_mean
+from ._structure import delayed, past_mean
 
 
 class Reference:
@@ -108,7 +108,7 @@ def _features(references):
     for values in references:
         own = (values - middle) / size
         columns = [own, own**2, own**3, *plays.transform(own[:, None]).T]
-        columns += [own - moved(own, lag, own[0]) for lag in lags]
+        columns += [own - delayed(own, lag, own[0]) for lag in lags]
         columns += [past_mean(own - own[0], lag) for lag in lags]
         found.append(np.stack(columns, axis=1))
     found = np.concatenate(found)

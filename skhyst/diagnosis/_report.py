@@ -52,23 +52,23 @@ _PICTURES = {  # height in inches, caption, and shape of axes
     "residuals": (5.6, "Residuals in time, by branch, and spectrum", (2, 2)),
 }
 _LEFT = {
-    "noise": "it is noise",
-    "undetermined": "the recording cannot tell",
-    "unexplained": "something is left that no effect explains",
+    "noise": "noise",
+    "undetermined": "noise or structure, which this recording does not determine",
+    "unexplained": "structure that no effect explains",
 }
 _REST = {
-    "noise": "What is left is noise.",
-    "undetermined": "Whether more is missing this recording cannot tell.",
-    "unexplained": "Something more is missing that no effect on the list explains.",
+    "noise": "The residual is noise.",
+    "undetermined": "This recording does not show whether more is missing.",
+    "unexplained": "The residual still has structure that no effect on the list explains.",
 }
 _ALONE = {
-    "noise": "The model lacks nothing that was looked for: what it leaves is noise.",
-    "undetermined": "Whether the model lacks something this recording cannot tell.",
-    "unexplained": "The model lacks something that no effect on the list explains.",
+    "noise": "No missing effect was found: the residual is noise.",
+    "undetermined": "This recording does not show whether an effect is missing.",
+    "unexplained": "The residual has structure that no effect on the list explains.",
 }
 _PROVISIONAL = (
-    "Provisional: the residual has structure that no effect explains, and this name may stand for "
-    "what the list of effects lacks."
+    "Provisional: the residual has structure that no effect explains, so this name may stand for "
+    "an effect that is not on the list."
 )
 
 
@@ -257,13 +257,13 @@ class Report:
 
     def to_text(self) -> str:
         """Return what is missing, the errors, the residual and remarks, in a few lines."""
-        lines = [*_outdone(self), self.summary]
+        lines = [*_better_model(self), self.summary]
         lines += [f"resolution: {', '.join(self.resolution)}"] if self.resolution else []
         lines.append(f"missing: {', '.join(self.effects) or 'nothing'}")
         for claim in self.claims:
             lines.append(f"  {claim['effect']}: {claim['statement']}")
             if claim["ambiguous_with"]:
-                lines.append(f"    {_not_told(claim)} {claim['experiment']}")
+                lines.append(f"    {_ambiguity(claim)} {claim['experiment']}")
             if claim["provisional"]:
                 lines.append(f"    {_PROVISIONAL}")
         if self.unknown:
@@ -278,7 +278,7 @@ class Report:
             *([f"of the declared model's, in power: {parts}"] if parts else []),
             f"residual: {_LEFT[self.verdict]}",
             f"noise of the residual: {self.noise_model['text']}",
-            *([_kept(self)] if self.held_out else []),
+            *([_unused_data(self)] if self.held_out else []),
             *self.remarks,
         ]
         return printable("\n".join(lines) + "\n")
@@ -339,7 +339,7 @@ def _experiment(search):
 
     Other open questions would require further fits, as long as a search.
     """
-    if not search._not_told and not search.history_["ambiguous_with"].map(len).any():
+    if not search._undistinguished and not search.history_["ambiguous_with"].map(len).any():
         return None
     driven = search.declared_estimator_
     if not hasattr(driven, "drive_rate_"):  # a black box, whose range of the drive is not known
@@ -598,7 +598,8 @@ def _versions():
 def next_steps(claims, not_it, location, verdict, faults, settings, advice="", experiment=None):
     """Return what to measure next, a list of sentences."""
     steps = [
-        f"To tell {claim['effect']} from {listed(claim['ambiguous_with'])}: {claim['experiment']}"
+        f"To distinguish {claim['effect']} from {listed(claim['ambiguous_with'])}: "
+        f"{claim['experiment']}"
         for claim in claims
         if claim["ambiguous_with"]
     ]
@@ -612,9 +613,9 @@ def next_steps(claims, not_it, location, verdict, faults, settings, advice="", e
     for row in misses[:2]:
         effect = EFFECTS.get(row["effect"])
         steps.append(
-            f"{row['effect']} would make the error {number(-100.0 * row['change'], 2)} % smaller, "
-            f"which these records do not make certain (p = {number(row['p_value'], 2)}). To see "
-            f"whether it is there: {effect.experiment if effect else ''}".rstrip()
+            f"{row['effect']} would reduce the error by {number(-100.0 * row['change'], 2)} %, "
+            f"which is not significant with these records (p = {number(row['p_value'], 2)}). To "
+            f"test for it: {effect.experiment if effect else ''}".rstrip()
         )
     if verdict == "unexplained" and _is_full(claims, settings):
         steps.append(
@@ -622,16 +623,20 @@ def next_steps(claims, not_it, location, verdict, faults, settings, advice="", e
             f"{settings['max_effects']} allows."
         )
     elif verdict == "unexplained":
-        step = "Record more of what no effect explains"
-        where = _looks(location)
+        step = "Record more data where no effect explains the residual"
+        where = _location_text(location)
         steps.append(
             f"{step}: it is strongest {where}."
             if where
-            else f"{step}, and repeat one record exactly: what returns is structure, what does "
-            "not is noise."
+            else f"{step}, and repeat one record exactly: what repeats is structure, the rest "
+            "is noise."
         )
     if advice:
-        where = f" The residual is largest {_looks(location)}." if _looks(location) else ""
+        where = (
+            f" The residual is largest {_location_text(location)}."
+            if _location_text(location)
+            else ""
+        )
         steps.append(f"{advice[0].upper()}{advice[1:]}.{where}")
     if experiment is not None:
         steps.append(
@@ -642,17 +647,17 @@ def next_steps(claims, not_it, location, verdict, faults, settings, advice="", e
     elif verdict != "noise" or any(claim["ambiguous_with"] for claim in claims):
         steps.append(
             "Record next, as a file: skhyst.diagnosis.next_experiment, or skhyst next on the "
-            "command line, proposes the drive within your limits that tells most of this."
+            "command line, proposes the most informative drive within your limits."
         )
     if any(fault["fault"] != "lost_rows" for fault in faults):
-        steps.append("Mend the faults of the recording listed under Data, and search again.")
+        steps.append("Correct the faults of the recording listed under Data, and search again.")
     return steps
 
 
 # ------------------------------------------------------------------------------------------ words
 
 
-def _outdone(report):
+def _better_model(report):
     """Yield a sentence if another model explains far more than the declared and augmented ones."""
     if report.comparison is None:
         return
@@ -669,24 +674,24 @@ def _outdone(report):
 
 
 def _warnings(report):
-    yield from _outdone(report)
+    yield from _better_model(report)
     worst, part = max(report.error_before, report.error_after), report.data["extrapolated"]
     if worst > report.response_range:
         yield (
-            f"A held-out error of {_error(report, worst)} is more than all of the response: the "
-            "model runs away on what it was not fitted to."
+            f"A held-out error of {_error(report, worst)} is more than the range of the response: "
+            "the model diverges on data to which it was not fitted."
         )
     if part > NOTICEABLE:
         yield (
             f"The folds extrapolate: {share(part)} of the samples are held out where the drive "
-            "goes beyond that of all records or blocks that they are predicted from. With several "
-            "records, an int as cv holds out a part of each instead."
+            "is beyond its range in the records or blocks that the model is fitted to. With "
+            "several records, an int as cv holds out a part of each instead."
         )
     faults = {fault["fault"] for fault in report.data["faults"]}
     if "noisy_drive" in faults:
         yield (
-            "The recorded drive has noise that the device has not seen: parameters are biased. "
-            "Claims and verdict rest on the smooth part of the drive."
+            "The recorded drive has noise that does not act on the device: parameters are "
+            "biased. Claims and verdict use only the smooth part of the drive."
         )
     if "closed_loop" in faults:
         yield (
@@ -705,19 +710,19 @@ def _summary(report):
             listed(report.effects),
             "it explains" if len(report.effects) == 1 else "together they explain",
         )
-        yield f"The model lacks {lacks}: {it} {part} of what the model got wrong."
+        yield f"The model lacks {lacks}: {it} {part} of the power of its held-out error."
         unsure = [claim["effect"] for claim in report.claims if claim["provisional"]]
         others = [claim for claim in report.claims if claim["ambiguous_with"]]
         if unsure:
-            yield "Sure: that something is missing, not of the name."
+            yield "It is certain that something is missing, but not which effect."
         elif others:
             names = listed(
-                f"{claim['effect']} may be {' or '.join(claim['ambiguous_with'])}"
+                f"{claim['effect']} may be {' or '.join(claim['ambiguous_with'])} instead"
                 for claim in others
             )
-            yield f"Sure: that something is missing; {names} as well."
+            yield f"It is certain that something is missing, but {names}."
         else:
-            yield "Sure: yes."
+            yield f"Significant at alpha = {report.settings['alpha']}."
     yield _REST[report.verdict] if report.effects else _ALONE[report.verdict]
     count = len(report.next_steps)
     steps = {0: "nothing more to record", 1: "one step, below"}.get(count, f"{count} steps, below")
@@ -735,12 +740,12 @@ def _found(report):
         model += f" (declared {', '.join(report.resolution)})"
     explained = report.verdict != "unexplained"
     noise = f"The residual is noise; its floor is {floor}."
-    headline, mark = "Nothing is missing", "" if explained else "; and something unexplained"
+    headline, mark = "Nothing is missing", "" if explained else "; and unexplained structure"
     if report.verdict == "undetermined":
-        headline, mark = "Undetermined", "; whether more is missing cannot be told"
+        headline, mark = "Undetermined", "; more may be missing"
         noise = (
-            f"What the fit leaves may be noise, of {floor} or more, but the recording cannot tell: "
-            f"{report.verdict_reason}."
+            f"The residual may be noise, of {floor} or more, but this recording does not determine "
+            f"it: {report.verdict_reason}."
         )
     if not report.effects and explained:
         return headline, (
@@ -749,17 +754,18 @@ def _found(report):
         )
     if not report.effects:
         return "Unexplained", (
-            f"{model} leaves structure that none of the effects that were tried explains: its "
+            f"{model} has a residual with structure that none of the effects tried explains: the "
             f"held-out error is {before}, above the noise floor of {floor}. No effect is claimed."
         )
     found = listed(
-        f"{claim['effect']} (these data cannot tell it from {listed(claim['ambiguous_with'])})"
+        f"{claim['effect']} (which these data do not distinguish from "
+        f"{listed(claim['ambiguous_with'])})"
         if claim["ambiguous_with"]
         else claim["effect"]
         for claim in report.claims
     )
     if any(claim["provisional"] for claim in report.claims):
-        found += ", which may stand for what the list of effects lacks"
+        found += ", which may stand for an effect that is not on the list"
     them = "it" if len(report.effects) == 1 else "them"
     rest = f"The residual is above the noise floor of {floor}, and no effect tried explains it."
     return (
@@ -791,20 +797,23 @@ def _remarks(report):
         yield f"Without the samples {place}, where the residual is large, {moved}."
     if dropped:
         was, them = ("was", "it") if len(dropped) == 1 else ("were", "them")
-        yield f"{listed(dropped)} {was} tried in the model: nothing is lost without {them}."
+        yield (
+            f"{listed(dropped)} {was} added and removed again: without {them} the held-out error "
+            "is not significantly larger."
+        )
     for error, names in _failures(report.failed).items():
-        yield f"Not everything was tried: {listed(names)} failed with {error}"
+        yield f"Not all effects were tried: {listed(names)} failed with {error}"
     if data["resampling_error"]:
         yield (
             "The readings were not evenly spaced: these samples are interpolated between them, "
-            f"which changes the response by about {_error(report, data['resampling_error'])}. What "
-            "is smaller than that may be owed to it."
+            f"which changes the response by about {_error(report, data['resampling_error'])}. "
+            "Smaller residuals may be due to it."
         )
     if data["reference"]:
         yield (
             f"Reference of the loop: {data['reference']['name']}. It predicts "
-            f"{share(data['reference']['share'])} of the drive, and the decisions rest on that. "
-            "The fits do not: noise in the rest of the drive biases their parameters."
+            f"{share(data['reference']['share'])} of the drive; claims and verdict use that part "
+            "only. The fits use the whole drive: noise in the rest of it biases their parameters."
         )
 
 
@@ -820,9 +829,9 @@ def _known(report):
     known += f", and at least {share(least)} does." if least >= 0.001 else "; the rest is noise."
     if report.verdict == "undetermined":
         return [known, "Not known: how much of it does, and how much is slow noise."]
-    unknown = "Not known: its law, which none of the effects that were tried has."
+    unknown = "Not known: its law; none of the effects tried has it."
     if report.unknown is None and not report.settings["unknown"]:
-        unknown += " A search with unknown=True (--unknown) draws it as a curve."
+        unknown += " A search with unknown=True (--unknown) estimates it as a curve."
     return [known, unknown]
 
 
@@ -842,28 +851,31 @@ def _error(report, value, whole=None):
     return f"{f'{number(value)} {unit}'.strip()} ({part} of the range)"
 
 
-def _kept(report):
+def _unused_data(report):
     """Return a sentence with the errors on data that the search has not used."""
     kept, names = report.held_out, ("before", "after")[: 1 + bool(report.effects)]
     own = [f"{_error(report, kept[f'error_{n}'], kept['response_range'])} {n}" for n in names]
-    return f"On {kept['n_samples']} samples kept from the search altogether: {', '.join(own)}."
+    return f"On {kept['n_samples']} samples that the search has not used: {', '.join(own)}."
 
 
-def _sure(claim):
+def _certainty(claim):
     """Return how sure a claim is, in words."""
     text = f"{claim['effect']}: {chance(claim['p_value'])}"
     if claim["ambiguous_with"]:
-        text += f", not told from {listed(claim['ambiguous_with'])}"
+        text += f", not distinguished from {listed(claim['ambiguous_with'])}"
     return text + (", provisional" if claim["provisional"] else "")
 
 
-def _not_told(claim):
+def _ambiguity(claim):
     """Return what else a claim may be, in words."""
     others = listed(claim["ambiguous_with"])
-    return f"These data cannot tell it from {others}. The simplest is named. To tell:"
+    return (
+        f"These data do not distinguish it from {others}; the simplest of them is named. To "
+        "distinguish them:"
+    )
 
 
-def _looks(location):
+def _location_text(location):
     """Return where a residual is strongest, in words.
 
     Examples
@@ -958,7 +970,7 @@ def _drawn(name, display):
     elif name == "next":
         label = "Drive to record next, over time"
     elif name.startswith("unknown"):
-        height, label = 5.4, "What is unexplained, as a curve with its band"
+        height, label = 5.4, "The unexplained term as a curve with its band"
 
     def draw(figure):
         if name != "loops":
@@ -994,14 +1006,19 @@ def _template(form):
         keep_trailing_newline=True,
     )
 
-    def said(text):
+    def escaped(text):
         """Return escaped text for the page."""
         text = " ".join(str(markupsafe.escape(text) if form == "html" else text).split())
         if form == "html":
             return markupsafe.Markup(re.sub(r"(?<=\d) (?=%|×)", "\u00a0", text))
         return re.sub(r"([\\`*_\[\]<>|#])", r"\\\1", text)
 
-    environment.filters |= {"said": said, "looks": _looks, "sure": _sure, "not_told": _not_told}
+    environment.filters |= {
+        "escaped": escaped,
+        "location_text": _location_text,
+        "certainty": _certainty,
+        "ambiguity": _ambiguity,
+    }
     environment.filters |= {f.__name__: f for f in (chance, listed, number, percent, share)}
     script = environment.loader.get_source(environment, "pictures.js")[0]
     return environment.get_template("report.j2"), script
@@ -1020,7 +1037,7 @@ def _rendered(report, form):
             provisional=_PROVISIONAL,
             known=_known(report),
             parts=_parts(report),
-            kept=_kept(report) if report.held_out else "",
+            kept=_unused_data(report) if report.held_out else "",
             is_full=_is_full(report.claims, report.settings),
             change=change,
             error=partial(_error, report),

@@ -44,8 +44,8 @@ class Raised:
 
     def __str__(self):
         if self.after == self.before:
-            return f"{self.before} {self.name}, moved to where the data ask for them"
-        return f"{self.before} {self.name}, the data ask for {self.after}"
+            return f"{self.before} {self.name}, thresholds refitted"
+        return f"{self.before} {self.name}, refined to {self.after}"
 
 
 def raised(candidate, records, folds):

@@ -397,8 +397,8 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         self._inputs = with_others(declared.drive(), drive)
         self.seconds_ = {}
         # the loops below run in parallel; nested threads would only cost time
-        with threadpool_limits(limits=1), watched(self.verbose, on_progress) as tell:
-            self._search(declared, slices, effects, segments, folds, tell)
+        with threadpool_limits(limits=1), watched(self.verbose, on_progress) as report_progress:
+            self._search(declared, slices, effects, segments, folds, report_progress)
         return self
 
     def _fit_each(self, X, columns, on_progress):
@@ -463,7 +463,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         records = [replace(r, segments=own) for r, own in zip(records, segments, strict=True)]
         return tuple(held_out(c, records, folds) for c in candidates)
 
-    def _search(self, declared, slices, effects, segments, folds, tell):
+    def _search(self, declared, slices, effects, segments, folds, report_progress):
         begin = time.perf_counter()
         records = [
             record_data(s, *self._inputs, self.response_, own, self._read)
@@ -472,14 +472,14 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         if self._reference is not None:
             records = self._reference.explain(records)
         self.extrapolated_ = extrapolated(records, folds)
-        records, folds = declared.begin(records, folds)
+        records, folds = declared.prepare(records, folds)
         result, structure = declared.identified(records)
         problem = structure.problem(records)
         cost = result.error**2 * problem.segment_weight.sum()
         base = Candidate((), structure, cost, cost, len(result.x), result.x)
         base = first = held_out(base, records, folds)
         self.declared_estimator_ = declared.fitted(result)
-        tell(f"declared model: held-out error {base.error:.4g}")
+        report_progress(f"declared model: held-out error {base.error:.4g}")
         self.seconds_["declared model"] = time.perf_counter() - begin
         contest = Contest(
             declared.effects(effects),
@@ -489,7 +489,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
             self.max_effects,
             self.n_jobs,
             NEGLIGIBLE * np.ptp(self.response_),
-            tell,
+            report_progress,
             declared.renew,
             lambda base: self._judged(declared.measured(contest.records), base, contest),
             self._lost(slices) if self.loss == "huber" else None,
@@ -499,12 +499,12 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         if self.checkpoint is not None:
             kept = Checkpoint(self.checkpoint, self, self._inputs, self.response_, records, folds)
             contest.steps, contest.keep = kept.load(base), kept.save
-            tell(f"{len(contest.steps)} steps are in {self.checkpoint}")
+            report_progress(f"{len(contest.steps)} steps are in {self.checkpoint}")
         contest.declared = base.structure
         base, raised = contest.raised(base)
         while True:
             found = contest.found(base)
-            if not contest.criterion.matters(base, found):
+            if not contest.criterion.improves_enough(base, found):
                 break
             base, _ = contest.raised(contest.weighed(found))
         base, ambiguous = contest.named(base)
@@ -594,7 +594,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
 
     def _unknown(self, declared, slices, contest, base):
         """Return the term without a name that a candidate lacks, or None."""
-        self._not_told = []  # name and tree of a term, and of one that is ambiguous with it
+        self._undistinguished = []  # name and tree of a term, and of one that is ambiguous with it
         if not self.unknown or self.verdict_ == "noise" or self._reference is not None:
             return None
         if contest.renew is not None:  # a black box has no joints
@@ -605,7 +605,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         terms, found = find_unknown(base, data, *how), None
         for term in reversed(terms):
             own = str(term.site), term.candidate.structure
-            self._not_told += [(*own, told, c.structure) for told, c in term.same]
+            self._undistinguished += [(*own, site, c.structure) for site, c in term.same]
             found = self._term(term, data, contest, declared, found)
         if found is not None and self.verdict_ == "undetermined":  # a significant term is structure
             self.verdict_, self.verdict_advice_ = "unexplained", ""
@@ -628,7 +628,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
             after.error,
             max(1.0 - (after.error / before.error) ** 2, 0.0),
             term.p_value,
-            tuple(told for told, _ in term.same),
+            tuple(site for site, _ in term.same),
             pd.DataFrame(laws_of(term, data, contest.criterion), columns=LAW_COLUMNS),
             judged.verdict != "noise",
             after.error * judged.unpredicted**0.5,
@@ -655,8 +655,8 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
                 "drive does: see the page 'Which model should I declare?' of the documentation."
             )
         for model, result in fits:
-            if result is not None and hasattr(model, "cautions"):
-                found += [message for message, _ in model.cautions(result, records)]
+            if result is not None and hasattr(model, "fit_warnings"):
+                found += [message for message, _ in model.fit_warnings(result, records)]
         return list(dict.fromkeys(found))
 
     def _judge(self, judgement, ranking):
@@ -803,8 +803,8 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
 
     def _with_result(self, diagram):
         """Return the HTML of a notebook: the result, if there is one, above the diagram."""
-        told = hasattr(self, "verdict_") and not hasattr(self, "searches_")
-        return (self.report()._repr_html_() if told else "") + diagram
+        fitted = hasattr(self, "verdict_") and not hasattr(self, "searches_")
+        return (self.report()._repr_html_() if fitted else "") + diagram
 
     def _repr_html_inner(self):
         return self._with_result(super()._repr_html_inner())

@@ -39,7 +39,7 @@ def suffices(effect, structure, records, parts):
     An additive disturbance may occur at the end of a record, and an effect that depends on the
     amplitude of a record shows only in a part with the same amplitude.
     """
-    if effect.beside:
+    if effect.additive:
         return False
     by = [getattr(variant, "by", None) for variant in effect.variants()]
     return not (structure.follows_amplitude or "amplitude" in by) or all(

@@ -8,7 +8,7 @@ import numpy as np
 from ..operators import split_disturbances
 from ..optimize import distribute_poles, pole_starts, variable_projection
 from ._constants import NOTICEABLE, RUNG, SEVERAL, TOLERANCE
-from ._edits import Beside, Insert
+from ._edits import AddDisturbance, Insert
 
 
 def starting_trees(effect, tree, records):
@@ -22,8 +22,8 @@ def starting_trees(effect, tree, records):
     for variant in effect.variants():
         if hasattr(variant, "trees"):
             found.append(variant.trees(effect.name, scene))
-        elif effect.beside:
-            found.append(beside(effect.name, variant, scene))
+        elif effect.additive:
+            found.append(additive(effect.name, variant, scene))
         else:
             found.append(inserted(effect.name, variant, scene))
     return [candidates for candidates in found if candidates]
@@ -55,7 +55,7 @@ class Scene:
         return [
             replace(r, u=u, before=before)
             for r, u, before in zip(
-                self.records, self.signals(at), self.tree.led(self.records, at), strict=True
+                self.records, self.signals(at), self.tree.history_at(self.records, at), strict=True
             )
         ]
 
@@ -116,10 +116,10 @@ def driven_starts(model, records, **known):
     return [split_disturbances(start)[0] for start in model.starting_values(records, **known)]
 
 
-def beside(name, model, scene):
+def additive(name, model, scene):
     """Return the trees with an additive disturbance, at its starting values."""
     return [
-        scene.tree.edited(name, Beside(model, disturbance))
+        scene.tree.edited(name, AddDisturbance(model, disturbance))
         for start in model.starting_values(scene.residuals)
         for disturbance in split_disturbances(start)[1]
     ]
@@ -132,7 +132,7 @@ def inserted(name, model, scene):
     if at == 0 and tree.multi_input:
         return []
     candidates = [
-        fed_as_before(tree.edited(name, Insert(model, operator)), at, scene)
+        with_same_input(tree.edited(name, Insert(model, operator)), at, scene)
         for operator in driven_starts(model, scene.records_at(at))
     ]
     dynamics = [i for i, operator in enumerate(tree.operators) if _has_poles(operator)]
@@ -141,7 +141,7 @@ def inserted(name, model, scene):
     return scene.promising(anew if scene.has_lost_poles else candidates + anew, first)
 
 
-def fed_as_before(tree, at, scene):
+def with_same_input(tree, at, scene):
     """Return a tree whose new stage is fitted so that the next curve keeps its input.
 
     A stage that owns the gain starts without one. Elsewhere its linear parameters are solved
@@ -175,7 +175,7 @@ def _redistributed(candidates, at, scene, first):
     return [
         anew
         for candidate in (candidates if delayed or lost else candidates[:1])
-        for anew in _started_anew(candidate, scene, first)
+        for anew in _redistributed_poles(candidate, scene, first)
     ]
 
 
@@ -184,7 +184,7 @@ def _has_poles(operator):
     return hasattr(operator, "with_poles") and sum(operator.n_poles) > 0
 
 
-def _started_anew(tree, scene, first):
+def _redistributed_poles(tree, scene, first):
     """Return trees with poles estimated from the signals, distributed over the stages in all ways.
 
     The tree equals that of the scene before the place ``first``.

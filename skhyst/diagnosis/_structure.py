@@ -65,13 +65,13 @@ class Trial(NamedTuple):
     p_value: float
     left: list | None
 
-    def matters(self, criterion):
+    def improves_enough(self, criterion):
         """Whether the error falls by `min_improvement` at least."""
         return bool(self.share <= (1.0 - criterion.min_improvement) ** 2)
 
     def is_structure(self, criterion):
         """Whether it is significant, and matters."""
-        return self.p_value < criterion.alpha and self.matters(criterion)
+        return self.p_value < criterion.alpha and self.improves_enough(criterion)
 
 
 # ---------------------------------------------------------------------------------- repetitions
@@ -202,7 +202,7 @@ def _by_black_box(records, residuals, predictions, rng, criterion):
     x, n_driven, y, new, block, ends = _seen(records, residuals, predictions, rng, noise)
 
     def trial(seen, target, n_trials=1):
-        boxes = _left_by_boxes(seen, target, block, rng)
+        boxes = _black_box_residuals(seen, target, block, rng)
         left = min(boxes, key=lambda own: own @ own)
         share = min((left @ left) / (target @ target), 1.0) if target.any() else 1.0
         target, left = np.split(target, ends), np.split(left, ends)
@@ -227,7 +227,7 @@ def _by_black_box(records, residuals, predictions, rng, criterion):
     return found[0]._replace(share=whole.share, left=whole.left)
 
 
-def _left_by_boxes(x, y, block, rng):
+def _black_box_residuals(x, y, block, rng):
     """Return the held-out residual after ridge regression, and after ridge regression and trees."""
     left, scale = np.stack([y, y]), x.std(axis=0)  # of all: what moves where it is held out only
     x = x / np.where(scale > 0.0, scale, 1.0)
@@ -303,7 +303,7 @@ def _driven(records, predictions, lags=()):
         play_basis(u, thresholds, np.full(PLAYS, u[0]), plays)
         yield from (u, q, q**2, q**3, *plays.T)
         for signal in (u, q):
-            yield from (signal - moved(signal, lag, signal[0]) for lag in lags)
+            yield from (signal - delayed(signal, lag, signal[0]) for lag in lags)
         for signal in (u - u[0], np.square(u) - u[0] ** 2):
             yield from (lfilter([1.0 - a], [1.0, -a], signal) for a in poles)
         yield from (np.linspace(-0.5, 0.5, len(u)) * signal for signal in (u, q))
@@ -316,9 +316,9 @@ def _driven(records, predictions, lags=()):
 
 def _own(u, r):
     """Yield features of a residual's past, of its gain with the drive in the past, and time."""
-    yield from (moved(r, lag) for lag in LAGS[:4])
+    yield from (delayed(r, lag) for lag in LAGS[:4])
     yield from (past_mean(r, size) for size in LAGS[2::2])
-    for signal in (u - u.mean(), u - moved(u, 1, u[0])):
+    for signal in (u - u.mean(), u - delayed(u, 1, u[0])):
         for size in LAGS[4::4]:
             power = past_mean(signal**2, size)
             # without a floor, a gain would be a quotient of rounding where the signal rests
@@ -327,7 +327,7 @@ def _own(u, r):
     yield np.arange(len(r)) / len(r)
 
 
-def moved(signal, lag, first=0.0):
+def delayed(signal, lag, first=0.0):
     """Return a signal delayed by so many samples, with a first value before its start."""
     return np.concatenate([np.full(min(lag, len(signal)), first), signal[:-lag]])
 

@@ -25,10 +25,10 @@ from ..optimize import (
     VariableProjection,
     ages,
     as_of,
-    begun,
     constant_entries,
     estimate_input_history,
     input_history_of,
+    record_with_history,
 )
 from ..records import RecordSlice
 from ._constants import BRIEF, TOLERANCE
@@ -330,7 +330,9 @@ class Tree:
             if _has_other_terms(stage.operator, found):  # the resolution was raised since
                 model = stage.operator.model.resolved(found)
                 stage = stage._replace(operator=replace(found, model=model))
-            elif _alike(stage.operator, found):  # fixed structure too, but no value that is held
+            elif _are_equal(
+                stage.operator, found
+            ):  # fixed structure too, but no value that is held
                 held = held | [name in fixed for name, _ in found.entries()]
                 own = np.where(held, stage.operator.pack(), found.pack())
                 found = replace(found.unpack(own), model=stage.operator.model)
@@ -344,10 +346,10 @@ class Tree:
         tree = self.with_stages(stages)
         if tree.input_history:
             tree = replace(tree, input_history=other.input_history)
-        beside = dict(zip(other.disturbance_names, other.disturbances, strict=True))
+        additive = dict(zip(other.disturbance_names, other.disturbances, strict=True))
         own = zip(tree.disturbance_names, tree.disturbances, strict=True)
         driven = with_stage_values(tree.whole, values)
-        return tree.with_operators(driven, [beside.get(n, start) for n, start in own])
+        return tree.with_operators(driven, [additive.get(n, start) for n, start in own])
 
     # ------------------------------------------------------------------ as an operator
 
@@ -356,16 +358,16 @@ class Tree:
         """Names of the entries that are not free."""
         return self.model.held_parameters() | constant_entries(self.operator, self.disturbances)
 
-    def begun(self, records):
+    def records_with_history(self, records):
         """Return the records with their input history."""
         if not self.input_history:
             return records
         both = zip(records, self.input_history, strict=True)
-        return [begun(self.operator, record, own) for record, own in both]
+        return [record_with_history(self.operator, record, own) for record, own in both]
 
     def read(self, records):
         """Return the records as the model reads them, with their input history."""
-        return self._as_read(self.begun(records))
+        return self._as_read(self.records_with_history(records))
 
     def _as_read(self, records):
         """Return the records unchanged if the model reads the drive alone; see :func:`as_read`."""
@@ -390,12 +392,12 @@ class Tree:
         vars(tree).update(own)
         return tree
 
-    def n_besides(self):
+    def n_further_estimates(self):
         """Number of estimates beside the unknowns of the problem.
 
         These are the coefficients of each record and the positions that were moved.
         """
-        beside = sum(np.size(disturbance.coefficients) for disturbance in self.disturbances)
+        additive = sum(np.size(disturbance.coefficients) for disturbance in self.disturbances)
         positions = sum(
             np.count_nonzero(~part.resolution.stays(part))  # whatever its weights are
             for name, operator in zip(self.names, self.operators, strict=True)
@@ -403,7 +405,7 @@ class Tree:
             for _, part, _ in parts_with_resolution(operator)
             if part.resolution.holds_positions(part)
         )
-        return int(beside + positions + sum(map(np.size, self.input_history[:1])))
+        return int(additive + positions + sum(map(np.size, self.input_history[:1])))
 
     def _with_positions(self):
         """Return the tree with the moved positions of its terms as parameters."""
@@ -429,12 +431,12 @@ class Tree:
 
     def run(self, records, first=0, last=None, signals=None):
         """Return the output of consecutive stages of the series for each record."""
-        outputs, records = [], self.begun(records)
+        outputs, records = [], self.records_with_history(records)
         read = self._as_read(records)
         for number, (record, own) in enumerate(zip(records, read, strict=True)):
             stages = [stage.operator for stage in self.stages_at(own.schedule)]
             if signals is not None:
-                before = self._led(stages[:first], own)
+                before = self._history_after(stages[:first], own)
                 record = replace(record, u=signals[number], before=before)
             elif self.multi_input:
                 record = own
@@ -445,15 +447,15 @@ class Tree:
             outputs.append(u[skip:])
         return outputs
 
-    def led(self, records, at):
+    def history_at(self, records, at):
         """Return the input history at a place of the series for each record, None where unknown."""
         found = []
         for own in self.read(records):
             stages = [stage.operator for stage in self.stages_at(own.schedule)[:at]]
-            found.append(self._led(stages, own))
+            found.append(self._history_after(stages, own))
         return found
 
-    def _led(self, stages, record):
+    def _history_after(self, stages, record):
         if record.before is None:
             return None
         u, skip = record.with_history()
@@ -467,7 +469,7 @@ class Tree:
         problem = OperatorProblem(self.operator, self.read(records), initial_state=self.state)
         return [problem.simulate(self.operator, record) for record in problem.records]
 
-    def led_by(self, records):
+    def with_estimated_history(self, records):
         """Return the tree with the input history of records estimated, the parameters held."""
         alone = self._as_read(records)
         found, _ = input_history_of(self.operator, self.disturbances, alone)
@@ -530,6 +532,6 @@ def _has_other_terms(a, b):
     )
 
 
-def _alike(a, b):
+def _are_equal(a, b):
     """Whether two operators are of one kind and have the same parameters."""
     return type(a) is type(b) and [n for n, _ in a.entries()] == [n for n, _ in b.entries()]

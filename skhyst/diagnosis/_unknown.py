@@ -228,13 +228,15 @@ class Unknown:
         if len(self.laws):
             first = self.laws.iloc[0]
             text += f", which can be {first['formula']}"
-        text += f"; it explains {100.0 * self.share:.0f} % of the power that was left"
+        text += f"; it explains {100.0 * self.share:.0f} % of the power of the residual"
         if self.ambiguous_with:
-            text += f"; the recording does not tell it from {', or '.join(self.ambiguous_with)}"
+            text += (
+                f"; the recording does not distinguish it from {', or '.join(self.ambiguous_with)}"
+            )
         if self.second is not None:
-            return f"{text}; and beside it {self.second}"
+            return f"{text}; in addition, {self.second}"
         if self.structure_left:
-            text += "; more than noise may be left beside it, so that the place is not sure"
+            text += "; the residual with it may not be noise, so that its place is uncertain"
         return text
 
     @property
@@ -373,8 +375,8 @@ def find_unknown(base, data, criterion, n_tried, n_jobs, judgement):
     best, other = rivals[chosen], rivals[not chosen]
     if criterion.p_value(other[-1].candidate, best[-1].candidate) < criterion.alpha:
         return best
-    told = ", and ".join(str(term.site) for term in other), other[-1].candidate
-    return [replace(best[0], same=[*best[0].same, told]), *best[1:]]
+    same = ", and ".join(str(term.site) for term in other), other[-1].candidate
+    return [replace(best[0], same=[*best[0].same, same]), *best[1:]]
 
 
 @dataclass(frozen=True)
@@ -676,7 +678,7 @@ def _smoothed(site, model, flexible, tree, records, independent=1.0):
 def _candidate(tree, records):
     problem = tree.problem(records)
     cost = predicted_cost(problem, problem.x0)
-    size = len(problem.x0) + tree.n_besides()
+    size = len(problem.x0) + tree.n_further_estimates()
     return Candidate(tree.effects[-1:], tree, np.inf, cost, size, problem.x0)
 
 
@@ -867,7 +869,7 @@ def laws_of(term, data, criterion):
             continue
         c = held_out(c, records, folds)
         p_value = criterion.p_value(c, chosen)
-        if p_value < criterion.alpha and criterion.matters(c, chosen):
+        if p_value < criterion.alpha and criterion.improves_enough(c, chosen):
             continue
         own = site.make.unit(c.structure)
         unit = 1.0 if scaled else float(law(*(1.0 / (own * largest))))

@@ -89,7 +89,9 @@ class Judgement:
     @classmethod
     def of_rounding(cls, error):
         """Return the judgement of an error that is no more than rounding."""
-        return cls("noise", error, error, NoiseModel("white", error), "nothing is left")
+        return cls(
+            "noise", error, error, NoiseModel("white", error), "the residual is zero to rounding"
+        )
 
     @property
     def structured(self):
@@ -137,7 +139,7 @@ def judge_residual(records, residuals, predictions, rng, criterion, *, error=Non
         ),
     }
     if pairs:
-        trials["repetitions repeat it"] = in_repetitions(pairs, residuals, power)
+        trials["it repeats with the drive"] = in_repetitions(pairs, residuals, power)
     found = {name: own for name, own in trials.items() if own.is_structure(criterion)}
     p_value = min(own.p_value for own in trials.values())
     predicted, unpredicted = [own for own in found.values() if own.left is not None], 1.0
@@ -146,29 +148,37 @@ def judge_residual(records, residuals, predictions, rng, criterion, *, error=Non
         unpredicted = float(best.share)
         noise, ceiling = fit_noise(best.left, readings), ceiling * unpredicted**0.5
     share = min(own.share for own in (found or trials).values())
-    told = p_value, share, bool(pairs), unpredicted
+    statistics = p_value, share, bool(pairs), unpredicted
     if found:
         reason = "; ".join(found)
-        return Judgement("unexplained", min(floor, ceiling), ceiling, noise, reason, *told)
+        return Judgement("unexplained", min(floor, ceiling), ceiling, noise, reason, *statistics)
     matters = 1.0 - criterion.min_improvement
     if floor >= matters * ceiling:
-        return Judgement("noise", floor, ceiling, noise, "floor and ceiling agree", *told)
+        return Judgement(
+            "noise", floor, ceiling, noise, "noise floor and ceiling agree", *statistics
+        )
     scatters = scatter is None or scatter >= matters * ceiling
-    if pairs and scatters and not trials["repetitions repeat it"].matters(criterion):
-        return Judgement("noise", floor, ceiling, noise, "repetitions do not repeat it", *told)
+    if pairs and scatters and not trials["it repeats with the drive"].improves_enough(criterion):
+        return Judgement(
+            "noise", floor, ceiling, noise, "it does not repeat with the drive", *statistics
+        )
     size = float(np.sqrt(power))
     against = list(_against_noise(records, residuals, noise, size))
     predicts = trials["a black box predicts it"]
-    if predicts.matters(criterion):
-        against.append(f"a black box predicts it, as chance does (p = {predicts.p_value:.2g})")
+    if predicts.improves_enough(criterion):
+        against.append(
+            f"a black box predicts part of it, not significantly (p = {predicts.p_value:.2g})"
+        )
     advice = "more repetitions of the drive" if pairs else "the same drive twice or more often"
     advice = f"record {advice}: noise does not repeat"
     if ceiling >= PREDICTABLE * size:
-        against = [f"held out, {ceiling / size:.3g} times as much is left as where it is fitted"]
-        advice = "record longer, and more of what is held out worst: the rest says too little of it"
+        against = [f"the held-out error is {ceiling / size:.3g} times the residual of the fit"]
+        advice = "record longer, and more of the conditions with the largest held-out error"
     if not against:
-        return Judgement("noise", floor, ceiling, noise, f"it can be {noise}", *told)
-    return Judgement("undetermined", floor, ceiling, noise, "; ".join(against), *told, advice)
+        return Judgement(
+            "noise", floor, ceiling, noise, f"it is consistent with {noise}", *statistics
+        )
+    return Judgement("undetermined", floor, ceiling, noise, "; ".join(against), *statistics, advice)
 
 
 def noise_floor(responses, residuals, noise=None, scatter=None):
@@ -209,7 +219,7 @@ def _against_noise(records, residuals, noise, size):
         yield f"it is correlated over {correlated:.3g} samples, the drive's period is {period:.3g}"
     innovations = _innovation_size(noise, residuals)
     if size >= PREDICTABLE * innovations:
-        yield f"it is {size / innovations:.3g} times what its own past does not predict"
+        yield f"it is {size / innovations:.3g} times its innovations"
 
 
 def _drive_period(records):

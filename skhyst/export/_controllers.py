@@ -483,8 +483,8 @@ def _size(source, target):
         tool = f"{target.compiler.removesuffix('gcc')}size"
         sizes = []
         for file in (f"{source.stem}.o", "state.o"):
-            told = subprocess.run([tool, file], cwd=folder, capture_output=True, text=True)
-            sizes.append([int(x) for x in told.stdout.splitlines()[1].split()[:3]])
+            done = subprocess.run([tool, file], cwd=folder, capture_output=True, text=True)
+            sizes.append([int(x) for x in done.stdout.splitlines()[1].split()[:3]])
         lines = Path(folder, f"{source.stem}.su").read_text().splitlines()
         stack = max(int(line.split("\t")[1]) for line in lines)
     return {"flash": sizes[0][0] + sizes[0][1], "state": sizes[1][2], "stack": stack}

@@ -11,7 +11,7 @@ from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
 import numpy as np
 
-from .._files import replacing, telling
+from .._files import errors_naming, replacing
 from ._c import DIALECTS, program
 
 _VERSIONS = ("2.0", "3.0")
@@ -150,7 +150,7 @@ def to_fmu(
     with tempfile.TemporaryDirectory() as folder:
         texts = own.files | {f"{name}_fmu.c": wrapper}
         del texts[f"{name}_test.c"]
-        with telling(path):
+        with errors_naming(path):
             for file, text in texts.items():
                 Path(folder, file).write_text(text, encoding="utf-8")
         files = {f"sources/{file}": text.encode() for file, text in texts.items()}

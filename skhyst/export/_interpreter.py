@@ -100,7 +100,7 @@ class Interpreter:
     def _try(self, work, env, place):
         """Called for a branch that is not taken; ``work(copy of env)`` would run it."""
 
-    def _lead(self, place):
+    def _enter_branch(self, place):
         """Called for a branch that is taken."""
 
     # functions and statements
@@ -203,7 +203,7 @@ class Interpreter:
 
         def run(env):
             held = bool(test(env))
-            self._lead(places[held])
+            self._enter_branch(places[held])
             self._try(instead[not held], env, places[not held])
             return works[held](env)
 
@@ -270,7 +270,7 @@ class Interpreter:
         def choice(env):
             k = 0 if first(env) else 1
             self._try(sides[1 - k], env, places[1 - k])
-            self._lead(places[k])
+            self._enter_branch(places[k])
             return sides[k](env)
 
         def logical(env):
@@ -278,7 +278,7 @@ class Interpreter:
             if value == (x.op == "or"):
                 self._try(sides[0], env, places[0])
                 return value
-            self._lead(places[0])
+            self._enter_branch(places[0])
             return sides[0](env)
 
         return choice if x.op == "choice" else logical

@@ -79,7 +79,7 @@ class Ranges(Interpreter):
         self._left, self._is_search = min(self._left, most), True
 
     @property
-    def led(self):
+    def taken_branches(self):
         """Branches that samples have taken."""
         return set(self._led)
 
@@ -127,7 +127,7 @@ class Ranges(Interpreter):
                 self._seen[key] = max(size, known.get(key, 0.0))
         self._sizes = self._seen
         if not fits:
-            self.recall(before)
+            self.restore(before)
         return fits
 
     def memory(self):
@@ -136,7 +136,7 @@ class Ranges(Interpreter):
         sets = (set(places) for places in (self._infinite, self._led, self._passed))
         return self._state.copy(), seen, tried, *sets
 
-    def recall(self, memory):
+    def restore(self, memory):
         """Return to where :meth:`memory` was called, except for the operations that are left."""
         self._state[:], self._seen, self._tried, *sets = memory
         self._infinite, self._led, self._passed = sets
@@ -147,7 +147,7 @@ class Ranges(Interpreter):
         self._led &= places
         self._passed &= places
 
-    def take_back(self, led):
+    def reset_branches(self, led):
         """Reset the branches that are taken to another set; the others count as not taken."""
         self._passed |= self._led - led
         self._led = led
@@ -179,7 +179,7 @@ class Ranges(Interpreter):
         finally:
             self._sizes, self._is_trial = before
 
-    def _lead(self, place):
+    def _enter_branch(self, place):
         (self._passed if self._is_trial else self._led).add(place)
 
     def _checked(self, op, frame):
@@ -203,7 +203,7 @@ class _Rounded(Interpreter):
         super().__init__(*ranges.begin)
         self._ranges, self._spare = ranges, spare
         self._run = 0  # in which sizes do not change
-        self.led = set()  # branches that samples have taken
+        self.taken_branches = set()  # branches that samples have taken
 
     def _stored(self, step, *key):
         if not key:
@@ -225,16 +225,16 @@ class _Rounded(Interpreter):
 
         return stored
 
-    def _lead(self, place):
-        self.led.add(place)
+    def _enter_branch(self, place):
+        self.taken_branches.add(place)
 
     def memory(self):
         """Return what :meth:`recall` returns to."""
-        return self._state.copy(), set(self.led)
+        return self._state.copy(), set(self.taken_branches)
 
-    def recall(self, memory):
+    def restore(self, memory):
         """Return to where :meth:`memory` was called."""
-        self._state[:], self.led = memory
+        self._state[:], self.taken_branches = memory
 
     def agrees(self, drive, outputs, allowed):
         """Run a drive and return whether the responses are these; if not, nothing has changed."""
@@ -247,7 +247,7 @@ class _Rounded(Interpreter):
         except _FAILED:
             agrees = False
         if not agrees:
-            self.recall(before)
+            self.restore(before)
         return agrees
 
 
@@ -282,14 +282,14 @@ def explore(ranges, counts, units, spare, answers):
     unit, allowed = units[0], 0.25 * units[1]  # a quarter of the tolerance of the test
     drive, rounded = unit * counts, _Rounded(ranges, spare)
     rounded.agrees(drive, answers(drive), math.inf)
-    ranges.take_back(set(rounded.led))
+    ranges.reset_branches(set(rounded.taken_branches))
     *wider, (low, high) = limits(counts)
     n_states = len(ranges.begin[1])
 
     def follow(jumps, bits, grows):
         """Run jumps; return whether they are accepted, and whether the test can use them."""
         nonlocal drive
-        led = ranges.led
+        led = ranges.taken_branches
         if not ranges.go_on(unit * jumps, bits, grows):
             return False, False
         more = np.append(drive, unit * jumps, axis=0)
@@ -298,9 +298,9 @@ def explore(ranges, counts, units, spare, answers):
         )
         if is_tested:
             drive = more
-            ranges.take_back(set(rounded.led))
+            ranges.reset_branches(set(rounded.taken_branches))
         else:
-            ranges.take_back(led)
+            ranges.reset_branches(led)
         return True, is_tested
 
     def seek(jumps):
@@ -310,8 +310,8 @@ def explore(ranges, counts, units, spare, answers):
         if follow(jumps, spare, False)[1] and ranges.branches[0] > taken:
             return True
         drive = before[0]
-        ranges.recall(before[1])
-        rounded.recall(before[2])
+        ranges.restore(before[1])
+        rounded.restore(before[2])
         return False
 
     for part in _PARTS:

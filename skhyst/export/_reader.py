@@ -63,7 +63,7 @@ def _definition(function):
     try:
         lines, first = inspect.getsourcelines(function)
     except OSError as error:
-        raise ValueError(f"The source of {function.__qualname__} is not at hand.") from error
+        raise ValueError(f"The source of {function.__qualname__} is not available.") from error
     tree = ast.parse(textwrap.dedent("".join(lines)))
     ast.increment_lineno(tree, first - 1)
     return inspect.getsourcefile(inspect.unwrap(function)), tree.body[0]

@@ -128,16 +128,16 @@ def _rules(at_rest, size, own):
         return None
     for stepper, level in zip(steppers, levels, strict=True):
         other = stepper.copy()
-        other.state = put_to_rest(stepper.compiled_step, rules, level)
+        other.state = rest_state(stepper.compiled_step, rules, level)
         if not (
-            _begins_equally(stepper, other, level, size)
-            and _begins_equally(stepper, other, level, own)
+            _start_equally(stepper, other, level, size)
+            and _start_equally(stepper, other, level, own)
         ):
             return None
     return rules
 
 
-def put_to_rest(compiled_step, rules, level):
+def rest_state(compiled_step, rules, level):
     """Return the state (n_states,) of a device at rest at an input (n_inputs,), by the rules."""
     state, left = compiled_step.state.copy(), list(rules)
 
@@ -195,7 +195,7 @@ def _is_one_step(first, visit):
     return True
 
 
-def _begins_equally(stepper, other, level, size):
+def _start_equally(stepper, other, level, size):
     """Whether two devices at rest at a level respond equally."""
     row = stepper.compiled_step.n_inputs is not None
     for walk in _walks((len(size),)):

@@ -263,8 +263,8 @@ def _section(word, rows):
     if not rows:
         return ""
     lines = [f"{word}\n"]
-    for name, type_, first, told in rows:
-        value, comment = (f" := {first}" if first else ""), (f" (* {told} *)" if told else "")
+    for name, type_, first, note in rows:
+        value, comment = (f" := {first}" if first else ""), (f" (* {note} *)" if note else "")
         lines.append(f"    {name} : {type_}{value};{comment}\n")
     return f"{''.join(lines)}END_VAR\n"
 
@@ -752,13 +752,13 @@ class _Block:
         own, printer, real = self._own, self._printer, self._printer.type
         row, n = _array(own.n_inputs, real), len(own.stepper.state)
         at = [("init_at", "BOOL", "", "rest at u instead of a sample")] * begins_at
-        told = (
+        note = (
             self._signals[0]
             if not own.by_row
             else "; ".join(f"[{k}] {signal}" for k, signal in enumerate(self._signals[:-1]))
         )
         inputs = [
-            ("u", row if own.by_row else real, "", told),
+            ("u", row if own.by_row else real, "", note),
             ("init", "BOOL", "", "the first state again instead of a sample"),
             *at,
         ]

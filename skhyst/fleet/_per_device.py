@@ -10,7 +10,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 
 from .._documentation import documented_like
 from .._sklearn import HasMethods, fit_context
-from .._validation import fit_weighted, in_native_order, read_weights, take_rows
+from .._validation import fit_weighted, in_native_order, read_weights, select_rows
 from ..base import ParametricModel
 from ..exceptions import RecordError
 from ._workers import workers
@@ -188,7 +188,7 @@ class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         """Return the rows of a device, without the levels of the index that identify it."""
         if isinstance(rows, slice):
             return values
-        part = take_rows(values, rows)
+        part = select_rows(values, rows)
         several = isinstance(getattr(part, "index", None), pd.MultiIndex)
         return part.droplevel(self._levels) if several else part
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from .._sklearn import StrOptions
 from ..base import ParametricModel
 from ..operators import OneStateOperator, parameter
-from ._common import swing
+from ._common import largest_peak_to_peak
 
 
 def backlash_step(play, u0, u1, dt, values):
@@ -111,5 +111,5 @@ class Backlash(ParametricModel):
         return 0 if self.place == "drive" else 50
 
     def starting_values(self, records):
-        length = swing(records)
+        length = largest_peak_to_peak(records)
         return [BacklashOperator(part * length, self.stage_order) for part in _PARTS]

@@ -507,7 +507,7 @@ class BoucWenStageOperator(
         factor = (1.0 + self.shape) ** (-1.0 / self.exponent) if bounded else 1.0
         return self._force_characteristics(self.level * factor)
 
-    def _fed_back(self, s, shift):
+    def _parameters_under_feedback(self, s, shift):
         return {"hysteresis_stiffness": self.hysteresis_stiffness / s}
 
     def _rest(self, u0):

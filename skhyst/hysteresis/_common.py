@@ -91,7 +91,7 @@ def force_characteristics(level, stiffness):
     }
 
 
-def swing(records):
+def largest_peak_to_peak(records):
     """Return the largest peak-to-peak value of the drive in a record, 1 if it never moves."""
     return max(float(np.ptp(record.u)) for record in records) or 1.0
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from .._sklearn import Interval
 from ..operators import OneStateOperator, parameter
-from ._common import FrictionModel, force_characteristics, half_range, swing
+from ._common import FrictionModel, force_characteristics, half_range, largest_peak_to_peak
 
 _LONGEST = 1e300  # path in units of x_c; infinity times a gap of zero would be NaN
 
@@ -184,5 +184,5 @@ class Dahl(FrictionModel):
         self.fit_intercept = fit_intercept
 
     def starting_values(self, records):
-        force, lengths = half_range(records), (_STARTS * swing(records)).tolist()
+        force, lengths = half_range(records), (_STARTS * largest_peak_to_peak(records)).tolist()
         return [DahlOperator(x_c, force, exponent=float(self.exponent)) for x_c in lengths]

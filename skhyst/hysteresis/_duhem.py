@@ -16,7 +16,7 @@ from .._jit import jit
 from .._sklearn import Interval
 from ..base import ParametricModel
 from ..operators import CompiledLaw, Operator, as_constant, as_signal, parameter
-from ._common import half_range, swing
+from ._common import half_range, largest_peak_to_peak
 
 _LONGEST = 1e300  # path in units of 1/alpha; infinity times zero would be NaN
 MAX_TERMS = 9  # the upward recursion from x = 1 amplifies rounding by i at step i, by 9! in all
@@ -337,7 +337,7 @@ class Duhem(ParametricModel):
         self.fit_intercept = fit_intercept
 
     def starting_values(self, records):
-        length = swing(records)
+        length = largest_peak_to_peak(records)
         slope = half_range(records) / length
         low = min(float(record.u.min()) for record in records)
         high = max(float(record.u.max()) for record in records)

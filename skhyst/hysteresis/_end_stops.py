@@ -233,7 +233,7 @@ class EndStopsOperator(OscillatorOperator, loops=(*loops(impact), end_stops_tang
     def fastest_rate(self):
         return self.natural_frequency * math.sqrt(1.0 + self.stop_stiffness)
 
-    def _fed_back(self, s, shift):
+    def _parameters_under_feedback(self, s, shift):
         return {
             "stop_stiffness": self.stop_stiffness / s,
             "stop_damping": self.stop_damping / math.sqrt(s),

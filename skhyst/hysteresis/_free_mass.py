@@ -560,8 +560,8 @@ class FreeMassOperator(HeldInput):
         Integration steps per sampling interval, above 0; one is exact without Stribeck curve, cubic
         stiffness, stops and friction gradient. Fixed structure.
     friction_center : float, default=nan
-        ``x_f``: response at which friction is as its own parameters say. NaN: it is the same
-        everywhere, and the gradient is not identified. Fixed structure.
+        ``x_f``: response at which the friction has the values of its parameters. NaN: it is the
+        same everywhere, and the gradient is not identified. Fixed structure.
 
     Raises
     ------

@@ -297,7 +297,7 @@ class FrictionStageOperator(OscillatorOperator, loops=(*loops(friction), frictio
             "presliding displacement": (self.presliding_displacement, "response"),
         }
 
-    def _fed_back(self, s, shift):
+    def _parameters_under_feedback(self, s, shift):
         return {
             "stribeck_velocity": self.stribeck_velocity * s,
             "bristle_stiffness": self.bristle_stiffness / s,

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from itertools import product
 
 from ..operators import OneStateOperator, parameter
-from ._common import FrictionModel, half_range, swing, top_speed
+from ._common import FrictionModel, half_range, largest_peak_to_peak, top_speed
 
 # limits of exponents: the exponentials are negligible there, and quotients remain finite
 _FASTEST, _LONGEST = 230.0, 1e150
@@ -236,7 +236,11 @@ class LuGre(FrictionModel):
         self.fit_intercept = fit_intercept
 
     def starting_values(self, records):
-        length, speed, force = swing(records), top_speed(records), half_range(records)
+        length, speed, force = (
+            largest_peak_to_peak(records),
+            top_speed(records),
+            half_range(records),
+        )
         velocities, ratio = (_VELOCITIES, _RATIO) if self.stribeck else ((1.0,), 1.0)
         return [
             LuGreOperator(part * length, velocity * speed, ratio, force)

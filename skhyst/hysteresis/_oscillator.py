@@ -404,7 +404,7 @@ class OscillatorOperator(HeldInput):
         }
 
     @abstractmethod
-    def _fed_back(self, s, shift):
+    def _parameters_under_feedback(self, s, shift):
         """Return the subclass's own parameters under a feedback that divides the gain by ``s``.
 
         ``shift`` is the drive that the feedback adds at ``q = 0``, units of the drive.
@@ -451,7 +451,7 @@ class OscillatorOperator(HeldInput):
             "gain": self.gain / s,
             "intercept": origin + (self.intercept - origin) / s,
         }
-        own = self._fed_back(s, feedback * (self.intercept - origin))
+        own = self._parameters_under_feedback(s, feedback * (self.intercept - origin))
         return dataclasses.replace(self, **(both | own))
 
     def inverse(self):
@@ -703,7 +703,7 @@ class OscillatorModel(ParametricModel):
         if not self.fit_intercept:
             middle = 0.0
         scales = length, middle, swing
-        records, washout = loudest(records, middle)
+        records, washout = around_largest_response(records, middle)
         kinds = []
         for window in WINDOWS:
             usable = [r for r in records if len(r.u) > 2 * window]
@@ -859,7 +859,7 @@ class OscillatorModel(ParametricModel):
         return self
 
 
-def loudest(records, middle):
+def around_largest_response(records, middle):
     """Return the part of each long record around its largest response, and a washout in samples.
 
     The washout is needed because the stage was not at rest before such a part.

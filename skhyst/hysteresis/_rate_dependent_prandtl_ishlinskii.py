@@ -40,7 +40,7 @@ from ..operators import (
     rate_play_sample,
     rate_play_tangents,
 )
-from ._common import in_direction, show, swing
+from ._common import in_direction, largest_peak_to_peak, show
 from ._prandtl_ishlinskii import PlayModel, PlaySum, place_thresholds
 
 
@@ -594,7 +594,7 @@ class RateDependentPrandtlIshlinskii(PlayModel):
             if self.variant == "slope":
                 found.append(start)
                 continue
-            half, fastest = 0.5 * swing(records), self._fastest(records, start)
+            half, fastest = 0.5 * largest_peak_to_peak(records), self._fastest(records, start)
             if self.variant == "proportional":
                 found += [replace(start, stretch=float(s)) for s in _STRETCHES / fastest]
             else:
@@ -614,7 +614,7 @@ class RateDependentPrandtlIshlinskii(PlayModel):
     def _fastest(records, start):
         """Return the highest rate v in drive/s; the range per interval if the drive never moves."""
         rates = [start.paces(np.diff(r.u) / r.dt, r.dt)[0].max(initial=0.0) for r in records]
-        return max(rates) or swing(records) / records[0].dt
+        return max(rates) or largest_peak_to_peak(records) / records[0].dt
 
     def adopt(self, result):
         super().adopt(result)

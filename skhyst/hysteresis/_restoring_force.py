@@ -326,7 +326,7 @@ class RestoringForceOperator(OscillatorOperator, loops=(*loops(restoring), resto
             "third harmonic of the force": (100.0 * abs(third / first), "%"),
         }
 
-    def _fed_back(self, s, shift):
+    def _parameters_under_feedback(self, s, shift):
         springs = np.arange(1, self.stiffness_coefficients.size + 1)
         dampers = np.arange(1, self.damping_coefficients.size + 1)
         return {
@@ -471,7 +471,7 @@ class RestoringForce(OscillatorModel):
     preload and the spring's coefficients are hardly distinguishable, and their standard errors,
     which are those of a linearised model, are too small.
 
-    Equation (7) as printed, ``z' = (alpha_s / 2) (1 + sgn(z_s - |z|)) x'``, never leaves its limit:
+    Equation (7) as printed, ``z' = (alpha_s / 2) (1 + sgn(z_s - |z|)) x'``, stays at its limit:
     the bracket is zero there in both directions. Meant is an elastic, ideally plastic element (a
     stop operator), which is elastic again as soon as the motion reverses. Equation (6) prints
     ``lambda_9 x'^9``; the text announces six coefficients, so ``lambda_5 x'^5`` is meant.

@@ -9,7 +9,7 @@ from .._documentation import documented_like
 from ..linear import FrequencyResponse, frequency_response
 from ..records import Units
 from ._base import Display, SignalDisplay
-from ._drawing import COLORS, FLOOR, INK, MUTED, legend_beside, new_axes, plain, tidy
+from ._drawing import COLORS, FLOOR, INK, MUTED, legend_right, new_axes, plain, tidy
 from ._plot_data import log_average
 
 _POINTS = 1000  # of the curve of a model, in addition to the measured lines
@@ -132,7 +132,7 @@ class FrequencyResponseDisplay(Display):
         labels = (f"|{found.output_name} / {drive}|", "phase (°)", "coherence")
         for panel, label in zip(axes[:, 0], labels, strict=False):
             tidy(panel, y_label=label)
-        legend_beside(axes[0, -1], *axes[0, 0].get_legend_handles_labels())
+        legend_right(axes[0, -1], *axes[0, 0].get_legend_handles_labels())
         self.ax_, self.figure_ = axes, axes[0, 0].figure
         return self
 

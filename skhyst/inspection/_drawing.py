@@ -59,7 +59,7 @@ def plain(text, width=48):
     return text.replace("$", r"\$")
 
 
-def legend_beside(ax, handles=None, labels=None):
+def legend_right(ax, handles=None, labels=None):
     """Put the legend to the right of the data if the layout of the figure makes room for it."""
     if handles is None:
         handles, labels = ax.get_legend_handles_labels()
@@ -68,8 +68,8 @@ def legend_beside(ax, handles=None, labels=None):
         ax.legend(handles, labels, loc="best", framealpha=0.7, **style)
         return
     labels = [textwrap.fill(label, 18) for label in labels]
-    beside = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0), "frameon": False}
-    ax.legend(handles, labels, **beside, **style)
+    placement = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0), "frameon": False}
+    ax.legend(handles, labels, **placement, **style)
 
 
 def _plain_numbers():

@@ -7,7 +7,7 @@ import numpy as np
 
 from .._documentation import documented_like
 from ._base import Display, SignalDisplay
-from ._drawing import COLORS, FLOOR, MEASURED, legend_beside, new_axes, plain, tidy
+from ._drawing import COLORS, FLOOR, MEASURED, legend_right, new_axes, plain, tidy
 from ._plot_data import thin_path
 
 _FEW = 100  # points that are drawn large, on top of the lines
@@ -79,7 +79,7 @@ class EvidenceDisplay(Display):
         for panel, picture in zip(axes, pictures, strict=True):
             self._draw(panel, picture, max_points)
         if any(str(label) for label, *_ in self.picture.curves):
-            legend_beside(axes[0])
+            legend_right(axes[0])
         self.ax_ = axes[0] if below is None else axes
         self.figure_ = axes[0].figure
         return self

@@ -6,7 +6,7 @@ import numpy as np
 
 from .._documentation import documented_like
 from ._base import SignalDisplay
-from ._drawing import COLORS, MEASURED, legend_beside, new_axes, tidy
+from ._drawing import COLORS, MEASURED, legend_right, new_axes, tidy
 
 
 class HysteresisLoopDisplay(SignalDisplay):
@@ -68,7 +68,7 @@ class HysteresisLoopDisplay(SignalDisplay):
             tidy(panel, x_label=self.drive_name, **first)
             for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
                 shown.setdefault(label, handle)
-        legend_beside(axes[-1], list(shown.values()), list(shown))
+        legend_right(axes[-1], list(shown.values()), list(shown))
         self.ax_ = axes[0] if n_panels == 1 else axes
         self.figure_ = axes[0].figure
         return self

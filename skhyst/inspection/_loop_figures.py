@@ -17,7 +17,7 @@ from ..metrics import (
     widest_opening,
 )
 from ._base import Display
-from ._drawing import COLORS, INK, legend_beside, new_axes, plain, tidy
+from ._drawing import COLORS, INK, legend_right, new_axes, plain, tidy
 from ._plot_data import thin_path
 
 _POINTS = 1000  # drawn of a cycle
@@ -130,8 +130,8 @@ class LoopFiguresDisplay(Display):
         units = unit_of(self.drive_name), unit_of(self.response_name)
         time = "s" if self.time_unit == "s" else "samples"
         found, numbered = [], self.figures["n_cycles"].reset_index(drop=True)
-        told = numbered.nlargest(len(numbered) if most is None else most).index.sort_values()
-        for (record, _), row in self.figures.iloc[told].iterrows():
+        chosen = numbered.nlargest(len(numbered) if most is None else most).index.sort_values()
+        for (record, _), row in self.figures.iloc[chosen].iterrows():
             if not row["n_cycles"]:
                 found.append(f"record {record}: no closed loop")
                 continue
@@ -145,8 +145,8 @@ class LoopFiguresDisplay(Display):
             count = f"{row['n_cycles']:.0f} cycle{'s' if row['n_cycles'] > 1 else ''}"
             head = f"record {record}, {count} {ends}, {row['period']:.4g} {time} each"
             found.append(f"{head}: {', '.join(numbers)}")
-        if len(told) < len(numbered):
-            found.append(f"and {len(numbered) - len(told)} more with fewer cycles")
+        if len(chosen) < len(numbered):
+            found.append(f"and {len(numbered) - len(chosen)} more with fewer cycles")
         return found
 
     def plot(self, ax=None, *, max_loops=4) -> Self:
@@ -176,7 +176,7 @@ class LoopFiguresDisplay(Display):
         if not any(self.loops):
             panel.text(0.5, 0.5, "no closed loop", ha="center", transform=panel.transAxes)
         else:
-            legend_beside(panel)
+            legend_right(panel)
         tidy(panel, x_label=self.drive_name, y_label=self.response_name)
         self.ax_, self.figure_ = panel, panel.figure
         return self

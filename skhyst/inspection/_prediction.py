@@ -6,7 +6,7 @@ import numpy as np
 
 from .._documentation import documented_like
 from ._base import SignalDisplay
-from ._drawing import COLORS, MEASURED, legend_beside, new_axes, tidy
+from ._drawing import COLORS, MEASURED, legend_right, new_axes, tidy
 
 
 class PredictionDisplay(SignalDisplay):
@@ -79,6 +79,6 @@ class PredictionDisplay(SignalDisplay):
         title = f"Where {next(iter(self.predictions))} is furthest off"
         tidy(axes[1], title=title, x_label=x_label, y_label=self.response_name)
         axes[1].margins(x=0.01)
-        legend_beside(axes[0])
+        legend_right(axes[0])
         self.ax_, self.figure_ = axes, axes[0].figure
         return self

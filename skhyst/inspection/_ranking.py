@@ -137,8 +137,8 @@ class EffectRankingDisplay(Display):
         label(baseline, "without", "left" if below else "right", INK)
         if self.noise_floor is not None and np.isfinite(self.noise_floor):
             axes.axvline(self.noise_floor, color=FLOOR, linewidth=1.4, linestyle=":", zorder=3)
-            beside = "left" if self.noise_floor < 0.25 * baseline or not below else "right"
-            label(self.noise_floor, "noise floor", beside, FLOOR)
+            side = "left" if self.noise_floor < 0.25 * baseline or not below else "right"
+            label(self.noise_floor, "noise floor", side, FLOOR)
 
     def _draw_row(self, axes, height, row, baseline, right):
         """Draw the mark of one candidate and the numbers at the end of its row."""

@@ -7,7 +7,7 @@ import numpy as np
 from .._documentation import documented_like
 from ..records import by_interval
 from ._base import SignalDisplay
-from ._drawing import COLORS, FLOOR, INK, MUTED, legend_beside, new_axes, plain, tidy
+from ._drawing import COLORS, FLOOR, INK, MUTED, legend_right, new_axes, plain, tidy
 from ._plot_data import binned_statistics, branch, spectrum
 
 KINDS = ("time", "drive", "prediction", "spectrum")
@@ -88,7 +88,7 @@ class ResidualDisplay(SignalDisplay):
             else:
                 self._plot_branches(panel, name)
             if place % side == side - 1:  # on the right the legends of each row
-                legend_beside(panel, *self._legend(panel, name))
+                legend_right(panel, *self._legend(panel, name))
         self.ax_ = axes if kind == "all" else axes[0, 0]
         self.figure_ = axes[0, 0].figure
         return self

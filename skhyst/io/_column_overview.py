@@ -130,6 +130,6 @@ def _clipped(name, values):
         if counts[end] > max(_STANDS * values.size, _OFTEN * counts[next_level]):
             percent = 100.0 * counts[end] / values.size
             yield (
-                f"{name!r} stands at its {word} value, {levels[end]:g}, in {percent:.2g} % of the "
+                f"{name!r} is at its {word} value, {levels[end]:g}, in {percent:.2g} % of the "
                 "rows: is it clipped?"
             )

@@ -110,7 +110,8 @@ def _with_scalars(variables):
             said |= {(v.group, kind): v.load()} if kind in (*_RATES, *_INTERVALS) else {}
             kept.append(v)
     return [
-        v if _is_single(v) else _told(v, said, len(long.get(v.group, ())) == 1) for v in kept
+        v if _is_single(v) else _with_file_facts(v, said, len(long.get(v.group, ())) == 1)
+        for v in kept
     ] or variables
 
 
@@ -118,7 +119,7 @@ def _is_single(variable):
     return math.prod(variable.shape) == 1
 
 
-def _told(variable, said, alone):
+def _with_file_facts(variable, said, alone):
     """Return a variable with the interval, unit and name that the file gives for it."""
     group, changes = variable.group, {}
     while variable.interval is None and "interval" not in changes:
@@ -360,14 +361,16 @@ def _read_hdf5(path, matlab=False):
             full = shown if field is None else f"{shown}.{field}"
             size = shape[::-1] if matlab else shape
             group = full[: -len(field or name.rpartition("/")[2]) - 1]
-            variables.append(Variable(full, size, load, refused, *_hdf5_said(item), group))
+            variables.append(
+                Variable(full, size, load, refused, *_hdf5_unit_and_interval(item), group)
+            )
 
     with h5py.File(path, "r") as file:
         file.visititems(collect)  # follows no link to another file
     return variables
 
 
-def _hdf5_said(item):
+def _hdf5_unit_and_interval(item):
     """Return the unit of a dataset, and the interval from its attributes or those of its groups."""
     own = {key.lower(): value for key, value in item.attrs.items()}
     unit = next((own[key] for key in ("unit", "units", "unit_string") if key in own), "")
@@ -533,7 +536,7 @@ def _read_tdms(path):
     nptdms = _optional("nptdms", path.suffix)
     with Finite(path) as stream, nptdms.TdmsFile.open(stream) as file:
         channels = [
-            (group.name, channel.name, len(channel), _tdms_said(channel.properties))
+            (group.name, channel.name, len(channel), _tdms_unit_and_interval(channel.properties))
             for group in file.groups()
             for channel in group.channels()
         ]
@@ -544,7 +547,7 @@ def _read_tdms(path):
     ]
 
 
-def _tdms_said(properties):
+def _tdms_unit_and_interval(properties):
     """Return the unit and the interval of a channel; LabVIEW writes 0 for an unknown interval."""
     interval = float(properties.get("wf_increment", 0.0))
     return str(properties.get("unit_string", "")).strip(), interval if interval > 0.0 else None

@@ -53,9 +53,9 @@ def join_files(paths, *, delimiter=None, decimal=None) -> pd.DataFrame:
                 intervals[source.name] = one.interval
             columns[source.name, place.full_name] = one.values
     sizes = {file: len(values) for (file, _), values in columns.items()}
-    for told, kind in ((sizes, "rows"), (intervals, "s from sample to sample")):
-        if len(set(told.values())) > 1:
-            shown = ", ".join(f"{file} {value:g}" for file, value in told.items())
+    for found, kind in ((sizes, "rows"), (intervals, "s from sample to sample")):
+        if len(set(found.values())) > 1:
+            shown = ", ".join(f"{file} {value:g}" for file, value in found.items())
             raise RecordError(f"Files of one recording must agree. Got {shown} {kind} instead.")
     joined = {}
     for (file, name), values in columns.items():

@@ -95,8 +95,8 @@ class Layout:
         Names are in the line above the table, or above the line of units; else in lines with a key
         of their own, or above all attributes of each column.
         """
-        if self._said:
-            return self._said
+        if self._keyed_names:
+            return self._keyed_names
         fitting, width, above, known = [], len(self.form), self.first, None
         while above and _MARK.fullmatch("".join(self.rows[above - 1])):
             above -= 1
@@ -119,7 +119,7 @@ class Layout:
         last, above = fitting[0], fitting[-1]
         if len(fitting) > 1 and _are_units(last) and (_are_names(above) or _are_spelled(last)):
             return above, [_bare_unit(field) for field in last]
-        return last, self._units_said(width)
+        return last, self._keyed_units(width)
 
     @property
     def names_at(self):
@@ -129,11 +129,11 @@ class Layout:
         return max((i for i, row in enumerate(rows) if names and names <= {*row}), default=None)
 
     @property
-    def _said(self):
+    def _keyed_names(self):
         """Names and units from lines with a key, None if there is no such line.
 
         A line has its key in a column that is blank in the table ("trace_names,time,Out1"), or
-        before each of its values ("Name,u,Name,x"), or it tells one name ("NAME0 = command").
+        before each of its values ("Name,u,Name,x"), or it gives one name ("NAME0 = command").
         """
         width, rows = len(self.form), self.rows[: self.first]
         numbered = [_NUMBERED.fullmatch(_assignment(row)) for row in rows]
@@ -175,7 +175,7 @@ class Layout:
         units = block[1] if _are_units(block[1]) else [""] * width
         return block[0], [_bare_unit(field) for field in units]
 
-    def _units_said(self, width):
+    def _keyed_units(self, width):
         """Return the units in lines above the names, such as "Vertical Units,V,V"."""
         units = [""] * width
         for row in self.rows[: self.first]:
@@ -196,15 +196,15 @@ class Layout:
             for i, field in enumerate([*row, _assignment(row)]):
                 own = _ASSIGNED.fullmatch(field)
                 name, value, said = own.groups() if own else (field.rstrip(" :="), "", None)
-                for beside in (value, *row[i + 1 : i + 2], *below[i : i + 1]):
-                    beside = beside.replace(",", ".") if self.commas else beside
-                    if not re.fullmatch(_NUMBER, beside) or not float(beside) > 0.0:
+                for adjacent in (value, *row[i + 1 : i + 2], *below[i : i + 1]):
+                    adjacent = adjacent.replace(",", ".") if self.commas else adjacent
+                    if not re.fullmatch(_NUMBER, adjacent) or not float(adjacent) > 0.0:
                         continue
                     unit = said or unit_of(name) or next(iter(row[i + 2 : i + 3]), "")
                     if _INTERVAL.fullmatch(without_unit(name)):
-                        return float(beside) * SECONDS.get(re.sub("[µμ]", "u", unit), 1.0)
+                        return float(adjacent) * SECONDS.get(re.sub("[µμ]", "u", unit), 1.0)
                     if _RATE.fullmatch(without_unit(name)):
-                        return 1.0 / (float(beside) * _HERTZ.get(unit, 1.0))
+                        return 1.0 / (float(adjacent) * _HERTZ.get(unit, 1.0))
         return None
 
     def ends(self, rows):
@@ -312,7 +312,7 @@ def _under(lines, delimiter, decimal):
     if first < start and 2 * len(same) < start - first:
         # mostly no rows of the table: a head, if it contains names with a value for each column
         below = Layout(delimiter, decimal, rows, form, start, last, n_rows)
-        first = start if below._said or all(below.head[0]) else first
+        first = start if below._keyed_names or all(below.head[0]) else first
     while first and "n" in forms[first - 1] and not set(forms[first - 1]) & {"t", "x"}:
         first -= 1  # rows of numbers of another width are refused later, not read as a header
     return Layout(delimiter, decimal, rows, form, first, last, n_rows)

@@ -137,7 +137,7 @@ def recognise_columns(
 def find_roles(path, variables, roles, others=(), *, timed):
     """Return a dict of a RecognisedColumn for each role without a given column.
 
-    All open questions are asked at once.
+    One error lists all roles that are not determined.
     """
     found, questions = roles_and_questions(path, variables, roles, others, timed=timed)
     if questions:

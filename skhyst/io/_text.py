@@ -189,7 +189,7 @@ def _is_central_european(data):
 
 
 def _is_written_in(data, encoding):
-    """Whether a text is of the script of an encoding: all its letters are, beside one another.
+    """Whether a text is of the script of an encoding: all its letters are, next to one another.
 
     In another encoding the same bytes are other letters, or single ones within words of ASCII, as
     an é and what follows it are in Japanese.

@@ -15,11 +15,11 @@ from .._signals import input_signals
 from .._sklearn import Interval, StrOptions, fit_context
 from .._validation import (
     as_floats,
-    keep_seen,
     read_slices,
     refuse_extreme,
     refuse_std,
-    rest_of,
+    rest_input,
+    store_drive_range,
 )
 from ..base import one_thread
 from ..exceptions import ConvergenceWarning
@@ -258,7 +258,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
     :math:`c_r`, like a mode of a structure: as many states as poles, for any number of inputs and
     responses. Several :class:`TransferFunction` would need as many poles each.
 
-    The model describes the *sampled* device, including the hold of its inputs, whatever that is.
+    The model describes the *sampled* device, including the hold of its inputs, of any kind.
     Records with periodic inputs in steady state (at least as many different records as inputs)
     are fitted at the excited lines, without leakage; all others by the Fourier transforms of the
     complete records [3]_, with the initial state of every record as an unknown. Vector fitting
@@ -376,7 +376,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         self._one_response = response.ndim == 1
         response = response.reshape(len(array), -1)
         self.records_ = slices = read_slices(self, X, y, reset=True, bridge=True)
-        keep_seen(self, array[:, 0], slices)
+        store_drive_range(self, array[:, 0], slices)
         slices, array, response, _ = with_lost_rows(slices, array, response)
         dt, scales = slices[0].dt, (_size(array), _size(response))
         records = [(array[s.rows] / scales[0], response[s.rows] / scales[1]) for s in slices]
@@ -510,7 +510,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         check_is_fitted(self)
         caller = f"{type(self).__name__}.stepper"
         dt = self.operator_.dt if dt is None else chosen_interval((), dt, caller)
-        u0 = rest_of(u0, initial_state, self.n_features_in_, caller)
+        u0 = rest_input(u0, initial_state, self.n_features_in_, caller)
         state = self.operator_.init(u0, initial_state or self.initial_state)
         step = self.operator_.compiled_step(dt, state)
         again = partial(copy(self).stepper, dt, u0, initial_state)

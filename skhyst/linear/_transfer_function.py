@@ -1499,7 +1499,7 @@ class TransferFunction(ModesMixin, LinearModel):
         After :meth:`fit_frequency_response` the inputs are taken by name from a DataFrame that has
         these names, otherwise by position. An unstable model gives a
         :class:`~skhyst.exceptions.DivergenceWarning`; with ``y_start`` one that was fitted by
-        predictions one step ahead goes on from them, see :meth:`predict_one_step`.
+        predictions one step ahead continues from them, see :meth:`predict_one_step`.
         """
         check_is_fitted(self)
         if y_start is not None and hasattr(self, "predictor_gain_"):

@@ -30,7 +30,7 @@ from .._validation import (
     refuse_large,
     refuse_size,
     refuse_std,
-    rest_of,
+    rest_input,
 )
 from ..autoregressive import compiled_regressor
 from ..exceptions import ConvergenceWarning
@@ -592,7 +592,7 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         True
         """
         check_is_fitted(self)
-        rest_of(u0, initial_state, self.n_features_in_, f"{type(self).__name__}.stepper")
+        rest_input(u0, initial_state, self.n_features_in_, f"{type(self).__name__}.stepper")
         step = compiled_regressor(self, self.n_features_in_)
         again = partial(copy(self).stepper, dt, u0, initial_state)
         inputs = input_signals(self, step.n_inputs)

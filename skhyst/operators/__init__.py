@@ -28,9 +28,9 @@ from ._differences import samples_before as samples_before
 from ._differences import slope_step as slope_step
 from ._differences import slopes as slopes
 from ._differences import stepped_slopes as stepped_slopes
+from ._edits import add_parallel as add_parallel
 from ._edits import modulated as modulated
 from ._edits import on_column as on_column
-from ._edits import put_beside_series as put_beside_series
 from ._edits import scheduled as scheduled
 from ._edits import series_stages as series_stages
 from ._edits import stage_values as stage_values
@@ -74,8 +74,8 @@ from ._resolution import MovableOperator, Resolution
 from ._resolution import has_weight as has_weight
 from ._resolution import parts_with_resolution as parts_with_resolution
 from ._resolution import same_places as same_places
+from ._resolution import select_terms as select_terms
 from ._resolution import with_terms as with_terms
-from ._resolution import with_terms_kept as with_terms_kept
 from ._root_inverse import InverseOperator, RootInverseOperator, inverse_of
 from ._state_space import block_run as block_run
 from ._state_space import block_table as block_table

@@ -591,9 +591,9 @@ class Stepper:
     def status(self):
         found = {name for name, at in self.compiled_step.flags if self._state[at] != 0.0}
         found |= {"refused"} if self._refused else set()
-        return frozenset(found | {"extrapolated"} if self._has_left() else found)
+        return frozenset(found | {"extrapolated"} if self._is_extrapolating() else found)
 
-    def _has_left(self):
+    def _is_extrapolating(self):
         """Whether the last sample was beyond the range or the rate of a signal."""
         if self._last is None or not self.watched:
             return False

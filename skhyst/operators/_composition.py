@@ -1112,7 +1112,7 @@ class SumOperator(_Composition):
     def inverse(self):
         """Return the inverse of the sum; with a preview if all parts are linear."""
         if not self.stages:
-            raise ValueError("A sum of nothing has no inverse.")
+            raise ValueError("A sum without terms has no inverse.")
         is_linear = all(hasattr(stage, "discrete") for stage in self.stages)
         return InverseLinearOperator(self) if is_linear else RootInverseOperator(self)
 
@@ -1217,7 +1217,7 @@ def _gathered(stages, without=None):
     ``without`` leaves out a stage. Nothing is moved if a stage owns its gain or is not linear.
     """
     kept = [i for i in range(len(stages)) if i != without]
-    scaled = [i for i, stage in enumerate(stages) if _may_give_or_take(stage)]
+    scaled = [i for i, stage in enumerate(stages) if _has_transferable_gain(stage)]
     between = stages[scaled[0] : scaled[-1] + 1] if scaled else ()
     if (
         not set(scaled) & set(kept)
@@ -1235,7 +1235,7 @@ def _gathered(stages, without=None):
     return tuple(_with_gain(stages[i], *own[i]) if i in own else stages[i] for i in kept)
 
 
-def _may_give_or_take(stage):
+def _has_transferable_gain(stage):
     """Whether a stage has a gain or an intercept that others may take over."""
     specs = [spec for _, spec in stage.entries()]
     mask = [spec.is_shared for spec in specs]

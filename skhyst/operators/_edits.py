@@ -67,7 +67,7 @@ def _in_series(part, stages):
     return Stage(name, Series(names, operators, model=model).normalized())
 
 
-def put_beside_series(whole, name, operator):
+def add_parallel(whole, name, operator):
     """Return a tree with another operator in parallel with the driven part.
 
     The operator is an additive disturbance, or driven by a further column, see :func:`on_column`.

@@ -392,7 +392,7 @@ class Operator(Part, ABC):
             If the output depends on later input, so that it cannot be computed sample by sample, or
             the operator has no compiled step.
         """
-        why = "it gives no step ('compiled_step')" if self.causal else "it looks ahead"
+        why = "it defines no 'compiled_step'" if self.causal else "it looks ahead"
         raise NotImplementedError(f"{type(self).__name__} cannot be stepped: {why}.")
 
     def step(self, state, u: float, dt: float) -> tuple[Any, float]:

@@ -76,11 +76,11 @@ def run_variance(operator, covariance, u, dt, initial_state="rest", skip=0):
     ndarray of shape (n_samples - skip,)
         Square of the unit of the response.
     """
-    driven, beside = split_disturbances(operator)
+    driven, additive = split_disturbances(operator)
     root, count = _root(covariance), driven.n_parameters
     time = dt * np.arange(len(u) - skip)
     signals = [np.empty((len(time), 0))]
-    for own in beside:
+    for own in additive:
         signals += [own.basis(time), own.basis_tangents(time, np.ravel(own.coefficients))]
     signals = np.concatenate(signals, axis=1)
     if len(u) * count > _LARGEST:

@@ -145,7 +145,7 @@ def has_weight(operator):
     return np.any([part != 0.0 for part in own if part.size], axis=0)
 
 
-def with_terms_kept(operator, kept):
+def select_terms(operator, kept):
     """Return an operator with only those of its terms that ``kept`` (n_terms,) marks."""
     kind = operator.resolution
     names = [kind.weights, *kind.others, *([] if kind.positions is None else [kind.positions])]
@@ -277,5 +277,5 @@ class MovableOperator(WrappedOperator):
         y, dy = self.operator.sensitivities(u, du, dt, initial_state)
         if not self.moving.any():
             return y, dy
-        moving = with_terms_kept(self.operator, self.moving)
+        moving = select_terms(self.operator, self.moving)
         return y, np.column_stack([dy, moving.position_tangents(u, dt, initial_state)])

@@ -10,8 +10,8 @@ from ._exchange import whole_record_folds as whole_record_folds
 from ._frequency_problem import FrequencyProblem as FrequencyProblem
 from ._frequency_problem import identify_response as identify_response
 from ._further_starts import LEVEL as LEVEL
+from ._further_starts import has_start_misfit as has_start_misfit
 from ._further_starts import is_coloured as is_coloured
-from ._further_starts import is_left_early as is_left_early
 from ._further_starts import start_p_value as start_p_value
 from ._further_starts import with_further_starts as with_further_starts
 from ._identify import METHODS as METHODS
@@ -42,10 +42,10 @@ from ._population import (
 from ._problem import OperatorProblem as OperatorProblem
 from ._problem import RecordData
 from ._problem import ages as ages
-from ._problem import begun as begun
-from ._single_step import begin_and_predict as begin_and_predict
+from ._problem import record_with_history as record_with_history
 from ._single_step import predicted_cost as predicted_cost
 from ._single_step import single_step as single_step
+from ._single_step import start_descent_and_predict as start_descent_and_predict
 from ._standard_errors import coloured_covariance as coloured_covariance
 from ._start_values import best_from_own_starts as best_from_own_starts
 from ._start_values import estimate_start_values as estimate_start_values

@@ -27,7 +27,7 @@ from itertools import islice, pairwise
 
 import numpy as np
 
-from ..operators import MovableOperator, Operator, has_weight, with_terms, with_terms_kept
+from ..operators import MovableOperator, Operator, has_weight, select_terms, with_terms
 from ._bounded_step import bounded_step
 from ._problem import OperatorProblem
 from ._variable_projection import damped_step, variable_projection
@@ -281,7 +281,8 @@ def _held_out(place, folds):
 
 def _scored(problem, blocks, steps, folds):
     return sum(
-        problem.power_left(blocks, step, *fold) for step, fold in zip(steps, folds, strict=True)
+        problem.predicted_power(blocks, step, *fold)
+        for step, fold in zip(steps, folds, strict=True)
     )
 
 
@@ -320,7 +321,7 @@ def _merged(part):
                 kept[gone] = False
     if kept.all() or not kept.any():
         return None
-    return with_terms_kept(replace(part, **{kind.weights: weights}), kept)
+    return select_terms(replace(part, **{kind.weights: weights}), kept)
 
 
 def _pursued(place, folds, *, anew=False):
@@ -366,8 +367,8 @@ def _pursued(place, folds, *, anew=False):
     kept = ~loose | has_weight(part)
     if kind.positions is None:
         kept[: np.flatnonzero(kept).max(initial=-1) + 1] = True
-        return replace(place, part=with_terms_kept(part, kept))
-    return replace(place, part=_gathered(with_terms_kept(part, kept), grid))
+        return replace(place, part=select_terms(part, kept))
+    return replace(place, part=_gathered(select_terms(part, kept), grid))
 
 
 def _gathered(part, grid):
@@ -385,7 +386,7 @@ def _gathered(part, grid):
         if pair and kept[i - 2 : i - 1].all() and weights[i] * weights[i - 1] > 0.0:
             places[i] = np.average(places[i - 1 : i + 1], weights=weights[i - 1 : i + 1])
             weights[i], kept[i - 1] = weights[i] + weights[i - 1], False
-    return with_terms_kept(replace(part, **{kind.positions: places, kind.weights: weights}), kept)
+    return select_terms(replace(part, **{kind.positions: places, kind.weights: weights}), kept)
 
 
 def _without(blocks, x, weights):
@@ -521,4 +522,4 @@ def _reduced(place, folds, least):
     steps = [solved(problem.total(rest, train), index)[0] for train, _ in folds]
     if not _scored(problem, rest, steps, folds) <= least:
         return None
-    return replace(place, part=with_terms_kept(part, np.arange(kind.of(part)) != i))
+    return replace(place, part=select_terms(part, np.arange(kind.of(part)) != i))

@@ -12,7 +12,7 @@ from scipy.special import fdtrc
 
 from ..noise import whiteness_p_value, whitening_filter
 from ._identify import NOISELESS, identify, problems_of
-from ._problem import OperatorProblem, begun
+from ._problem import OperatorProblem, record_with_history
 from ._variable_projection import random_starts, starts_near, variable_projection
 
 _TINY = np.finfo(float).tiny
@@ -92,7 +92,7 @@ def _is_noise(series, records):
     return power > NOISELESS * sum(record.power() for record in records)
 
 
-def is_left_early(result, records):
+def has_start_misfit(result, records):
     """Whether a fit from rest leaves more where records begin, at the level ``LEVEL``.
 
     Residuals are whitened by a filter. The variance in the first quarter, eighth, ... of each
@@ -155,7 +155,7 @@ def start_p_value(result, other, records, n_values, states=("rest", "rest")):
     later = (
         records
         if own is None
-        else [begun(other.operator, *pair) for pair in zip(records, own, strict=True)]
+        else [record_with_history(other.operator, *pair) for pair in zip(records, own, strict=True)]
     )
     left = [
         _residuals(one, given, state)

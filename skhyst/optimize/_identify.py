@@ -165,8 +165,8 @@ class IdentificationResult:
 
     def released(self):
         """Return the result with operators that have no estimator and no held entries."""
-        beside = tuple(disturbance.released() for disturbance in self.disturbances)
-        return replace(self, operator=self.operator.released(), disturbances=beside)
+        additive = tuple(disturbance.released() for disturbance in self.disturbances)
+        return replace(self, operator=self.operator.released(), disturbances=additive)
 
     def outputs(self, records, initial_state="rest"):
         """Return the fitted responses, each with the disturbances of its record.
@@ -222,12 +222,12 @@ def calibrated(operator, record, covariance=None, noise_std=None):
     operator : Operator
     covariance : ndarray of shape (n_parameters, n_parameters) or None
     """
-    driven, beside = split_disturbances(operator)
-    if not beside:
+    driven, additive = split_disturbances(operator)
+    if not additive:
         return operator, covariance
-    problem = OperatorProblem(driven, [record], disturbances=beside)
+    problem = OperatorProblem(driven, [record], disturbances=additive)
     blocks = problem.evaluate(problem.x0, jacobian=covariance is not None)
-    places, at = _places(driven, beside)
+    places, at = _places(driven, additive)
     values = operator.pack()
     values[at] = problem.coefficients(blocks)[0]
     if covariance is not None:

@@ -36,7 +36,7 @@ import numpy as np
 
 from ._bounded_step import bounded_step
 from ._identify import identify
-from ._problem import OperatorProblem, ages, begun, scheduled
+from ._problem import OperatorProblem, ages, record_with_history, scheduled
 from ._start_values import estimate_start_values, start_values_of
 from ._variable_projection import VariableProjection, variable_projection
 
@@ -129,7 +129,9 @@ def _in_turn(result, best, records, which, chance, how):
     while gain > chance:
         operator, disturbances = result.operator, result.disturbances
         found, runs = input_history_of(operator, disturbances, records, **options)
-        trial = [begun(operator, r, own) for r, own in zip(records, found, strict=True)]
+        trial = [
+            record_with_history(operator, r, own) for r, own in zip(records, found, strict=True)
+        ]
         result = identify([(operator, disturbances)], trial, **how)
         evaluations += runs + result.n_evaluations
         gain = 1.0 - (result.error / best.error) ** 2 if best.error > 0.0 else 0.0
@@ -148,7 +150,7 @@ def _loosened(operator, disturbances, records, which, how):
     loose = [
         replace(
             r,
-            beside=problem.carried(operator, r)
+            eliminated=problem.history_sensitivities(operator, r)
             if own
             else np.zeros((len(r.u), _rest(r, count).size)),
         )
@@ -232,7 +234,7 @@ def _history(problem, record, limits, count):
     starts = _starts(misfit, record, count)
     if problem.operator.signal_linear:
         return misfit.before(misfit.solved(np.array(starts))), misfit.runs
-    left = misfit.look_over(starts)
+    left = misfit.screen_starts(starts)
     starts = [start[: misfit.n_values] for start in starts]
     # many histories have the same residual: the penalty of their changes distinguishes them
     left += [np.square(misfit.changes(start)).sum() for start in starts]
@@ -307,8 +309,9 @@ class _Misfit:
     def solved(self, starts):
         """Return the values of least residual and penalty, for a linear operator.
 
-        The penalty is set as by :meth:`look_over`, from the least residual of the starts, then from
-        that of the solution: a start far from all of them must not be held there by their residual.
+        The penalty is set as by :meth:`screen_starts`, from the least residual of the starts, then
+        from that of the solution: a start far from all of them must not be held there by their
+        residual.
         """
         rest, n = starts[0], len(self._root)
         columns, free = self._columns(rest), np.full(len(rest), np.inf)
@@ -320,7 +323,7 @@ class _Misfit:
             left = np.column_stack([left, columns[:, -1] + columns[:, :-1] @ step])
         return rest + step
 
-    def look_over(self, starts):
+    def screen_starts(self, starts):
         """Return the sums of squares of starts without the penalty of changes, and set the penalty.
 
         The penalty is the mean square of the least residual. Later simulations are limited to the
@@ -387,7 +390,9 @@ class _Misfit:
     def _columns(self, values):
         """Return the derivatives by the values and the residual, (n_samples, n_values + 1)."""
         self.runs += 1
-        output, part = self._problem.carry(self._operator, self._begun(values))
+        output, part = self._problem.output_and_history_sensitivities(
+            self._operator, self._begun(values)
+        )
         columns = np.zeros((len(self._root), len(values) + 1))
         columns[: len(part), :-1] = np.tile(self._size, len(values) // len(self._size)) * part
         columns[:, -1] = self._whole(output) - self._record.y

@@ -37,7 +37,7 @@ class RecordData:
         the sample occurred that many times. The record is simulated over all samples, but one of
         weight zero has no valid reading: its response is replaced by a straight line between its
         neighbours, so that starting values ignore it too. None: all weights are one.
-    beside : ndarray of shape (n_samples, n_columns), default=None
+    eliminated : ndarray of shape (n_samples, n_columns), default=None
         Signals that are added to the response in unknown proportion, like additive disturbances.
     explained : ndarray of shape (n_samples,), default=None
         The part of the drive that the reference of a closed loop explains; not read either.
@@ -69,7 +69,7 @@ class RecordData:
     schedule: float | None = None
     auxiliary: np.ndarray | None = None
     weights: np.ndarray | None = None
-    beside: np.ndarray | None = None
+    eliminated: np.ndarray | None = None
     explained: np.ndarray | None = None
     start: np.ndarray | None = None
 
@@ -112,8 +112,8 @@ class RecordData:
             path = path.reshape(len(path), -1)[:, 0]
             return np.concatenate([path, self.u]), len(path)
         rest = np.repeat(self.u[:1], len(path), axis=0)
-        told = path.reshape(len(path), -1)[:, : rest.shape[1]]
-        rest[:, : told.shape[1]] = told
+        given = path.reshape(len(path), -1)[:, : rest.shape[1]]
+        rest[:, : given.shape[1]] = given
         return np.concatenate([rest, self.u]), len(path)
 
     def first_part(self, stop):
@@ -131,7 +131,7 @@ class RecordData:
         begin = self.segments[0][0]
         stop = max(stop, begin + len(self.segments))
         edges = np.linspace(begin, stop, len(self.segments) + 1).astype(int)
-        rows = ("u", "y", "auxiliary", "weights", "beside", "explained")
+        rows = ("u", "y", "auxiliary", "weights", "eliminated", "explained")
         own = {name: getattr(self, name) for name in rows}
         cut = {name: values[:stop] for name, values in own.items() if values is not None}
         return replace(self, segments=tuple(pairwise(edges.tolist())), **cut)
@@ -237,8 +237,8 @@ class OperatorProblem(Unknowns):
             self._moving.append(len(own))
         super().__init__(entries, values)
         self._n_eliminated = sum(np.size(d.coefficients) for d in self.disturbances)
-        if self.records[0].beside is not None:
-            self._n_eliminated += self.records[0].beside.shape[1]
+        if self.records[0].eliminated is not None:
+            self._n_eliminated += self.records[0].eliminated.shape[1]
 
     @cached_property
     def scale(self):
@@ -289,16 +289,16 @@ class OperatorProblem(Unknowns):
         """Return the initial state of a record, as :meth:`Operator.init` takes it."""
         return self.initial_state if record.start is None else record.start
 
-    def carried(self, operator, record):
+    def history_sensitivities(self, operator, record):
         """Return the derivatives of the output by the input history, (n, n_values).
 
         For an operator without a state of rest, those by its start values.
         """
         if operator.n_start:
             return scheduled(operator, record).by_start(record.u, record.dt, record.start)
-        return self.carry(operator, record)[1]
+        return self.output_and_history_sensitivities(operator, record)[1]
 
-    def carry(self, operator, record):
+    def output_and_history_sensitivities(self, operator, record):
         """Return the output and its derivatives by the input history, (n, n_values)."""
         u, skip = record.with_history()
         du = np.zeros((*u.shape, np.size(record.before)))
@@ -321,7 +321,7 @@ class OperatorProblem(Unknowns):
         """Return the columns of the disturbances' coefficients, (n_samples, n_eliminated)."""
         time = record.dt * np.arange(len(record.u))
         columns = [d.basis(time) for d in disturbances]
-        columns += [] if record.beside is None else [record.beside]
+        columns += [] if record.eliminated is None else [record.eliminated]
         return np.concatenate(columns, axis=1)
 
     @np.errstate(over="ignore", invalid="ignore")  # of a run that diverges the squares are infinite
@@ -478,7 +478,7 @@ class OperatorProblem(Unknowns):
         ]
         return np.array([_solve_basis(gram[:d, :d], gram[:d, d:-1]) for gram in grams])
 
-    def power_left(self, blocks, step, select, wanted):
+    def predicted_power(self, blocks, step, select, wanted):
         """Return the predicted sum of squares in wanted segments after a step.
 
         The coefficients of a record's disturbances come from its selected segments, as for
@@ -527,7 +527,7 @@ class OperatorProblem(Unknowns):
         return found
 
 
-def begun(operator, record, history):
+def record_with_history(operator, record, history):
     """Return a record with its history: an earlier drive, or start values; the same one for NaN."""
     if np.isnan(history).any():
         return record

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ._variable_projection import begin, damped_step
+from ._variable_projection import damped_step, start_descent
 
 _PARTS_OF_STEP = (1.0, 0.25, 0.06)
 
@@ -12,12 +12,12 @@ def predicted_cost(problem, x):
 
     The linear parameters are solved first; it is infinite where the model is not finite.
     """
-    return begin_and_predict(problem, x).predicted_cost
+    return start_descent_and_predict(problem, x).predicted_cost
 
 
-def begin_and_predict(problem, x):
+def start_descent_and_predict(problem, x):
     """Return what a descent from ``x`` begins with, with its ``predicted_cost``; see there."""
-    solution = begin(problem, x)
+    solution = start_descent(problem, x)
     if np.isfinite(solution.gram).all():
         _, reduction = damped_step(problem, solution.x, solution.gram)
         solution.predicted_cost = max(solution.cost - reduction, 0.0)

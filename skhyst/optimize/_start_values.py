@@ -66,7 +66,7 @@ def _start(problem, record):
     rest, least, start = min(tried, key=lambda one: one[1])
     runs = len(starts)
     for _ in range(_STEPS):
-        columns = left(problem.carried(own, replace(record, start=start)))
+        columns = left(problem.history_sensitivities(own, replace(record, start=start)))
         scale = np.linalg.norm(columns, axis=0)
         scale[scale == 0.0] = 1.0
         if not np.isfinite(columns).all():
@@ -112,9 +112,9 @@ def estimate_start_values(
     start, runs = start_values_of(operator, disturbances, records)
     best, evaluations, count = None, runs, start.shape[1]
     for _ in range(_STEPS):
-        own = [replace(r, start=s, beside=None) for r, s in zip(records, start, strict=True)]
+        own = [replace(r, start=s, eliminated=None) for r, s in zip(records, start, strict=True)]
         problem = OperatorProblem(operator, own, disturbances=disturbances)
-        loose = [replace(r, beside=problem.carried(operator, r)) for r in own]
+        loose = [replace(r, eliminated=problem.history_sensitivities(operator, r)) for r in own]
         result = identify(
             [(operator, disturbances)], loose, fixed=fixed, method=method, with_errors=with_errors
         )

@@ -118,7 +118,7 @@ def variable_projection(
     Solution
     """
     if begun is None:
-        solution = begin(problem, x0, select, blocks)
+        solution = start_descent(problem, x0, select, blocks)
     else:  # a copy, since it is changed
         solution = replace(begun, history=[*begun.history], damping=[], predicted_cost=np.inf)
     if not solution.message:
@@ -132,7 +132,7 @@ def variable_projection(
     return solution
 
 
-def begin(problem, x0, select=None, blocks=None):
+def start_descent(problem, x0, select=None, blocks=None):
     """Return what a descent begins with: the linear parameters are solved; see there."""
     x = np.clip(np.asarray(x0, dtype=float), problem.lower, problem.upper)
     gram = problem.total(problem.evaluate(x, select=select) if blocks is None else blocks, select)

@@ -74,7 +74,7 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
             If a feature cannot be computed sample by sample.
         """
         raise NotImplementedError(
-            f"{type(self).__name__} cannot be stepped: it gives no rules ('sample_rules')."
+            f"{type(self).__name__} cannot be stepped: it defines no 'sample_rules'."
         )
 
     def _drives(self, places):

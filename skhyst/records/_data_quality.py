@@ -16,16 +16,16 @@ from ._index import first_of_equals, record_names
 _ADVICE = {
     "outlier": "take the rows out as missing readings, or use a robust loss",
     "lost_reading": "read the file with missing= and on_missing='interpolate' or 'drop'",
-    "stuck_sensor": "leave the stretch out: the sensor gave one reading while the drive moved",
+    "stuck_sensor": "leave these rows out: the sensor gave one reading while the drive moved",
     "clipped_range": "choose a larger range of the converter, or leave these samples out",
     "wrapped_reading": "unwrap the reading, as np.unwrap(y, period=value) does",
     "clock_jitter": "resample with skhyst.records.resample_records",
     "lost_samples": "start a new record at each of these rows; a time index would show the gap",
-    "lost_rows": "nothing to do: a model runs on through them, and they are not scored",
+    "lost_rows": "nothing to do: models simulate through them, and they are not scored",
     "repeated_record": "leave it out: it is equal to an earlier one to the last bit",
-    "constant_drive": "drive the device: what does not move tells nothing of its response",
+    "constant_drive": "drive the device: a constant signal does not determine its response",
     "same_signal": "check the columns: the drive is in another column, too",
-    "swapped_channels": "check the columns: the drive reads like a response, and lags",
+    "swapped_channels": "check the columns: the drive looks like a response, and lags",
     "noisy_drive": "give the drive as it was commanded, or average it over repetitions",
     "closed_loop": "record what the controller follows, and search with it as the reference",
 }
@@ -49,7 +49,7 @@ def data_quality(X, y, records) -> pd.DataFrame:
     DataFrame
         One row per fault and record: ``fault`` (one of ``outlier``, ``lost_reading``,
         ``stuck_sensor``, ``clipped_range``, ``wrapped_reading``, ``clock_jitter``,
-        ``lost_samples``, ``lost_rows`` (of which the index tells), ``swapped_channels``,
+        ``lost_samples``, ``lost_rows`` (gaps in the index), ``swapped_channels``,
         ``noisy_drive``, ``repeated_record``, and of all records ``constant_drive`` and
         ``same_signal``), ``record``, ``n_samples``, ``rows`` (the first few;
         of lost ones those behind), ``value`` (reading at which it was stuck, clipped or lost; jump
@@ -113,8 +113,8 @@ def data_quality(X, y, records) -> pd.DataFrame:
             found.append(("lost_rows", name, rows, np.nan))
         for rows, number in lost_samples(u, own):
             # lost rows are reported already
-            told = np.abs(rows[:, None] - np.flatnonzero(steps)).min(axis=1, initial=len(u))
-            rows = rows[told >= SIDE]
+            distance = np.abs(rows[:, None] - np.flatnonzero(steps)).min(axis=1, initial=len(u))
+            rows = rows[distance >= SIDE]
             if rows.size:
                 found.append(("lost_samples", name, rows + record.rows.start, number))
     return _table(found)

@@ -11,8 +11,8 @@ from ._index import record_slices, time_level, time_stamps
 def with_lost_rows(slices, *signals):
     """Return records and signals that have a row for each one that was lost.
 
-    The values are interpolated on a straight line: unlike a smooth curve, it goes nowhere that the
-    signal has not been, which hysteresis would not forget.
+    The values are interpolated linearly: unlike a smooth curve, a straight line adds no turning
+    point beyond the readings, which a hysteresis would remember.
 
     Parameters
     ----------

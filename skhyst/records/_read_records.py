@@ -56,8 +56,9 @@ def read_records(
         Column of the drive. A column is named as in the file; by its position, counted from 0; as
         ``name[2]`` for a column of a matrix (``name[0, 2]`` or ``name[:, 0, 2]`` with more axes,
         samples along the first); as ``struct.field``, ``group/channel`` or ``sheet/column``, of
-        which the last part is enough. Where several groups or sheets have all columns that are
-        asked for, and where the line of names of a text or sheet comes again, each is a record.
+        which the last part is enough. Where several groups or sheets have all requested
+        columns, each is a record, and where the line of names of a text or sheet is repeated, a new
+        record begins.
         None: drive, response, time and record are those that
         :func:`~skhyst.io.recognise_columns` finds, if they are not given.
     response : str or int, optional
@@ -71,8 +72,8 @@ def read_records(
         Columns of auxiliary inputs.
     sampling_rate : float, optional
         In Hz, instead of ``time``. Without either, the interval is taken from the file: the
-        ``wf_increment`` of TDMS, the rate of WAV, an attribute of HDF5 or a single value beside the
-        arrays such as ``dt``, ``Ts`` or ``fs``, the head of a text.
+        ``wf_increment`` of TDMS, the rate of WAV, an attribute of HDF5 or a single value next to
+        the arrays such as ``dt``, ``Ts`` or ``fs``, the head of a text.
         If the file has none, the time level numbers the samples, and the interval is that of the
         model (``dt``).
     on_missing : {"raise", "drop", "interpolate"}, default="raise"

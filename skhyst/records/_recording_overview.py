@@ -89,7 +89,7 @@ def inspect_recording(path, **reading):
       response  'y [um]': -0.99999 to 0.9 (float64; by its name)
       record 0: 200 samples every 0.001 s, 0.2 s in all
     faults:
-      'y [um]' stands at its largest value, 0.9, in 14 % of the rows: is it clipped?
+      'y [um]' is at its largest value, 0.9, in 14 % of the rows: is it clipped?
     """
     name, columns, roles, faults = inspect_columns(path, **reading)
     X = y = None

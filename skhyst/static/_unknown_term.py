@@ -17,14 +17,14 @@ everything that the parameters of the rest of the model can do (partial residual
 smooth, and the penalty multiplies each one's coefficient by :math:`1 / (1 + \lambda d_j)`.
 :math:`\lambda`, and :math:`\rho` of a surface, are those of the restricted maximum likelihood. The
 columns of :math:`T` are these functions, but for those of which less than a hundredth is left. So
-the term is linear in its weights, the penalty is diagonal, and both take part in a joint fit as
-anything else does.
+the term is linear in its weights, the penalty is diagonal, and both enter a joint fit like
+any other parameters.
 
 **Orthogonality.** Functions that the parameters can reproduce, as a gain reproduces a linear
 function of the drive, have almost no power in :math:`G`. They are left out: the parameters keep
 their role, and the term shows what is missing.
 
-**Beyond the range** that it has seen, the function is held constant, or it fades: its value at the
+**Beyond the range** of the fit, the function is held constant, or it fades: its value at the
 end is multiplied by :math:`\exp(-\delta / \ell)` at the distance :math:`\delta` from it.
 
 References
@@ -534,7 +534,7 @@ class UnknownTerm(ParametricModel):
         Intervals of the knots of each argument, evenly spaced. The smoothness hardly depends on
         their number, where it is large enough. None: 40, or 7 of two arguments.
     fade : float or None, default=None
-        Distance over which the function fades to 1/e beyond the range that it has seen, as a part
+        Distance over which the function fades to 1/e beyond the range of the fit, as a fraction
         of that range. None: it is held constant.
 
     Attributes

@@ -13,7 +13,7 @@ import skhyst
 from skhyst.app import suggest_model
 from skhyst.app._samples import SAMPLES, sample_recording
 from skhyst.app._suggestion import DEVICES
-from skhyst.app._words import as_words
+from skhyst.app._words import page_message
 from skhyst.cli import main
 from skhyst.discovery import parse_model
 from skhyst.exceptions import TimeUnitWarning
@@ -67,7 +67,7 @@ def test_messages_have_the_words_of_the_page(asked):
         asked()
     spoken = ("=", "skhyst.", "parameter", "resample_", "read_records", "time_unit", "splitter")
     assert any(word in str(error.value) for word in spoken)
-    assert not [word for word in spoken if word in as_words(str(error.value))]
+    assert not [word for word in spoken if word in page_message(str(error.value))]
 
 
 @pytest.mark.parametrize("name", SAMPLES)

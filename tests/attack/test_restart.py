@@ -133,6 +133,6 @@ def test_optima_that_disagree_are_told():
     model = FirstOrderLag(dt=0.01)
     records = model._read_records(u[:, None], np.convolve(u, 0.8 ** np.arange(200))[:200])
     result = model.identify(records)
-    assert not list(model.cautions(result, records))
+    assert not list(model.fit_warnings(result, records))
     with pytest.warns(ConvergenceWarning, match="further starts lead to others"):
         model.finish(replace(result, is_local=True), records)

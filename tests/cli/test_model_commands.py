@@ -89,7 +89,7 @@ def test_a_drive_that_misses_the_reference_is_not_written(model_file, tmp_path, 
     assert drive.abs().max() <= 5.0  # of the recording
     assert main([*call, "--time-unit", "s", "--no-limits", "--force"]) == 0
     assert pd.read_csv(out)["drive"].abs().max() > 8.0
-    assert "not limited, are beyond what the fit has seen" in capsys.readouterr().out
+    assert "not limited, are beyond the range of the fit" in capsys.readouterr().out
     assert main([*call, "--time-unit", "s", "--limits", "-9", "9", "--force"]) == 0
     assert 5.0 < pd.read_csv(out)["drive"].abs().max() <= 9.0
 

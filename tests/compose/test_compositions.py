@@ -224,8 +224,8 @@ def test_gain_and_intercept_of_linear_stages_move_and_do_not_vanish(without, dat
 
 
 def test_the_diagram_shows_what_stands_behind_and_what_beside():
-    beside = Sum([("plays", PrandtlIshlinskii()), ("drift", Drift())])
-    drawn = estimator_html_repr(Cascade([("stage", beside), ("lag", FirstOrderLag())]))
+    additive = Sum([("plays", PrandtlIshlinskii()), ("drift", Drift())])
+    drawn = estimator_html_repr(Cascade([("stage", additive), ("lag", FirstOrderLag())]))
     serial, parallel = (re.search(rf'class="sk-{kind}"', drawn) for kind in ("serial", "parallel"))
     assert serial.start() < parallel.start()
     places = [drawn.index(f"<div>{name}</div>") for name in ("PrandtlIshlinskii", "Drift")]
@@ -253,7 +253,7 @@ def test_a_step_that_is_left_out_has_no_part_in_further_starts(place):
     np.testing.assert_allclose(found, expected, atol=1e-6 * np.ptp(y))
 
 
-@pytest.mark.filterwarnings("ignore:The records begin otherwise")  # those of folds
+@pytest.mark.filterwarnings("ignore:The records do not begin at rest")  # those of folds
 @pytest.mark.parametrize("word", ["passthrough", "drop"])
 def test_a_step_of_a_cascade_is_left_out(word):
     """In a search too: with the lag the fit is exact, without it it is not."""

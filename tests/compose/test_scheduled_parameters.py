@@ -169,7 +169,11 @@ def test_one_amplitude_does_not_determine_a_slope():
         ({"by": "load"}, ValueError, "'by' parameter"),
         ({"by": 3}, ValueError, "'by' parameter"),
         ({"parameters": ["gian"]}, ValueError, "'gian'"),
-        ({"estimator": Sum([("gain", Gain()), ("offset", Offset())])}, ValueError, "own"),
+        (
+            {"estimator": Sum([("gain", Gain()), ("offset", Offset())])},
+            ValueError,
+            "coefficients for each record",
+        ),
         ({"degree": -1}, ValueError, "'degree' parameter"),
     ],
 )

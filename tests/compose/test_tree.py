@@ -32,7 +32,7 @@ from skhyst.operators import (
     Stage,
     SumOperator,
     add_disturbances,
-    put_beside_series,
+    add_parallel,
     series_stages,
     split_disturbances,
     stage_values,
@@ -86,16 +86,16 @@ def total(draw, inside, columns=(), disturbances=False):
     """Draw a sum; beside what reads columns the others read the first."""
     parts = draw(st.lists(inside, min_size=1, max_size=2))
     names = draw(st.permutations(SUMMANDS))[: len(parts)]
-    beside = draw(st.lists(st.sampled_from(DISTURBANCES), max_size=2)) if disturbances else []
+    additive = draw(st.lists(st.sampled_from(DISTURBANCES), max_size=2)) if disturbances else []
     branches = draw(st.lists(st.sampled_from(columns), max_size=2)) if columns else []
     parts, names = parts + branches, names + [f"column{i}" for i in range(len(branches))]
     own = [operator for _, operator in parts]
     if any(operator.reads_columns for operator in own):
         own = [op if op.reads_columns else OnColumnOperator(op, 0) for op in own]
     steps = [(name, model) for name, (model, _) in zip(names, parts, strict=True)]
-    others = [(f"beside{i}", model) for i, (model, _) in enumerate(beside)]
+    others = [(f"beside{i}", model) for i, (model, _) in enumerate(additive)]
     operator = SumOperator(tuple(names), tuple(own))
-    found = add_disturbances(operator, tuple(op for _, op in beside), tuple(n for n, _ in others))
+    found = add_disturbances(operator, tuple(op for _, op in additive), tuple(n for n, _ in others))
     order = draw(st.permutations(range(len(steps) + len(others))))
     steps = mixed(steps, others, order)
     return Sum(steps, **draw(OPTIONS)), found
@@ -123,10 +123,10 @@ def scheduled(draw, inside):
 def scaled(draw, inside):
     model, operator = draw(inside)
     column = draw(st.sampled_from([1, 2, "amplitude"]))
-    driven, beside = split_disturbances(operator)
+    driven, additive = split_disturbances(operator)
     driven = driven if driven.reads_columns else OnColumnOperator(driven, 0)
     own = Scaled(driven, -1 if column == "amplitude" else column, 0.4, 0.1)
-    return Modulated(model, column, **draw(OPTIONS)), add_disturbances(own, beside)
+    return Modulated(model, column, **draw(OPTIONS)), add_disturbances(own, additive)
 
 
 @st.composite
@@ -180,8 +180,8 @@ def test_there_and_back(whole):
     assert again is not model
     assert told(tree.estimator(dt=0.7)) == told(clone(model).set_params(dt=0.7))
     driven, disturbances = split_disturbances(tree)
-    beside = tuple(own.released() for own in disturbances)
-    same = again.tree((driven.released(), beside))
+    additive = tuple(own.released() for own in disturbances)
+    same = again.tree((driven.released(), additive))
     assert repr(same) == repr(tree)
     np.testing.assert_array_equal(same.pack(), tree.pack())
     assert told(same.estimator()) == told(model)
@@ -210,12 +210,12 @@ def test_edits_that_change_nothing(whole, disturbance):
     u = U if same.reads_columns else U[:, 0]
     np.testing.assert_allclose(answer(same, u), answer(tree.operator, u), rtol=1e-12, atol=1e-12)
     assert stage_values(Stage(None, same)).keys() == stage_values(tree).keys()
-    beside = put_beside_series(tree, "further", disturbance[0].tree(disturbance[1]))
-    assert [stage.name for stage in series_stages(beside)] == [stage.name for stage in stages]
-    assert beside.operator.disturbance_names == ("further",)
+    additive = add_parallel(tree, "further", disturbance[0].tree(disturbance[1]))
+    assert [stage.name for stage in series_stages(additive)] == [stage.name for stage in stages]
+    assert additive.operator.disturbance_names == ("further",)
     values = stage_values(tree)
     np.testing.assert_array_equal(with_stage_values(tree, values).pack(), tree.operator.pack())
-    assert stage_values(beside).keys() == values.keys()
+    assert stage_values(additive).keys() == values.keys()
 
 
 # --------------------------------------------------------------------------------- | + *

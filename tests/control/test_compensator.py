@@ -121,7 +121,7 @@ def test_what_is_cut_by_limits_is_told():
 
 def test_what_is_out_of_reach_is_named_with_its_value():
     device = Series(("plays", "amplifier"), (PLAYS, SaturationOperator(upper=2.0)))
-    with pytest.warns(ReachWarning, match=r"stage 'amplifier' does not give (3\.9|4)"):
+    with pytest.warns(ReachWarning, match=r"stage 'amplifier' cannot reach the required (3\.9|4)"):
         compensator(device, max_iter=0).predict(smooth(2.0)[:, None])
 
 
@@ -152,7 +152,7 @@ def test_a_reference_that_moves_at_its_ends_asks_for_no_more_than_it_needs(dampi
     """The direction that the response does not show stays out, whatever the limits are."""
     reference = np.sin(40.0 * np.pi * DT * np.arange(300) + phase)
     found, mode = fitted_mode(damping_ratio, **NONE)
-    with pytest.warns(ReachWarning, match="which is not limited, are beyond what the fit has seen"):
+    with pytest.warns(ReachWarning, match="which is not limited, are beyond the range of the fit"):
         drive = found.predict(reference[:, None])
     needed = bounded(mode, reference)
     np.testing.assert_allclose(drive[-20:], needed[-20:], atol=0.05)
@@ -215,7 +215,7 @@ def test_three_times_the_reference_is_cut_and_told():
     assert wide.drive_limits_ == pytest.approx((u.min() - 0.5 * span, u.max() + 0.5 * span))
     assert wide.rate_limit_ == pytest.approx(1.5 * found.drive_rate_)
     free = clone(found).set_params(**NONE).fit(u[:, None], y)
-    with pytest.warns(ReachWarning, match="not limited, are beyond what the fit has seen"):
+    with pytest.warns(ReachWarning, match="not limited, are beyond the range of the fit"):
         drive = free.predict(3.0 * y[:, None])
     np.testing.assert_allclose(PLAYS.run(drive, DT)[0], 3.0 * y, atol=1e-5)
 
@@ -437,10 +437,10 @@ def test_what_follows_at_once_is_streamed_as_it_is_predicted(name):
 @pytest.mark.parametrize("preview", [0, 3])
 def test_disturbances_that_are_known_are_taken_out_of_the_stream(preview):
     """Offset and drift of the record, at the sample whose drive it is."""
-    beside = OPERATORS["offset"], OPERATORS["drift"]
-    device = add_disturbances(GainOperator(2.0), beside)
+    additive = OPERATORS["offset"], OPERATORS["drift"]
+    device = add_disturbances(GainOperator(2.0), additive)
     reference = smooth(3.0)
-    known = sum(own.run(reference, DT)[0] for own in beside)
+    known = sum(own.run(reference, DT)[0] for own in additive)
     drive = compensator(device).stepper(DT, reference[0], preview).run(reference)[preview:]
     expected = (0.5 * (reference - known))[: N - preview]
     np.testing.assert_allclose(drive, expected, rtol=0.0, atol=1e-12)
@@ -466,7 +466,9 @@ def test_an_inverse_that_is_not_stable_is_named():
     """Where the rate lowers the response, what comes later determines the drive."""
     parts = TanhHysteresisOperator(0.3, -0.002, 0.4, 2.3), GainOperator(0.2)
     device = SumOperator(("tanh", "gain"), parts)
-    with pytest.warns(ReachWarning, match=r"stage 'SumOperator' does not give .* is not stable"):
+    with pytest.warns(
+        ReachWarning, match=r"stage 'SumOperator' cannot reach the required .* is not stable"
+    ):
         compensator(device, max_iter=0).predict(smooth(2.0)[:, None])
 
 

@@ -13,7 +13,7 @@ from sklearn.utils.validation import NotFittedError
 
 from skhyst.compose import Cascade
 from skhyst.control import Observer
-from skhyst.control._kalman import driven_by_noise, foretold
+from skhyst.control._kalman import driven_by_noise, with_predicted_readings
 from skhyst.export import to_c
 from skhyst.hysteresis import (
     BoucWenStage,
@@ -154,7 +154,9 @@ def test_lost_readings_are_foretold(observer, data):
     rows = np.column_stack([u[:100], reading[:100]])
     lost = np.isin(np.arange(100), [20, 21, 60])
     wrong = np.where(lost[:, None] & [False, True], 1e3, rows)
-    told = [foretold(step.innovating, state.copy(), own, lost) for own in (rows, wrong)]
+    told = [
+        with_predicted_readings(step.innovating, state.copy(), own, lost) for own in (rows, wrong)
+    ]
     np.testing.assert_allclose(told[0], told[1], atol=1e-9)
     innovations = step.innovating(state.copy())(told[0])
     np.testing.assert_allclose(innovations[lost], 0.0, atol=1e-12)

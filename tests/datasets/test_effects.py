@@ -88,13 +88,13 @@ def test_what_is_beside_belongs_to_its_record_alone():
     alone = Device(1.0, 1.0, record_slices(X)[:1], seed=1)
     random = ("offset", "periodic_disturbance", "auxiliary_input")
     for name in random:
-        a, b = getattr(device, name)().beside
-        assert np.array_equal(a, getattr(alone, name)().beside[0])
+        a, b = getattr(device, name)().additive
+        assert np.array_equal(a, getattr(alone, name)().additive[0])
         assert not np.array_equal(a, b)
     name, (column, _) = device.auxiliary_input().column
     assert name == "temperature"
     assert np.abs(column).max() <= 1.0
-    drift = device.drift(time_constant=0.1).beside[0]
+    drift = device.drift(time_constant=0.1).additive[0]
     assert (drift[0], drift[100]) == pytest.approx((0.0, -0.1 * np.expm1(-1.0)))
 
 

@@ -20,7 +20,7 @@ from skhyst.diagnosis._candidates import (
 )
 from skhyst.diagnosis._contest import Contest
 from skhyst.diagnosis._criterion import Criterion
-from skhyst.diagnosis._edits import Beside, Schedule
+from skhyst.diagnosis._edits import AddDisturbance, Schedule
 from skhyst.diagnosis._tree import Tree
 from skhyst.disturbance import Drift, Offset, PeriodicDisturbance
 from skhyst.hysteresis import PrandtlIshlinskii
@@ -49,7 +49,7 @@ def declared_with(records, *disturbances):
     tree = Tree.from_result(declared, declared.identify(records))
     for i, model in enumerate(disturbances):
         (start,) = model.starting_values(records)
-        tree = tree.edited(f"beside{i}", Beside(model, start))
+        tree = tree.edited(f"beside{i}", AddDisturbance(model, start))
     return tree
 
 
@@ -73,11 +73,11 @@ BESIDE = {
 
 
 @pytest.mark.parametrize("cut", [record_folds, block_folds])
-@pytest.mark.parametrize("beside", BESIDE)
-def test_a_segment_is_not_predicted_from_itself(beside, cut):
+@pytest.mark.parametrize("additive", BESIDE)
+def test_a_segment_is_not_predicted_from_itself(additive, cut):
     """Change samples of one segment: its own prediction stays, bit for bit."""
     records = some_records(9000, count=1 if cut is block_folds else 3)
-    tree = declared_with(records, *BESIDE[beside])
+    tree = declared_with(records, *BESIDE[additive])
     folds = cut(records)
     reference = held_out(candidate_of(tree, records), records, folds).predictions
     rng = np.random.default_rng(9001)

@@ -11,7 +11,6 @@ from skhyst.compose import amplitude
 from skhyst.diagnosis import EFFECTS
 from skhyst.diagnosis._changes import (
     AtJoints,
-    BesideForce,
     Driven,
     FirstHysteresis,
     Folded,
@@ -25,6 +24,7 @@ from skhyst.diagnosis._changes import (
     LoadedMotion,
     MoreTerms,
     MovedModes,
+    ParallelForce,
     PerRecord,
     RateDependence,
     Scaled,
@@ -107,7 +107,7 @@ WITHOUT_COLUMNS = [
     (AtJoints(SmoothCurve(3)), EVERY),
     (AtJoints(SmoothCurve(3), inner=True), {"plays, mode", "lags"}),
     (AtJoints(FirstOrderLag()), {"plays", "plays, mode"}),  # linear dynamics commute
-    (BesideForce(MaxwellSlip()), {"force"}),
+    (ParallelForce(MaxwellSlip()), {"force"}),
     (MoreTerms(FreeMass(cubic_stiffness=True)), set()),
     (InFeedback(SmoothCurve(3)), set()),
     (RateDependence("slope"), {"plays", "plays, mode"}),
@@ -337,14 +337,14 @@ def test_a_force_beside_the_drive_is_a_parameter_and_tried_as_one(name):
             (SecondOrderMode(), SecondOrderModeOperator(30.0, 0.1)),
         )
     )
-    within, beside = effect.tried(mass, additive=False), effect.tried(mass, additive=True)
-    assert [within.beside, beside.beside] == [False, True]
-    forms = [*within.variants(), *beside.variants()]
+    within, additive = effect.tried(mass, additive=False), effect.tried(mass, additive=True)
+    assert [within.additive, additive.additive] == [False, True]
+    forms = [*within.variants(), *additive.variants()]
     assert sorted(map(repr, forms)) == sorted(map(repr, effect.variants()))
     assert all(form.places(mass) for form in within.variants())
     assert effect.tried(mode, additive=False) is None
     again = effect.tried(mode, additive=True).variants()
-    assert list(map(repr, again)) == list(map(repr, beside.variants()))
+    assert list(map(repr, again)) == list(map(repr, additive.variants()))
     assert pickle.loads(pickle.dumps(within)).variants()[0].places(mass)
 
 
@@ -394,22 +394,22 @@ def test_a_force_beside_one_of_a_velocity_is_of_that_velocity(declared):
     if isinstance(declared, CoulombFriction):
         declared.set_params(motion="velocity")
     tree = Tree.from_result(declared, declared.identify(recordings()))
-    [found] = BesideForce(LuGre(False)).trees("effect", Scene(tree, recordings()))[:1]
+    [found] = ParallelForce(LuGre(False)).trees("effect", Scene(tree, recordings()))[:1]
     place, friction = found.models[0].steps[1][1].steps
     assert isinstance(place[1], TransferFunction)
     assert isinstance(friction[1], LuGre)
     if isinstance(declared, DynamicStiffness):
-        sliding = BesideForce(CoulombFriction()).trees("effect", Scene(tree, recordings()))
+        sliding = ParallelForce(CoulombFriction()).trees("effect", Scene(tree, recordings()))
         assert {own.models[0].steps[1][1].motion for own in sliding} == {"velocity"}
 
 
 def test_what_is_there_is_not_added_again():
     records = recordings()
     for model in (MaxwellSlip(), CoulombFriction(fit_damping=False, fit_intercept=False)):
-        beside = BesideForce(model)
-        found = found_by(beside, "force")
+        additive = ParallelForce(model)
+        found = found_by(additive, "force")
         assert found
-        assert beside.trees("more", Scene(found[0], records)) == []
+        assert additive.trees("more", Scene(found[0], records)) == []
     friction = LoadedForce(CoulombFriction()).trees("more", Scene(found[0], records))
     assert [own.is_part("more") for own in friction] == [False, False]  # it follows the load
 

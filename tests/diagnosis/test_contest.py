@@ -37,18 +37,21 @@ class Margins:
 
     alpha, min_improvement = 0.05, 0.1
 
-    def matters(self, worse, better):
+    def improves_enough(self, worse, better):
         return better.error < 0.9 * worse.error
 
     def p_value(self, worse, better, n_tried=1):
         return min(1.0, n_tried * (0.01 if better.error < 0.8 * worse.error else 0.5))
 
     def is_better(self, worse, better, n_tried=1):
-        return self.matters(worse, better) and self.p_value(worse, better, n_tried) < self.alpha
+        return (
+            self.improves_enough(worse, better)
+            and self.p_value(worse, better, n_tried) < self.alpha
+        )
 
 
-def effect(name, beside=False):
-    return Effect(name, lambda: [object()], "", f"record {name}", beside)
+def effect(name, additive=False):
+    return Effect(name, lambda: [object()], "", f"record {name}", additive)
 
 
 DRIVEN, ADDITIVE = [effect(n) for n in "abcd"], [effect(n, True) for n in "op"]
@@ -72,7 +75,7 @@ def contest_of(**options):
         "max_effects": 3,
         "n_jobs": 1,
         "negligible": 1e-3,
-        "tell": lambda *told: None,
+        "report_progress": lambda *told: None,
         "renew": None,
         "judge": lambda c: None,
         **options,
@@ -202,7 +205,7 @@ def tried(**errors):
     contest = contest_of()
     base = candidate("a", errors.pop("a"), n_parameters=3)
     reduced = candidate("", errors.pop("none"))
-    contest._taken_out = lambda base, name: reduced
+    contest._without_effect = lambda base, name: reduced
     sizes = errors.pop("sizes", {})
     rivals = [candidate(n, e, n_parameters=sizes.get(n, 3)) for n, e in errors.items()]
     contest.extended = lambda start, fully=True, additive=False: [
@@ -237,7 +240,7 @@ def test_a_simpler_name_is_preferred_where_it_is_nested_and_not_rejected(known):
 
 def test_an_effect_that_is_not_what_its_name_says_goes_where_a_rival_is(known):
     contest = contest_of()
-    contest._taken_out = lambda base, name: candidate("", 1.0)
+    contest._without_effect = lambda base, name: candidate("", 1.0)
     contest._refreshed = lambda c: c
     contest._has_its_name = lambda c, name: False
     contest._contains = lambda *_: True
@@ -268,7 +271,7 @@ def test_names_are_contested_until_they_stay(known):
 
 def test_a_rival_takes_the_place_of_what_the_noise_makes_where_something_is_needed(known):
     contest, errors = contest_of(), {"": 1.0, "p": 0.5, "o": 0.45}
-    contest.without = contest._taken_out = lambda base, name: candidate("", errors[""])
+    contest.without = contest._without_effect = lambda base, name: candidate("", errors[""])
     contest._keeps_names = contest._has_its_name = lambda *_: True
     contest._has_course = lambda c: c.effects != ("p",)
     contest.extended = lambda start, fully=True, additive=False: (
@@ -402,7 +405,7 @@ def test_a_residual_is_judged_once(known):
 def test_paths_go_on_until_nothing_is_better(known):
     """Each as far as it comes; the ends are those that have no better one."""
     told = []
-    contest = contest_of(tell=lambda *own: told.append(own[0]))
+    contest = contest_of(report_progress=lambda *own: told.append(own[0]))
     better = {"": ["a", "b"], "a": [], "b": ["bc"], "bc": []}
     errors = {"": 1.0, "a": 0.5, "b": 0.6, "bc": 0.3}
     contest._better = lambda path, *_: [
@@ -486,7 +489,7 @@ def test_a_name_is_plausible_by_its_margin_and_by_what_it_predicts(known, monkey
 
 def pruned(errors, right=True):
     """Prune the effects a, b and c whose models have those errors; return what is left."""
-    contest = contest_of(tell=lambda *_: None)
+    contest = contest_of(report_progress=lambda *_: None)
     found = {names: candidate(names, error) for names, error in errors.items()}
     contest.without = lambda base, name: found[
         "".join(n for n in base.structure.effects if n != name)

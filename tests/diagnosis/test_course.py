@@ -7,7 +7,7 @@ from scipy.fft import idct
 
 from skhyst.diagnosis import _course
 from skhyst.diagnosis._course import course_p_value, course_p_values
-from skhyst.diagnosis._edits import Beside
+from skhyst.diagnosis._edits import AddDisturbance
 from skhyst.diagnosis._tree import Tree
 from skhyst.disturbance import (
     Drift,
@@ -66,7 +66,7 @@ def test_noise_of_the_drive_that_a_mode_has_coloured_is_no_line(size):
     rests = [r.y - y for r, y in zip(records, tree.respond(records), strict=True)]
     highest = np.argmax(sum(np.abs(np.fft.rfft(rest, 4 * N)) ** 2 for rest in rests))
     line = SinusoidOperator(np.zeros(2), np.array([highest / (4.0 * N)]))
-    tree = tree.edited("periodic_disturbance", Beside(PeriodicDisturbance(), line))
+    tree = tree.edited("periodic_disturbance", AddDisturbance(PeriodicDisturbance(), line))
     (p_value,) = course_p_values(tree, records).values()
     assert (p_value < 1e-4) == (size > 0.0)
 
@@ -81,7 +81,7 @@ def test_a_constant_is_an_offset_and_no_drift():
     rng = np.random.default_rng(102)
     model, time = Gain(), 0.01 * np.arange(N)
     tree = Tree.of(model, GainOperator(1.0)).edited(
-        "drift", Beside(Drift(1), DriftOperator(np.zeros(2), 0.01 * N))
+        "drift", AddDisturbance(Drift(1), DriftOperator(np.zeros(2), 0.01 * N))
     )
     for slope, is_drift in ((0.0, False), (1.0, True)):
         records = []
@@ -152,8 +152,8 @@ def test_each_frequency_that_was_sought_counts_with_half_of_the_samples(monkeypa
     records = [RecordData(u, u, 0.01) for u in (rng.normal(size=n) for n in (200, 500, 100))]
     tree = Tree.of(Gain(), GainOperator(1.0))
     one = SinusoidOperator(np.zeros(2), np.array([3.0]))
-    tree = tree.edited("periodic_disturbance", Beside(PeriodicDisturbance(), one))
-    tree = tree.edited("drift", Beside(Drift(2), DriftOperator(np.zeros(3), 1.0)))
+    tree = tree.edited("periodic_disturbance", AddDisturbance(PeriodicDisturbance(), one))
+    tree = tree.edited("drift", AddDisturbance(Drift(2), DriftOperator(np.zeros(3), 1.0)))
     found = course_p_values(tree, records)
     assert found == {"periodic_disturbance": pytest.approx(250.0 * 1e-6), "drift": 1e-6}
     assert seen == [(5, [0, 1]), (5, [1, 2])]

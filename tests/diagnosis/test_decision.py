@@ -177,9 +177,9 @@ def contest_of(records, folds, *names, structured=True, criterion=None, **option
 class NotAlone(Criterion):
     """One for which each effect hides the other."""
 
-    def matters(self, worse, better):
+    def improves_enough(self, worse, better):
         alone = len(better.structure.effects) == 1
-        return not alone and super().matters(worse, better)
+        return not alone and super().improves_enough(worse, better)
 
 
 def test_two_effects_are_found_together_where_neither_helps(missing_two):

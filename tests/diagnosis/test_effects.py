@@ -73,7 +73,7 @@ def test_its_variants_are_unfitted_models_or_changes(name, record):
         assert not hasattr(model, "operator_")
         clone(model)
         for operator, disturbances in map(split_disturbances, model.starting_values([record])):
-            assert bool(disturbances) == effect.beside
+            assert bool(disturbances) == effect.additive
             values = [operator, *disturbances][-1].pack()
             assert np.isfinite(values).all()
     again = effect.variants()
@@ -87,7 +87,7 @@ def ranks(name, record):
     }
 
 
-@pytest.mark.parametrize("name", sorted(n for n in PROMISED if not EFFECTS[n].beside))
+@pytest.mark.parametrize("name", sorted(n for n in PROMISED if not EFFECTS[n].additive))
 def test_all_variants_go_to_the_same_place(name, record):
     # but for play, which is in the drive's transmission or in the sensor's
     assert len(ranks(name, record)) <= 1 + (name == "backlash")
@@ -97,7 +97,7 @@ def test_places_follow_the_signal(record):
     order = {
         name: min(ranks(name, record))
         for name in PROMISED
-        if not EFFECTS[name].beside and models_of(name)
+        if not EFFECTS[name].additive and models_of(name)
     }
     for first in ("input_saturation", "dead_zone", "slew_limit", "backlash"):
         assert order[first] < order["asymmetry"] < order["lag"]

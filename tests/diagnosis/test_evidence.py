@@ -70,7 +70,7 @@ def test_every_claim_has_a_sentence_numbers_and_a_picture(effect):
     evidence = search.evidence_[effect]
     assert isinstance(evidence, Evidence)
     assert evidence.effect == effect
-    assert evidence.statement.endswith("held-out residual that is left without it.")
+    assert evidence.statement.endswith("held-out residual of the model without it.")
     (row,) = search.history_[search.history_["effect"] == effect].to_dict("records")
     removed = 1.0 - (row["error_after"] / row["error_before"]) ** 2
     assert f"removes {100.0 * removed:.1f} % of the power" in evidence.statement
@@ -341,7 +341,7 @@ def test_forces_beside_a_declared_force(effect, extra, name, level):
 
 @pytest.mark.slow
 def test_an_effect_of_ones_own_beside_the_model_has_evidence_too():
-    register_effect(Effect("own", lambda: [Drift(3)], "A law.", "An experiment.", beside=True))
+    register_effect(Effect("own", lambda: [Drift(3)], "A law.", "An experiment.", additive=True))
     try:
         recording, _ = found("drift")
         search = EffectSearchCV(PrandtlIshlinskii(), effects=["own"], max_effects=1)

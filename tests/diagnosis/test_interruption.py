@@ -86,7 +86,7 @@ def test_an_effect_that_raises_costs_itself(recording, whole, broken_effect):
     assert report.failed == found.failed_.to_dict("records")
     assert "my_effect failed with RuntimeError: the user" in report.to_markdown().replace("\\", "")
     assert whole.failed_.empty
-    assert "Not everything was tried" not in whole.report().to_markdown()
+    assert "Not all effects were tried" not in whole.report().to_markdown()
 
 
 @pytest.mark.parametrize("stage", ["refitted", "held_out", "completed"])
@@ -183,11 +183,11 @@ def test_checkpoints_of_other_searches_are_refused(recording, tmp_path):
         search(checkpoint=path).fit(X, y)
     skops.dump({"run": os.system}, path)
     with pytest.raises(
-        ValueError, match=r"is no checkpoint of a search .*posix\.system|nt\.system"
+        ValueError, match=r"is not a checkpoint of a search .*posix\.system|nt\.system"
     ):
         search(checkpoint=path).fit(X, y)
     path.write_bytes(b"PK and no more")
-    with pytest.raises(ValueError, match="is no checkpoint of a search"):
+    with pytest.raises(ValueError, match="is not a checkpoint of a search"):
         search(checkpoint=path).fit(X, y)
 
 

@@ -60,7 +60,7 @@ def test_its_representation_is_short(experiment):
 
 def test_the_reason_says_what_it_tells_apart(experiment):
     assert experiment.reason.startswith(experiment.signal[0].upper())
-    assert "it tells delay from lag (" in experiment.reason
+    assert "it distinguishes delay from lag (" in experiment.reason
     assert "hardly" not in experiment.reason
     assert experiment.expected_gain > 0.0
 
@@ -129,7 +129,7 @@ def test_where_no_effect_helps_what_was_not_excited_is_asked_for(slow):
     search = EffectSearchCV(Gain(), effects=["delay"], random_state=0).fit(slow[0], y)
     assert (search.effects_, search.verdict_) == ([], "unexplained")
     experiment = next_experiment(search, LIMITS, RATE)
-    assert "no effect comes near a claim" in experiment.reason
+    assert "no effect is near to a claim" in experiment.reason
     assert experiment.expected_gain > 0.0
 
 

@@ -90,10 +90,10 @@ def test_a_wrong_model_is_found_out_where_its_error_grows_by_what_matters():
     ]
     search = searched(None, [record(4, 0)])
     contrasts = Contrasts(search, pairs)
-    found, enough = contrasts.ask(SimpleNamespace(u=np.zeros(6)))
+    found, enough = contrasts.evaluate(SimpleNamespace(u=np.zeros(6)))
     np.testing.assert_allclose(found, [[31.0, 29.0], [1.0, 31.0]])
     np.testing.assert_array_equal(enough, [[True, False], [False, True]])
-    number, nats = contrasts.worth((found, enough))
+    number, nats = contrasts.score((found, enough))
     assert number == 2  # either of two may be right: half of ln(1 + it) / 2 for each
     assert nats == pytest.approx(np.mean(np.log1p(found) / 2.0, axis=1).sum())
 
@@ -103,30 +103,32 @@ def test_what_is_told_apart_is_said_with_the_least_that_tells_it():
     contrasts = Contrasts(search, [pair(names, "xy", ([], [])) for names in ("ab", "cd", "ef")])
     found = np.array([[400.0, 100.0], [1.0, 900.0], [4.0, 1.0]])
     enough = found > 50.0
-    said = contrasts.told((found, enough), 100)
-    assert said.startswith("it tells a from b (1.0 times the noise) and c from d if it is d (3.0 ")
-    assert "but it hardly tells e from f (0.20 times the noise)" in said
+    said = contrasts.describe((found, enough), 100)
+    assert said.startswith(
+        "it distinguishes a from b (1.0 times the noise) and c from d if it is d (3.0 "
+    )
+    assert "but it hardly distinguishes e from f (0.20 times the noise)" in said
     contrasts = Contrasts(search, [pair("cd", "xy", ([], []))])
-    said = contrasts.told((found[1:2, ::-1], enough[1:2, ::-1]), 100)
-    assert said.startswith("it tells c from d if it is c (3.0 times the noise):")
+    said = contrasts.describe((found[1:2, ::-1], enough[1:2, ::-1]), 100)
+    assert said.startswith("it distinguishes c from d if it is c (3.0 times the noise).")
 
 
 @pytest.mark.parametrize("verdict", ["noise", "unexplained"])
 def test_a_record_narrows_intervals_as_a_regression_says(verdict):
     old, new = record(40, 0, intercept=0.001), record(25, 1, intercept=0.001)
     intervals = Intervals(searched(line(old), [old], verdict, noise=0.2))
-    answer = intervals.ask(new)
+    answer = intervals.evaluate(new)
     right = [0.2**2 * np.linalg.inv(b.T @ b) for b in (basis_of(old), basis_of(old, new))]
     np.testing.assert_allclose(answer, right, rtol=1e-6)
     before, after = (own if verdict != "noise" else own[:1, :1] for own in right)
     nats = 0.5 * np.log(np.linalg.det(before) / np.linalg.det(after))
-    assert intervals.worth(answer) == (pytest.approx(nats, rel=1e-6),)
+    assert intervals.score(answer) == (pytest.approx(nats, rel=1e-6),)
     gain = np.polyfit(old.u, old.y, 1)[0]
     wide, narrow = (100.0 * np.sqrt(own[0, 0]) / gain for own in right)
-    said = intervals.told(answer, 25)
+    said = intervals.describe(answer, 25)
     assert f"gain (from ±{wide:.1f} to ±{narrow:.1f} %)" in said
     assert "intercept" not in said  # it may be zero: its interval over its value says nothing
-    lead = "nothing is ambiguous" if verdict == "noise" else "no effect comes near a claim"
+    lead = "nothing is ambiguous" if verdict == "noise" else "no effect is near to a claim"
     assert said.startswith(lead)
 
 
@@ -134,8 +136,8 @@ def test_the_widest_intervals_come_first():
     for intercept, first in ((-0.5, "intercept"), (50.0, "gain")):
         old = record(40, 0, intercept=intercept)
         intervals = Intervals(searched(line(old), [old]))
-        said = intervals.told(intervals.ask(old), 40)
-        assert f"the widest intervals narrower, of {first} (from" in said
+        said = intervals.describe(intervals.evaluate(old), 40)
+        assert f"the widest confidence intervals: {first} (from" in said
 
 
 def test_a_logarithm_is_its_own_measure():
@@ -149,7 +151,7 @@ def test_a_logarithm_is_its_own_measure():
     design = np.c_[(near[1] - near[0]) / 2e-5, records[0].y / 3.0]
     right = 0.1**2 * np.linalg.inv(design.T @ design)
     errors = 100.0 * np.sqrt(np.diag(right)) / [1.0, 3.0]
-    said = intervals.told(intervals.ask(records[0]), 300)
+    said = intervals.describe(intervals.evaluate(records[0]), 300)
     for name, error in zip(("time constant", "gain"), errors, strict=True):
         assert f"{name} (from ±{error:.2g} to ±{error / np.sqrt(2.0):.2g} %)" in said
 

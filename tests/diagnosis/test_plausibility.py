@@ -13,19 +13,19 @@ from skhyst.diagnosis._candidates import Candidate
 from skhyst.diagnosis._edits import Insert
 from skhyst.diagnosis._plausibility import (
     bends,
-    goes_on,
     has_its_name,
     has_no_peak,
+    input_beyond_dead_zone,
     is_between_samples,
     is_plausible,
-    is_wider_than_noise,
     levels_off,
-    remembers,
+    motion_beyond_kinks,
+    presliding_resolution,
     rings,
-    shows_its_slopes,
     slides,
     stops,
     varies_in_rate,
+    width_beyond_noise,
 )
 from skhyst.diagnosis._tree import Tree
 from skhyst.disturbance import SinusoidOperator
@@ -159,7 +159,7 @@ def test_a_play_is_compared_with_the_largest_of_the_noise():
     motion = 7.0 * smooth
     for times, wide in ((0.98, False), (1.02, True)):
         operator = BacklashOperator(times * part * np.ptp(motion), stage_order=0)
-        assert (is_wider_than_noise(operator, motion, records) > 0.0) == wide
+        assert (width_beyond_noise(operator, motion, records) > 0.0) == wide
 
 
 @pytest.mark.parametrize("dt", [1e-3, 1.0, 20.0])
@@ -206,14 +206,14 @@ def test_margins_of_friction_are_ways_over_the_motion(unit):
     def names(way):
         operator = LuGreOperator(way * 5.0 * unit, 1.0, 0.5, 1.0)
         assert operator.presliding_displacement == way * 5.0 * unit
-        return slides(operator, motion, []) > 0.0, remembers(operator, motion, []) > 0.0
+        return slides(operator, motion, []) > 0.0, presliding_resolution(operator, motion, []) > 0.0
 
     assert names(0.0099) == (True, False)
     assert names(0.0101) == (True, True)
     assert names(0.049) == (True, True)
     assert names(0.051) == (False, True)
     assert slides(GainOperator(), motion, []) == np.inf
-    assert remembers(GainOperator(), motion, []) == np.inf
+    assert presliding_resolution(GainOperator(), motion, []) == np.inf
 
 
 def test_a_curve_that_does_not_level_off_bends():
@@ -265,7 +265,7 @@ def test_a_mode_repeats_in_the_longest_record(periods, repeats):
 def test_a_dead_zone_has_a_response_on_both_sides(center, stays):
     drive = np.linspace(-2.0, 2.0, 401)
     operator = DeadBandOperator(half_width=0.4, center=center)
-    assert (goes_on(operator, operator.run(drive, 0.1)[0], []) > 0.0) == stays
+    assert (input_beyond_dead_zone(operator, operator.run(drive, 0.1)[0], []) > 0.0) == stays
 
 
 @pytest.mark.parametrize(
@@ -285,7 +285,7 @@ def test_the_slope_beyond_a_kink_is_seen_over_a_part_of_the_motion(thresholds, s
     motion = zones.run(np.linspace(-1.0, 1.0, 50), 0.1)[0]
     for unit in (1e-9, 1.0, 1e6):
         own = replace(zones, thresholds=unit * zones.thresholds)
-        assert (shows_its_slopes(own, unit * motion, []) >= 0.0) == stays
+        assert (motion_beyond_kinks(own, unit * motion, []) >= 0.0) == stays
 
 
 @pytest.mark.parametrize(
@@ -322,8 +322,8 @@ def test_a_period_is_known_between_the_samples(period):
     harmonics = SinusoidOperator(np.zeros(4), np.array([12.0, 14.0]) / (1e-3 * period))
     margin = EFFECTS["periodic_disturbance"].plausible
     assert margin(harmonics, np.array([]), records) < 0.0
-    beside = replace(harmonics, frequencies=harmonics.frequencies + 2.0 / 6.0)  # turns a record
-    assert margin(beside, np.array([]), records) > 0.0
+    additive = replace(harmonics, frequencies=harmonics.frequencies + 2.0 / 6.0)  # turns a record
+    assert margin(additive, np.array([]), records) > 0.0
 
 
 def test_rate_dependence_needs_more_than_one_rate():
@@ -367,8 +367,8 @@ def test_a_line_is_its_own_where_most_of_it_does_not_return_with_the_turns(turns
     drive = np.sin(2.0 * np.pi * np.arange(n) / period)
     assert near_period(drive) == pytest.approx(period, rel=1e-3)
     time = np.arange(n)
-    for beside in np.linspace(0.02, 0.98, 12) / turns:
-        frequency = (7.0 + beside) / period
+    for additive in np.linspace(0.02, 0.98, 12) / turns:
+        frequency = (7.0 + additive) / period
         line = np.exp(2j * np.pi * frequency * time)
         returning = np.mean(np.abs(line.reshape(turns, period).mean(axis=0)) ** 2)
         operator = SinusoidOperator(np.zeros(2), np.array([frequency]))
@@ -392,9 +392,9 @@ def test_a_delay_is_longer_than_the_shortest_interval(times, later):
 @pytest.mark.parametrize(("end", "both"), [(0.04, False), (0.06, True)])
 def test_a_dead_zone_is_left_at_both_ends_by_a_twentieth_of_the_motion(unit, end, both):
     motion = unit * np.array([-end, 0.0, 1.0 - end, 0.3])
-    assert (goes_on(None, motion, []) > 0.0) == both
-    assert goes_on(None, motion[motion != 0.0], []) < 0.0  # no sample is in the band
-    assert (goes_on(None, -motion, []) > 0.0) == both
+    assert (input_beyond_dead_zone(None, motion, []) > 0.0) == both
+    assert input_beyond_dead_zone(None, motion[motion != 0.0], []) < 0.0  # no sample is in the band
+    assert (input_beyond_dead_zone(None, -motion, []) > 0.0) == both
 
 
 @pytest.mark.parametrize("frequency", [0.3, 300.0])

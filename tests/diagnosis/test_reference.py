@@ -248,7 +248,7 @@ def test_what_only_smooths_a_noisy_drive_is_no_effect():
     assert "noisy_drive" in set(found.data_quality_["fault"])
     assert found.effects_ == []
     assert found.verdict_ == "noise"
-    assert "noise that the device has not seen" in found.report().to_markdown()
+    assert "noise that does not act on the device" in found.report().to_markdown()
 
 
 @pytest.mark.slow

@@ -254,7 +254,7 @@ def of_one_candidate(report):
     return {"ranking": [row]}
 
 
-STRONGEST = "What the declared model leaves is strongest"
+STRONGEST = "The residual of the declared model is strongest"
 SAID = [  # report, changes of it, what it says, and what it does not say
     ("nothing", {}, ["Nothing is missing", "its held-out error is"], "nexplained"),
     (
@@ -268,38 +268,41 @@ SAID = [  # report, changes of it, what it says, and what it does not say
     (
         "report",
         {"verdict": "unexplained"},
-        ["Missing: resonance; and something unexplained"],
+        ["Missing: resonance; and unexplained structure"],
         "No effect is claimed",
     ),
     (
         "nothing",
         {"verdict": "undetermined"},
-        ["Undetermined", "the recording cannot tell", "do not predict each other", "slow noise."],
+        ["Undetermined", "this recording does not", "do not predict each other", "slow noise "],
         "Nothing is missing",
     ),
     (
         "report",
         {"verdict": "undetermined"},
-        ["Missing: resonance; whether more is missing cannot be told", "the recording cannot tell"],
+        ["Missing: resonance; more may be missing", "this recording does not determine"],
         "nexplained",
     ),
     (
         "report",
         provisional,
-        ["which may stand for what the list of effects lacks", "structure that no effect explains"],
+        [
+            "which may stand for an effect that is not on the list",
+            "structure that no effect explains",
+        ],
         "Nothing",
     ),
     ("report", {}, ["Missing: resonance"], "rovisional"),
     ("report", half_noise, ["at most 75 % of the power", "Not known: its law"], "at least"),
     ("report", {"next_steps": ["a", "b"]}, ["What to measure next"], "Not known"),
-    ("report", ambiguous, ["cannot tell it from lag", "Ring it, then listen."], "dropped"),
+    ("report", ambiguous, ["do not distinguish it from lag", "Ring it, then listen."], "dropped"),
     (
         "report",
         {"dropped": ["my_lag"]},
-        ["my_lag was tried in the model: nothing is lost without it"],
+        ["my_lag was added and removed again: without it the held-out error"],
         "unexplained",
     ),
-    ("report", full, ["Something unexplained", "no more effects than max_effects"], "no further"),
+    ("report", full, ["Unexplained structure", "no more effects than max_effects"], "no further"),
     ("report", {}, ["mode stores and returns energy", STRONGEST], "dropped"),
 ]
 
@@ -333,13 +336,13 @@ def test_what_to_measure_next():
 
     assert steps() == []
     told, proposal = steps([claim])
-    assert told == "To tell lag from delay: Sweep."
+    assert told == "To distinguish lag from delay: Sweep."
     assert "skhyst next" in proposal
     (proposal,) = steps(experiment=Experiment(None, "", "Triangle of 2 Hz: it tells.", 1.0))
     assert "so far: Triangle of 2 Hz: it tells. On the command line" in proposal
     assert steps([claim | {"ambiguous_with": []}]) == []
     (step,) = steps(not_it=[miss, miss | {"change": -0.01}, miss | {"p_value": np.nan}])
-    assert step.startswith("creep would make the error 10 % smaller")
+    assert step.startswith("creep would reduce the error by 10 %")
     assert "Step and rest" in step
     assert "from 1.00 to 2.00 Hz" in steps(location=[place], verdict="unexplained")[0]
     assert "repeat one record" in steps(verdict="unexplained")[0]
@@ -540,7 +543,7 @@ def test_every_view_tells_the_same(report):
         statement,
         *errors,
         *other.remarks,
-        "cannot tell it from lag",
+        "do not distinguish it from lag",
         "Provisional",
         "7 samples",
     ]
@@ -638,19 +641,19 @@ def test_the_summary_says_what_is_missing_how_sure_and_what_next(report, nothing
     part = 100.0 * (1.0 - (report.error_after / report.error_before) ** 2)
     settled = changed(report, next_steps=[])
     assert settled.summary == (
-        f"The model lacks resonance: it explains {part:#.3g} % of what the model got wrong. "
-        "Sure: yes. What is left is noise. Next: nothing more to record."
+        f"The model lacks resonance: it explains {part:#.3g} % of the power of its held-out "
+        "error. Significant at alpha = 0.01. The residual is noise. Next: nothing more to record."
     )
     unsure = changed(report, **ambiguous(report), next_steps=["a", "b"])
-    assert "resonance may be lag as well. " in unsure.summary
+    assert "resonance may be lag instead. " in unsure.summary
     assert unsure.summary.endswith("Next: 2 steps, below.")
     assert (
-        "not of the name. Something more is missing"
+        "but not which effect. The residual still has structure"
         in changed(report, **provisional(report)).summary
     )
-    assert nothing.summary.startswith("The model lacks nothing that was looked for")
+    assert nothing.summary.startswith("No missing effect was found")
     lost = changed(nothing, verdict="undetermined", error_before=0.0, error_after=0.0)
-    assert lost.summary.startswith("Whether the model lacks something this recording cannot tell.")
+    assert lost.summary.startswith("This recording does not show whether an effect is missing.")
 
 
 def test_the_noise_is_told(report):

@@ -9,7 +9,7 @@ from plants import make_recording
 
 from skhyst.diagnosis import EFFECTS, EffectSearchCV, _shortened
 from skhyst.diagnosis._candidates import Candidate, held_out, refitted
-from skhyst.diagnosis._edits import Beside, Modulate
+from skhyst.diagnosis._edits import AddDisturbance, Modulate
 from skhyst.diagnosis._shortened import are_long, shortened, suffices
 from skhyst.diagnosis._tree import Tree
 from skhyst.disturbance import PeriodicDisturbance
@@ -61,14 +61,16 @@ def test_a_part_shows_dependence_on_the_amplitude_where_it_has_this_amplitude(sh
     assert not suffices(EFFECTS["drift"], structure, records, parts)
 
 
-@pytest.mark.parametrize("beside", [(), (PeriodicDisturbance(1),)])
-def test_folds_of_long_records_are_those_of_short_ones(beside, monkeypatch):
+@pytest.mark.parametrize("additive", [(), (PeriodicDisturbance(1),)])
+def test_folds_of_long_records_are_those_of_short_ones(additive, monkeypatch):
     """One Gauss-Newton step of each fold finds what the search for its minimum finds."""
     records = some_records()
     mode = SecondOrderMode()
     structure = Tree.from_result(mode, mode.identify(records))
-    for model in beside:
-        structure = structure.edited("line", Beside(model, model.starting_values(records)[0]))
+    for model in additive:
+        structure = structure.edited(
+            "line", AddDisturbance(model, model.starting_values(records)[0])
+        )
     problem = structure.problem(records)
     contestant = Candidate((), structure, np.inf, np.inf, len(problem.x0), problem.x0)
     contestant = refitted(contestant, structure, records)

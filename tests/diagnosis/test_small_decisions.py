@@ -24,17 +24,17 @@ from skhyst.diagnosis._starts import starting_trees
 from skhyst.diagnosis._structure import (
     N_PRESENT,
     Trial,
+    _black_box_residuals,
     _by_black_box,
     _driven,
-    _left_by_boxes,
     _own,
     _seen,
     _settled,
     _wiped,
     by_black_boxes,
     by_shifted_drive,
+    delayed,
     in_repetitions,
-    moved,
     past_mean,
     repeatability,
     repetitions,
@@ -164,7 +164,7 @@ def test_rounding_between_repetitions_is_no_start():
 def test_a_candidate_matters_by_the_error_that_it_takes_away(part):
     """Shares are of the power: what takes the part p of the error leaves (1 - p)^2 of that."""
     criterion = Criterion(0.01, 0.05)
-    assert Trial((1.0 - part) ** 2, 0.0, None).matters(criterion) == (part >= 0.05)
+    assert Trial((1.0 - part) ** 2, 0.0, None).improves_enough(criterion) == (part >= 0.05)
     assert Trial((1.0 - part) ** 2, 0.0, None).is_structure(criterion) == (part >= 0.05)
     assert not Trial((1.0 - part) ** 2, 0.02, None).is_structure(criterion)
 
@@ -252,7 +252,7 @@ def test_features_that_need_no_past_come_first():
 
 def boxes_of(y, x, *, blocks=9):
     block = np.arange(len(y)) * blocks // len(y)
-    return _left_by_boxes(x, y, block, np.random.default_rng(0)), block
+    return _black_box_residuals(x, y, block, np.random.default_rng(0)), block
 
 
 def test_a_black_box_is_a_ridge_of_little_shrinkage_whatever_the_units_of_its_columns():
@@ -314,7 +314,7 @@ def box_trial(monkeypatch, law, leaves, p_values=(0.001,)):
 
     noise = SimpleNamespace(law=law, innovations=lambda series: [0.5 * own for own in series])
     monkeypatch.setattr(_structure, "fit_noise", lambda _: noise)
-    monkeypatch.setattr(_structure, "_left_by_boxes", left_by_boxes)
+    monkeypatch.setattr(_structure, "_black_box_residuals", left_by_boxes)
     monkeypatch.setattr(_structure, "paired_p_value", lambda *_: next(chances))
     rng = np.random.default_rng(0)
     records = [RecordData(u, u, 0.01) for u in rng.normal(size=(2, 200))]
@@ -451,7 +451,7 @@ def test_means_and_values_of_the_past_end_before_the_sample(size):
     means = [signal[max(k - size, 0) : k].mean() if k else 0.0 for k in range(20)]
     np.testing.assert_allclose(past_mean(signal, size), means, atol=1e-12)
     values = [signal[k - size] if k >= size else 7.0 for k in range(20)]
-    np.testing.assert_array_equal(moved(signal, size, 7.0), values)
+    np.testing.assert_array_equal(delayed(signal, size, 7.0), values)
 
 
 def test_a_residual_is_seen_by_its_past_alone():
@@ -700,11 +700,11 @@ def pruned(needless, names="abc"):
     contest = SimpleNamespace(
         without=without,
         n_tried=1,
-        criterion=SimpleNamespace(is_better=is_missed, matters=lambda worse, better: True),
+        criterion=SimpleNamespace(is_better=is_missed, improves_enough=lambda worse, better: True),
         _is_needed=lambda base, name, reduced: is_missed(reduced, base),
         _keeps_names=lambda *_: True,
         dropped=[],
-        _say=lambda *_: None,
+        _report_progress=lambda *_: None,
     )
     return Contest.prune(contest, candidate(names)).structure.effects, contest.dropped
 
@@ -751,10 +751,10 @@ def test_the_best_path_goes_on_and_the_simplest_that_is_not_told_from_it():
     assert Contest._few(contest, [], []) == []
 
 
-def better_of(driven, additive, pairs, *, room=2, error=1.0, structured=True):
+def better_of(driven, of_time, pairs, *, room=2, error=1.0, structured=True):
     path = of_effects("p", error)
     criterion = SimpleNamespace(
-        matters=lambda worse, better: better.error < 0.95 * worse.error,
+        improves_enough=lambda worse, better: better.error < 0.95 * worse.error,
         is_better=lambda worse, better, n_tried: better.error < 0.5 * worse.error,
     )
     contest = SimpleNamespace(
@@ -762,11 +762,11 @@ def better_of(driven, additive, pairs, *, room=2, error=1.0, structured=True):
         negligible=1e-3,
         n_tried=1,
         criterion=criterion,
-        extended=lambda path, fully=True, additive=False: beside if additive else drivens,
+        extended=lambda path, fully=True, additive=False: added if additive else drivens,
         judgement=lambda path: SimpleNamespace(structured=structured),
         _pairs=lambda path, singles: two,
     )
-    drivens, beside, two = ([of_effects("x", e) for e in own] for own in (driven, additive, pairs))
+    drivens, added, two = ([of_effects("x", e) for e in own] for own in (driven, of_time, pairs))
     return [c.error for c in Contest._better(contest, path, True)]
 
 
@@ -843,7 +843,9 @@ def test_what_came_before_records_is_seen_in_their_first_third(segments):
     known = {
         "model": SimpleNamespace(get_params=lambda: {"initial_state": "rest"}),
         "operators": [SimpleNamespace(memoryless=False), SimpleNamespace(memoryless=True)],
-        "led_by": lambda parts: seen.extend(parts) or SimpleNamespace(input_history=("past",)),
+        "with_estimated_history": lambda parts: (
+            seen.extend(parts) or SimpleNamespace(input_history=("past",))
+        ),
     }
     (edit,) = changed(UnderWay(), [record], **known)
     assert edit.input_history == ("past",)
@@ -913,11 +915,11 @@ def test_what_a_column_adds_starts_from_that_column():
     assert {(1, 2.0), (2, -3.0)} <= gains
 
 
-@pytest.mark.parametrize("beside", [0.1, 0.24, 0.26, 0.4])
-def test_a_sinusoid_is_a_harmonic_where_half_of_its_power_is_in_the_mean_of_the_turns(beside):
+@pytest.mark.parametrize("additive", [0.1, 0.24, 0.26, 0.4])
+def test_a_sinusoid_is_a_harmonic_where_half_of_its_power_is_in_the_mean_of_the_turns(additive):
     period, dt = 200, 0.01
     time, u = dt * np.arange(2 * period), np.sin(2 * np.pi * np.arange(2 * period) / period)
-    frequency = (7.0 + beside) / (period * dt)
+    frequency = (7.0 + additive) / (period * dt)
     line = np.exp(2j * np.pi * frequency * time)  # of any phase
     kept = np.mean(np.abs(line.reshape(2, period).mean(axis=0)) ** 2)
     operator, record = SimpleNamespace(frequencies=np.array([frequency])), RecordData(u, u, dt)

@@ -77,7 +77,7 @@ def test_every_variant_has_starts_in_its_place(name, kind):
                 continue
             ranks = [operator.stage_order for operator in candidate.operators]
             assert ranks == sorted(ranks)
-            if effect.beside:
+            if effect.additive:
                 assert candidate.names == structure.names
                 for own, before in zip(candidate.operators, structure.operators, strict=True):
                     np.testing.assert_array_equal(own.pack(), before.pack())

@@ -8,8 +8,8 @@ import pytest
 
 from skhyst.compose import Cascade, Modulated, OnColumn, ScheduledParameters, Sum
 from skhyst.diagnosis._edits import (
+    AddDisturbance,
     AddForce,
-    Beside,
     Bias,
     Drive,
     Enrich,
@@ -129,13 +129,13 @@ def test_at_puts_the_solution_back(records):
 
 def test_coefficients_are_those_of_the_disturbances(records):
     tree, _ = taken_apart(PrandtlIshlinskii(4), records)
-    assert tree.n_besides() == 0
-    tree = tree.edited("offset", Beside(Offset(), OffsetOperator(np.zeros(1))))
+    assert tree.n_further_estimates() == 0
+    tree = tree.edited("offset", AddDisturbance(Offset(), OffsetOperator(np.zeros(1))))
     assert "intercept" not in "".join(tree.problem(records).names)  # each record has its own
-    tree = tree.edited("drift", Beside(Drift(3), DriftOperator(np.zeros(4), 1.0)))
-    assert tree.n_besides() == 5
+    tree = tree.edited("drift", AddDisturbance(Drift(3), DriftOperator(np.zeros(4), 1.0)))
+    assert tree.n_further_estimates() == 5
     tree = replace(tree, input_history=tuple(np.zeros((3, 2))))  # and two values before each
-    assert tree.n_besides() == 7
+    assert tree.n_further_estimates() == 7
 
 
 def test_estimator_is_the_declared_model_with_what_was_added(records):
@@ -146,7 +146,7 @@ def test_estimator_is_the_declared_model_with_what_was_added(records):
     assert isinstance(model, Cascade)
     assert [name for name, _ in model.steps] == ["prandtl_ishlinskii", "lag"]
     assert model.dt == DT
-    model = tree.edited("offset", Beside(Offset(), OffsetOperator(np.zeros(1)))).estimator
+    model = tree.edited("offset", AddDisturbance(Offset(), OffsetOperator(np.zeros(1)))).estimator
     assert isinstance(model, Sum)
     assert [name for name, _ in model.steps] == ["prandtl_ishlinskii", "offset"]
 
@@ -182,7 +182,7 @@ ADDED = {
     "lag": [Insert(FirstOrderLag(), FirstOrderLagOperator(0.05))],
     "resonance": [Insert(SecondOrderMode(), SecondOrderModeOperator(80.0, 0.1))],
     "output_saturation": [Insert(Saturation(place="sensor"), SaturationOperator(-1.5, 1.5, 50))],
-    "offset": [Beside(Offset(), OffsetOperator(np.zeros(1)))],
+    "offset": [AddDisturbance(Offset(), OffsetOperator(np.zeros(1)))],
     "auxiliary_input": [Drive(Gain(fit_intercept=False), GainOperator(0.7), 1)],
     "bias": [Bias(FirstOrderLag(fit_intercept=False), FirstOrderLagOperator(0.05, 0.3), 1, 0.2)],
     "scaled": [Modulate(1, 1.5)],

@@ -139,5 +139,5 @@ def test_parameters_have_units_of_the_signals_that_they_stand_between():
     assert units["plays__weights[1]"] == "response/drive"
     assert units["lag__gain"] == ""
     assert units["sensor__upper"] == "response"
-    beside = SumOperator(("plays", "lag"), (plays, FirstOrderLagOperator(0.1)))
-    assert beside.parameter_units()["lag__gain"] == "response/drive"
+    additive = SumOperator(("plays", "lag"), (plays, FirstOrderLagOperator(0.1)))
+    assert additive.parameter_units()["lag__gain"] == "response/drive"

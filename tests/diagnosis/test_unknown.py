@@ -130,7 +130,7 @@ def test_a_sum_of_two_functions_of_different_signals():
     assert "quadratic with sign" in set(second.laws["law"])
     assert not second.structure_left
     assert second.error_before == first.error_after > 1.15 * NOISE > second.error_after
-    assert "; and beside it a term" in str(first)
+    assert "; in addition, a term" in str(first)
     report = searched.report()
     assert report.unknown["second"]["argument"] == second.argument
     assert "The second function" in report.to_html()
@@ -251,7 +251,7 @@ def test_the_drive_that_tells_places_apart():
     places = [f"{found.place}: a function of the {found.argument}", *found.ambiguous_with]
     assert len(places) > 1
     experiment = next_experiment(searched, (-3.0, 3.0))
-    assert "it tells " in experiment.reason
+    assert "it distinguishes " in experiment.reason
     assert places[0] in experiment.reason
     assert places[1] in experiment.reason
 

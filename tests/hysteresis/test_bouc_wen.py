@@ -267,12 +267,12 @@ def test_run_in_pieces_and_tangents(operator, seed):
     ratio = max(operator.ratio, 0.01) * (1.0 - abs(operator.asymmetry))
     operator = dataclasses.replace(operator, limit=1.0, ratio=ratio)
     check_operator(operator, u, 1.0)
-    at_bound, beside = (
+    at_bound, additive = (
         dataclasses.replace(operator, ratio=ratio).sensitivities(u, u[:, None], 1.0)[1]
         for ratio in (0.0, 1e-9)
     )
-    scale = max(np.abs(beside).max(), 1.0)
-    np.testing.assert_allclose(at_bound, beside, rtol=0, atol=1e-6 * scale)
+    scale = max(np.abs(additive).max(), 1.0)
+    np.testing.assert_allclose(at_bound, additive, rtol=0, atol=1e-6 * scale)
 
 
 # -------------------------------------------------------------------------------- parameters

@@ -143,7 +143,7 @@ def test_derivatives_by_the_start(alone):
     assert plant.n_start == 2
     record = RecordData(U[:150], np.zeros(150), DT, start=np.array([0.2, 1.3]))
     problem = OperatorProblem(plant, [record])
-    h, found = 1e-6, problem.carried(plant, record)
+    h, found = 1e-6, problem.history_sensitivities(plant, record)
     for i in range(2):
         ends = [
             problem.simulate(plant, dataclasses.replace(record, start=record.start + move))

@@ -312,7 +312,7 @@ def twice(fields, flux, columns):
     ],
 )
 @pytest.mark.filterwarnings("ignore::skhyst.exceptions.ExtrapolationWarning")
-@pytest.mark.filterwarnings("ignore:The records begin otherwise than at the rest")  # loops do
+@pytest.mark.filterwarnings("ignore:The records do not begin at rest")  # loops do
 def test_measured_loops_of_an_amplitude_not_seen(folder, name, held_out, limit):
     """Root mean square error over range, smaller and larger amplitudes being known."""
     fields, flux = measured(folder, name)

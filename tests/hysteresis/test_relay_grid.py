@@ -192,7 +192,7 @@ def test_history_before_the_record():
     device = PreisachOperator(np.linspace(-1, 1, 11), np.full(55, 0.02), np.full(10, 0.01))
     u = excursions(np.random.default_rng(2))
     y = device.run(np.r_[-1.0, u], 1.0)[0][1:]
-    with pytest.warns(ConvergenceWarning, match="begin otherwise"):
+    with pytest.warns(ConvergenceWarning, match="do not begin at rest"):
         rest = Preisach(11).fit(u[:, None], y)
     model = Preisach(11, initial_state="estimate").fit(u[:, None], y)
     assert model.initial_drive_.min() < -0.9

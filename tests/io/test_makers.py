@@ -72,10 +72,10 @@ def test_files_that_do_not_belong_together_are_not_joined(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".xlsx"])
-@pytest.mark.parametrize("beside", [False, True])
-def test_recordings_below_or_beside_each_other_are_records(tmp_path, suffix, beside):
+@pytest.mark.parametrize("additive", [False, True])
+def test_recordings_below_or_beside_each_other_are_records(tmp_path, suffix, additive):
     tables = [pd.DataFrame({"t": T[:n], "u": k * U[:n], "y": Y[:n]}) for k, n in ((1, 90), (2, 60))]
-    if beside:
+    if additive:
         both = pd.concat([tables[0], pd.Series(np.nan, range(90), name=""), tables[1]], axis=1)
         table = pd.DataFrame([both.columns.tolist(), *both.to_numpy(dtype=object).tolist()])
     else:

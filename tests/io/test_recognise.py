@@ -188,7 +188,7 @@ def faults(table, **options):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"y": np.minimum(Y, 0.8)}, "'y' stands at its largest value, 0.8, in"),
+        ({"y": np.minimum(Y, 0.8)}, "'y' is at its largest value, 0.8, in"),
         ({"y": U}, "'u' and 'y' are the same signal"),
         ({"y": np.full(N, 3.0)}, "'y' does not move: it is 3 throughout"),
         ({"y": np.where(T[9] == T, np.nan, Y)}, r"y: 1 row\(s\) \(9\)"),

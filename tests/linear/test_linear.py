@@ -331,7 +331,7 @@ def test_clocks_that_differ_read_later_and_later(shift, skew):
     np.testing.assert_allclose(y[inner], expected[inner], atol=1e-4)
 
 
-@pytest.mark.filterwarnings("ignore:The records begin otherwise")  # they do
+@pytest.mark.filterwarnings("ignore:The records do not begin at rest")  # they do
 def test_the_skew_of_clocks_is_identified():
     time = DT * np.arange(2000)
     drive, y = (np.sin(2 * np.pi * t) + np.sin(5.1 * t) for t in (time, 0.9994 * time - 0.003))

@@ -259,7 +259,7 @@ def test_blocks_work_on_arrays():
     assert np.isfinite(cross_val_score(PrandtlIshlinskii(5), X, y, cv=cv)).all()
 
 
-@pytest.mark.filterwarnings("ignore:The records begin otherwise")  # those of blocks
+@pytest.mark.filterwarnings("ignore:The records do not begin at rest")  # those of blocks
 @pytest.mark.parametrize("cv", [RecordKFold(4), BlockedTimeSeriesSplit(3, washout=20)])
 def test_a_model_with_memory_is_identified_in_every_fold(cv):
     """Blocks begin with a memory that nobody knows, so only the fits of whole records are exact."""

@@ -320,8 +320,8 @@ def test_two_minor_loops_share_drive_and_gradient_and_differ():
     # the extreme before the last one tells them apart
     extremes = GeneralizedInputGradient(turning_points=4).fit_transform(u)
     assert (extremes[from_above] != extremes[from_below]).any(axis=1).all()
-    beside = np.column_stack([features, states])
-    np.testing.assert_allclose(LinearRegression().fit(beside, y).predict(beside), y, atol=1e-10)
+    additive = np.column_stack([features, states])
+    np.testing.assert_allclose(LinearRegression().fit(additive, y).predict(additive), y, atol=1e-10)
 
 
 def _path(corners, speed):

@@ -202,7 +202,7 @@ def test_a_gain_of_zero_has_no_inverse():
         GainOperator(0.0).inverse()
     with pytest.raises(ValueError, match="has no inverse"):
         FrictionStageOperator(90.0, 0.1, 0.3, 0.8, 3.0, 8.0, gain=0.0).inverse().run(REFERENCE, DT)
-    with pytest.raises(ValueError, match="sum of nothing"):
+    with pytest.raises(ValueError, match="sum without terms"):
         OPERATORS["empty sum"].inverse()
 
 

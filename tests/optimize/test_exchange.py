@@ -10,7 +10,7 @@ from skhyst.hysteresis import (
     PrandtlIshlinskii,
     PrandtlIshlinskiiOperator,
 )
-from skhyst.operators import has_weight, same_places, with_terms, with_terms_kept
+from skhyst.operators import has_weight, same_places, select_terms, with_terms
 from skhyst.optimize import (
     Alone,
     OperatorProblem,
@@ -127,7 +127,7 @@ def test_a_fixed_number_of_terms_changes_no_output():
     u = wandering(8)
     np.testing.assert_array_equal(further, [False, True, False, True])
     np.testing.assert_allclose(finer.run(u, 1.0)[0], start.run(u, 1.0)[0], atol=1e-12)
-    back = with_terms_kept(finer, has_weight(finer))
+    back = select_terms(finer, has_weight(finer))
     assert same_places(back, start)
     assert not same_places(finer, start)
 
@@ -160,8 +160,8 @@ def test_a_record_whose_column_goes_further_is_not_held_out():
     assert record_folds(records[:2]) == record_folds(records[:1]) == []
 
 
-@pytest.mark.parametrize("beside", [(), (OffsetOperator(np.zeros(1)),)])
-def test_the_power_that_a_step_leaves_is_that_of_the_predictions(beside):
+@pytest.mark.parametrize("additive", [(), (OffsetOperator(np.zeros(1)),)])
+def test_the_power_that_a_step_leaves_is_that_of_the_predictions(additive):
     """Of a linear problem the Gram matrices tell what the predictions of its solution leave."""
     rng = np.random.default_rng(0)
     records, folds = block_folds(
@@ -172,8 +172,8 @@ def test_the_power_that_a_step_leaves_is_that_of_the_predictions(beside):
     )
     folds.append((np.arange(12) < 6, np.arange(12) >= 6))  # a whole record
     start = PrandtlIshlinskiiOperator([0.0, 1.0], [0.5, 0.1])
-    held = {"drive_offset", "intercept"} if beside else {"drive_offset"}
-    problem = OperatorProblem(start, records, disturbances=beside, fixed=held)
+    held = {"drive_offset", "intercept"} if additive else {"drive_offset"}
+    problem = OperatorProblem(start, records, disturbances=additive, fixed=held)
     blocks, step = problem.evaluate(problem.x0), np.array([0.1, 0.3, 0.2])[: len(problem.x0)]
     for train, test in folds:
         predictions = problem.predictions(problem.x0 + step, train)
@@ -181,7 +181,7 @@ def test_the_power_that_a_step_leaves_is_that_of_the_predictions(beside):
         for i, (record, prediction) in enumerate(zip(records, predictions, strict=True)):
             for (a, b), scored in zip(record.segments, test[6 * i : 6 * i + 6], strict=True):
                 left += scored * np.sum(np.square(record.y - prediction)[a:b])
-        assert problem.power_left(blocks, step, train, test) == pytest.approx(left, rel=1e-8)
+        assert problem.predicted_power(blocks, step, train, test) == pytest.approx(left, rel=1e-8)
 
 
 def test_segments_that_no_fold_divides_are_one():

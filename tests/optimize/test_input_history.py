@@ -153,9 +153,9 @@ def test_what_stands_beside_is_no_history():
     """A record's own constant is taken out before it is asked how the record began."""
     record = cut(PLAYS, 2)
     shifted = RecordData(record.u, record.y + 5.0, DT)
-    beside = (OffsetOperator(np.zeros(1)),)
+    additive = (OffsetOperator(np.zeros(1)),)
     for own in (record, shifted):
-        input_history, _ = input_history_of(PLAYS, beside, [own])
+        input_history, _ = input_history_of(PLAYS, additive, [own])
         assert errors(PLAYS, record, input_history[0])[1] < 1e-3
 
 
@@ -183,7 +183,7 @@ def test_the_derivatives_are_those_of_the_output(name):
     moves = step * np.eye(before.size).reshape(-1, *before.shape)
     ends = [[output(before + way) for way in (move, -move)] for move in moves]
     expected = np.stack([(a - b) / (2.0 * step) for a, b in ends], axis=1)
-    found = problem.carried(device, problem.records[0])
+    found = problem.history_sensitivities(device, problem.records[0])
     np.testing.assert_allclose(found, expected, atol=1e-6 * max(np.abs(expected).max(), 1.0))
     assert np.abs(expected).max() > 1e-3
 

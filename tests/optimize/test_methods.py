@@ -301,7 +301,7 @@ def test_methods_are_values():
     assert clone(model).get_params()["method"] == method
 
 
-@pytest.mark.filterwarnings("ignore:The records begin otherwise")  # those of folds
+@pytest.mark.filterwarnings("ignore:The records do not begin at rest")  # those of folds
 def test_grid_search_over_methods():
     data = record(0.01)
     methods = ["variable_projection", ParticleSwarm(population=8, max_iterations=5)]
@@ -332,7 +332,7 @@ def test_levenberg_marquardt_counts_epochs_and_moves_its_damping():
     assert goal.history[-1][1] <= 1e-3 * power < goal.history[-2][1]
 
 
-@pytest.mark.filterwarnings("ignore:The records begin otherwise")  # those of folds
+@pytest.mark.filterwarnings("ignore:The records do not begin at rest")  # those of folds
 def test_a_grid_over_what_a_method_is_given():
     """A search sets parameters of the method of its own copy of a model, by name."""
     data = record(0.01)

@@ -341,7 +341,7 @@ def test_parameters_are_checked(tmp_path, options, message):
 
 
 def test_times_too_coarse_or_out_of_order_and_nothing_left(tmp_path):
-    with pytest.raises(RecordError, match=r"stands still .*'sampling_rate'"):
+    with pytest.raises(RecordError, match=r"does not advance .*'sampling_rate'"):
         read(tmp_path, TABLE.assign(t=np.round(T, 2)), time="t")
     with pytest.raises(RecordError, match="shuffled"):
         read(tmp_path, TABLE.sample(frac=1.0, random_state=0), time="t")
