@@ -182,7 +182,7 @@ def test_drawn_rows_are_refused(kind, share):
     with pytest.raises(RecordError, match="a second time, in no order"):
         make_pipeline(LaggedFeatures([0, 1]), LinearRegression()).fit(u[rows], y[rows])
     if share == 1.0:
-        with pytest.raises(RecordError, match="a random sample of them that was sorted"):
+        with pytest.raises(RecordError, match="a sorted random sample with replacement"):
             LAG.fit(u[np.sort(rows)], y[np.sort(rows)])
     SmoothCurve(3).fit(u[rows], y[rows])  # without a memory, rows have no order
     time = pd.Index(DT * np.arange(len(rows)), name="time")

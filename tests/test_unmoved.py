@@ -58,7 +58,7 @@ def test_what_cannot_fall_asks_for_the_other_sign(model):
 def test_what_has_no_gain_or_constant_asks_for_one(model, gain, constant):
     """A `Gain` has both; with it nothing warns, which would be an error."""
     y = gain * (NOISE + WAVE) + constant
-    with pytest.warns(ConvergenceWarning, match="put a Gain beside it"):
+    with pytest.warns(ConvergenceWarning, match="add a Gain to it"):
         model.fit(WAVE[:, None], y)
     whole = Cascade([("gain", Gain()), ("model", model)]).fit(WAVE[:, None], y)
     assert whole.fit_error_ == pytest.approx(gain * NOISE.std(), rel=0.1)

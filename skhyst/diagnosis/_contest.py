@@ -300,15 +300,18 @@ class Contest:
         found = self.steps[key]["candidates"]
         return [self._finer(c) for c in found if self.criterion.improves_enough(base, c)]
 
-    def _has_course(self, candidate):
-        """Whether an additive disturbance is more than the course of the noise itself."""
+    def _p_value(self, base, name, reduced):
+        """Return the p-value of an effect of a candidate, for all that was tried.
+
+        An additive disturbance is one slow course in each record, hence one block in the test of
+        the criterion: its power is compared with that of the course of the noise itself.
+        """
         # the residual of a black box has a course that depends on the box
-        additive = EFFECTS[candidate.effects[-1]].additive
-        if self.renew is not None or not additive:
-            return True
-        p_values = course_p_values(candidate.structure, self.records_of(candidate))
-        own = [p for name, p in p_values.items() if name in candidate.effects]
-        return self.n_tried * max(own, default=0.0) < self.criterion.alpha
+        if self.renew is None and EFFECTS[name].additive:
+            found = course_p_values(base.structure, self.records_of(base))
+            if name in found:
+                return min(1.0, self.n_tried * found[name])
+        return self.criterion.p_value(reduced, base, self.n_tried)
 
     # ------------------------------------------------------------------ prune
 
@@ -334,7 +337,14 @@ class Contest:
                     both = reduced[first,]
                     if second in both.structure.effects:  # may be an edit of the first
                         both = self.without(both, second)
-                    if not self.criterion.is_better(both, base, self.n_tried):
+                    alone = (reduced[first,], second), (reduced[second,], first)
+                    if not (
+                        self.criterion.is_better(both, base, self.n_tried)
+                        or any(
+                            name in own.structure.effects and self._is_needed(own, name, both)
+                            for own, name in alone
+                        )
+                    ):
                         needless[first, second] = both
             if not needless:
                 break
@@ -350,8 +360,9 @@ class Contest:
         return base
 
     def _is_needed(self, base, name, reduced):
-        own = replace(base, effects=(name,))
-        return self.criterion.is_better(reduced, base, self.n_tried) and self._has_course(own)
+        """Whether a model is better than without one of its effects, beyond chance."""
+        matters = self.criterion.improves_enough(reduced, base)
+        return matters and self._p_value(base, name, reduced) < self.criterion.alpha
 
     def _keeps_names(self, candidate, base):
         """Whether effects of a candidate keep the properties of their names."""
@@ -426,15 +437,14 @@ class Contest:
         # the other effects at their values before the removal, where they compensate for nothing
         start = replace(reduced, structure=tree.without(name)) if tree.effects[1:] else reduced
         rivals = self.extended(start, fully=False) + self.extended(start, additive=True)
-        family, own = self.n_tried, replace(base, effects=(name,))
+        own = replace(base, effects=(name,))
         if start is reduced:  # a name is no simpler because other parts have fewer terms
             finer = self._without_effect(base, name).n_parameters - reduced.n_parameters
             own = replace(own, n_parameters=base.n_parameters - finer)
         rivals = [
             c
             for c in rivals
-            if self.criterion.is_better(reduced, c, family)
-            and self._has_course(c)
+            if self._is_needed(c, c.effects[0], reduced)
             # another variant of the same effect is a rival if it is simpler or the error falls
             # noticeably
             and (
@@ -507,9 +517,7 @@ class Contest:
                         "effect": name,
                         "error_before": less.error,
                         "error_after": last.error,
-                        "p_value": self.criterion.p_value(
-                            self.without(base, name), base, self.n_tried
-                        ),
+                        "p_value": self._p_value(base, name, self.without(base, name)),
                         "ambiguous_with": others,
                         "experiment": EFFECTS[name].experiment if others else "",
                     }
@@ -524,7 +532,8 @@ class Contest:
         """
         if len(base.structure.effects) >= self.max_effects or base.error <= self.negligible:
             return []
-        found = [c for c in self.extended(base) if self.criterion.improves_enough(base, c)]
+        found = self.extended(base) + self.extended(base, additive=True)
+        found = [c for c in found if self.criterion.improves_enough(base, c)]
         errors = fold_errors(base, self.records_of(base), self.folds)
         rows = []
         for c in sorted(found, key=lambda c: c.error):
@@ -535,7 +544,7 @@ class Contest:
                     "error_before": base.error,
                     "error_after": c.error,
                     "folds_better": sum(a < b for a, b in zip(own, errors, strict=True)),
-                    "p_value": self.criterion.p_value(base, c, self.n_tried),
+                    "p_value": self._p_value(c, c.effects[0], base),
                 }
             )
         return rows

@@ -149,13 +149,17 @@ def rings(operator, motion, records):
 
 
 def responds_promptly(operator, motion, records):
-    """Return the size of the prompt response relative to the creep within a record.
+    """Return margins of creep: of its prompt response, and of the rate of its fastest unit.
 
-    Creep without a prompt response is a lag.
+    Creep without a prompt response within a record is a lag. A unit whose time constant is below
+    the sampling interval is part of the prompt response: of the recording it makes a gain.
     """
     longest = max(len(record.u) * record.dt for record in records)
     shown = -np.expm1(-longest / np.ravel(operator.time_constants))
-    return 1.0 / (1.0 + np.ravel(operator.compliances) @ shown) - NOTICEABLE
+    prompt = 1.0 / (1.0 + np.ravel(operator.compliances) @ shown)
+    # of what relaxes, the part behind the first sample, bounded where no sample shows the rate
+    slow = np.exp(-min(record.dt for record in records) / np.ravel(operator.time_constants))
+    return min(prompt - NOTICEABLE, slow.min() - np.exp(-1.0))
 
 
 def delay_beyond_sampling(operator, motion, records):

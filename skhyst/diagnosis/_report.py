@@ -882,7 +882,7 @@ def _location_text(location):
     --------
     >>> row = {"by": "frequency", "record": None, "low": 10.0, "high": 20.0, "unit": "Hz"}
     >>> row |= {"concentration": 4.0, "concentration_low": 3.0, "concentration_high": 5.0}
-    >>> _looks([row]), _looks([])
+    >>> _location_text([row]), _location_text([])
     ('from 10.0 to 20.0 Hz (4.0 times the mean power, 3.0 to 5.0)', '')
     """
     keys = "concentration", "concentration_low", "concentration_high"

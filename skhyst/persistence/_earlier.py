@@ -22,6 +22,7 @@ from ._json import class_named, field_named, refuse_wrong
 _SCHEMA = "schema.json"  # of a skops file
 _PACKAGE = __package__.partition(".")[0]
 _METRICS = f"{_PACKAGE}.metrics"  # its functions only compute with their arguments
+_EDITS = {"skhyst.diagnosis._edits.Beside": "AddDisturbance"}  # classes without a public name
 _PLAIN = {"skhyst.compose._stages.Stage"}  # named tuples that are derived from the rest of a file
 
 
@@ -63,6 +64,8 @@ def _present(node, names):
         attributes["content"] = {field_named(key, name): item for key, item in named}
     if f"{module}.{name}" in _PLAIN:
         node.update(__module__="builtins", __class__="tuple")
+    elif f"{module}.{name}" in _EDITS:
+        node.update(__class__=_EDITS[f"{module}.{name}"])
     elif module and not is_own(f"{module}.{name}"):
         kind = class_named(f"{module}.{name}")
         if kind is not None:

@@ -38,6 +38,7 @@ _FIELDS = {  # and fields
     "histories": "input_history",
     "promise": "predicted_cost",
     "covariance": "joint_covariance",
+    "_not_told": "_undistinguished",
 }
 _ABOVE_ZERO = Interval(Real, 0, None, closed="neither")
 _FITTED = {  # constraints in the form of scikit-learn
@@ -171,6 +172,8 @@ def field_named(name, kind) -> str:
     """Return the present name of a parameter or attribute of a class of skhyst, by its old one."""
     if name == "rank":  # of an operator its stage order, of an estimator where it is placed
         return "stage_order" if kind.endswith("Operator") else "place"
+    if name == "beside":  # of a record what is eliminated, of an effect whether it is added
+        return "eliminated" if kind == "RecordData" else "additive"
     return _FIELDS.get(name, name)
 
 

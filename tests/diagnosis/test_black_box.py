@@ -184,7 +184,7 @@ def test_records_are_driven_by_a_fit_to_the_others():
     of = np.arange(3)
     folds = [(of != k, of == k) for k in range(3)] + [(of >= 0, of >= 0)]
     stands_for = declare(DummyRegressor(), X, columns, y, slices, 0)
-    driven, scored = stands_for.begin(records, folds)
+    driven, scored = stands_for.prepare(records, folds)
     assert len(scored) == 3  # what is trained on everything scores nothing
     for k, record in enumerate(driven):
         np.testing.assert_allclose(record.u, y[np.repeat(of, sizes) != k].mean())

@@ -200,6 +200,14 @@ def test_suspects_would_help_most_but_are_not_in(known):
     assert len(contest.suspects(candidate("ab", 1.0))) == 1
 
 
+def noise_has(contest, course):
+    """Let noise alone have the course of the candidates for which ``course`` is true."""
+    tested = contest.criterion.p_value
+    contest._p_value = lambda base, name, reduced: (
+        1.0 if course(base) else tested(reduced, base, contest.n_tried)
+    )
+
+
 def tried(**errors):
     """Name an effect by its error, that without it, and those with others in its place."""
     contest = contest_of()
@@ -212,7 +220,7 @@ def tried(**errors):
         c for c in rivals if (c.effects[0] in "op") == additive
     ]
     contest._refreshed = lambda c: c
-    contest._has_course = lambda c: c.effects != ("p",)
+    noise_has(contest, lambda c: c.effects == ("p",))
     contest._has_its_name = lambda c, name: True
     contest._contains = lambda large, small: small.effects != ("d",)
     chosen, others = contest._contested(base, "a")
@@ -273,7 +281,7 @@ def test_a_rival_takes_the_place_of_what_the_noise_makes_where_something_is_need
     contest, errors = contest_of(), {"": 1.0, "p": 0.5, "o": 0.45}
     contest.without = contest._without_effect = lambda base, name: candidate("", errors[""])
     contest._keeps_names = contest._has_its_name = lambda *_: True
-    contest._has_course = lambda c: c.effects != ("p",)
+    noise_has(contest, lambda c: c.effects == ("p",))
     contest.extended = lambda start, fully=True, additive=False: (
         [candidate("o", errors["o"])] * additive
     )
@@ -319,12 +327,11 @@ def test_a_function_of_time_is_more_than_the_noise(known, monkeypatch, name, p_v
     monkeypatch.setattr(_contest, "course_p_values", lambda *_: {"o": p_value, "p": 1.0})
     contest = contest_of()
     contest._visited = {"step": {"n_tried": 4, "in_pairs": False}}
-    assert contest._has_course(candidate(name, 0.5)) == stays
     without = candidate("", 1.0)
     assert contest._is_needed(candidate(name, 0.5), name, without) == stays
     assert not contest._is_needed(candidate(name, 0.95), name, without)
     contest.renew = True  # what a black box leaves has a course of the box's own
-    assert contest._has_course(candidate(name, 0.5))
+    assert contest._is_needed(candidate(name, 0.5), name, without)
 
 
 def test_of_variants_those_are_held_out_that_may_matter_and_are_plausible(known, monkeypatch):
@@ -431,7 +438,7 @@ def test_an_effect_that_misleads_hides_nothing_that_is_found_without_it(known, n
         base.structure.without(name).effects, left.get(("".join(base.structure.effects), name), 1.0)
     )
     contest._refreshed, contest._keeps_names = lambda c: c, lambda *_: True
-    contest._has_course = lambda c: c.error == 0.7
+    noise_has(contest, lambda c: "p" in c.effects and c.error != 0.7)
     contest._contested = lambda base, name: (None, ())
     found = contest.found(candidate("", 1.0))
     assert (found.structure.effects, found.error) == (("p",), 0.7)
@@ -494,7 +501,7 @@ def pruned(errors, right=True):
     contest.without = lambda base, name: found[
         "".join(n for n in base.structure.effects if n != name)
     ]
-    contest._has_course = lambda c: True
+    noise_has(contest, lambda c: False)
     contest._has_its_name = lambda c, name: right or c is found[max(found, key=len)]
     return "".join(contest.prune(found[max(found, key=len)]).structure.effects)
 

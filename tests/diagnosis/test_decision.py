@@ -15,7 +15,7 @@ from skhyst.diagnosis._contest import Contest
 from skhyst.diagnosis._criterion import Criterion
 from skhyst.diagnosis._tree import Tree
 from skhyst.hysteresis import PrandtlIshlinskii
-from skhyst.linear import FirstOrderLagOperator, Gain
+from skhyst.linear import FirstOrderLag, FirstOrderLagOperator, Gain
 from skhyst.optimize import RecordData
 from skhyst.records import stack_records
 
@@ -113,6 +113,20 @@ def test_a_drift_is_not_named_for_what_responds_to_the_drive():
     X = pd.DataFrame({"drive": u}, pd.Index(t, name="time"))
     search = EffectSearchCV(Gain(), effects=effects, random_state=0).fit(X, y)
     assert search.effects_ == ["drift"]
+
+
+def test_a_drift_is_as_significant_as_the_course_of_the_noise_says():
+    """It moves once in a record, which is one block in a test of blocks."""
+    t = 0.01 * np.arange(800)
+    u, y = np.sin(1.4 * np.pi * t) + 0.5 * np.sin(4.2 * np.pi * t), np.zeros(800)
+    for k in range(1, len(t)):  # a held drive: what is left of the declared lag is no noise
+        y[k] = y[k - 1] + (1.0 - np.exp(-0.2)) * (u[k] - y[k - 1])
+    y += 0.3 * u**2 + 0.05 * t**1.5 + 0.01 * np.random.default_rng(0).standard_normal(800)
+    search = EffectSearchCV(FirstOrderLag(dt=0.01), effects=["drift", "static_nonlinearity"])
+    search.fit(u[:, None], y)
+    assert search.effects_ == ["drift", "static_nonlinearity"]
+    assert search.error_after_ < 0.2 * search.error_before_
+    assert search.history_["p_value"].max() < search.alpha
 
 
 def test_what_helps_but_is_not_significant_is_a_suspect():

@@ -789,8 +789,7 @@ def test_claims_are_told_by_what_they_remove_of_the_error():
     def without(base, name):
         return found["".join(n for n in base.structure.effects if n != name)]
 
-    criterion = SimpleNamespace(p_value=lambda worse, better, n_tried: n_tried * worse.error / 1e3)
-    contest = SimpleNamespace(without=without, criterion=criterion, n_tried=10)
+    contest = SimpleNamespace(without=without, _p_value=lambda base, name, less: less.error / 1e2)
     with pytest.MonkeyPatch.context() as patch:
         known = {name: SimpleNamespace(experiment=f"record {name}") for name in "abc"}
         patch.setattr(_contest, "EFFECTS", known)
