@@ -95,7 +95,7 @@ def test_what_blocks_predict_and_records_do_not_is_no_noise():
     declared = Cascade([("curve", SmoothCurve(36)), ("gain", Gain())])
     search = EffectSearchCV(declared, effects=["offset"]).fit(*stack_records(parts, dt=1e-3))
     assert search.verdict_ == "undetermined"
-    assert search.verdict_reason_.startswith("held out, ")
+    assert search.verdict_reason_.startswith("the held-out error is ")
     assert search.error_after_ > 3.0 * search.noise_floor_
 
 
