@@ -186,6 +186,15 @@ def test_dynamics_that_start_anew_keep_their_number_of_poles(name):
         )
 
 
+def test_what_a_start_is_fitted_to_is_what_the_model_leaves():
+    _, records, structure = declared("lag", "prandtl_ishlinskii", 3000)
+    scene = Scene(structure, records)
+    for own, record, output in zip(
+        scene.residuals, records, structure.respond(records), strict=True
+    ):
+        np.testing.assert_allclose(own.y + output, record.y)
+
+
 def test_distinct_pole_sets_are_apart_and_every_other_is_near_one():
     rng = np.random.default_rng(9000)
     sets = [-np.exp(rng.uniform(0.0, 0.3, 2)) for _ in range(60)]

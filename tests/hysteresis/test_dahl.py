@@ -5,6 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from skhyst.hysteresis import DahlOperator
+from skhyst.hysteresis._dahl import dahl_step
 
 
 def test_loop_loses_four_coulomb_forces_times_the_amplitude():
@@ -53,3 +54,11 @@ def test_extreme_steps_are_finite(exponent, w, change, x_c):
     operator = DahlOperator(x_c, 1.0, exponent=exponent)
     assert abs(operator.run([change], 1.0, (w, 0.0))[0][0]) <= 1.0
     assert np.isfinite(operator.sensitivities([change], np.ones((1, 1)), 1.0, "zero")[1]).all()
+
+
+@pytest.mark.parametrize("exponent", [0.5, 1.0, 2.0])
+def test_the_slope_at_standstill_is_the_mean_of_both_directions(exponent):
+    step, values = 1e-6, (0.3, 2.0, 0.5, 0.0, 0.0, exponent)
+    ahead, back = (dahl_step(0.4, 1.0, 1.0 + change, 1e-3, values)[1] for change in (step, -step))
+    slope = dahl_step(0.4, 1.0, 1.0, 1e-3, values)[3][2]
+    assert slope == pytest.approx((ahead - back) / (2.0 * step), rel=1e-4)
