@@ -32,6 +32,7 @@ from typing import Any
 import numpy as np
 from joblib import delayed
 
+from ..disturbance import SinusoidOperator
 from ..optimize import variable_projection
 from ._candidates import (
     completed,
@@ -303,15 +304,19 @@ class Contest:
     def _p_value(self, base, name, reduced):
         """Return the p-value of an effect of a candidate, for all that was tried.
 
-        An additive disturbance is one slow course in each record, hence one block in the test of
-        the criterion: its power is compared with that of the course of the noise itself.
+        A drift or an offset is one slow course in each record, hence one block in the test of the
+        criterion: its power is compared with that of the course of the noise itself. A sinusoid
+        repeats within a record and passes both tests.
         """
+        p_value = self.criterion.p_value(reduced, base, self.n_tried)
         # the residual of a black box has a course that depends on the box
-        if self.renew is None and EFFECTS[name].additive:
-            found = course_p_values(base.structure, self.records_of(base))
-            if name in found:
-                return min(1.0, self.n_tried * found[name])
-        return self.criterion.p_value(reduced, base, self.n_tried)
+        if self.renew is not None or not EFFECTS[name].additive:
+            return p_value
+        course = course_p_values(base.structure, self.records_of(base)).get(name)
+        if course is None:  # it is a force within the driven part
+            return p_value
+        repeats = isinstance(base.structure.part(name), SinusoidOperator)
+        return max(min(1.0, self.n_tried * course), p_value if repeats else 0.0)
 
     # ------------------------------------------------------------------ prune
 

@@ -9,6 +9,7 @@ from sklearn.exceptions import FitFailedWarning
 from skhyst.diagnosis import Effect, _contest
 from skhyst.diagnosis._candidates import Candidate
 from skhyst.diagnosis._contest import Contest
+from skhyst.disturbance import OffsetOperator, SinusoidOperator
 from skhyst.optimize import RecordData
 
 
@@ -21,6 +22,9 @@ class Names:
 
     def without(self, name):
         return Names(tuple(own for own in self.effects if own != name))
+
+    def part(self, name):
+        return OffsetOperator(np.ones(1))
 
 
 def candidate(effects, error, *, own=None, n_parameters=1, cost=None, size=5, lines=()):
@@ -323,13 +327,17 @@ def test_names_that_were_right_stay_right(known):
     ("name", "p_value", "stays"), [("a", 0.9, True), ("o", 0.009, True), ("o", 0.0126, False)]
 )
 def test_a_function_of_time_is_more_than_the_noise(known, monkeypatch, name, p_value, stays):
-    """At the level of all that was tried, here four."""
+    """At the level of all that was tried, here four; a sinusoid also in blocks of samples."""
     monkeypatch.setattr(_contest, "course_p_values", lambda *_: {"o": p_value, "p": 1.0})
     contest = contest_of()
     contest._visited = {"step": {"n_tried": 4, "in_pairs": False}}
     without = candidate("", 1.0)
     assert contest._is_needed(candidate(name, 0.5), name, without) == stays
     assert not contest._is_needed(candidate(name, 0.95), name, without)
+    assert contest._is_needed(candidate(name, 0.85), name, without) == (stays and name == "o")
+    monkeypatch.setattr(Names, "part", lambda *_: SinusoidOperator(np.ones(2), np.ones(1)))
+    assert not contest._is_needed(candidate(name, 0.85), name, without)
+    assert contest._is_needed(candidate(name, 0.5), name, without) == stays
     contest.renew = True  # what a black box leaves has a course of the box's own
     assert contest._is_needed(candidate(name, 0.5), name, without)
 
