@@ -543,6 +543,7 @@ def test_hole_cut_by_a_splitter_starts_a_new_record(data):
     np.testing.assert_array_equal(array[100:], model.predict(X.iloc[180:N]))
 
 
+@pytest.mark.slow
 def test_grid_search(data):
     X, y = data
     search = GridSearchCV(

@@ -50,6 +50,7 @@ def test_threads_share_a_fitted_model(fitted):
     np.testing.assert_array_equal(found, [fitted.predict((1.0 + k) * X) for k in range(len(found))])
 
 
+@pytest.mark.slow
 def test_fits_in_threads(fitted):
     expected = fitted.predict(X)
     for model in in_threads(lambda k: clone(fitted).fit(X, Y), THREADS):

@@ -254,8 +254,9 @@ def test_zero():
     np.testing.assert_allclose(zero.run(u), rest.run(u), rtol=0, atol=1e-12 * np.ptp(whole))
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
-@pytest.mark.parametrize("dtype", ["float64", pytest.param("float32", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
 def test_c(tmp_path, dtype):
     names, lines, calls = [], [], ""
     for k, name in enumerate(IN_C):

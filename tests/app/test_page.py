@@ -168,6 +168,7 @@ def test_a_bad_file_is_told_in_a_sentence(page, name, content, sentence):
     assert not page.button
 
 
+@pytest.mark.slow
 def test_roles_units_and_rates_are_picked(page):
     """What nothing tells is asked for, one answer settles the rest, and nothing stale is left."""
     upload(page, recording(**{"voltage [V]": "a", "position [um]": "b", "time [ms]": "c"}))

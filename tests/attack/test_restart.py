@@ -91,6 +91,7 @@ def test_a_sum_fits_no_worse_than_a_part_that_comes_last():
     assert model.fit_error_ < 1e-5 * y.std()
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:The data do not determine")  # plays that hardly move
 def test_a_cascade_fits_no_worse_than_without_a_step_also_where_weights_are_left_open():
     rng, t = np.random.default_rng(17), 1e-3 * np.arange(700)

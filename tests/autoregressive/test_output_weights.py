@@ -141,6 +141,7 @@ def test_what_has_no_output_weights_is_refused(estimator):
         NARXRegressor(estimator, objective="simulation").fit(X, y)
 
 
+@pytest.mark.slow
 def test_units_and_steppers():
     X, y = recording(3)
     network = SCNRegressor(8, scaling="whiten", random_state=0)

@@ -84,6 +84,7 @@ def test_next_writes_the_drive_that_python_proposes(recording, tmp_path, capsys)
     assert not path.exists()
 
 
+@pytest.mark.slow
 def test_diagnose_equals_python(recording, tmp_path, capsys):
     folder = tmp_path / "new" / "folder"
     assert main(arguments(recording, *files(folder, "out.html"))) == 0
@@ -506,6 +507,7 @@ def test_a_shell_completes_commands(tmp_path):
     assert (tmp_path / "found").read_text().split() == ["diagnose"]
 
 
+@pytest.mark.slow
 def test_subpackages_are_there_when_they_are_asked_for():
     code = (
         "import sys, skhyst; assert 'numpy' not in sys.modules; print(skhyst.diagnosis.EFFECTS)\n"

@@ -76,6 +76,7 @@ def rms(values):
     return float(np.sqrt(np.mean(np.square(values))))
 
 
+@pytest.mark.slow
 def test_a_lag_is_not_left_to_the_regressor():
     X, y = recordings(low_pass)
     X_new, y_new = recordings(low_pass, seed=5)

@@ -96,6 +96,7 @@ def test_the_response_of_a_cascade_is_the_reference(frequency, reverse):
     np.testing.assert_allclose(residual, y - reference, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frequency", [5.0, 0.7 * FREQUENCY])
 @pytest.mark.parametrize("stage", [WIRES, FRICTION])
 def test_motion_with_hysteresis_inside_is_found(stage, frequency):

@@ -284,6 +284,7 @@ def test_polynomials_of_degree_two_are_a_black_box():
     assert isinstance(search.best_estimator_, Corrected)
 
 
+@pytest.mark.slow
 def test_several_inputs():
     rng = np.random.default_rng(0)
     records = []

@@ -164,6 +164,7 @@ def test_a_model_scheduled_by_a_column_is_declared_beside_an_offset(by):
         assert model.fit_error_ == pytest.approx(0.01, rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", ["added", "scaled"])
 def test_what_a_column_does_is_declared_again(effect):
     rng = np.random.default_rng(5)

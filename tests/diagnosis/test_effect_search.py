@@ -391,6 +391,7 @@ def test_evidence_that_fails_costs_the_evidence_alone(monkeypatch):
     assert "output_saturation" in search.report().to_html()
 
 
+@pytest.mark.slow
 def test_a_users_own_effect_is_found():
     recording = make_recording("none", "prandtl_ishlinskii", SEED, n_samples=3000)
     others = ["backlash", "input_saturation", "lag", "offset", "static_nonlinearity"]

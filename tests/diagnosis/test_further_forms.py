@@ -67,6 +67,7 @@ def test_no_name_is_taken_from_others(habit, effect, seed, right):
     assert search.effects_[:1] == right
 
 
+@pytest.mark.slow
 def test_a_bias_counts_in_units_of_the_drive_and_acts_before_the_model():
     recording, search = searched(
         "further_forms", "auxiliary_input", "second_order", 1, ["auxiliary_input"]

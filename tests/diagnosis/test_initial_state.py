@@ -63,6 +63,7 @@ def test_its_evidence_says_how_much_and_how_long(search):
     assert "initial_state" in search.report().to_markdown()
 
 
+@pytest.mark.slow
 def test_the_augmented_model_is_one_like_any_other(search):
     X, y = recording(PLAYS)
     model = search.best_estimator_

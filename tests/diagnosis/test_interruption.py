@@ -77,6 +77,7 @@ def broken_effect():
     unregister_effect("my_effect")
 
 
+@pytest.mark.slow
 def test_an_effect_that_raises_costs_itself(recording, whole, broken_effect):
     with pytest.warns(FitFailedWarning, match="my_effect is left out: RuntimeError: the user's"):
         found = search(more=[broken_effect]).fit(*recording)
@@ -170,6 +171,7 @@ def test_a_search_goes_on_where_it_was_interrupted(
     assert_same(found, uninterrupted)
 
 
+@pytest.mark.slow
 def test_checkpoints_of_other_searches_are_refused(recording, tmp_path):
     skops = pytest.importorskip("skops.io")
     X, y = recording
@@ -191,6 +193,7 @@ def test_checkpoints_of_other_searches_are_refused(recording, tmp_path):
         search(checkpoint=path).fit(X, y)
 
 
+@pytest.mark.slow
 def test_a_checkpoint_that_cannot_be_written_ends_nothing(recording, whole, tmp_path):
     pytest.importorskip("skops.io")
     path = tmp_path / "missing" / "search.skops"

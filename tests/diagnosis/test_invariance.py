@@ -61,6 +61,7 @@ def assert_same(other, first, unit=1.0):
     np.testing.assert_allclose(*logarithms, rtol=1e-3, atol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", SOME)
 def test_the_effect_is_found(kind):
     assert found(kind).effects_[:1] == [kind]

@@ -43,6 +43,7 @@ def test_moved_mode_is_found_with_its_frequencies():
     assert search.verdict_ == "noise"
 
 
+@pytest.mark.slow
 def test_nothing_moves_where_nothing_does():
     search = EffectSearchCV(Gain(), effects=["amplitude_dependence"], random_state=0)
     assert search.fit(*recording(False)).effects_ == []

@@ -44,6 +44,7 @@ def experiment(ambiguous):
     return next_experiment(ambiguous, LIMITS, RATE)
 
 
+@pytest.mark.slow
 def test_the_record_settles_what_was_ambiguous(slow, experiment):
     drive = experiment.drive.to_numpy()
     X, y = stack_records([slow, (pd.DataFrame({"drive": drive}), late(drive, 1))], dt=DT)

@@ -107,6 +107,7 @@ def test_a_loop_that_lacks_nothing():
     assert "search with it as the reference" in blind.report().sentence
 
 
+@pytest.mark.slow
 def test_what_a_loop_lacks_is_found():
     X, y = recording(1, top=1.0)
     found = search().fit(X, y)

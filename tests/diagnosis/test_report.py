@@ -133,6 +133,7 @@ def finite_only(text):
 # ------------------------------------------------------------------------------------------ page
 
 
+@pytest.mark.slow
 def test_page_needs_nothing_and_runs_its_own_script_alone(html):
     page = assert_needs_nothing(html)
     html5lib.HTMLParser(strict=True).parse(html)  # raises at the first error
@@ -188,6 +189,7 @@ def test_page_and_markdown_show_the_same_numbers(html, markdown, report):
         assert [own for own in shown if own not in text] == []
 
 
+@pytest.mark.slow
 def test_column_that_wants_to_be_a_script(nothing):
     assert nothing.drive_name == HOSTILE
     html = nothing.to_html()

@@ -82,6 +82,7 @@ def test_repeated_periods_give_the_noise_floor():
     assert search.noise_floor_ == pytest.approx(0.01, rel=0.05)
 
 
+@pytest.mark.slow
 def test_repeated_records_give_the_noise_floor():
     recording, rng = small("lag", 2500), np.random.default_rng(SEED)
     X, y = recording.X_train, recording.y_train_clean
@@ -100,6 +101,7 @@ def test_data_without_noise_end_the_search():
     assert search.error_after_ < 0.05 * search.error_before_
 
 
+@pytest.mark.slow
 def test_blocks_of_records_that_foretell_nothing_of_each_other():
     rng = np.random.default_rng(SEED)
     drives = [level * np.sin(np.linspace(0.0, 40.0, 600)) for level in (1.0, 3.0)]

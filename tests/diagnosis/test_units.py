@@ -42,6 +42,7 @@ def searched(request):
     return search.fit(X, response), dt
 
 
+@pytest.mark.slow
 def test_without_a_time_all_is_counted_in_samples_and_never_in_seconds(searched):
     search, dt = searched
     evidence = search.evidence_["lag"]
@@ -102,6 +103,7 @@ def test_a_drive_that_is_the_time_is_refused(scale, n_records):
         EffectSearchCV(Gain(), effects=[]).fit(X, response)
 
 
+@pytest.mark.slow
 def test_units_of_the_names_reach_everything_that_is_told():
     drive, response = recording()
     time = pd.Index(0.001 * np.arange(N), name="time")

@@ -77,6 +77,7 @@ def test_what_is_missing_is_named(tmp_path, monkeypatch):
         EmulatedController(tmp_path, "gear")
 
 
+@pytest.mark.slow
 def test_sizes_are_those_of_the_compiler(tmp_path, monkeypatch):
     plays = PrandtlIshlinskiiOperator([0.0, 0.3, 0.5], [1.0, 0.5, 0.2])
     to_c(plays, tmp_path, "plays", "float32", drive=np.sin(np.arange(8)), dt=DT)

@@ -190,6 +190,7 @@ def test_friction_along_the_way_is_found_within_its_errors():
     assert model.params_std_["friction_gradient"] < 0.02
 
 
+@pytest.mark.slow
 def test_each_record_has_its_own_start():
     plant = FreeMassOperator(0.5, 0.8, friction=1.0, force_offset=0.1)
     starts = np.array([[3.0, 1.5], [-2.0, -0.7]])

@@ -100,6 +100,7 @@ def test_from_predictions_stores_names_and_interval(display_class):
     np.testing.assert_array_equal(prediction, drive)
 
 
+@pytest.mark.slow
 @all_displays
 def test_from_search_stores_held_out_predictions(display_class, search):
     measured = search.response_.copy()

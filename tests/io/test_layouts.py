@@ -98,6 +98,7 @@ def test_rows_that_are_none_are_refused(tmp_path, text, message):
     refused(tmp_path, text, message)
 
 
+@pytest.mark.slow
 def test_a_footer_behind_many_rows_is_left_out(tmp_path):
     (column, _) = read(tmp_path, "t;u\n" + "0,25;1,5\n" * 20_000 + "End of file\n")
     assert column == [0.25] * 20_000

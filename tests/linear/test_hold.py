@@ -68,6 +68,7 @@ def test_the_hold_of_the_data_is_found_with_the_parameters(model, system, expect
     np.testing.assert_allclose(found.predict(u[:, None]), y, atol=1e-4 * np.ptp(y))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hold", HOLDS)
 def test_the_first_dynamics_of_a_series_take_the_hold_and_those_behind_a_straight_line(hold, u):
     # the lag between the samples is no straight line, but nearly one for a slow lag

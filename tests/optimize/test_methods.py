@@ -73,6 +73,7 @@ def test_every_method_finds_the_mode_and_reports_alike(name):
     assert costs[-1] == min(costs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", POPULATIONS)
 def test_a_population_alone_comes_close(kind):
     """All four parameters are searched, as the papers do, and nothing is refined."""

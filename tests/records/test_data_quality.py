@@ -227,6 +227,7 @@ def test_a_search_tells_a_drive_that_reacts_to_the_noise(signals, feedback):
     assert ("closed_loop" in set(search.data_quality_["fault"])) == (feedback > 0.0)
 
 
+@pytest.mark.slow
 def test_search_reports_faults(signals):
     drive, y = (signal[:1000] for signal in signals)
     y[77] += 0.5
