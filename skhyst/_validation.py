@@ -55,7 +55,7 @@ def read_data(estimator, X, *y, reset, dt=None, bridge=False):
     if reset:
         if not _is_memoryless(estimator):
             refuse_drawn(X, drive, array, response)
-            _doubt_order(X, drive, response)
+            _warn_of_shuffled_rows(X, drive, response)
         store_drive_range(estimator, drive, slices)
     return slices, array, response
 
@@ -156,7 +156,7 @@ def refuse_drawn(frame, drive, X, response):
         )
 
 
-def _doubt_order(frame, drive, response):
+def _warn_of_shuffled_rows(frame, drive, response):
     """Warn if rows without times have to do with themselves, and none with the one before.
 
     As if a recording had been shuffled: each of drive, response and what a straight line leaves of

@@ -698,7 +698,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         moving = None if self.free_run_state == "zero" else self._without_rest(result, records)
         if moving is None:
             result = self._settled(model, result, records)
-            result, records = self._led_through_gaps(result, records)
+            result, records = self._with_history_behind_gaps(result, records)
             self._warn_of_moving_start(model, result, records)
             return self.finish(result, records)
         warnings.warn(
@@ -730,7 +730,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         evaluations = result.n_evaluations + again.n_evaluations
         return replace(again, n_evaluations=evaluations, is_local=result.is_local)
 
-    def _led_through_gaps(self, result, records):
+    def _with_history_behind_gaps(self, result, records):
         """Return a fit, and its records, in which those behind missing rows begin in motion.
 
         No one has said how these begin: the drive before them is estimated, unless the response is

@@ -22,13 +22,11 @@ import numpy as np
 
 from .._jit import jit
 from .._sklearn import Interval, fit_context
-from .._validation import as_floats
 from ..base import one_thread
 from ..exceptions import ConvergenceWarning
 from ..linear import ModalModel, SampledStateSpace
 from ..operators import CompiledLaw
 from ..optimize import variable_projection
-from ..records import with_lost_rows
 
 _CHUNK = 512  # samples whose tangents are multiplied at once
 _TRIALS = 50  # of Newton's method for the state at rest
@@ -556,10 +554,8 @@ class ModalFeedback(ModalModel):
         -------
         self
         """
-        super().fit(X, y)
-        array, response = as_floats(self, X, y, multi_output=True, reset=False)
-        response = response.reshape(len(array), -1)
-        slices, array, response, _ = with_lost_rows(self.records_, array, response)
+        slices, array, response = self._read(X, y)
+        self._warn_unless_converged(self._fit_linear(slices, array, response), "ModalModel")
         linear, size = self.operator_, response.std(axis=0)
         sizes = [np.where(own > 0.0, own, 1.0) for own in (array.std(axis=0), size)]
         scaled = SampledStateSpace(
@@ -578,13 +574,7 @@ class ModalFeedback(ModalModel):
             solution = variable_projection(problem, problem.x0, **limits)
         self.n_evaluations_ += solution.n_evaluations
         self.n_iter_ = self.n_evaluations_
-        if not solution.converged:
-            warnings.warn(
-                f"The fit of ModalFeedback has not converged in 'max_evaluations' = "
-                f"{self.max_evaluations} evaluations; the best fit so far is returned.",
-                ConvergenceWarning,
-                stacklevel=3,
-            )
+        self._warn_unless_converged(solution, "ModalFeedback")
         n_scored = sum(max(len(own) - self.washout, 0) for _, own in records) * len(size)
         self.fit_error_ = float(np.sqrt(solution.cost / max(n_scored, 1)))
         found = problem.operator(solution.x)

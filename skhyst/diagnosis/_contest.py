@@ -308,15 +308,15 @@ class Contest:
         criterion: its power is compared with that of the course of the noise itself. A sinusoid
         repeats within a record and passes both tests.
         """
-        p_value = self.criterion.p_value(reduced, base, self.n_tried)
+        p_values = {}
         # the residual of a black box has a course that depends on the box
-        if self.renew is not None or not EFFECTS[name].additive:
-            return p_value
-        course = course_p_values(base.structure, self.records_of(base)).get(name)
-        if course is None:  # it is a force within the driven part
-            return p_value
-        repeats = isinstance(base.structure.part(name), SinusoidOperator)
-        return max(min(1.0, self.n_tried * course), p_value if repeats else 0.0)
+        if self.renew is None and EFFECTS[name].additive:
+            p_values = course_p_values(base.structure, self.records_of(base))
+        has_course = name in p_values  # and is no force within the driven part
+        course = min(1.0, self.n_tried * p_values[name]) if has_course else 0.0
+        if has_course and not isinstance(base.structure.part(name), SinusoidOperator):
+            return course
+        return max(course, self.criterion.p_value(reduced, base, self.n_tried))
 
     # ------------------------------------------------------------------ prune
 
@@ -342,14 +342,14 @@ class Contest:
                     both = reduced[first,]
                     if second in both.structure.effects:  # may be an edit of the first
                         both = self.without(both, second)
-                    alone = (reduced[first,], second), (reduced[second,], first)
-                    if not (
-                        self.criterion.is_better(both, base, self.n_tried)
-                        or any(
-                            name in own.structure.effects and self._is_needed(own, name, both)
-                            for own, name in alone
-                        )
-                    ):
+                    # each on its own; one may have gone with the other
+                    alone = [
+                        (own, name)
+                        for own, name in ((reduced[first,], second), (reduced[second,], first))
+                        if name in own.structure.effects
+                    ]
+                    needed = self.criterion.is_better(both, base, self.n_tried)
+                    if not needed and not any(self._is_needed(*own, both) for own in alone):
                         needless[first, second] = both
             if not needless:
                 break

@@ -371,13 +371,21 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         -------
         self
         """
+        self._warn_unless_converged(self._fit_linear(*self._read(X, y)), "ModalModel")
+        return self
+
+    def _read(self, X, y):
+        """Return the records without gaps, their inputs and their responses."""
         array, response = as_floats(self, X, y, multi_output=True, ensure_min_samples=2)
         refuse_extreme(array, response)
         self._one_response = response.ndim == 1
         response = response.reshape(len(array), -1)
         self.records_ = slices = read_slices(self, X, y, reset=True, bridge=True)
         store_drive_range(self, array[:, 0], slices)
-        slices, array, response, _ = with_lost_rows(slices, array, response)
+        return with_lost_rows(slices, array, response)[:3]
+
+    def _fit_linear(self, slices, array, response):
+        """Identify and store the linear system; return the solution."""
         dt, scales = slices[0].dt, (_size(array), _size(response))
         records = [(array[s.rows] / scales[0], response[s.rows] / scales[1]) for s in slices]
         with one_thread():
@@ -385,18 +393,20 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
             limits = {"tolerance": self.tolerance, "max_evaluations": self.max_evaluations}
             solution = variable_projection(problem, problem.x0, **limits)
         self.n_evaluations_ = self.n_iter_ = solution.n_evaluations
-        if not solution.converged:
-            warnings.warn(
-                f"The fit of ModalModel has not converged in 'max_evaluations' = "
-                f"{self.max_evaluations} evaluations; the best fit so far is returned.",
-                ConvergenceWarning,
-                stacklevel=3,
-            )
         self._store(problem, solution, dt, scales)
         if self.fit_intercept:
             gain = self.operator_.frequency_response(np.zeros(1))[0].real
             self.operator_.intercept[:] = response.mean(axis=0) - gain @ array.mean(axis=0)
-        return self
+        return solution
+
+    def _warn_unless_converged(self, solution, name):
+        if not solution.converged:
+            warnings.warn(
+                f"The fit of {name} has not converged in 'max_evaluations' = "
+                f"{self.max_evaluations} evaluations; the best fit so far is returned.",
+                ConvergenceWarning,
+                stacklevel=4,
+            )
 
     def _problem(self, records, dt):
         """Return the least-squares problem, started from vector fitting and truncation."""
@@ -416,7 +426,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
                 f"The data do not determine ModalModel with 'n_poles' = {self.n_poles}: "
                 f"{n_unknowns} unknowns for {2 * responses.size} real data.",
                 ConvergenceWarning,
-                stacklevel=4,
+                stacklevel=5,
             )
         blocks = (_response_blocks if periodic else _record_blocks)(drives, responses)
         poles, _ = vector_fit(s, blocks, self.n_poles)

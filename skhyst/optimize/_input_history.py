@@ -94,8 +94,8 @@ def estimate_input_history(
     count, which = _count(records), [True] * len(records) if which is None else which
     records = [r if _is_known(r, count) else replace(r, before=None) for r in records]
     start = [(operator, disturbances)]
-    how = {"fixed": fixed, "method": method, "initial_state": initial_state}
-    how["with_errors"] = with_errors
+    how = {"fixed": fixed, "method": method, "with_errors": with_errors}
+    how |= {"initial_state": initial_state}
     best = identify(start, records, **how)
     halves = zip(records, later_halves(records), which, strict=True)
     late = [half if own else record for record, half, own in halves]

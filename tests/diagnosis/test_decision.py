@@ -119,7 +119,7 @@ def test_a_drift_is_as_significant_as_the_course_of_the_noise_says():
     """It moves once in a record, which is one block in a test of blocks."""
     t = 0.01 * np.arange(800)
     u, y = np.sin(1.4 * np.pi * t) + 0.5 * np.sin(4.2 * np.pi * t), np.zeros(800)
-    for k in range(1, len(t)):  # a held drive: what is left of the declared lag is no noise
+    for k in range(1, len(t)):  # a held drive: the residual of the declared lag is no noise
         y[k] = y[k - 1] + (1.0 - np.exp(-0.2)) * (u[k] - y[k - 1])
     y += 0.3 * u**2 + 0.05 * t**1.5 + 0.01 * np.random.default_rng(0).standard_normal(800)
     search = EffectSearchCV(FirstOrderLag(dt=0.01), effects=["drift", "static_nonlinearity"])

@@ -175,7 +175,7 @@ def test_dynamics_that_start_anew_keep_their_number_of_poles(name):
             dynamics = candidate.operators[candidate.names.index("dynamics")]
             assert isinstance(dynamics, LinearOperator)
             assert dynamics.n_poles == declared.n_poles
-        if candidates[0].names[0] != "hysteresis":  # in front of it, poles are no rivals of those
+        if candidates[0].names[0] != "hysteresis":  # in front of it, those behind stay
             continue
         # a declared model that lacks a pole has bent its own: one start at least is not bent
         assert any(
