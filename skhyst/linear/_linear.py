@@ -166,8 +166,10 @@ class LinearOperator(HeldInput):
 
     def state_space(self):
         """Return the continuous-time matrices A (n, n), B (n,), C (n,) and the number D."""
-        a, b, c, d = self._matrices(self.pack())
-        return (*(np.ascontiguousarray(np.real(part)) for part in (a, b, c)), float(np.real(d)))
+        if "matrices" not in self._memory:
+            *parts, d = map(np.real, self._matrices(self.pack()))
+            self._memory["matrices"] = *map(np.ascontiguousarray, parts), float(d)
+        return self._memory["matrices"]
 
     def frequency_response(self, frequency):
         """Return the complex gain.
@@ -268,7 +270,7 @@ class LinearOperator(HeldInput):
         """Return A, B, C, D for a complex step in each parameter, (n_parameters, ...) each."""
         values = self.pack()
         points = values + 1j * _STEP * np.eye(values.size)
-        parts = zip(*(self._matrices(point) for point in points), strict=True)
+        parts = zip(*map(self._matrices, points), strict=True)
         return [np.array(part, dtype=complex) for part in parts]
 
     def _discrete_tangents(self, dt):

@@ -130,9 +130,8 @@ class HeldInput(Operator):
 
     def __post_init__(self):
         super().__post_init__()
-        if "hold" in vars(self):  # a field of its own
-            wanted = " or ".join(map(repr, self.holds))
-            self._require("hold", self.hold in self.holds, f"be {wanted}")
+        if self.hold not in self.holds and "hold" in vars(self):  # a field of its own
+            self._require("hold", False, f"be {' or '.join(map(repr, self.holds))}")
 
     @property
     def causal(self):

@@ -227,7 +227,8 @@ class OperatorProblem(Unknowns):
         self._free = np.flatnonzero([not (s.held or name in fixed) for name, s in entries])
         self._runs = _runs(self._free)
         entries = [entries[i] for i in self._free]
-        values = operator.pack()[self._free]
+        self._packed = operator.pack()
+        values = self._packed[self._free]
         self._moving = []  # (disturbance, offset of its own nonlinear parameters in its pack)
         for number, disturbance in enumerate(self.disturbances):
             skip = np.size(disturbance.coefficients)
@@ -266,7 +267,7 @@ class OperatorProblem(Unknowns):
     def unpack(self, x):
         """Return the operator and the disturbances at ``x``."""
         values = self.values(x)
-        vector = self.operator.pack()
+        vector = self._packed.copy()
         vector[self._free] = values[: len(self._free)]
         start = len(self._free)
         disturbances = []
@@ -337,7 +338,7 @@ class OperatorProblem(Unknowns):
         """
         operator, disturbances = self.unpack(x)  # once: an operator caches its discrete form
         d, n = self._n_eliminated, len(x) * jacobian
-        blocks = np.empty((sum(len(r.segments) for r in self.records), d + n + 1, d + n + 1))
+        blocks = np.empty((len(self.segment_length), d + n + 1, d + n + 1))
         last = 0
         for record in self.records:
             first, last = last, last + len(record.segments)
