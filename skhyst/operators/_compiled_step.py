@@ -43,7 +43,7 @@ def _loop(law):
 
 
 def in_ring(s, c):
-    """Whether a state begins with an index of its other numbers: `CompiledLaw.possible`."""
+    """Whether the first number of a state is an index of the others; see `CompiledLaw.possible`."""
     return s[0] in range(len(s) - 1)
 
 
@@ -217,7 +217,7 @@ class CompiledLaw(CompiledStep):
         object.__setattr__(self, "state", as_constant(self.state))
 
     def behind(self, u):
-        """Return a copy of the step whose state is that after an input.
+        """Return a copy of the step that continues after an input.
 
         Parameters
         ----------
@@ -271,8 +271,8 @@ class CompiledParts(CompiledStep):
     @property
     def flags(self):
         """Conditions of the parts, with their indices in the joint state."""
-        places = self._each(range(len(self.state)))
-        return tuple((name, int(own[at])) for part, own in places for name, at in part.flags)
+        parts = self._each(range(len(self.state)))
+        return tuple((name, int(indices[at])) for part, indices in parts for name, at in part.flags)
 
     def _each(self, s):
         """Yield each part with its slice of a state."""
@@ -283,10 +283,10 @@ class CompiledParts(CompiledStep):
         return replace(self, parts=tuple(part.compacted() for part in self.parts))
 
     def is_possible(self, s):
-        return all(part.is_possible(own) for part, own in self._each(s))
+        return all(part.is_possible(states) for part, states in self._each(s))
 
     def bound(self, s, binding):
-        return self._joined([part.bound(own, binding) for part, own in self._each(s)])
+        return self._joined([part.bound(states, binding) for part, states in self._each(s)])
 
     def _joined(self, functions):
         """Return the function that composes the functions of the parts."""
@@ -386,16 +386,20 @@ class CompiledColumn(CompiledParts):
 
 
 class CompiledProduct(CompiledParts):
-    """The first output times the last; steps in between scale all but the first output."""
+    """The first output times the last, a factor.
+
+    With a step in between, the output of the operator without its scaled part, the factor
+    multiplies only the difference of the first output from that one.
+    """
 
     def _joined(self, functions):
         function, *others, factor = functions
         if not others:
             return lambda u: function(u) * factor(u)
-        [other] = others
+        [without] = others
 
         def partly(u):
-            rest = other(u)
+            rest = without(u)
             return rest + factor(u) * (function(u) - rest)
 
         return partly
@@ -421,7 +425,7 @@ class CompiledFed(CompiledParts):
 
 
 class _Replaced:
-    """Rows of an input with other values in place of column 0."""
+    """Rows of an input with another signal in place of column 0, without a copy of the others."""
 
     def __init__(self, first, u):
         self.first, self.u = first, u

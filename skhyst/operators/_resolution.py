@@ -124,9 +124,9 @@ def with_terms(operator, positions):
         order = np.argsort(places, kind="stable")
         changes[kind.positions] = places[order]
     for name in (kind.weights, *kind.others):
-        own = getattr(operator, name)
-        if np.size(own) or name == kind.weights:
-            changes[name] = np.append(own, np.zeros(n))[order]
+        values = getattr(operator, name)
+        if np.size(values) or name == kind.weights:
+            changes[name] = np.append(values, np.zeros(n))[order]
     return replace(operator, **changes), further[order]
 
 
@@ -141,16 +141,16 @@ def same_places(operator, other):
 def has_weight(operator):
     """Mark the terms of an operator with a nonzero weight, (n_terms,)."""
     kind = operator.resolution
-    own = [np.asarray(getattr(operator, name)) for name in (kind.weights, *kind.others)]
-    return np.any([part != 0.0 for part in own if part.size], axis=0)
+    weights = [np.asarray(getattr(operator, name)) for name in (kind.weights, *kind.others)]
+    return np.any([part != 0.0 for part in weights if part.size], axis=0)
 
 
 def select_terms(operator, kept):
     """Return an operator with only those of its terms that ``kept`` (n_terms,) marks."""
     kind = operator.resolution
     names = [kind.weights, *kind.others, *([] if kind.positions is None else [kind.positions])]
-    own = {name: np.asarray(getattr(operator, name)) for name in names}
-    return replace(operator, **{name: own[name][kept] for name in names if own[name].size})
+    fields = {name: np.asarray(getattr(operator, name)) for name in names}
+    return replace(operator, **{name: fields[name][kept] for name in names if fields[name].size})
 
 
 def parts_with_resolution(operator, _prefix=""):
@@ -256,11 +256,11 @@ class MovableOperator(WrappedOperator):
 
     def entries(self):
         rows = zip(np.flatnonzero(self.moving).tolist(), self.limits.tolist(), strict=True)
-        own = [
+        moved = [
             (f"{self._field}[{i}]", ParameterSpec(lower=a, upper=b, unit="drive"))
             for i, (a, b) in rows
         ]
-        return [*self.operator.entries(), *own]
+        return [*self.operator.entries(), *moved]
 
     def pack(self):
         return np.append(self.operator.pack(), self._places[self.moving])
