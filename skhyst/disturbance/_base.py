@@ -69,8 +69,10 @@ class DisturbanceOperator(Operator):
     def sensitivities(self, u, du, dt, initial_state="rest"):
         time = dt * np.arange(len(u))
         basis = self.basis(time)
-        own = np.concatenate([basis, self.basis_tangents(time, self.coefficients)], axis=1)
-        return basis @ self.coefficients, np.concatenate([np.zeros_like(du), own], axis=1)
+        by_parameters = np.concatenate(
+            [basis, self.basis_tangents(time, self.coefficients)], axis=1
+        )
+        return basis @ self.coefficients, np.concatenate([np.zeros_like(du), by_parameters], axis=1)
 
 
 class Disturbance(ParametricModel):

@@ -65,7 +65,10 @@ class DriftOperator(DisturbanceOperator):
 
     def characteristics(self, seen):
         curves = zip(seen.inputs, seen.dts, seen.coefficients, strict=True)
-        spans = [np.ptp(self.basis(dt * np.arange(len(u))) @ own) for u, dt, own in curves]
+        spans = [
+            np.ptp(self.basis(dt * np.arange(len(u))) @ coefficients)
+            for u, dt, coefficients in curves
+        ]
         return {"largest span in a record": (max(spans), "response")}
 
 
