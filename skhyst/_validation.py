@@ -272,8 +272,8 @@ def _refuse_other_interval(estimator, dt, counted, known):
         given = getattr(estimator, "dt", None) if hasattr(estimator, "dt_") else None
         if given is not None and unit is not None and not _agree(given, fitted_dt):
             raise RecordError(
-                f"The 'dt' parameter of {kind} must be that of the fit, {fitted_dt:g} {unit}, or None, "
-                f"for an X without a time index. Got {given:g} s instead; give X its times."
+                f"The 'dt' parameter of {kind} must be that of the fit, {fitted_dt:g} {unit}, or "
+                f"None, for an X without a time index. Got {given:g} s instead; give X its times."
             )
     elif unit == "s" and not _agree(dt, fitted_dt) and _counts_samples(estimator, default=False):
         raise RecordError(
