@@ -187,8 +187,8 @@ _MODELS = [
     ),
     (
         "linear tangents: the state at rest does not move with the parameters",
-        "return tangent_system(discrete, by, rest, rest_by, bool(led))",
-        "return tangent_system(discrete, by, rest, 0.0 * rest_by, bool(led))",
+        "return tangent_system(discrete, by, rest, rest_by, bool(last_input))",
+        "return tangent_system(discrete, by, rest, 0.0 * rest_by, bool(last_input))",
         "tests/linear/test_linear.py tests/operators/test_linear.py -k rest_moves",
     ),
     (

@@ -9,7 +9,15 @@ from ..operators import CompiledLaw, Operator
 
 
 class DisturbanceOperator(Operator):
-    """Base of disturbances ``y(t) = basis(t) @ coefficients``, t since the record's start (s)."""
+    """Base of disturbances ``y(t) = basis(t) @ coefficients``, t since the record's start (s).
+
+    A subclass is a frozen dataclass with a field ``coefficients`` and defines :meth:`basis`, and
+    :meth:`basis_tangents` if it has other parameters.
+
+    Examples
+    --------
+    See :class:`OffsetOperator`.
+    """
 
     signal_linear = True
     stage_order = 60
@@ -57,7 +65,7 @@ class DisturbanceOperator(Operator):
         return self.basis(time) @ self.coefficients, start + dt * len(u)
 
     def _step(self):
-        """Return the compiled step, or None, and its constants after ``dt``."""
+        """Return the compiled step, or None, and its constants but the first, ``dt``."""
         return None, ()
 
     def compiled_step(self, dt, state):

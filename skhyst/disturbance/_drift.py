@@ -37,6 +37,11 @@ class DriftOperator(DisturbanceOperator):
     duration : float
         Of the polynomials, s. Fixed structure.
 
+    Raises
+    ------
+    ValueError
+        If there is no coefficient, or ``duration`` is not above 0.
+
     Examples
     --------
     >>> import numpy as np

@@ -30,6 +30,11 @@ def check_operator(operator, u, dt):
         If ``sensitivities``, ``run``, ``step`` and ``unpack`` disagree; the message names them, and
         the parameter of a wrong derivative.
 
+    See Also
+    --------
+    Operator : The protocol.
+    OneStateOperator : The shortest way to an operator.
+
     Examples
     --------
     >>> import numpy as np

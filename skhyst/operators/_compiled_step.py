@@ -68,6 +68,11 @@ def _streaming(law, c, s):
 class CompiledStep:
     """Base of compiled steps.
 
+    See Also
+    --------
+    CompiledLaw : A function with its constants and state.
+    Stepper : Runs a step as a device.
+
     Attributes
     ----------
     state : ndarray of shape (n_states,)

@@ -295,6 +295,16 @@ class Scaled(WrappedOperator):
         within itself (``scaled_within``), by a factor of zero or above; the whole output by
         default.
 
+    Raises
+    ------
+    ValueError
+        If the operator cannot scale what ``scales`` names.
+
+    See Also
+    --------
+    Factor : Makes one, by ``operator * Factor(column)``.
+    skhyst.compose.Modulated : Its estimator.
+
     Examples
     --------
     >>> import numpy as np
@@ -521,6 +531,16 @@ class Scheduled(WrappedOperator):
         Range of the schedule.
     schedule : float, default=None
         Schedule value of the record, set by :meth:`at`.
+
+    Raises
+    ------
+    ValueError
+        If there is not one degree per parameter of ``base``, or the number of coefficients does not
+        match the degrees.
+
+    See Also
+    --------
+    skhyst.compose.ScheduledParameters : Its estimator.
 
     Examples
     --------
@@ -884,6 +904,11 @@ class Series(_Composition):
     stages : tuple of Operator
         In the order of the series.
 
+    See Also
+    --------
+    SumOperator : Operators in parallel.
+    skhyst.compose.Cascade : Its estimator.
+
     Examples
     --------
     >>> from skhyst.linear import FirstOrderLagOperator, GainOperator
@@ -1112,7 +1137,13 @@ class SumOperator(_Composition):
         return block_diag(*ad), *map(np.concatenate, (b0, b1, c)), sum(d)
 
     def inverse(self):
-        """Return the inverse of the sum; with a preview if all parts are linear."""
+        """Return the inverse of the sum; with a preview if all parts are linear.
+
+        Raises
+        ------
+        ValueError
+            If there are no parts.
+        """
         if not self.stages:
             raise ValueError("A sum without terms has no inverse.")
         is_linear = all(hasattr(stage, "discrete") for stage in self.stages)

@@ -51,6 +51,10 @@ class Factor(NamedTuple):
     sensitivity : float, default=0.0
         One over the units of the column.
 
+    See Also
+    --------
+    Scaled : The node that ``operator * Factor(...)`` makes.
+
     Examples
     --------
     >>> import numpy as np

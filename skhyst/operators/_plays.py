@@ -506,6 +506,10 @@ def turning_points(drive):
         First value, every extremum (a flat top counts once), last value; a constant signal has
         one point.
 
+    See Also
+    --------
+    play_thresholds : Thresholds of plays that a drive moves.
+
     Examples
     --------
     >>> from skhyst.operators import turning_points
@@ -553,6 +557,11 @@ def play_thresholds(drive, n_operators, spacing="grid", *, drive_offset=0.0):
     ------
     ValueError
         If ``spacing`` is neither of the two.
+
+    See Also
+    --------
+    turning_points : The ends of the branches of a drive.
+    skhyst.hysteresis.PrandtlIshlinskii : A weighted sum of plays.
 
     Examples
     --------

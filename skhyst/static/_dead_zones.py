@@ -64,6 +64,11 @@ class DeadZoneOperator(StaticOperator):
     stage_order : int, default=20
         Place in a series. Fixed structure.
 
+    Raises
+    ------
+    ValueError
+        If there is not one threshold and one side per weight, or a side is neither 1 nor -1.
+
     Examples
     --------
     >>> import numpy as np

@@ -73,6 +73,11 @@ class PolynomialCurveOperator(StaticOperator):
     stage_order : int, default=40
         Place in a series. Fixed structure.
 
+    Raises
+    ------
+    ValueError
+        If ``scale`` is not above 0.
+
     Examples
     --------
     >>> import numpy as np

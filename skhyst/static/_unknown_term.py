@@ -243,6 +243,12 @@ class UnknownTermOperator(Operator):
         Distance from the range over which the function fades to 1/e, as a part of the range of the
         argument; above 0. Fixed structure.
 
+    Raises
+    ------
+    ValueError
+        If an argument is unknown or given twice, a range is empty, ``half_gap`` is negative,
+        ``fade`` is not above 0, or ``basis`` has not one row per spline.
+
     Notes
     -----
     The state is, for each argument, the last input or the play, the direction and the time since
