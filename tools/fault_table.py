@@ -329,8 +329,8 @@ _COMPOSITION = [
     ),
     (
         "backfitting: no damping in the gradient",
-        "gradient = back(rest) - _DAMPING * change",
-        "gradient = back(rest)",
+        "gradient = adjoint(unexplained) - _DAMPING * change",
+        "gradient = adjoint(unexplained)",
         "tests/compose/test_corrected.py -k damped",
     ),
     (
