@@ -1360,6 +1360,13 @@ class TransferFunction(ModesMixin, LinearModel):
         TransferFunction
             With ``operator_``, poles and zeros; standard errors are zero.
 
+        Raises
+        ------
+        ValueError
+            If the system has several responses, a pole at zero, or more zeros than poles, or is in
+            discrete time and samples none in continuous time under the hold; or if ``hold`` is
+            "auto" or ``delay`` is "fit".
+
         Examples
         --------
         >>> from scipy.signal import lti

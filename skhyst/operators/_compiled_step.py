@@ -68,6 +68,8 @@ def _streaming(law, c, s):
 class CompiledStep:
     """Base of compiled steps.
 
+    A subclass gives ``state`` and :meth:`bound`. Most are :class:`CompiledLaw`, or made of those.
+
     See Also
     --------
     CompiledLaw : A function with its constants and state.
@@ -192,6 +194,11 @@ class CompiledLaw(CompiledStep):
     compact : CompiledLaw, default=None
         The law in a form with less memory and the same state: it computes values that this one
         tabulates.
+
+    See Also
+    --------
+    Stepper : Runs it as a device.
+    OneStateOperator : Makes one from a law.
 
     Examples
     --------
@@ -459,6 +466,17 @@ class Signal:
         Range of the fit, in the unit of the signal.
     rate : float, default=inf
         Fastest change of the fit, units of the signal per s.
+
+    See Also
+    --------
+    Stepper : Reports signals beyond their range.
+
+    Examples
+    --------
+    >>> from skhyst.operators import Signal
+    >>> low, high, change = Signal("drive", low=-1.0, high=1.0, rate=20.0).ends(dt=0.01)
+    >>> round(high, 6), round(change, 6)
+    (1.0, 0.2)
     """
 
     name: str
@@ -538,7 +556,12 @@ class Stepper:
     Raises
     ------
     ValueError
-        If ``dt`` is not a positive number.
+        If ``dt`` is not a positive number, or there is not one signal per input.
+
+    See Also
+    --------
+    skhyst.base.ParametricModel.stepper : That of a fitted model.
+    skhyst.export.to_c : The same step as a program.
 
     Examples
     --------

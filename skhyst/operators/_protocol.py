@@ -73,6 +73,17 @@ class ParameterSpec:
         Another stage of a series can carry the freedom, if there is a gauge.
     additive : bool
         A field of gauge 0 only adds a constant to the output.
+
+    See Also
+    --------
+    parameter : Declares a field with one.
+
+    Examples
+    --------
+    >>> from skhyst.linear import FirstOrderLagOperator
+    >>> spec = FirstOrderLagOperator(0.1).parameter_specs()["time_constant"]
+    >>> spec.log, spec.lower, spec.unit
+    (True, 0.0, 's')
     """
 
     linear: bool = False
@@ -113,6 +124,10 @@ def parameter(*, default=dataclasses.MISSING, **options):
     dataclasses.Field
         For a field of an operator.
 
+    See Also
+    --------
+    ParameterSpec : The options.
+
     Examples
     --------
     >>> from dataclasses import dataclass
@@ -136,8 +151,23 @@ def parameter(*, default=dataclasses.MISSING, **options):
 class Operator(Part, ABC):
     """Base of all operators. Subclasses are frozen dataclasses.
 
-    They give :meth:`init`, :meth:`run` and :meth:`sensitivities`, and :meth:`compiled_step` where
-    they can be stepped and exported; the rest follows from the fields.
+    They give :meth:`init`, :meth:`run` and :meth:`sensitivities`, and :meth:`compiled_step` if they
+    can be stepped and exported; the rest follows from the fields.
+
+    Raises
+    ------
+    ValueError
+        If the value of a field is not of the annotated type.
+
+    See Also
+    --------
+    OneStateOperator : The shortest way to an operator, from one step of a law.
+    check_operator : Checks an operator against the protocol.
+    skhyst.base.ParametricModel : The estimator of an operator.
+
+    Examples
+    --------
+    See :func:`parameter` for an operator in a few lines.
     """
 
     def __post_init__(self):

@@ -33,6 +33,17 @@ class Resolution:
         Further linear fields with one value per term; empty if they are not used.
     fixed : float or None, default=None
         Position of a term that is fixed and never removed.
+
+    See Also
+    --------
+    MovableOperator : An operator whose positions are parameters.
+
+    Examples
+    --------
+    >>> from skhyst.hysteresis import PrandtlIshlinskiiOperator
+    >>> plays = PrandtlIshlinskiiOperator([0.0, 1.0], [1.0, 0.5])
+    >>> plays.resolution.name, plays.resolution.of(plays)
+    ('plays', 2)
     """
 
     name: str

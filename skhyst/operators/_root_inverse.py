@@ -97,6 +97,10 @@ class InverseOperator(Operator):
     ----------
     operator : Operator
         The operator that is inverted.
+
+    Examples
+    --------
+    See :class:`RootInverseOperator`.
     """
 
     operator: Operator
@@ -238,6 +242,10 @@ def inverse_of(operator, low=-math.inf, high=math.inf):
     ------
     ValueError
         If the output does not follow the input at once and the operator has no other inverse.
+
+    See Also
+    --------
+    skhyst.control.InverseCompensator : The inverse of a fitted model, with limits of the drive.
 
     Examples
     --------
