@@ -70,11 +70,6 @@ class CompiledStep:
 
     A subclass gives ``state`` and :meth:`bound`. Most are :class:`CompiledLaw`, or made of those.
 
-    See Also
-    --------
-    CompiledLaw : A function with its constants and state.
-    Stepper : Runs a step as a device.
-
     Attributes
     ----------
     state : ndarray of shape (n_states,)
@@ -86,6 +81,11 @@ class CompiledStep:
     flags : tuple of (str, int)
         Conditions of the last sample: name, and index in the state of a number that is nonzero
         while the condition holds. Entries with the same name are one flag.
+
+    See Also
+    --------
+    CompiledLaw : A function with its constants and state.
+    Stepper : Runs a step as a device.
     """
 
     n_inputs = None
