@@ -355,10 +355,10 @@ def common_parameter(estimator, name):
         if value is not None:
             values[key] = value
     if len(set(values.values())) > 1:
-        found = ", ".join(f"{value!r} in {key!r}" for key, value in values.items())
+        listed = ", ".join(f"{value!r} in {key!r}" for key, value in values.items())
         raise RecordError(
             f"The '{name}' parameter of {type(estimator).__name__} must be given, since its parts "
-            f"differ in theirs. Got {found} instead."
+            f"differ in theirs. Got {listed} instead."
         )
     return next(iter(values.values()), None)
 

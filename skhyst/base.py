@@ -1035,19 +1035,20 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         warn_schedules(self, self.operator_, schedules)
         y, rest = np.empty(len(signal)), [i for i in range(len(slices)) if i not in known_runs]
         if rest:
-            own = [slices[i] for i in rest], self.free_run_state, [schedules[i] for i in rest]
-            rows = np.concatenate([np.arange(s.rows.start, s.rows.stop) for s in own[0]])
-            y[rows] = run_records(self.operator_, signal, *own)
-        for number, own in known_runs.items():
+            from_rest = [slices[i] for i in rest]
+            options = self.free_run_state, [schedules[i] for i in rest]
+            rows = np.concatenate([np.arange(s.rows.start, s.rows.stop) for s in from_rest])
+            y[rows] = run_records(self.operator_, signal, from_rest, *options)
+        for number, known_run in known_runs.items():
             rows = slices[number].rows
-            y[rows] = cut_off(own.run()[0])
+            y[rows] = cut_off(known_run.run()[0])
             self._warn_of_unmatched_response(y[rows], known[0][rows])
         if not return_std:
             return y if read is None else y[read]
         variance = np.empty(len(y))
         for number, (s, schedule) in enumerate(zip(slices, schedules, strict=True)):
-            rest = self.operator_, self.covariance_, signal[s.rows], s.dt, self.free_run_state
-            variance[s.rows] = known_runs.get(number, _Run(*rest).at(schedule)).variance()
+            start = self.operator_, self.covariance_, signal[s.rows], s.dt, self.free_run_state
+            variance[s.rows] = known_runs.get(number, _Run(*start).at(schedule)).variance()
         std = np.sqrt(variance + self.noise_std_**2)
         return (y, std) if read is None else (y[read], std[read])
 
@@ -1075,11 +1076,11 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         numbers = [i for i, s in enumerate(slices) if np.isfinite(y[s.rows]).any()]
         data = []
         for i in numbers:
-            own, rows = y[slices[i].rows], slices[i].rows
-            weights = np.isfinite(own).astype(float)
-            own = np.where(weights > 0.0, own, 0.0)
+            rows = slices[i].rows
+            weights = np.isfinite(y[rows]).astype(float)
+            response = np.where(weights > 0.0, y[rows], 0.0)
             options = {"schedule": schedules[i], "weights": weights}
-            data.append(RecordData(signal[rows], own, slices[i].dt, **options))
+            data.append(RecordData(signal[rows], response, slices[i].dt, **options))
         if not numbers:
             return {}
         parts = [r.first_part(1 + np.flatnonzero(r.weights)[-1]) for r in data]
@@ -1091,11 +1092,13 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         known = getattr(self, "covariance_", None), getattr(self, "noise_std_", None)
         runs = {}
         for i, record, part, before in zip(numbers, data, parts, input_history, strict=True):
-            own = calibrated(self.operator_, record_with_history(driven, part, before), *known)
+            calibration = calibrated(
+                self.operator_, record_with_history(driven, part, before), *known
+            )
             record = record_with_history(driven, record, before)
             u, skip = record.with_history()
             state = "rest" if record.start is None else record.start
-            runs[i] = _Run(*own, u, record.dt, state, skip).at(record.schedule)
+            runs[i] = _Run(*calibration, u, record.dt, state, skip).at(record.schedule)
         return runs
 
     def _warn_of_unmatched_response(self, run, known):

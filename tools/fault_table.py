@@ -262,8 +262,8 @@ _COMPOSITION = [
     ),
     (
         "series: the first stage carries the gain where there is no hysteresis",
-        "if any(s.is_shared for s in own)][-1:]",
-        "if any(s.is_shared for s in own)][:1]",
+        "if any(s.is_shared for s in specs)][-1:]",
+        "if any(s.is_shared for s in specs)][:1]",
         "tests/operators/test_compose.py tests/compose/test_cascade.py -k gain",
     ),
     (

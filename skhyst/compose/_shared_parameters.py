@@ -369,7 +369,7 @@ class _Responses(Operator):
     @property
     def shared(self):
         """Names of the common entries."""
-        return tuple(n for n, own in zip(self.names, self.is_own, strict=True) if not own)
+        return tuple(n for n, is_own in zip(self.names, self.is_own, strict=True) if not is_own)
 
     @property
     def gains(self):

@@ -477,13 +477,13 @@ def free_mass_tangents(
     dstart[m + _U0] = dend[m + _U0] = 1.0
     for k in range(u.size):
         if begun > 0.0:
-            way = 0.0 if held > 0.0 else u[k] - before
+            drive_change = 0.0 if held > 0.0 else u[k] - before
             for i in range(n_substeps):
                 # forces at both ends of the substep and their tangents, as in `sample`
                 first, last = i / n_substeps, (i + 1) / n_substeps
                 ramp = time + i * h, time + (i + 1) * h
-                start = before + way * first + offset + drift * ramp[0]
-                end = before + way * last + offset + drift * ramp[1]
+                start = before + drive_change * first + offset + drift * ramp[0]
+                end = before + drive_change * last + offset + drift * ramp[1]
                 for q in range(m):
                     change = 0.0 if held > 0.0 else du[k, q] - du[k - 1, q]
                     dstart[q] = du[k - 1, q] + change * first

@@ -841,8 +841,8 @@ class OscillatorModel(ParametricModel):
         starts, evaluations = [], 0
         if stages[0].gain:
             for coupling in _COUPLINGS:
-                found, n = self._coupled(stages, data, coupling)
-                starts += found
+                coupled, n = self._coupled(stages, data, coupling)
+                starts += coupled
                 evaluations += n
         result = refine(self, [*starts, *stages], data)
         evaluations += result.n_evaluations

@@ -621,9 +621,9 @@ class Stepper:
 
     @property
     def status(self):
-        found = {name for name, at in self.compiled_step.flags if self._state[at] != 0.0}
-        found |= {"refused"} if self._refused else set()
-        return frozenset(found | {"extrapolated"} if self._is_extrapolating() else found)
+        names = {name for name, at in self.compiled_step.flags if self._state[at] != 0.0}
+        names |= {"refused"} if self._refused else set()
+        return frozenset(names | {"extrapolated"} if self._is_extrapolating() else names)
 
     def _is_extrapolating(self):
         """Whether the last sample was beyond the range or the rate of a signal."""

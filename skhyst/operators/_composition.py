@@ -923,15 +923,15 @@ class Series(_Composition):
     def _marked(self, parts):
         owners, n = self._owners(parts), len(parts)
         held = [
-            [s.held or (s.is_shared and i not in owners) for s in own]
-            for i, own in enumerate(parts)
+            [s.held or (s.is_shared and i not in owners) for s in specs]
+            for i, specs in enumerate(parts)
         ]
         # The response is linear in the parameters of one stage at a time, since those of two
         # stages multiply each other, and only if all later stages are linear in the signal. The
         # stage with most such parameters is chosen: more of them are then solved exactly.
         linear = [
-            [s.linear and not is_held for s, is_held in zip(own, marks, strict=True)]
-            for own, marks in zip(parts, held, strict=True)
+            [s.linear and not is_held for s, is_held in zip(specs, marks, strict=True)]
+            for specs, marks in zip(parts, held, strict=True)
         ]
         first = max(n - 1, 0)  # becomes the first stage that only linear ones follow
         while first > 0 and self.stages[first].signal_linear:
@@ -948,7 +948,9 @@ class Series(_Composition):
     def _owners(self, parts):
         """Return the number of the stage that keeps gain and intercept, in a list; or none."""
         owners = [i for i, stage in enumerate(self.stages) if stage.owns_gain][:1]
-        return owners or [i for i, own in enumerate(parts) if any(s.is_shared for s in own)][-1:]
+        return (
+            owners or [i for i, specs in enumerate(parts) if any(s.is_shared for s in specs)][-1:]
+        )
 
     def _stage_units(self):
         # signals are in units of the drive up to the stage that owns the gain, then of the response
@@ -1087,19 +1089,19 @@ class SumOperator(_Composition):
     structure_of = "Sum"
 
     def _marked(self, parts):
-        found, taken = [], False
-        for i, own in enumerate(parts):
+        marked, taken = [], False
+        for i, specs in enumerate(parts):
             # A common gain can be factored out of the first branch only. Intercepts add up to one:
             # the first branch with an intercept keeps it.
-            constant = [s.gauge == 0.0 for s in own]
-            found.append(
+            constant = [s.gauge == 0.0 for s in specs]
+            marked.append(
                 [
                     _set(s, held=s.held or (c and taken), movable=s.movable and (c or i == 0))
-                    for s, c in zip(own, constant, strict=True)
+                    for s, c in zip(specs, constant, strict=True)
                 ]
             )
-            taken = taken or any(c and not s.held for s, c in zip(own, constant, strict=True))
-        return found
+            taken = taken or any(c and not s.held for s, c in zip(specs, constant, strict=True))
+        return marked
 
     def init(self, u0, initial_state="rest"):
         return tuple(stage.init(u0, _begins(stage, initial_state)) for stage in self.stages)
@@ -1182,11 +1184,11 @@ class SumOperator(_Composition):
 
     def parts(self):
         """Return the driven stages, the branches of further columns, and the disturbances."""
-        found = [], [], []
+        kinds = [], [], []
         for name, stage in zip(self.names, self.stages, strict=True):
             kind = 2 if stage.is_disturbance else int(stage.driving_column != 0)
-            found[kind].append(Stage(name, bare(stage)))
-        return found
+            kinds[kind].append(Stage(name, bare(stage)))
+        return kinds
 
     @classmethod
     def of_parts(cls, parts, model=None):
@@ -1228,15 +1230,15 @@ class SumOperator(_Composition):
         part, (driven, branches, _) = self.inner(name), self.parts()
         if part is None:
             return super().keys(name)
-        found = []
+        stage_keys = []
         for stage_name, stage in self.members():
             if stage_name in dict(branches):
-                found += Operator.keys(stage, stage_name)
+                stage_keys += Operator.keys(stage, stage_name)
             elif stage_name in dict(driven):
                 keys = bare(stage).keys(stage_name)
                 several = [(part.name, f"{stage_name}__{entry}") for entry, _ in stage.entries()]
-                found += keys if len(driven) == 1 else several
-        return found
+                stage_keys += keys if len(driven) == 1 else several
+        return stage_keys
 
 
 def _set(spec, **marks):

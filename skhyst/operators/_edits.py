@@ -129,11 +129,11 @@ def stage_values(whole, *, held=True):
     that are held because another stage owns the gain or the intercept are left out.
     """
     driven, _ = split_disturbances(whole.operator)
-    found, keys = {}, whole.operator.keys(whole.name)
+    values, keys = {}, whole.operator.keys(whole.name)
     for key, value, (_, spec) in zip(keys, driven.pack(), driven.entries(), strict=True):
         if held or not spec.held:
-            found[key] = np.append(found.get(key, []), value)
-    return found
+            values[key] = np.append(values.get(key, []), value)
+    return values
 
 
 def with_stage_values(whole, values):

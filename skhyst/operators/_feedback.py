@@ -367,9 +367,9 @@ class FeedbackOperator(_Composition, HeldInput):
 
     def _constants(self, dt):
         system = self._straight().discrete(dt / self.n_substeps)
-        own = self.linear.gain, self.linear.intercept, self.n_substeps, self.linear.hold == "zoh"
+        values = self.linear.gain, self.linear.intercept, self.n_substeps, self.linear.hold == "zoh"
         sensed = self._sensed(system[3], 0)
-        return *system, *map(float, own), sensed, float(not self._of_velocity)
+        return *system, *map(float, values), sensed, float(not self._of_velocity)
 
     def _sensed(self, output, which):
         """Return the rows of the states that give each z, or (1) their derivatives."""
@@ -420,13 +420,13 @@ class FeedbackOperator(_Composition, HeldInput):
     def _force(self, z):
         """Return the force f, its slopes and its derivatives by the entries of the curve."""
         if self._of_both:
-            y, slope, own = self.curve.surface(z)
+            y, slope, by_entries = self.curve.surface(z)
         else:
             y, by = self.curve.sensitivities(z[:, 0], np.ones((len(z), 1)), 1.0)
-            slope, own = by[:, :1], by[:, 1:]
+            slope, by_entries = by[:, :1], by[:, 1:]
         if self._of_velocity:
-            return y, slope, own
-        return y - z[:, 0], slope - np.eye(1, slope.shape[1]), own
+            return y, slope, by_entries
+        return y - z[:, 0], slope - np.eye(1, slope.shape[1]), by_entries
 
     def arguments(self, u, dt):
         """Return the argument of the curve, from rest.

@@ -376,8 +376,8 @@ class Part:
     @property
     def acting_columns(self) -> set[int]:
         """Numbers of the columns that the operator reads other than as its drive."""
-        own = getattr(self, "column", -1)  # -1 is the amplitude, which is that of the drive
-        return {own} - {-1} | {i for child in self.children for i in child.acting_columns}
+        column = getattr(self, "column", -1)  # -1 is the amplitude, which is that of the drive
+        return {column} - {-1} | {i for child in self.children for i in child.acting_columns}
 
     @property
     def is_scheduled(self) -> bool:
@@ -392,8 +392,8 @@ class Part:
     @property
     def label(self) -> str:
         """Default name of a part: from its estimator, or from its own class."""
-        own = self.structure_of or type(self).__name__.removesuffix("Operator")
-        return snake_case(own if self.model is None else type(self.model).__name__)
+        kind = self.structure_of or type(self).__name__.removesuffix("Operator")
+        return snake_case(kind if self.model is None else type(self.model).__name__)
 
     def estimator(self, **params):
         """Return the unfitted estimator that the operator belongs to.

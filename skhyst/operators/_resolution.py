@@ -182,13 +182,13 @@ def parts_with_resolution(operator, _prefix=""):
         return [(_prefix, operator, lambda part: part)]
     if not isinstance(operator, Series | SumOperator):
         return []
-    found, members = [], operator.members()
+    parts, members = [], operator.members()
     if isinstance(operator, Series):  # later stages have an input that this part determines
         members = members[:1]
     for at, (name, stage) in enumerate(members):
         for prefix, part, put in parts_with_resolution(stage, f"{_prefix}{name}__"):
-            found.append((prefix, part, _placed(operator, at, put)))
-    return found
+            parts.append((prefix, part, _placed(operator, at, put)))
+    return parts
 
 
 def _placed(operator, at, put):

@@ -228,12 +228,12 @@ def _second_order_tangents(ad, b, c, direct, by, output_by, first, first_by, sta
             dw1[q] = b1 * v + a10 * s0 + a11 * s1
         for q in range(p):
             s0, s1 = dw0[m + q], dw1[m + q]
-            own = outu[q] * u1 + out0[q] * w0 + out1[q] * w1
-            row[m + q] = own + (c0 * s0 + c1 * s1)
-            own = by0u[q] * u1 + by00[q] * w0 + by01[q] * w1
-            dw0[m + q] = own + (a00 * s0 + a01 * s1)
-            own = by1u[q] * u1 + by10[q] * w0 + by11[q] * w1
-            dw1[m + q] = own + (a10 * s0 + a11 * s1)
+            direct_part = outu[q] * u1 + out0[q] * w0 + out1[q] * w1
+            row[m + q] = direct_part + (c0 * s0 + c1 * s1)
+            direct_part = by0u[q] * u1 + by00[q] * w0 + by01[q] * w1
+            dw0[m + q] = direct_part + (a00 * s0 + a01 * s1)
+            direct_part = by1u[q] * u1 + by10[q] * w0 + by11[q] * w1
+            dw1[m + q] = direct_part + (a10 * s0 + a11 * s1)
         w0, w1 = b0 * u1 + a00 * w0 + a01 * w1, b1 * u1 + a10 * w0 + a11 * w1
     return y, dy
 
