@@ -5,7 +5,7 @@ import inspect
 from itertools import takewhile
 from types import FunctionType
 
-_TITLES = ("Parameters", "Attributes", "Returns", "Raises")  # in their order
+_TITLES = ("Parameters", "Attributes", "Returns", "Raises")  # in the order of numpydoc
 _METHOD_TITLES = ("Parameters", "Returns")  # another method need not raise what the base's does
 
 
@@ -21,12 +21,14 @@ def inherit_documentation(cls, *, attributes=True):
     if cls.__dict__.get("__doc__"):
         cls.__doc__ = _completed(cls.__doc__, _constructor(cls), bases, _TITLES[: 1 + attributes])
     for name, method in vars(cls).items():
-        own = isinstance(method, FunctionType) and method.__qualname__.startswith(cls.__qualname__)
-        if own and method.__doc__ and name[0] != "_":
-            others = [vars(base)[name] for base in bases if name in vars(base)]
-            if others:
+        is_own = isinstance(method, FunctionType) and method.__qualname__.startswith(
+            cls.__qualname__
+        )
+        if is_own and method.__doc__ and name[0] != "_":
+            overridden = [vars(base)[name] for base in bases if name in vars(base)]
+            if overridden:
                 order = list(inspect.signature(method).parameters)
-                method.__doc__ = _completed(method.__doc__, order, others, _METHOD_TITLES)
+                method.__doc__ = _completed(method.__doc__, order, overridden, _METHOD_TITLES)
 
 
 def _constructor(cls):
@@ -86,19 +88,22 @@ def _completed(docstring, order, sources, titles):
 
 
 def _section(lines, title):
-    """Return where the entries of a section are, or, twice, where it would begin."""
+    """Return the first and the last line (excluded) of the entries of a section.
+
+    Without such a section, both are the line at which it would begin.
+    """
     heads = [i for i, line in enumerate(lines[1:]) if line.strip("-") == "" and len(line) > 2]
     heads.append(len(lines))
-    own = next((i for i in heads[:-1] if lines[i] == title), None)
-    if own is None:
+    head = next((i for i in heads[:-1] if lines[i] == title), None)
+    if head is None:
         before = _TITLES[: _TITLES.index(title)]
         first = next(i for i in heads if i == len(lines) or lines[i] not in before)
         return first, first
-    return own + 2, heads[heads.index(own) + 1]
+    return head + 2, heads[heads.index(head) + 1]
 
 
 def _entries(lines):
-    """Return the entries of a section, lists of lines, by the names that they describe."""
+    """Return the entries of a section: a list of lines by the tuple of names that it describes."""
     starts = [i for i, line in enumerate(lines) if line[:1].strip()]
     entries = {}
     for start in starts:

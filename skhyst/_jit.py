@@ -74,8 +74,8 @@ def _cache_class():
             super().save(key, (key, sha256(code).digest(), code))
 
         def load(self, key):
-            of, digest, code = super().load(key)  # of None without one, which is an error
-            if of != key or digest != sha256(code).digest():
+            stored_key, digest, code = super().load(key)  # of None without one, which is an error
+            if stored_key != key or digest != sha256(code).digest():
                 raise ValueError("damaged, or of another signature")
             return pickle.loads(code)
 
@@ -109,24 +109,24 @@ def _digest(function):
     """Return a digest of the code and the constants of a function and of all that it calls."""
     seen, pending, parts = set(), [function], []
     while pending:
-        own = pending.pop()
-        own = getattr(own, "py_func", own)
-        if isinstance(own, FunctionType):
-            if own in seen:
+        item = pending.pop()
+        item = getattr(item, "py_func", item)
+        if isinstance(item, FunctionType):
+            if item in seen:
                 continue
-            seen.add(own)
-            codes = [own.__code__]
+            seen.add(item)
+            codes = [item.__code__]
             for code in codes:
                 parts += [code.co_code, *(c for c in code.co_consts if not isinstance(c, CodeType))]
                 codes += [c for c in code.co_consts if isinstance(c, CodeType)]
-                pending += [own.__globals__.get(name) for name in code.co_names]
-            pending += [cell.cell_contents for cell in own.__closure__ or ()]
-        elif isinstance(own, np.ndarray):
-            parts += [own.dtype, own.shape, own.tobytes()]
-        elif isinstance(own, tuple):
-            pending += own
-        elif isinstance(own, (bool, int, float, complex, str, np.generic)):
-            parts.append(own)
+                pending += [item.__globals__.get(name) for name in code.co_names]
+            pending += [cell.cell_contents for cell in item.__closure__ or ()]
+        elif isinstance(item, np.ndarray):
+            parts += [item.dtype, item.shape, item.tobytes()]
+        elif isinstance(item, tuple):
+            pending += item
+        elif isinstance(item, (bool, int, float, complex, str, np.generic)):
+            parts.append(item)
     return sha256(repr(parts).encode()).hexdigest()
 
 

@@ -18,7 +18,7 @@ def input_signals(estimator, n_inputs):
     Parameters
     ----------
     estimator : estimator
-        Whose columns of X the step reads from the first on.
+        Fitted; the step reads the columns of its X from the first on.
     n_inputs : int or None
         Number of columns that it reads; None for the drive alone.
 

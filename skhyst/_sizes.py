@@ -11,8 +11,8 @@ from .exceptions import RecordError
 # files and the usual one of others: a match of 258 bytes takes at least two bits.
 # Source: "zlib Technical Details", https://zlib.net/zlib_tech.html
 _DENSEST = 1032
-# Largest size that any file may unpack to: a quarter of the 1 GB that reading takes at most, since
-# readings are copied up to three times on their way. Beyond that, a byte of the file may stand for
+# Size up to which any file may unpack: a quarter of the 1 GB that reading takes at most, since
+# readings are copied up to three times on their way. Beyond that, a byte of the file may unpack to
 # 64 in memory, as for a reading of 8 bytes stored in one bit: denser content is nearly all
 # repetition.
 _SPARED, _SPARSEST = 10**9 // 4, 64
@@ -31,9 +31,9 @@ def check_size(what, declared, held):
 
 
 def check_archive(archive, size):
-    """Refuse a zip archive in a file of ``size`` bytes whose entries unpack to too many.
+    """Refuse a zip archive in a file of ``size`` bytes whose entries unpack to too many bytes.
 
-    What an entry declares is all that is read of it.
+    The declared sizes can be relied on: no more than that is read of an entry.
     """
     entries = archive.infolist()
     if sum(entry.compress_size for entry in entries) > size:

@@ -25,10 +25,10 @@ from .records import MISMATCH, chosen_interval, record_slices, refuse_lost_index
 # squares of such values, of their gains and of the inverses of these are finite.
 EXTREME = 1e100
 _ROUNDING = 1e-9  # of a standard deviation
-_FEWEST = 64  # rows of which an order can be told: eight standard deviations, or a ratio of one
-_UNLIKELY = 1e-3  # p-value of numbers of repeats, if rows are drawn
-_OF_A_CLASS = 5.0  # expected in each, for Pearson's test to hold
-_DRAWN = 0.05  # of the rows, which are there again where as many as a tenth of all are drawn
+_FEWEST = 64  # rows needed to test for an order: from there on 8 / sqrt(n) is 1 at most
+_UNLIKELY = 1e-3  # p-value below which the numbers of repeats are not those of a draw
+_OF_A_CLASS = 5.0  # least expected count in a class of Pearson's test
+_DRAWN = 0.05  # fraction of repeated rows above which they may be a draw with replacement
 # Fraction of the range of a fit by which a drive may leave it without a warning. Of two records of
 # one Gaussian drive, 300 to 1000 independent samples each, one in ten goes that much further.
 _FURTHER = 0.15
@@ -50,7 +50,7 @@ def read_data(estimator, X, *y, reset, dt=None, bridge=False):
     least = 2 if reset else 1
     array, response = as_floats(estimator, X, *y, reset=reset, ensure_min_samples=least)
     drive = array[:, _drive_of(estimator, reset)]
-    refuse_extreme(drive, response, _least(estimator))
+    refuse_extreme(drive, response, _largest_value(estimator))
     slices = read_slices(estimator, X, *y, reset=reset, dt=dt, bridge=bridge)
     if reset:
         if not _is_memoryless(estimator):
@@ -61,7 +61,7 @@ def read_data(estimator, X, *y, reset, dt=None, bridge=False):
 
 
 def refuse_no_experiment(columns, response, slices):
-    """Refuse signals that cannot be the drive and the response of a device."""
+    """Refuse signals that cannot be drive and response: constant, equal, or a count of time."""
     if not np.ptp(response):
         raise RecordError(
             f"The response must move. Got {response[0]:g} in every sample instead: is it the "
@@ -93,31 +93,33 @@ def refuse_still(drive):
 def _is_time(drive, slices):
     """Whether a signal rises as the time of each record does, in any unit, or as row numbers."""
     starts = [drive[s.rows.start] for s in slices]
-    own = np.concatenate([drive[s.rows] - start for s, start in zip(slices, starts, strict=True)])
+    drives = np.concatenate(
+        [drive[s.rows] - start for s, start in zip(slices, starts, strict=True)]
+    )
     time = np.concatenate([s.dt * np.arange(s.n_samples) for s in slices])
     dt = min(s.dt for s in slices)
     scales = 1.0 / dt, 1.0, 1e3, 1e6, 1e9  # samples, s, ms, us, ns
     # half a sample: stamps are rounded, or stray from even ones
-    return any(np.abs(own - scale * time).max() < 0.5 * scale * dt for scale in scales)
+    return any(np.abs(drives - scale * time).max() < 0.5 * scale * dt for scale in scales)
 
 
 def _is_memoryless(estimator):
-    said = [part for key, part in _parts(estimator).items() if "__" not in key]
-    parts = [part.estimator if isinstance(part, FrozenEstimator) else part for part in said]
+    submodels = [part for key, part in _parts(estimator).items() if "__" not in key]
+    parts = [part.estimator if isinstance(part, FrozenEstimator) else part for part in submodels]
     models = [part for part in parts if hasattr(part, "operator_class")]
     if models:
         return all(map(_is_memoryless, models))
-    # of some operators their values say it
+    # for some operators it depends on their values, and the class has a property
     return getattr(getattr(estimator, "operator_class", None), "memoryless", False) is True
 
 
 def refuse_drawn(frame, drive, X, response):
-    """Refuse rows that have been drawn from a recording with repeats, as ensembles do.
+    """Refuse rows that were drawn from a recording with replacement, as by bagging.
 
-    Neighbours are then no more similar than any two rows (von Neumann, *Annals of Mathematical
-    Statistics*, 1941), and distant rows are equal to the last digit, though most occur once, and
-    the rows after them differ. If equal inputs often have different responses, their digits are
-    few, and equal rows are chance. Rows with times in their index are in order.
+    Neighbouring rows are then no more similar than any two rows (ratio of von Neumann, *Annals of
+    Mathematical Statistics*, 1941), and some distant rows are equal to the last digit, while the
+    rows after them differ. If equal inputs often have different responses, the values have few
+    digits, and rows are equal by chance. Rows with times in their index are in order.
     """
     index = getattr(frame, "index", None)
     if isinstance(index, pd.Index) and not isinstance(index, pd.RangeIndex):
@@ -157,64 +159,70 @@ def refuse_drawn(frame, drive, X, response):
 
 
 def _warn_of_shuffled_rows(frame, drive, response):
-    """Warn if rows without times have to do with themselves, and none with the one before.
+    """Warn if drive and response are correlated within a row, but not between neighbouring rows.
 
-    As if a recording had been shuffled: each of drive, response and what a straight line leaves of
-    it is then independent of the others one row earlier. A device with a memory shows it in one of
-    them. Each correlation is of an independent pair within four standard deviations.
+    This is so if a recording was shuffled: drive, response and the residual of a straight line are
+    then all uncorrelated from one row to the next, while a device with memory, or a smooth drive,
+    shows in at least one of these. Sample correlations of independent rows have a standard
+    deviation of 1 / sqrt(n); the limit is four of them.
     """
     index, n = getattr(frame, "index", None), len(drive)
     has_times = isinstance(index, pd.Index) and not isinstance(index, pd.RangeIndex)
     if has_times or n < _FEWEST or not (np.ptp(drive) and np.ptp(response)):
         return
-    own, other = ((values - values.mean()) / np.std(values) for values in (drive, response))
-    slope = own @ other / n
-    left = other - slope * own
-    size = np.std(left)
-    if abs(slope) < 4.0 / np.sqrt(n) or not size > _ROUNDING:
+    drives, responses = ((values - values.mean()) / np.std(values) for values in (drive, response))
+    slope = drives @ responses / n
+    residual = responses - slope * drives
+    residual_std = np.std(residual)
+    if abs(slope) < 4.0 / np.sqrt(n) or not residual_std > _ROUNDING:
         return
-    columns = np.column_stack([own, other, left / size])
+    columns = np.column_stack([drives, responses, residual / residual_std])
     if np.abs(columns[1:].T @ columns[:-1]).max() < 4.0 * np.sqrt(n):
         warnings.warn(
-            "Drive and response of a row have to do with each other, but neither with the row "
-            "before, as if the rows had been shuffled. A model with a memory needs them in the "
-            "order of time (train_test_split(shuffle=False), skhyst.model_selection); if they are, "
-            "an index of their times says so.",
+            "Drive and response are correlated within a row, but not with the row before, as if "
+            "the rows had been shuffled. A model with memory needs them in the order of time "
+            "(train_test_split(shuffle=False), skhyst.model_selection); if they are, give their "
+            "times as the index.",
             ConvergenceWarning,
             stacklevel=5,
         )
 
 
 def _is_drawn_in_order(rows):
-    """Whether rows repeat as often, one behind the other, as in a sorted draw with repeats.
+    """Whether runs of equal rows are as long as in a sorted draw with replacement.
 
-    How often a row is drawn is a Poisson variable, and independent of how often the next one is. A
-    sensor that is read too often is there by two neighbouring numbers of times, and a signal of few
-    digits where it is slow. Whether the numbers are such is a test of Pearson's, which needs five
-    of each class.
+    How often a row is drawn is a Poisson variable, independent of that of the next row. Other
+    causes of runs differ from that: a sensor that is read faster than it updates gives runs of two
+    neighbouring lengths, and a signal of few digits long runs where it is slow. The lengths are
+    compared with Pearson's chi-squared test, which needs an expected count of five in each class.
     """
     starts = np.flatnonzero(np.any(rows[1:] != rows[:-1], axis=1)) + 1
     repeats = np.diff(starts, prepend=0, append=len(rows))
     mean, n = repeats.mean(), len(repeats)
     if mean == 1.0:
         return False
-    rate = mean + lambertw(-mean * np.exp(-mean)).real  # of those drawn at least once
-    for classes in (np.arange(1, 4), np.arange(1, 3)):  # and one of all that are drawn more often
+    # of a Poisson variable with this rate, the mean of the values above zero is ``mean``
+    rate = mean + lambertw(-mean * np.exp(-mean)).real
+    for classes in (np.arange(1, 4), np.arange(1, 3)):  # and a last class of all longer runs
         expected = n * rate**classes / factorial(classes) / np.expm1(rate)
         expected = np.append(expected, n - expected.sum())
         if expected.min() >= _OF_A_CLASS:
             break
     else:
         return False
-    found = np.bincount(np.minimum(repeats, len(expected)), minlength=len(expected) + 1)[1:]
-    p_value = chdtrc(len(expected) - 2, np.sum(np.square(found - expected) / expected))
+    counts = np.bincount(np.minimum(repeats, len(expected)), minlength=len(expected) + 1)[1:]
+    p_value = chdtrc(len(expected) - 2, np.sum(np.square(counts - expected) / expected))
     if p_value < _UNLIKELY or len(np.unique(rows, axis=0)) < n:
         return False
     return abs(np.corrcoef(repeats[1:], repeats[:-1])[0, 1]) < 4.0 / np.sqrt(n)
 
 
 def _is_disordered(values):
-    """Whether the next value is as far away as any: four standard deviations of the ratio."""
+    """Whether neighbours are as far apart as any two values.
+
+    The von Neumann ratio of independent values is 2, with a standard deviation of 2 / sqrt(n); the
+    limit is four of them.
+    """
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         ratio = np.square(np.diff(values)).sum() / np.square(values - values.mean()).sum()
     return abs(ratio - 2.0) < 8.0 / np.sqrt(len(values))
@@ -240,7 +248,7 @@ def read_slices(estimator, X, *y, reset, dt=None, bridge=False):
     if counted and known is not None:
         slices = record_slices(X, *y, dt=known, **options)
     if reset:
-        intervals = {own.dt for own in slices}
+        intervals = {record.dt for record in slices}
         estimator.dt_ = intervals.pop() if len(intervals) == 1 else None
         estimator.time_unit_ = slices[0].time_unit
         if estimator.time_unit_ == "s":
@@ -253,7 +261,7 @@ def read_slices(estimator, X, *y, reset, dt=None, bridge=False):
 
 
 def _refuse_other_interval(estimator, dt, counted, known):
-    kind, (own, unit) = type(estimator).__name__, fitted_interval(estimator)
+    kind, (fitted_dt, unit) = type(estimator).__name__, fitted_interval(estimator)
     if counted:
         has_no_one = hasattr(estimator, "dt_") or getattr(estimator, "records_", ())
         if known is None and unit is None and has_no_one:
@@ -261,15 +269,15 @@ def _refuse_other_interval(estimator, dt, counted, known):
                 f"{kind} was fitted to records of several sampling intervals, or to none: X must "
                 "have a time index, or 'dt' be given. Got neither instead."
             )
-        said = getattr(estimator, "dt", None) if hasattr(estimator, "dt_") else None
-        if said is not None and unit is not None and not _agree(said, own):
+        given = getattr(estimator, "dt", None) if hasattr(estimator, "dt_") else None
+        if given is not None and unit is not None and not _agree(given, fitted_dt):
             raise RecordError(
-                f"The 'dt' parameter of {kind} must be that of the fit, {own:g} {unit}, or None, "
-                f"for an X without a time index. Got {said:g} s instead; give X its times."
+                f"The 'dt' parameter of {kind} must be that of the fit, {fitted_dt:g} {unit}, or "
+                f"None, for an X without a time index. Got {given:g} s instead; give X its times."
             )
-    elif unit == "s" and not _agree(dt, own) and _counts_samples(estimator, unless_said=False):
+    elif unit == "s" and not _agree(dt, fitted_dt) and _counts_samples(estimator, default=False):
         raise RecordError(
-            f"The records must be sampled at {own:g} s, as those of the fit: {kind} counts "
+            f"The records must be sampled at {fitted_dt:g} s, as those of the fit: {kind} counts "
             f"samples. Got {dt:g} s instead; use skhyst.records.resample_records."
         )
     elif unit == "sample":
@@ -297,16 +305,16 @@ def fitted_interval(estimator):
         dt = estimator.dt_
         return dt, None if dt is None else getattr(estimator, "time_unit_", "s")
     records = getattr(estimator, "records_", ())  # of earlier versions
-    if len({own.dt for own in records}) != 1:
+    if len({record.dt for record in records}) != 1:
         return None, None
     return records[0].dt, records[0].time_unit
 
 
 def used_interval(estimator, dt, caller):
     """Return the interval at which a fitted model is used, by default that of its fit."""
-    own, unit = fitted_interval(estimator)
-    used = chosen_interval(estimator.records_, own if dt is None else dt, caller)
-    if unit == "sample" and used != own:
+    fitted_dt, unit = fitted_interval(estimator)
+    used = chosen_interval(estimator.records_, fitted_dt if dt is None else dt, caller)
+    if unit == "sample" and used != fitted_dt:
         _refuse_seconds(estimator, used)
     return used
 
@@ -317,17 +325,16 @@ def interval_of(estimator, *, fitted=True):
     None where none is known: time is in samples.
     """
     if fitted:
-        own, unit = fitted_interval(estimator)
-        if own is not None:
-            return own if unit == "s" else None
+        dt, unit = fitted_interval(estimator)
+        if dt is not None:
+            return dt if unit == "s" else None
     return common_parameter(estimator, "dt")
 
 
 def common_parameter(estimator, name):
     """Return a parameter of an estimator or, if it is None, the value that its parts agree on.
 
-    None where no part says it. A part that is held, in a FrozenEstimator, has the interval of its
-    fit.
+    None if no part sets it. A part in a FrozenEstimator has the interval of its fit.
 
     Raises
     ------
@@ -335,10 +342,10 @@ def common_parameter(estimator, name):
         If the parts contradict each other.
     """
     redefined = name in getattr(estimator, "redefined", ())
-    own = None if redefined else getattr(estimator, name, None)
-    if own is not None:
-        return own
-    said = {}
+    value_here = None if redefined else getattr(estimator, name, None)
+    if value_here is not None:
+        return value_here
+    values = {}
     for key, part in _parts(estimator).items():
         if "__" in key or isinstance(part, type) or not hasattr(part, "get_params"):
             continue
@@ -346,18 +353,18 @@ def common_parameter(estimator, name):
         part = part.estimator if held else part
         value = interval_of(part) if held and name == "dt" else common_parameter(part, name)
         if value is not None:
-            said[key] = value
-    if len(set(said.values())) > 1:
-        found = ", ".join(f"{value!r} in {key!r}" for key, value in said.items())
+            values[key] = value
+    if len(set(values.values())) > 1:
+        listed = ", ".join(f"{value!r} in {key!r}" for key, value in values.items())
         raise RecordError(
             f"The '{name}' parameter of {type(estimator).__name__} must be given, since its parts "
-            f"differ in theirs. Got {found} instead."
+            f"differ in theirs. Got {listed} instead."
         )
-    return next(iter(said.values()), None)
+    return next(iter(values.values()), None)
 
 
 def _held_parts(estimator):
-    """Yield the fitted models that an estimator is made of and that are not fitted again."""
+    """Yield the parts of an estimator in a FrozenEstimator: fitted, and not fitted again."""
     for key, part in _parts(estimator).items():
         if "__" in key or isinstance(part, type) or not hasattr(part, "get_params"):
             continue
@@ -538,7 +545,7 @@ def known_response(X, y):
 
 
 def refuse_std(estimator, return_std, why):
-    """Refuse a standard deviation of a prediction of a model that has none."""
+    """Refuse ``return_std`` for a model without a covariance; ``why`` completes "a model"."""
     if return_std:
         raise ValueError(
             f"The 'return_std' parameter of {type(estimator).__name__}.predict must be False for a "
@@ -557,7 +564,7 @@ def refuse_several(estimator, records):
 
 
 def fit_weighted(estimator, X, y, sample_weight, caller):
-    """Return an estimator of scikit-learn, fitted to rows that count so many times each."""
+    """Return a scikit-learn estimator fitted with sample weights; refuse one that takes none."""
     if np.all(np.equal(sample_weight, 1.0)):
         return estimator.fit(X, y)
     name = _weights_name(estimator)
@@ -600,17 +607,22 @@ def in_native_order(values):
     return values.astype(values.dtypes.map(native) if several else native(values.dtype))
 
 
-def _counts_samples(estimator, *, unless_said=True):
-    """Whether an estimator, or a part of it, is valid at one sampling interval only."""
-    return getattr(estimator, "one_interval", unless_said) or any(
+def _counts_samples(estimator, *, default=True):
+    """Whether an estimator, or a part of it, is valid at one sampling interval only.
+
+    ``default`` is the answer for an estimator without the attribute ``one_interval``.
+    """
+    return getattr(estimator, "one_interval", default) or any(
         getattr(part, "one_interval", False) for part in _parts(estimator).values()
     )
 
 
-def _least(estimator):
+def _largest_value(estimator):
     """Return the largest value that an estimator and all its parts can calculate with."""
-    own = getattr(estimator, "largest_value", EXTREME)
-    return min([own, *(getattr(part, "largest_value", own) for part in _parts(estimator).values())])
+    limit = getattr(estimator, "largest_value", EXTREME)
+    return min(
+        [limit, *(getattr(part, "largest_value", limit) for part in _parts(estimator).values())]
+    )
 
 
 def _parts(estimator):
@@ -653,16 +665,16 @@ def finite_numbers(values, caller, name, wanted, ndim=None):
     ``wanted`` states the requirement, such as "a finite number".
     """
     try:
-        found = np.asarray(values)
-        is_right = found.dtype.kind in "biuf" or all(isinstance(v, Real) for v in found.flat)
-        found = found.astype(float) if is_right else np.empty(0)
+        numbers = np.asarray(values)
+        is_right = numbers.dtype.kind in "biuf" or all(isinstance(v, Real) for v in numbers.flat)
+        numbers = numbers.astype(float) if is_right else np.empty(0)
     except (TypeError, ValueError):  # of several lengths
-        found = np.empty(0)
-    if ndim not in (None, found.ndim) or not found.size or not np.isfinite(found).all():
+        numbers = np.empty(0)
+    if ndim not in (None, numbers.ndim) or not numbers.size or not np.isfinite(numbers).all():
         raise ValueError(
             f"The '{name}' parameter of {caller} must be {wanted}. Got {shortened(values)} instead."
         )
-    return found
+    return numbers
 
 
 def finite_number(value, caller, name):

@@ -85,7 +85,7 @@ _NO_REST = (
     "{} has found no state of rest, as of an integrator: start with initial_state='zero', or from "
     "a known response, 'y_start' of predict"
 )
-_MOST = 0.5  # ratio of squared errors: below it, more of the error is removed than remains
+_MOST = 0.5  # ratio of squared errors below which a change removes more of the error than it leaves
 _FEW = "The records hold few independent samples, so that params_std_ is too small for"
 
 
@@ -114,7 +114,7 @@ class _OneThread:
 
 @cache
 def _threads():
-    return ThreadpoolController()  # searches all loaded libraries: once
+    return ThreadpoolController()  # cached, since it searches all loaded libraries
 
 
 _ONE_THREAD = _OneThread()
@@ -138,7 +138,7 @@ def _calculable():
 
 
 def informed(model, parent):
-    """Return a copy of a part of a model with the column names of the whole."""
+    """Return a copy of a part of a model with the column names of the complete model."""
     names = ("n_features_in_", "feature_names_in_")
     known = {name: getattr(parent, name) for name in names if hasattr(parent, name)}
     if known and isinstance(model, ParametricModel):
@@ -148,14 +148,14 @@ def informed(model, parent):
 
 
 def with_params(model, **params):
-    """Return a copy of a fitted model with other parameters, and with its column names."""
+    """Return a copy of a model with other parameters; unlike a clone, with fitted attributes."""
     model = copy.copy(model)
     vars(model).update(params)
     return model
 
 
 def scored_where(data, slices, read):
-    """Return records in which rows that were lost have weight zero."""
+    """Return records in which rows that were filled in, those not ``read``, have weight zero."""
     return [
         replace(record, weights=read[s.rows].astype(float)) if not read[s.rows].all() else record
         for record, s in zip(data, slices, strict=True)
@@ -171,7 +171,8 @@ def as_node(model, **parts):
 def refine(model, starts, records, method=None, *, with_errors=True):
     """Return the identification result of a model, from starts of one structure.
 
-    ``method`` replaces that of the model; see :func:`skhyst.optimize.identify`.
+    ``method`` replaces that of the model. ``with_errors`` is that of
+    :func:`skhyst.optimize.identify`: False leaves out standard errors.
     """
     return identify(
         starts,
@@ -185,13 +186,13 @@ def refine(model, starts, records, method=None, *, with_errors=True):
 
 def identified(model, records):
     """Return a model with its hold chosen if that is "auto", and its identification result."""
-    held = [model.with_hold(hold) for hold in ("foh", "zoh")]
-    if held[0] is model:
+    candidates = [model.with_hold(hold) for hold in ("foh", "zoh")]
+    if candidates[0] is model:
         return model, model.identify(records)
-    results = [own.identify(records) for own in held]
+    results = [candidate.identify(records) for candidate in candidates]
     better = int(results[1].error < results[0].error)
     evaluations = sum(result.n_evaluations for result in results)
-    return held[better], replace(results[better], n_evaluations=evaluations)
+    return candidates[better], replace(results[better], n_evaluations=evaluations)
 
 
 def input_at_rest(model, u0, initial_state, caller):
@@ -225,9 +226,9 @@ class _Run:
         y, state = driven.run(self.u, self.dt, driven.init(self.u[0], self.initial_state))
         if not additive:
             return y[self.skip :], state
-        runs = [own.run(self.u[self.skip :], self.dt) for own in additive]
-        y = y[self.skip :] + np.sum([own for own, _ in runs], axis=0)
-        return y, (state, *(after for _, after in runs))
+        runs = [disturbance.run(self.u[self.skip :], self.dt) for disturbance in additive]
+        y = y[self.skip :] + np.sum([disturbance for disturbance, _ in runs], axis=0)
+        return y, (state, *(last_state for _, last_state in runs))
 
     def variance(self):
         """Return the variance of the output from the errors of the operator's values."""
@@ -674,8 +675,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         -------
         Operator
         """
-        own = next(disturbances) if self.operator_class.is_disturbance else driven
-        return replace(own, model=as_node(self))
+        operator = next(disturbances) if self.operator_class.is_disturbance else driven
+        return replace(operator, model=as_node(self))
 
     def unfitted(self, operator) -> Self:
         """Return the model of a tree whose root belongs to this one.
@@ -720,9 +721,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         if result.input_history is not None:  # the starts of the records belong to the operator
             return result
         if self.method == "variable_projection":
-            own = {"fixed": model.held_parameters(), "initial_state": self.free_run_state}
+            options = {"fixed": model.held_parameters(), "initial_state": self.free_run_state}
             further = partial(model.further_starts, records), model.identified_otherwise(records)
-            result = with_further_starts(result, records, *further, **own)
+            result = with_further_starts(result, records, *further, **options)
         ordered = model.in_order(result.operator, records)
         if ordered is result.operator:
             return result
@@ -731,10 +732,10 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         return replace(again, n_evaluations=evaluations, is_local=result.is_local)
 
     def _with_history_behind_gaps(self, result, records):
-        """Return a fit, and its records, in which those behind missing rows begin in motion.
+        """Return a fit and its records, those behind missing rows with an input history.
 
-        No one has said how these begin: the drive before them is estimated, unless the response is
-        explained as well without.
+        A record that continues behind a gap begins in motion: the drive in the gap is estimated,
+        unless this improves the fit no more than chance does.
         """
         behind, operator = behind_gaps(self.records_), result.operator
         if (
@@ -746,13 +747,13 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             return result, records
         state, method = self.free_run_state, "variable_projection"
         which = [number in behind for number in range(len(records))]
-        found = with_input_history(result, records, method, which=which, initial_state=state)
-        n_values = np.count_nonzero(np.isfinite(found.input_history))
-        if start_p_value(result, found, records, n_values, (state, state)) >= LEVEL:
+        refitted = with_input_history(result, records, method, which=which, initial_state=state)
+        n_values = np.count_nonzero(np.isfinite(refitted.input_history))
+        if start_p_value(result, refitted, records, n_values, (state, state)) >= LEVEL:
             return result, records
-        both = zip(records, found.input_history, strict=True)
-        records = [record_with_history(operator, *pair) for pair in both]
-        return replace(found, input_history=None), records
+        pairs = zip(records, refitted.input_history, strict=True)
+        records = [record_with_history(operator, *pair) for pair in pairs]
+        return replace(refitted, input_history=None), records
 
     def _warn_of_moving_start(self, model, result, records):
         """Warn if records do not begin at rest, which biases the fit.
@@ -764,25 +765,25 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             return
         if not np.ptp(np.concatenate([record.drive for record in records])):  # which is warned of
             return
-        # what has no rest does not forget how it began
-        asked = (
+        # an operator without a state of rest remembers its start throughout the record
+        is_suspect = (
             is_coloured(result, records) if operator.n_start else has_start_misfit(result, records)
         )
-        if not asked:
+        if not is_suspect:
             return
-        state, best, before = "rest", result, "rest"
+        state, best, best_state = "rest", result, "rest"
         start, method = [(operator, result.disturbances)], "variable_projection"
         zero = with_params(model, initial_state="zero")
-        for other, found in (
+        for other, other_fit in (
             ("zero", refine(zero, start, records, method, with_errors=False)),
             ("estimate", with_input_history(result, records, method)),
         ):
-            own = found.input_history
-            n_values, begun = (1, other) if own is None else (own.size, "rest")
-            p_value = start_p_value(best, found, records, n_values, (before, begun))
+            history = other_fit.input_history
+            n_values, other_state = (1, other) if history is None else (history.size, "rest")
+            p_value = start_p_value(best, other_fit, records, n_values, (best_state, other_state))
             # an estimated start also fits the misfit of a model; two tests (Bonferroni)
-            if found.error**2 < _MOST * best.error**2 and 2.0 * p_value < LEVEL:
-                state, best, before = other, found, begun
+            if other_fit.error**2 < _MOST * best.error**2 and 2.0 * p_value < LEVEL:
+                state, best, best_state = other, other_fit, other_state
         if state != "rest":
             warnings.warn(
                 f"The records do not begin at rest, as {type(self).__name__} assumes, at their "
@@ -803,9 +804,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         if result.operator.n_start or not result.operator.slowest_decay() > longest:
             return None
         moving = identified(with_params(self, initial_state="zero"), records)[1]
-        clearly = moving.error**2 < _MOST * result.error**2
-        clearly &= start_p_value(result, moving, records, 1, ("rest", "zero")) < LEVEL
-        return moving if clearly and moving.operator.slowest_decay() > longest else None
+        is_better = moving.error**2 < _MOST * result.error**2
+        is_better &= start_p_value(result, moving, records, 1, ("rest", "zero")) < LEVEL
+        return moving if is_better and moving.operator.slowest_decay() > longest else None
 
     def finish(self, result, records):
         """Store the result of identification, and warn of parameters that are not determined.
@@ -827,8 +828,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             raise RecordError(_OUT_OF_RANGE)
         estimated = common_parameter(self, "initial_state") == "estimate" and self.has_rest_
         if estimated and result.input_history is None:
-            kept = "start" if result.operator.n_start else "before"
-            if any(getattr(record, kept) is None for record in records):
+            field_name = "start" if result.operator.n_start else "before"
+            if any(getattr(record, field_name) is None for record in records):
                 # the fit from rest may be a local optimum of its own
                 model, late = identified(self, later_halves(records))
                 further = [(late.operator, late.disturbances)]
@@ -837,7 +838,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
                     further += [(start, late.disturbances) for start in starts]
                 result = with_input_history(result, records, self.method, further=further)
             else:
-                known = np.array([np.atleast_1d(getattr(record, kept)) for record in records])
+                known = np.array([np.atleast_1d(getattr(record, field_name)) for record in records])
                 result = replace(result, input_history=known)
         result = self._with_position_errors(result, records)
         for message, kind in self.fit_warnings(result, records):
@@ -851,11 +852,11 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         if movable is driven or result.joint_covariance is None:
             return result
         if result.input_history is not None:
-            both = zip(records, result.input_history, strict=True)
-            records = [record_with_history(driven, *pair) for pair in both]
+            pairs = zip(records, result.input_history, strict=True)
+            records = [record_with_history(driven, *pair) for pair in pairs]
         held = {name for name, _ in driven.entries()} - set(result.params)
-        how = {"fixed": held, "initial_state": self.free_run_state}
-        return result.narrowed(as_of(result, movable, records, **how))
+        options = {"fixed": held, "initial_state": self.free_run_state}
+        return result.narrowed(as_of(result, movable, records, **options))
 
     def fit_warnings(self, result, records):
         """Yield the warnings of an identification result.
@@ -875,6 +876,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             Category of the warning that a fit gives.
         """
         name, drives = type(self).__name__, np.concatenate([record.drive for record in records])
+        # a disturbance ignores the drive, and further columns may move in its place
         driven = not (self.operator_class.is_disturbance or self.reads_columns)
         if driven and self.free_run_state == "rest" and not np.ptp(drives):
             yield (
@@ -884,7 +886,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
                 ConvergenceWarning,
             )
         slope = _better_slope(drives, result, records) if driven else 0.0
-        if slope:
+        if slope:  # most often a wrong sign or unit: the remedy depends on which models have a gain
             remedy = "add a Gain to it in a Cascade, or take other units"
             if slope < 0.0:
                 remedy = "turn the sign of one of them"
@@ -913,9 +915,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             (result.short, _FEW, ShortRecordWarning),
         ):
             if names:
-                named, more = ", ".join(names[:_NAMED]), len(names) - _NAMED
+                listed, more = ", ".join(names[:_NAMED]), len(names) - _NAMED
                 rest = f" and {more} more" if more > 0 else ""
-                yield f"{text} these parameters of {type(self).__name__}: {named}{rest}.", kind
+                yield f"{text} these parameters of {type(self).__name__}: {listed}{rest}.", kind
 
     def adopt(self, result):
         """Store an identification result.
@@ -1018,32 +1020,35 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         if known and read is not None:
             known[0][~read] = np.nan
         signal, schedules = self.operator_input(X, slices)
-        going = self._runs_with_known_response(slices, signal, schedules, known[0]) if known else {}
-        if self.free_run_state == "rest" and not self.has_rest_ and len(going) < len(slices):
+        known_runs = (
+            self._runs_with_known_response(slices, signal, schedules, known[0]) if known else {}
+        )
+        if self.free_run_state == "rest" and not self.has_rest_ and len(known_runs) < len(slices):
             warnings.warn(
                 f"{_NO_REST.format(type(self).__name__)}, from which this run starts.",
                 ConvergenceWarning,
                 stacklevel=2,
             )
-        warn_gaps(self, self.operator_, slices, going)
+        warn_gaps(self, self.operator_, slices, known_runs)
         if not self.operator_.signal_linear:
             warn_beyond(self, X, self.operator_.acting_columns)
         warn_schedules(self, self.operator_, schedules)
-        y, rest = np.empty(len(signal)), [i for i in range(len(slices)) if i not in going]
+        y, rest = np.empty(len(signal)), [i for i in range(len(slices)) if i not in known_runs]
         if rest:
-            own = [slices[i] for i in rest], self.free_run_state, [schedules[i] for i in rest]
-            rows = np.concatenate([np.arange(s.rows.start, s.rows.stop) for s in own[0]])
-            y[rows] = run_records(self.operator_, signal, *own)
-        for number, own in going.items():
+            from_rest = [slices[i] for i in rest]
+            options = self.free_run_state, [schedules[i] for i in rest]
+            rows = np.concatenate([np.arange(s.rows.start, s.rows.stop) for s in from_rest])
+            y[rows] = run_records(self.operator_, signal, from_rest, *options)
+        for number, known_run in known_runs.items():
             rows = slices[number].rows
-            y[rows] = cut_off(own.run()[0])
+            y[rows] = cut_off(known_run.run()[0])
             self._warn_of_unmatched_response(y[rows], known[0][rows])
         if not return_std:
             return y if read is None else y[read]
         variance = np.empty(len(y))
         for number, (s, schedule) in enumerate(zip(slices, schedules, strict=True)):
-            rest = self.operator_, self.covariance_, signal[s.rows], s.dt, self.free_run_state
-            variance[s.rows] = going.get(number, _Run(*rest).at(schedule)).variance()
+            start = self.operator_, self.covariance_, signal[s.rows], s.dt, self.free_run_state
+            variance[s.rows] = known_runs.get(number, _Run(*start).at(schedule)).variance()
         std = np.sqrt(variance + self.noise_std_**2)
         return (y, std) if read is None else (y[read], std[read])
 
@@ -1068,15 +1073,15 @@ class ParametricModel(RegressorMixin, BaseEstimator):
 
     def _runs_with_known_response(self, slices, signal, schedules, y):
         """Return the runs of the records with known response, by their numbers."""
-        given = [i for i, s in enumerate(slices) if np.isfinite(y[s.rows]).any()]
+        numbers = [i for i, s in enumerate(slices) if np.isfinite(y[s.rows]).any()]
         data = []
-        for i in given:
-            own, rows = y[slices[i].rows], slices[i].rows
-            weights = np.isfinite(own).astype(float)
-            own = np.where(weights > 0.0, own, 0.0)
+        for i in numbers:
+            rows = slices[i].rows
+            weights = np.isfinite(y[rows]).astype(float)
+            response = np.where(weights > 0.0, y[rows], 0.0)
             options = {"schedule": schedules[i], "weights": weights}
-            data.append(RecordData(signal[rows], own, slices[i].dt, **options))
-        if not given:
+            data.append(RecordData(signal[rows], response, slices[i].dt, **options))
+        if not numbers:
             return {}
         parts = [r.first_part(1 + np.flatnonzero(r.weights)[-1]) for r in data]
         # as stored by a fit; a part of a search's model has no range
@@ -1085,14 +1090,16 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         driven, additive = split_disturbances(self.operator_)
         input_history, _ = input_history_of(driven, additive, parts, limits)
         known = getattr(self, "covariance_", None), getattr(self, "noise_std_", None)
-        found = {}
-        for i, record, part, before in zip(given, data, parts, input_history, strict=True):
-            own = calibrated(self.operator_, record_with_history(driven, part, before), *known)
+        runs = {}
+        for i, record, part, before in zip(numbers, data, parts, input_history, strict=True):
+            calibration = calibrated(
+                self.operator_, record_with_history(driven, part, before), *known
+            )
             record = record_with_history(driven, record, before)
             u, skip = record.with_history()
             state = "rest" if record.start is None else record.start
-            found[i] = _Run(*own, u, record.dt, state, skip).at(record.schedule)
-        return found
+            runs[i] = _Run(*calibration, u, record.dt, state, skip).at(record.schedule)
+        return runs
 
     def _warn_of_unmatched_response(self, run, known):
         """Warn if no initial state leads to the known response, for example in another unit."""
@@ -1133,8 +1140,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         # up to a quarter of the sampling rate
         sweep = low + 0.5 * (high - low) * (1.0 + np.sin(0.25 * np.pi * np.arange(n) ** 2 / n))
         X, runs = np.repeat(sweep[:, None], self.n_features_in_, axis=1), []
-        for own in (dt, fitted_interval(self)[0]):
-            slices = (RecordSlice(0, slice(0, n), own, 0.0, n),)
+        for interval in (dt, fitted_interval(self)[0]):
+            slices = (RecordSlice(0, slice(0, n), interval, 0.0, n),)
             signal, schedules = self.operator_input(X, slices)
             with warnings.catch_warnings():  # divergence is of no interest here
                 warnings.simplefilter("ignore", DivergenceWarning)
@@ -1179,19 +1186,21 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         check_is_fitted(self)
         caller = f"{type(self).__name__}.resampled"
         dt = used_interval(self, chosen_interval((), dt, caller), caller)
-        own, operator = fitted_interval(self)[0] or self.dt, self.operator_
-        again = operator.resampled(np.nan if own is None else own, dt)
-        if again is None and (own is None or self.depends_on_interval(dt)):
+        old_dt, operator = fitted_interval(self)[0] or self.dt, self.operator_
+        operator_at_dt = operator.resampled(np.nan if old_dt is None else old_dt, dt)
+        if operator_at_dt is None and (old_dt is None or self.depends_on_interval(dt)):
             wanted = "that of the fit: its response between samples is not exact"
-            if own is not None and hasattr(operator, "n_substeps"):
-                step = own / operator.n_substeps
+            if old_dt is not None and hasattr(operator, "n_substeps"):
+                step = old_dt / operator.n_substeps
                 wanted = f"a multiple of {step:g} s, which its motion is integrated over at once"
             raise ValueError(
                 f"The 'dt' parameter of {caller} must be {wanted}. Got {dt:g} s instead: fit the "
                 "model at this interval, or give X its times, which 'predict' follows."
             )
-        again = operator if again is None else again
-        return with_params(self, operator_=again, dt_=dt, dt=None if self.dt is None else dt)
+        operator_at_dt = operator if operator_at_dt is None else operator_at_dt
+        return with_params(
+            self, operator_=operator_at_dt, dt_=dt, dt=None if self.dt is None else dt
+        )
 
     def stepper_from(self, X, y, *, schedule=None) -> Stepper:
         """Return the fitted model as a device that continues from a known record.
@@ -1239,17 +1248,17 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             y[~read] = np.nan
         refuse_several(self, slices)
         signal, schedules = self.operator_input(X, slices)
-        rest = _Run(self.operator_, None, signal, slices[0].dt, self.free_run_state)
-        going = self._runs_with_known_response(slices, signal, schedules, y).get(
-            0, rest.at(schedules[0])
+        from_rest = _Run(self.operator_, None, signal, slices[0].dt, self.free_run_state)
+        current = self._runs_with_known_response(slices, signal, schedules, y).get(
+            0, from_rest.at(schedules[0])
         )
-        run, state = going.run()
-        self._warn_of_unmatched_response(run, y)
+        response, state = current.run()
+        self._warn_of_unmatched_response(response, y)
         if schedule is not None:
             schedule = finite_number(schedule, f"{type(self).__name__}.stepper_from", "schedule")
             warn_schedules(self, self.operator_, [schedule])
-            going = going.at(schedule)
-        return self._stepper(going.operator, going.dt, state)
+            current = current.at(schedule)
+        return self._stepper(current.operator, current.dt, state)
 
     def stepper(self, dt=None, u0=0.0, initial_state=None, *, schedule=None) -> Stepper:
         """Return the fitted model as a device that is run sample by sample.
@@ -1313,8 +1322,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
 
 
 def _refuse_other_parts(tree):
-    """Refuse a tree of which some operator is none of the model that it belongs to."""
-    model = tree.model  # a part that is held is in no ParametricModel
+    """Refuse a tree with an operator of another class than its model has."""
+    model = tree.model  # that of a frozen part is a FrozenEstimator, which takes any operator
     kind = model.operator_class if isinstance(model, ParametricModel) else Operator
     if not isinstance(tree, kind):
         raise ValueError(
@@ -1326,9 +1335,9 @@ def _refuse_other_parts(tree):
 
 
 def warn_gaps(model, operator, slices, going=()):
-    """Warn of rows that are missing within a record whose response depends on them.
+    """Warn of missing rows within a record, after which the initial state is not known.
 
-    ``going`` has the numbers of the records of which a response is known.
+    ``going`` has the numbers of the records that start from a known response.
     """
     if operator.memoryless:
         return
@@ -1345,39 +1354,43 @@ def warn_gaps(model, operator, slices, going=()):
 
 
 def _with_movable_positions(tree):
-    """Return a tree in which positions that its models move are parameters; itself without any."""
+    """Return a tree in which the positions that its models fit are parameters, or the same tree."""
     if getattr(tree, "resolution", None) is not None:
         moves = isinstance(tree.model, ParametricModel) and tree.model.moves_positions
         return MovableOperator.around(tree, np.inf) if moves else tree
     if not isinstance(tree, Series | SumOperator):
         return tree
     stages = tuple(map(_with_movable_positions, tree.stages))
-    same = all(own is stage for own, stage in zip(stages, tree.stages, strict=True))
+    same = all(moved is stage for moved, stage in zip(stages, tree.stages, strict=True))
     return tree if same else replace(tree, stages=stages)
 
 
 def behind_gaps(slices):
-    """Return the numbers of the records that are the rest of one in which rows are missing."""
-    both = enumerate(pairwise(slices), start=1)
-    return [number for number, (before, own) in both if before.label == own.label]
+    """Return the numbers of the slices that continue a record after missing rows."""
+    numbered = enumerate(pairwise(slices), start=1)
+    return [number for number, (before, record) in numbered if before.label == record.label]
 
 
 def _better_slope(drives, result, records):
-    """Return the column whose straight line explains most of response and residual, or zero."""
+    """Return the covariance of drive and response if a straight line predicts clearly better.
+
+    Zero otherwise. Its sign is that of the line's slope. Clearly: the line leaves less than half of
+    the power of the response, and less than half of the squared error of the model.
+    """
     counts = np.concatenate([record.counts() for record in records])
     y = np.concatenate([record.y for record in records])
     counts, y, drives = (values[counts > 0.0] for values in (counts, y, drives))
     if not (np.ptp(y) > 0.0 and np.ptp(drives) > 0.0):
         return 0.0
-    both = y / np.ptp(y), drives / np.ptp(drives)
-    (power, product), (_, own) = np.cov(*both, ddof=0, aweights=counts)
+    normalised = y / np.ptp(y), drives / np.ptp(drives)
+    (power, product), (_, drive_power) = np.cov(*normalised, ddof=0, aweights=counts)
     error = (result.error / np.ptp(y)) ** 2
-    left = max(power - product**2 / own, NOISELESS * power)
-    return product if left < _MOST * min(power, error) else 0.0
+    residual_power = max(power - product**2 / drive_power, NOISELESS * power)
+    return product if residual_power < _MOST * min(power, error) else 0.0
 
 
 def _device(operator, dt, state, inputs, step=None):
-    """Return a stepper; it is pickled as its operator, which contains no compiled code."""
+    """Return a stepper that is pickled as its operator, since compiled code cannot be pickled."""
     return Stepper(
         operator.compiled_step(dt, state) if step is None else step,
         dt,

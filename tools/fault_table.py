@@ -187,8 +187,8 @@ _MODELS = [
     ),
     (
         "linear tangents: the state at rest does not move with the parameters",
-        "return tangent_system(discrete, by, rest, rest_by, bool(led))",
-        "return tangent_system(discrete, by, rest, 0.0 * rest_by, bool(led))",
+        "return tangent_system(discrete, by, rest, rest_by, bool(last_input))",
+        "return tangent_system(discrete, by, rest, 0.0 * rest_by, bool(last_input))",
         "tests/linear/test_linear.py tests/operators/test_linear.py -k rest_moves",
     ),
     (
@@ -262,8 +262,8 @@ _COMPOSITION = [
     ),
     (
         "series: the first stage carries the gain where there is no hysteresis",
-        "if any(s.is_shared for s in own)][-1:]",
-        "if any(s.is_shared for s in own)][:1]",
+        "if any(s.is_shared for s in specs)][-1:]",
+        "if any(s.is_shared for s in specs)][:1]",
         "tests/operators/test_compose.py tests/compose/test_cascade.py -k gain",
     ),
     (
@@ -329,8 +329,8 @@ _COMPOSITION = [
     ),
     (
         "backfitting: no damping in the gradient",
-        "gradient = back(rest) - _DAMPING * change",
-        "gradient = back(rest)",
+        "gradient = adjoint(unexplained) - _DAMPING * change",
+        "gradient = adjoint(unexplained)",
         "tests/compose/test_corrected.py -k damped",
     ),
     (

@@ -28,8 +28,8 @@ from ._columns import OnColumnOperator, Scaled
 from ._scheduled_parameters import Scheduled
 
 _DAMPING = 0.1  # lambda: squared gain of the effects above which they are inverted
-_STEPS = 12  # of conjugate gradients
-_ENOUGH = 1e-4  # reduction of the gradient
+_STEPS = 12  # most steps of conjugate gradients
+_ENOUGH = 1e-4  # reduction of the gradient at which they stop
 _REMEMBERED = 3  # earlier turns that are mixed with the last
 
 
@@ -73,7 +73,9 @@ class Backfitting:
     estimator : estimator
         Clones of it are fitted.
     X : DataFrame or array-like of shape (n_samples, n_inputs)
+        Inputs.
     slices : sequence of RecordSlice
+        Rows of each record.
     fold : ndarray of int of shape (n_samples,)
         Fold of each row.
     weights : ndarray of shape (n_samples,), default=None
@@ -91,14 +93,14 @@ class Backfitting:
 
         Every clone predicts all rows, so that a memory is not cut at the borders of a fold.
         """
-        found = np.empty_like(targets)
+        predictions = np.empty_like(targets)
         for k, target in enumerate(targets):
             rows = np.flatnonzero(self._fold != k)
             fitted = self._fitted(select_rows(self._X, rows), target[rows], self._weights[rows])
             with warnings.catch_warnings():  # a fold may exceed the range of the others
                 warnings.simplefilter("ignore", ExtrapolationWarning)
-                found[k] = np.ravel(fitted.predict(self._X))
-        return found
+                predictions[k] = np.ravel(fitted.predict(self._X))
+        return predictions
 
     def _fitted(self, X, y, weights):
         return fit_weighted(clone(self._estimator), X, y, weights, "Corrected")
@@ -140,13 +142,13 @@ class Backfitting:
         best, past = start, []
         for _ in range(turns):
             past = [*past[-_REMEMBERED:], (best.targets, self._renewed(best, problem_of, folds))]
-            found = self._turn(best, _mixed(past), refit)
-            if len(past) > 1 and not found.error < (1.0 - least) * best.error:
+            turn = self._turn(best, _mixed(past), refit)
+            if len(past) > 1 and not turn.error < (1.0 - least) * best.error:
                 past = past[-1:]
-                found = self._turn(best, past[0][1], refit)
-            if not found.error < (1.0 - least) * best.error:
+                turn = self._turn(best, past[0][1], refit)
+            if not turn.error < (1.0 - least) * best.error:
                 break
-            best = found
+            best = turn
         return best
 
     def _turn(self, last, targets, refit):
@@ -159,18 +161,18 @@ class Backfitting:
 
         It is computed from the predictions of that clone, so that the data of its fold stay unseen.
         """
-        found = turn.predictions.copy()
-        for k, (own, train) in enumerate(zip(found, folds, strict=True)):
-            problem = problem_of(turn.effects, own)
+        targets = turn.predictions.copy()
+        for k, (target, train) in enumerate(zip(targets, folds, strict=True)):
+            problem = problem_of(turn.effects, target)
             outputs = problem.predictions(problem.x0, train)
             for s, record, output in zip(self._slices, problem.records, outputs, strict=True):
                 residual = np.where(self._fold[s.rows] != k, record.y - output, 0.0)
                 if record.weights is not None:
                     residual *= np.minimum(record.weights, 1.0)
-                own[s.rows] += explained_change(
+                target[s.rows] += explained_change(
                     problem.operator, record, residual, problem.initial_state
                 )
-        return found
+        return targets
 
     def merged(self, targets):
         """Return one target per row: the mean over the clones that were fitted to the row."""
@@ -193,28 +195,29 @@ def _mixed(past):
 def explained_change(operator, record, residual, state="rest"):
     """Return the change of the first column of a record's input that explains the residual.
 
-    Both are (n_samples,); ``operator`` is that of the effects.
+    Both are (n_samples,); ``operator`` is that of the effects. The damped least-squares problem of
+    the module is solved by conjugate gradients, which need L and its adjoint only as functions.
     """
     if record.schedule is not None:
         operator = operator.at(record.schedule)
 
-    def along(change):
+    def forward(change):
         return _derivative(operator, record.u, change, record.dt, state)
 
-    def back(change):
+    def adjoint(change):
         return _derivative(operator, record.u, change, record.dt, state, adjoint=True)
 
-    change, rest = np.zeros_like(residual), residual
-    gradient = back(rest)
+    change, unexplained = np.zeros_like(residual), residual
+    gradient = adjoint(unexplained)
     direction, size = gradient, gradient @ gradient
     first = size
     for _ in range(_STEPS):
         if not size > _ENOUGH**2 * first:
             break
-        moved = along(direction)
-        step = size / (moved @ moved + _DAMPING * (direction @ direction))
-        change, rest = change + step * direction, rest - step * moved
-        gradient = back(rest) - _DAMPING * change
+        moved_output = forward(direction)
+        step = size / (moved_output @ moved_output + _DAMPING * (direction @ direction))
+        change, unexplained = change + step * direction, unexplained - step * moved_output
+        gradient = adjoint(unexplained) - _DAMPING * change
         before, size = size, gradient @ gradient
         direction = gradient + size / before * direction
     return change if np.isfinite(change).all() else np.zeros_like(residual)
@@ -236,8 +239,8 @@ def _derivative(operator, u, change, dt, state, adjoint=False):
     if isinstance(operator, OnColumnOperator):
         if operator.column != 0:
             return np.zeros_like(change)
-        own = np.ascontiguousarray(u[:, 0])
-        return _derivative(operator.operator, own, change, dt, state, adjoint)
+        drive = np.ascontiguousarray(u[:, 0])
+        return _derivative(operator.operator, drive, change, dt, state, adjoint)
     if isinstance(operator, Scaled):
         factor = 1.0 + operator.sensitivity * (u[:, operator.column] - operator.reference)
         if adjoint:
@@ -248,10 +251,10 @@ def _derivative(operator, u, change, dt, state, adjoint=False):
         for stage in operator.stages[:-1]:
             inputs.append(stage.run(inputs[-1], dt, stage.init(inputs[-1][0], state))[0])
         chain = list(zip(operator.stages, inputs, strict=True))
-        for stage, own in reversed(chain) if adjoint else chain:
-            change = _derivative(stage, own, change, dt, state, adjoint)
+        for stage, drive in reversed(chain) if adjoint else chain:
+            change = _derivative(stage, drive, change, dt, state, adjoint)
         return change
-    turn = slice(None, None, -1 if adjoint else 1)
-    own, moved = np.ascontiguousarray(u[turn]), np.ascontiguousarray(change[turn, None])
+    order = slice(None, None, -1 if adjoint else 1)
+    drive, dchange = np.ascontiguousarray(u[order]), np.ascontiguousarray(change[order, None])
     start = "zero" if operator.signal_linear else state
-    return np.ascontiguousarray(operator.propagate(own, moved, dt, start)[1][turn, 0])
+    return np.ascontiguousarray(operator.propagate(drive, dchange, dt, start)[1][order, 0])

@@ -25,16 +25,16 @@ from ..optimize import VariableProjection
 from ._divided import Divisions, first_parts
 
 _HYSTERESIS, _DYNAMICS = 10, 30  # stage orders, see Operator
-_ALONG_THE_WAY = VariableProjection(tolerance=1e-4)
+_ROUGH = VariableProjection(tolerance=1e-4)  # for fits whose result is refined later
 _CLEARLY = 1.1  # ratio of errors in thinned records that is a clear difference
-_ENOUGH = 5_000  # samples in all
+_ENOUGH = 5_000  # number of samples, of all records, that thinning aims at
 _LONG = 20_000  # samples above which thinning saves time
-_MOST_ORDERS, _MOST_PRODUCTS = 6, 48  # numbers of starts, if the residual is coloured
-_CHANGE = 0.01  # of the drive's standard deviation: tolerated error of thinning
+_MOST_ORDERS, _MOST_PRODUCTS = 6, 48  # most orders and joint starts, if the residual is coloured
+_CHANGE = 0.01  # tolerated error of thinning, relative to the drive's standard deviation
 
 
 class HeldStep(ParametricModel):
-    """A fitted model as a step whose parameters are all held."""
+    """A fitted model as a step of a composition, with all its parameters held."""
 
     initial_state = "rest"
 
@@ -102,13 +102,13 @@ class Composition(ParametricModel, BaseComposition):
         Before a fit they are unfitted, as ``steps`` always are; additive disturbances stay
         unfitted.
         """
-        found = dict(self.steps)
+        steps = dict(self.steps)
         if hasattr(self, "operator_"):
             stages = dict(split_disturbances(self.operator_)[0].members())
             for (name, step), model in zip(self._kept_steps(), self._models(), strict=True):
                 if name in stages and not isinstance(step, FrozenEstimator):
-                    found[name] = self._fitted_step(name, model, stages[name])
-        return found
+                    steps[name] = self._fitted_step(name, model, stages[name])
+        return steps
 
     def _sk_visual_block_(self):
         return diagram_of(self.named_steps, parallel=self._parallel)
@@ -136,9 +136,9 @@ class Composition(ParametricModel, BaseComposition):
 
     def operator_input(self, X, slices):
         signal, schedules = super().operator_input(X, slices)
-        found = [m.operator_input(X, slices)[0] for m in self._models() if m.reads_columns]
-        # including the amplitude of the records as a last column, if a step reads it
-        return max(found, key=np.size, default=signal), schedules
+        signals = [m.operator_input(X, slices)[0] for m in self._models() if m.reads_columns]
+        # the widest one includes the amplitude of the records as last column, if a step reads it
+        return max(signals, key=np.size, default=signal), schedules
 
     def _validate_params(self):
         super()._validate_params()
@@ -208,6 +208,8 @@ class Composition(ParametricModel, BaseComposition):
         if not hasattr(self, "operator_"):
             return clone(part)
         part = with_params(part, **self._agreed())
+        # the fitted slice: operators, disturbances and parameters of its steps, of which those of
+        # the disturbances are numbered anew
         driven, disturbances = split_disturbances(self.operator_)
         names = {name for name, _ in part._kept_steps()}
         stages = [(name, stage) for name, stage in driven.members() if name in names]
@@ -217,15 +219,15 @@ class Composition(ParametricModel, BaseComposition):
                 f"{[name for name, _ in part.steps]} instead."
             )
         additive = [
-            (own, np.full(np.size(own.coefficients), name in names))
-            for name, own in zip(self.disturbance_names, disturbances, strict=True)
+            (disturbance, np.full(np.size(disturbance.coefficients), name in names))
+            for name, disturbance in zip(self.disturbance_names, disturbances, strict=True)
         ]
         operator = replace(
-            driven, names=tuple(n for n, _ in stages), stages=tuple(own for _, own in stages)
+            driven, names=tuple(n for n, _ in stages), stages=tuple(stage for _, stage in stages)
         )
-        columns = np.concatenate([[], *(kept for _, kept in additive)]).astype(bool)
+        columns = np.concatenate([[], *(mask for _, mask in additive)]).astype(bool)
         others = {
-            "disturbances": tuple(own for own, kept in additive if kept.all()),
+            "disturbances": tuple(disturbance for disturbance, mask in additive if mask.all()),
             "record_coefficients": self._identified.record_coefficients[:, columns],
             "input_history": None,
         }
@@ -233,7 +235,7 @@ class Composition(ParametricModel, BaseComposition):
         owners = {name: name for name in names}
         owners |= {f"disturbance{old}": f"disturbance{new}" for new, old in enumerate(kept)}
         parted = [(key, *key.split("__", 1)) for key in self._identified.params]
-        keys = {key: f"{owners[own]}__{rest}" for key, own, rest in parted if own in owners}
+        keys = {key: f"{owners[step]}__{rest}" for key, step, rest in parted if step in owners}
         return part.adopt(_part_of(self._identified, keys, operator, columns, **others))
 
     @property
@@ -244,8 +246,8 @@ class Composition(ParametricModel, BaseComposition):
     def with_hold(self, hold):
         self._check_steps()
         held = [
-            step if isinstance(step, FrozenEstimator) else step.with_hold(own)
-            for (_, step), own in zip(self._kept_steps(), self._holds(hold), strict=True)
+            step if isinstance(step, FrozenEstimator) else step.with_hold(hold_of_step)
+            for (_, step), hold_of_step in zip(self._kept_steps(), self._holds(hold), strict=True)
         ]
         if all(new is step for new, (_, step) in zip(held, self._kept_steps(), strict=True)):
             return self
@@ -278,19 +280,21 @@ class Composition(ParametricModel, BaseComposition):
         -------
         list of Operator
         """
-        models, found = self._starting_models(), [([], records)]
+        models, combinations = self._starting_models(), [([], records)]
         if self.disturbance_names or (models[0].reads_columns and not self._parallel):
             return []
-        most = max(int(_MOST_PRODUCTS ** (1.0 / len(models))), 2)
+        n_kept = max(int(_MOST_PRODUCTS ** (1.0 / len(models))), 2)
         for model in models:
             longer = []
-            for stages, given in found:
-                own = [(s, self._behind([s], given)) for s in _driven_starts(model, given)]
-                own = sorted(own, key=lambda pair: _unlike(pair[1]))[:most]
-                longer += [([*stages, s], given if self._parallel else after) for s, after in own]
-            found = longer
+            for stages, inputs in combinations:
+                starts = [(s, self._behind([s], inputs)) for s in _driven_starts(model, inputs)]
+                starts = sorted(starts, key=lambda pair: _unlike(pair[1]))[:n_kept]
+                longer += [
+                    ([*stages, s], inputs if self._parallel else outputs) for s, outputs in starts
+                ]
+            combinations = longer
         names = [name for name, _ in self._kept_steps()]
-        return [self._compose(names, stages) for stages, _ in found]
+        return [self._compose(names, stages) for stages, _ in combinations]
 
     def _behind(self, stages, records):
         """Return records whose drive is the output of stages."""
@@ -311,9 +315,9 @@ class Composition(ParametricModel, BaseComposition):
         models, stages = dict(self._kept_steps()), dict(operator.members())
         for _, group in groupby(stages, key=lambda name: repr(models[name])):
             names = [name for name in group if hasattr(stages[name], "poles")]
-            found = sorted(names, key=lambda name: np.abs(stages[name].poles()).min())
-            if found != names:
-                moved = [stages[name] for name in found]
+            ordered = sorted(names, key=lambda name: np.abs(stages[name].poles()).min())
+            if ordered != names:
+                moved = [stages[name] for name in ordered]
                 stages |= dict(zip(names, moved, strict=True))
         if all(stages[name] is stage for name, stage in operator.members()):
             return operator
@@ -336,11 +340,11 @@ class Composition(ParametricModel, BaseComposition):
 
     def _fitted_step(self, name, model, stage):
         """Return a step fitted with its part of an identification result."""
-        mark = f"{name}__"
-        keys = [key for key in self._identified.params if key.startswith(mark)]
-        keys = {key: key.removeprefix(mark) for key in keys}
-        own = {"disturbances": (), "input_history": None}
-        result = _part_of(self._identified, keys, stage, **own)
+        prefix = f"{name}__"
+        keys = [key for key in self._identified.params if key.startswith(prefix)]
+        keys = {key: key.removeprefix(prefix) for key in keys}
+        without = {"disturbances": (), "input_history": None}
+        result = _part_of(self._identified, keys, stage, **without)
         shared = self._agreed()
         of_fit = ("records_", "dt_", "time_unit_")
         shared |= {key: getattr(self, key) for key in of_fit if hasattr(self, key)}
@@ -352,22 +356,23 @@ def _is_one_of(step, words):
 
 
 def _part_of(result, keys, operator, columns=(), **others):
-    """Return the part of an identification result; ``keys`` are its parameters and their names.
+    """Return a part of an identification result, that of one or some steps.
 
-    ``columns`` are the coefficients of its disturbances among all. The noise is that of the whole
-    response; for a part it is not known.
+    ``keys`` are the parameters of the part and their names in it, ``columns`` is a mask of the
+    coefficients of its disturbances. The noise of a part is not known: only the response of the
+    complete composition was measured.
     """
-    own = {
+    changes = {
         field: {name: getattr(result, field).get(key) for key, name in keys.items()}
         for field in ("params", "params_std", "params_std_white")
         if getattr(result, field)
     }
-    own["undetermined"] = tuple(keys[key] for key in result.undetermined if key in keys)
+    changes["undetermined"] = tuple(keys[key] for key in result.undetermined if key in keys)
     if result.joint_covariance is not None:
-        at = [list(result.params).index(key) for key in keys]
-        at += (len(result.params) + np.flatnonzero(columns)).tolist()
-        own["joint_covariance"] = result.joint_covariance[np.ix_(at, at)]
-    return replace(result, operator=operator, noise_std=None, **own, **others)
+        rows = [list(result.params).index(key) for key in keys]
+        rows += (len(result.params) + np.flatnonzero(columns)).tolist()
+        changes["joint_covariance"] = result.joint_covariance[np.ix_(rows, rows)]
+    return replace(result, operator=operator, noise_std=None, **changes, **others)
 
 
 class Cascade(Composition):
@@ -379,9 +384,9 @@ class Cascade(Composition):
     added in both orders, and the better fit is kept. In long records whose drive is sampled much
     faster than it varies, this uses every n-th sample, and the result is refined on all samples.
 
-    A step between two transfer functions (Wiener-Hammerstein) needs no starting values: the product
-    of the transfer functions is identified first, as if nothing were in between, and every division
-    of its poles and zeros is tried (Sjöberg and Schoukens, *Automatica*, 2012).
+    For a step between two transfer functions (Wiener-Hammerstein) the product of the transfer
+    functions is identified first, as if nothing were in between, and every division of its poles
+    and zeros gives starting values (Sjöberg and Schoukens, *Automatica*, 2012).
 
     With ``hold="auto"`` the cascade is identified with either hold of the drive, and the better fit
     is kept. The first step with a ``hold`` receives the drive; signals behind it are smooth, so
@@ -497,19 +502,19 @@ class Cascade(Composition):
             results = [self._add_steps(data, order, self.method) for order in self._orders()]
             best = min(results, key=lambda result: result.error)
         else:
-            results = [self._add_steps(thinned, order, _ALONG_THE_WAY) for order in self._orders()]
+            results = [self._add_steps(thinned, order, _ROUGH) for order in self._orders()]
             # structure such as the thresholds of plays comes from all samples
-            found = _distinct(results)
-            starts = [self._resume(operator.stages, data) or operator for operator in found]
+            distinct = _distinct(results)
+            starts = [self._resume(operator.stages, data) or operator for operator in distinct]
             best = refine(self, starts, data, self.method)
             results.append(best)
         evaluations = sum(result.n_evaluations for result in results)
         return replace(best, n_evaluations=evaluations)
 
     def _divided(self, data):
-        """Identify a step between two transfer functions by dividing their product in all ways.
+        """Return the result for a step between two transfer functions, or None for other cascades.
 
-        None for any other cascade.
+        Starting values come from all divisions of the best linear approximation, see `Divisions`.
         """
         models, names = self._starting_models(), [name for name, _ in self._kept_steps()]
         if len(models) != 3 or not hasattr(models[0], "in_series_with"):
@@ -518,21 +523,21 @@ class Cascade(Composition):
         whole, records = first.in_series_with(last), first_parts(data)
         if whole is None or any(s.signal_linear for s in _driven_starts(middle, records)):
             return None
-        linear = refine(whole, whole.starting_values(records), records, _ALONG_THE_WAY)
+        linear = refine(whole, whole.starting_values(records), records, _ROUGH)
 
         def fitting(parts):
-            adapted = [m.adapted(own) for m, own in zip((first, last), parts, strict=True)]
+            adapted = [m.adapted(part) for m, part in zip((first, last), parts, strict=True)]
             return None if None in adapted else adapted
 
-        ways = Divisions(linear.operator, records, self.free_run_state, fitting=fitting)
-        found = ways.started(lambda behind: _driven_starts(middle, behind))
-        starts = [self._compose(names, stages) for _, stages in found]
+        divisions = Divisions(linear.operator, records, self.free_run_state, fitting=fitting)
+        in_between = divisions.started(lambda behind: _driven_starts(middle, behind))
+        starts = [self._compose(names, stages) for _, stages in in_between]
         if not starts:
             return None
-        result = refine(self, starts, records, _ALONG_THE_WAY, with_errors=False)
+        result = refine(self, starts, records, _ROUGH, with_errors=False)
         evaluations = linear.n_evaluations + result.n_evaluations
         # the input of the step depends on the present parts, so it starts again on all samples
-        for method in (_ALONG_THE_WAY, self.method):
+        for method in (_ROUGH, self.method):
             start = self._resume(result.operator.stages, data) or result.operator
             result = refine(self, [start], data, method, with_errors=method is self.method)
             evaluations += result.n_evaluations
@@ -543,48 +548,48 @@ class Cascade(Composition):
 
         None if the steps have other parameters than the stages, or are compositions.
         """
-        found, records = [], data
+        resumed, records = [], data
         for stage, model in zip(stages, self._starting_models(), strict=True):
             if isinstance(model, Cascade) and isinstance(stage, Series):
                 stage = model._resume(stage.stages, records)
             elif isinstance(model, HeldStep):
                 [stage] = model.starting_values(records)
             elif not isinstance(model, Composition):
-                starts = [split_disturbances(own)[0] for own in model.starting_values(records)]
+                starts = [split_disturbances(start)[0] for start in model.starting_values(records)]
                 # of starts with the same entries, one with the same direction (sign) as the stage
-                starts = [own for own in starts if own.entries() == stage.entries()]
+                starts = [start for start in starts if start.entries() == stage.entries()]
                 stage = _to_unit_gain(starts[0].unpack(stage.pack())) if starts else None
             else:
                 stage = None
             if stage is None:
                 return None
-            found.append(stage)
+            resumed.append(stage)
             records = self._behind([stage], records)
-        return self._compose([name for name, _ in self._kept_steps()], found)
+        return self._compose([name for name, _ in self._kept_steps()], resumed)
 
     def _orders(self):
-        """Return the orders in which steps are added.
+        """Return the orders in which steps are added, each without the steps that are held.
 
-        As given; with dynamics from the last to the first, since dynamics added first compensate
-        for missing ones, and a local search may leave them there; and with limits of the drive and
-        delays, which precede a hysteresis, last: without the gain of the other steps they explain
-        nothing. Steps that are held are present from the start.
+        Three are tried. As given. With the dynamics from the last to the first: dynamics that are
+        added first take over the effect of those that are missing, and the fit may stay in that
+        optimum. With the limits of the drive and the delays, which precede a hysteresis, added
+        last: before the other steps have a gain, they explain nothing.
         """
         models = self._models()
         given = [i for i, model in enumerate(models) if not isinstance(model, HeldStep)]
         dynamics = [i for i in given if models[i].stage_order == _DYNAMICS]
         dynamics = [i for i in dynamics if not models[i].reads_columns]  # those have to be first
-        turned = dict(zip(dynamics, reversed(dynamics), strict=True))
-        others = [turned.get(i, i) for i in given]
-        late = sorted(given, key=lambda i: models[i].stage_order < _HYSTERESIS)
-        orders = [given, others, late]
+        reversed_dynamics = dict(zip(dynamics, reversed(dynamics), strict=True))
+        backwards = [reversed_dynamics.get(i, i) for i in given]
+        limits_last = sorted(given, key=lambda i: models[i].stage_order < _HYSTERESIS)
+        orders = [given, backwards, limits_last]
         return [order for k, order in enumerate(orders) if order not in orders[:k]]
 
     def identified_otherwise(self, data):
         """Yield results of further orders, of joint starts of all steps, and of backward starts.
 
-        A step that is added last starts from the fit of the others alone, so that the whole fits at
-        least as well.
+        In one of the orders a step is added last: the cascade then fits at least as well as without
+        this step.
 
         Parameters
         ----------
@@ -607,15 +612,18 @@ class Cascade(Composition):
         yield from self._fitted_to_last_input(data)
 
     def _fitted_to_last_input(self, data):
-        """Yield results in which the other steps are first fitted to the input of the last step."""
+        """Yield results whose other steps are first fitted to the input of the last step.
+
+        Only if that input follows from the response, see ``preimage`` of an operator.
+        """
         names = [name for name, _ in self._kept_steps()]
         for last in _driven_starts(self._models()[-1], data) if len(names) > 1 else ():
-            given = [last.preimage(record.y) for record in data]
-            if given[0] is None:
+            inputs = [last.preimage(record.y) for record in data]
+            if inputs[0] is None:
                 return
-            records = [replace(record, y=y) for record, y in zip(data, given, strict=True)]
+            records = [replace(record, y=y) for record, y in zip(data, inputs, strict=True)]
             others = with_params(self, steps=self._kept_steps()[:-1])
-            before = others._add_steps(records, others._orders()[0], _ALONG_THE_WAY)
+            before = others._add_steps(records, others._orders()[0], _ROUGH)
             start = self._compose(names, [*before.operator.stages, last])
             result = refine(self, [start], data, self.method)
             yield replace(result, n_evaluations=before.n_evaluations + result.n_evaluations)
@@ -646,15 +654,15 @@ class Cascade(Composition):
                     "to the response of a model: use a Sum."
                 )
             last = len(names) == len(steps)
-            how = {"method": method if last else _ALONG_THE_WAY, "with_errors": last}
-            result = refine(self, candidates, data, **how)
+            options = {"method": method if last else _ROUGH, "with_errors": last}
+            result = refine(self, candidates, data, **options)
             stages = dict(zip(places, result.operator.stages, strict=True))
             evaluations += result.n_evaluations
         return replace(result, n_evaluations=evaluations)
 
 
 def _unlike(records):
-    """Return the fraction of the response's variance that a regression on the drive leaves."""
+    """Return the fraction of the response's variance that a line through the drive leaves."""
     u, y = (np.concatenate([getattr(r, name) for r in records]) for name in ("u", "y"))
     u, y = u - u.mean(), y - y.mean()
     power = (u @ u) * (y @ y)
@@ -666,17 +674,17 @@ def _driven_starts(model, records):
 
 
 def _distinct(results):
-    """Return the best operator, and others whose error is about as small."""
+    """Return the best operator, and those of about the same error with other parameters."""
     results = sorted(results, key=lambda result: result.error)
     best = results[0]
-    own = best.params.values(), best.params_std_white.values()
-    values, std = (np.array(list(part)) for part in own)
-    found = [best.operator]
+    of_best = best.params.values(), best.params_std_white.values()
+    values, std = (np.array(list(part)) for part in of_best)
+    operators = [best.operator]
     for other in results[1:]:
         apart = np.abs(np.array(list(other.params.values())) - values) > std
         if other.error < _CLEARLY * best.error and apart.any():
-            found.append(other.operator)
-    return found
+            operators.append(other.operator)
+    return operators
 
 
 def _to_unit_gain(stage):
@@ -696,7 +704,7 @@ def _to_unit_gain(stage):
 def _unbiased(stage):
     """Return a linear sum with its first branch at unit gain and the others at zero.
 
-    The other branches can be identified only after all later stages are in place.
+    While later stages are missing, the other branches would be fitted to their effects.
     """
     specs = [spec for _, spec in stage.entries()]
     gains = [spec.gauge == 1.0 and spec.movable for spec in specs]
@@ -728,7 +736,7 @@ def _thin(record, step):
         change = np.sqrt(np.mean(np.square(record.u[:covered] - lines)))
         if len(kept) > 1 and change <= _CHANGE * record.u.std():
             weights = None if record.weights is None else record.weights[::step]
-            own = {"u": kept, "y": record.y[::step], "dt": step * record.dt, "weights": weights}
-            return replace(record, segments=(), **own)
+            fields = {"u": kept, "y": record.y[::step], "dt": step * record.dt, "weights": weights}
+            return replace(record, segments=(), **fields)
         step //= 2
     return record

@@ -12,12 +12,12 @@ from ..base import ParametricModel, as_node, informed, with_params
 from ..linear import FirstOrderLagOperator
 from ..operators import OnColumnOperator, Scaled, add_disturbances, can_scale, split_disturbances
 
-_CONSTANT = 1e-3  # spread of a column within a record, relative to its size
+_CONSTANT = 1e-3  # largest spread within a record of a constant column, relative to its magnitude
 
 
 def amplitude(drive):
     """Return half the range of a record's drive."""
-    return float(np.ptp(0.5 * drive))
+    return float(np.ptp(0.5 * drive))  # halved first: the range of extreme values would overflow
 
 
 def is_constant(values, size):
@@ -198,8 +198,12 @@ class OnColumn(_ColumnModel):
 
     def starting_values(self, records):
         reference = _mean(records, self.column) if self.centered else 0.0
-        own = [replace(r, u=np.ascontiguousarray(r.u[:, self.column]) - reference) for r in records]
-        starts = map(split_disturbances, self._starting_model(self.estimator).starting_values(own))
+        column_records = [
+            replace(r, u=np.ascontiguousarray(r.u[:, self.column]) - reference) for r in records
+        ]
+        starts = map(
+            split_disturbances, self._starting_model(self.estimator).starting_values(column_records)
+        )
         return [
             add_disturbances(OnColumnOperator(driven, self.column, reference), additive)
             for driven, additive in starts
@@ -233,7 +237,7 @@ class Modulated(_ColumnModel):
     Parameters
     ----------
     estimator : estimator
-        A parametric model of skhyst, or a cascade of them, of one input; or another `Modulated`.
+        A parametric model of skhyst, or a cascade of them, of one input; or another ``Modulated``.
     column : int or "amplitude", default=1
         Number of the column of X, or the half range of the drive in a record. 0 is the drive, such
         as the position at which friction acts.
@@ -242,8 +246,8 @@ class Modulated(_ColumnModel):
         :class:`~skhyst.hysteresis.PrandtlIshlinskii`; ``["friction"]`` of a
         :class:`~skhyst.hysteresis.FreeMass` or a :class:`~skhyst.hysteresis.FrictionStage`, all
         friction but the viscous one in the equation of motion; or parameters in which the response
-        is linear, by their names in ``params_``, such
-        as ``["coulomb_force"]``. ``"weights"`` stands for all of ``"weights[0]"``, ...
+        is linear, by their names in ``params_``, such as ``["coulomb_force"]``. ``"weights"``
+        stands for all of ``"weights[0]"``, ...
     reference : float or None, default=None
         :math:`a_0`, units of the column, at which the factor is one; None: the mean of a over the
         records of the fit.
@@ -352,7 +356,7 @@ class Modulated(_ColumnModel):
         if reference is None:
             reference = _mean(records, column, self.magnitude)
         model = self._starting_model(self._driven())
-        own = {
+        options = {
             "curvature": (0.0,) * (self.degree - 1),
             "magnitude": self.magnitude,
             "scales": self._scaled(),
@@ -361,7 +365,7 @@ class Modulated(_ColumnModel):
         for driven, _ in starts:
             self._check_scaled(driven)
         return [
-            add_disturbances(Scaled(driven, column, float(reference), lag=lag, **own), additive)
+            add_disturbances(Scaled(driven, column, float(reference), lag=lag, **options), additive)
             for driven, additive in starts
             for lag in (lags_of_column(records) if self.lag else [None])
         ]
@@ -385,7 +389,7 @@ class Modulated(_ColumnModel):
 
     def unfitted(self, operator) -> Self:
         scales = "response" if not operator.scales else list(operator.scales)
-        own = {
+        params = {
             "column": "amplitude" if operator.column == -1 else operator.column,
             "scales": "thresholds" if scales == ["thresholds"] else scales,
             "reference": None if self.reference is None else operator.reference,
@@ -393,4 +397,4 @@ class Modulated(_ColumnModel):
             "magnitude": operator.magnitude,
             "lag": operator.lag is not None,
         }
-        return with_params(self, estimator=operator.operator.unfitted(), **own)
+        return with_params(self, estimator=operator.operator.unfitted(), **params)

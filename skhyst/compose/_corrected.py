@@ -160,8 +160,8 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             weights = read_weights(sample_weight, X)
         X, y, read = fill_lost_rows(X, y)
         if weights is not None and read is not None:
-            given, weights = weights, np.zeros(len(read))
-            weights[read] = given
+            given_weights, weights = weights, np.zeros(len(read))
+            weights[read] = given_weights
         slices, columns, y = read_data(self, X, y, reset=True)
         X = in_native_order(X) if hasattr(X, "iloc") else columns
         if len(slices) == 1 and len(y) < self.cv:
@@ -172,13 +172,15 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         if hasattr(self, "feature_names_in_"):
             names = ["prediction", *self.feature_names_in_[1:]]
             effects.feature_names_in_ = np.array(names, dtype=object)
+        # a segment is a run of rows of one fold: the effects are fitted to segments outside a fold,
+        # simulated over whole records, so that a fold does not cut their memory
         fold = fold_of_rows(slices, self.cv)
         backfitting = Backfitting(self.estimator, X, slices, fold, weights)
         segments = [_stretches(fold[s.rows]) for s in slices]
-        of_segment = [
-            fold[s.rows][a] for s, own in zip(slices, segments, strict=True) for a, _ in own
+        fold_of_segment = [
+            fold[s.rows][a] for s, runs in zip(slices, segments, strict=True) for a, _ in runs
         ]
-        train = [np.array(of_segment) != k for k in range(backfitting.n_folds)]
+        train = [np.array(fold_of_segment) != k for k in range(backfitting.n_folds)]
 
         def records_of(p):
             data = effects.record_data(slices, _as_first_column(p, columns), y)
@@ -188,7 +190,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
                     replace(r, weights=r.counts() * weights[s.rows])
                     for r, s in zip(data, slices, strict=True)
                 ]
-            return [replace(r, segments=own) for r, own in zip(data, segments, strict=True)]
+            return [replace(r, segments=runs) for r, runs in zip(data, segments, strict=True)]
 
         def problem_of(result, p):
             return OperatorProblem(
@@ -208,8 +210,9 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
                     result = refine(effects, [start], records, "variable_projection")
             return result, result.error
 
-        known = np.concatenate([record.y for record in records_of(columns[:, 0])])  # what is read
-        targets = np.tile(known, (backfitting.n_folds, 1))
+        # first turn: the regressors learn the response itself, as if there were no effects
+        response = np.concatenate([record.y for record in records_of(columns[:, 0])])
+        targets = np.tile(response, (backfitting.n_folds, 1))
         predictions = backfitting.predict(targets)
         start = refit(None, backfitting.out_of_fold(predictions))
         last = backfitting.alternate(
@@ -337,7 +340,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
 
 
 def _stretches(fold):
-    """Return the runs of consecutive rows of one fold, (start, stop)."""
+    """Return (start, stop) of each run of consecutive rows of one fold."""
     cuts = np.flatnonzero(np.diff(fold)) + 1
     return tuple(pairwise([0, *cuts.tolist(), len(fold)]))
 

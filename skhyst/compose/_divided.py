@@ -24,13 +24,13 @@ from ..operators import Series, play_basis
 
 _DEGREE = 5  # of the curve by which divisions are compared: it may bend and saturate
 _PLAYS = np.array([0.03, 0.1])  # half gaps, relative to the range of the signal in between
-_DIVISIONS = 3  # that are tried further
+_DIVISIONS = 3  # number of divisions that are kept for a fit
 _ENOUGH = 10_000  # samples that suffice to compare divisions
 _TINY = np.finfo(float).tiny
 
 
 class Divisions:
-    """The ways to divide a linear operator in two, the most promising first.
+    """The divisions of a linear operator in two, the most promising first.
 
     Parameters
     ----------
@@ -50,14 +50,14 @@ class Divisions:
     def __init__(self, operator, records, initial_state="rest", *, behind=(), fitting=None):
         self._score = _Score([operator, *behind], first_parts(records), initial_state)
         self._behind = behind
-        ways = map(fitting, operator.divisions()) if fitting else operator.divisions()
-        found = []
-        for first, second in filter(None, ways):
+        divisions = map(fitting, operator.divisions()) if fitting else operator.divisions()
+        scored = []
+        for first, second in filter(None, divisions):
             signals = self._score.outputs(first)
             columns = [_curves_and_plays(x) for x in signals]
-            left = self._score.left(signals, columns, [second, *behind])
-            found.append((left, first, second, signals))
-        self._best = sorted(found, key=lambda own: own[0])[:_DIVISIONS]
+            score = self._score.residual_fraction(signals, columns, [second, *behind])
+            scored.append((score, first, second, signals))
+        self._best = sorted(scored, key=lambda entry: entry[0])[:_DIVISIONS]
 
     def started(self, starts_of):
         """Return the most promising stages in between, with the parts of their division.
@@ -78,9 +78,9 @@ class Divisions:
         for _, first, second, signals in self._best:
             for start in starts_of(self._score.driven_by(signals)):
                 columns = self._score.tangents(start, signals)
-                left = self._score.left(signals, columns, [second, *self._behind])
-                started.append((left, (first, start, second)))
-        return sorted(started, key=lambda own: own[0])[:_DIVISIONS]
+                score = self._score.residual_fraction(signals, columns, [second, *self._behind])
+                started.append((score, (first, start, second)))
+        return sorted(started, key=lambda entry: entry[0])[:_DIVISIONS]
 
 
 class _Score:
@@ -113,23 +113,27 @@ class _Score:
             columns.append(np.column_stack([y, dy]))
         return columns
 
-    def left(self, signals, columns, behind):
-        """Return the fraction of the power that columns leave, filtered by later operators."""
+    def residual_fraction(self, signals, columns, behind):
+        """Return the fraction of the residual's power that columns, filtered by ``behind``, leave.
+
+        ``signals`` are the inputs of ``behind``, of which the columns are changes. The residual is
+        that of the linear model and of any change of its parameters.
+        """
         behind = _series(behind)
-        found = [
-            behind.propagate(x, own, r.dt, self.state)[1]
-            for r, x, own in zip(self.records, signals, columns, strict=True)
+        filtered = [
+            behind.propagate(x, column, r.dt, self.state)[1]
+            for r, x, column in zip(self.records, signals, columns, strict=True)
         ]
-        found = self._beside(self._stacked(found))
-        if not np.isfinite(found).all():
+        filtered = self._beside(self._stacked(filtered))
+        if not np.isfinite(filtered).all():
             return np.inf
-        found /= _norms(found)
-        rest = self._rest - found @ np.linalg.lstsq(found, self._rest, rcond=None)[0]
-        return float(np.square(rest).sum() / max(np.square(self._rest).sum(), _TINY))
+        filtered /= _norms(filtered)
+        residual = self._rest - filtered @ np.linalg.lstsq(filtered, self._rest, rcond=None)[0]
+        return float(np.square(residual).sum() / max(np.square(self._rest).sum(), _TINY))
 
     def _stacked(self, columns):
         return np.concatenate(
-            [w[:, None] * own for w, own in zip(self._weights, columns, strict=True)]
+            [w[:, None] * column for w, column in zip(self._weights, columns, strict=True)]
         )
 
     def _beside(self, columns):

@@ -14,8 +14,8 @@ from ..operators import FEEDBACK_ARGUMENTS, FeedbackOperator, has_velocity, spli
 
 _FINE = 0.1  # longest substep, in radians of the fastest motion
 _RESTS = 9  # over the range of the response, tested for stability
-_GROWS = 0.01  # of the range of q: a larger range requires another identification of the curve
-_ROUNDS = 8  # of that: each gain is closer to consistency with its range
+_GROWS = 0.01  # relative growth of the range of q that requires another identification
+_ROUNDS = 8  # most such identifications; the gain and the range of q become consistent
 _NAMES = ("linear", "curve")
 
 
@@ -139,8 +139,8 @@ class Feedback(ParametricModel):
                     f"The '{name}' parameter of Feedback must be a parametric model of skhyst, of "
                     f"one input. Got {model!r} instead."
                 )
-            model._validate_params()  # nobody calls its `fit`
-        # or as its values say
+            model._validate_params()  # its `fit`, which would validate, is not called
+        # True: an operator whose class says so; for others it depends on their values
         if self.argument != "both" and self.curve.operator_class.memoryless is not True:
             raise TypeError(
                 "The 'curve' parameter of Feedback must be a memoryless model. Got "
@@ -150,7 +150,9 @@ class Feedback(ParametricModel):
 
     def held_parameters(self) -> frozenset[str]:
         models = zip(_NAMES, self._models(), strict=True)
-        return frozenset(f"{n}__{entry}" for n, own in models for entry in own.held_parameters())
+        return frozenset(
+            f"{n}__{entry}" for n, model in models for entry in model.held_parameters()
+        )
 
     def with_hold(self, hold):
         linear = self.linear.with_hold(hold)
@@ -196,15 +198,19 @@ class Feedback(ParametricModel):
 
     def _starts_around(self, base, records):
         """Return starts with curves over the range of the responses, relative to the gain."""
-        answers = [replace(r, u=(r.y - base.intercept) / base.gain, before=None) for r in records]
+        curve_records = [
+            replace(r, u=(r.y - base.intercept) / base.gain, before=None) for r in records
+        ]
         if self.argument == "velocity":
-            answers = [replace(r, u=np.gradient(r.u, r.dt)) for r in answers]
-        found = []
-        for start in self._models()[1].starting_values(answers):
-            own, _ = split_disturbances(start)
-            fed = self._curves_of_measured_feedback(base, own, records, answers)
-            found += [self.divided(base, c, records) for c in (own, *fed)]
-        return found
+            curve_records = [replace(r, u=np.gradient(r.u, r.dt)) for r in curve_records]
+        starts = []
+        for start in self._models()[1].starting_values(curve_records):
+            curve, _ = split_disturbances(start)
+            fitted_curves = self._curves_of_measured_feedback(base, curve, records, curve_records)
+            starts += [
+                self.divided(base, candidate, records) for candidate in (curve, *fitted_curves)
+            ]
+        return starts
 
     def divided(self, linear, curve, records):
         """Return the operator with substeps that resolve its motion.
@@ -222,15 +228,15 @@ class Feedback(ParametricModel):
             Of both.
         """
         dt, n = max(record.dt for record in records), self.n_substeps
-        own = {"n_substeps": n or 1, "argument": self.argument}
-        operator = FeedbackOperator(_NAMES, (linear, curve), **own)
+        options = {"n_substeps": n or 1, "argument": self.argument}
+        operator = FeedbackOperator(_NAMES, (linear, curve), **options)
         if n is None:
             rests = _rests(records)
             fastest = max(np.abs(operator.poles_at(y)).max(initial=0.0) for y in rests)
             n = int(np.clip(np.ceil(min(dt * fastest, np.pi) / _FINE), 1, None))
         return replace(operator, n_substeps=n)
 
-    def _curves_of_measured_feedback(self, linear, curve, records, answers):
+    def _curves_of_measured_feedback(self, linear, curve, records, curve_records):
         """Yield the curve that fits best with the measured response fed back, if it is linear.
 
         Then ``y = G u - sum_i a_i G[f_i(q)] + c``, and all coefficients, with that of G u, follow
@@ -240,9 +246,11 @@ class Feedback(ParametricModel):
         if not mask.any():
             return
         rows, right = [], []
-        for record, answer in zip(records, answers, strict=True):
-            _, own = curve.sensitivities(answer.u, np.empty((len(answer.u), 0)), record.dt)
-            forces = np.column_stack([record.u, own[:, mask]])
+        for record, curve_record in zip(records, curve_records, strict=True):
+            _, functions = curve.sensitivities(
+                curve_record.u, np.empty((len(curve_record.u), 0)), record.dt
+            )
+            forces = np.column_stack([record.u, functions[:, mask]])
             columns = [
                 linear.run(f, record.dt, linear.init(f[0], self.free_run_state))[0]
                 - linear.intercept
@@ -268,10 +276,10 @@ class Feedback(ParametricModel):
         base = self._open_loop(data)
         result = refine(self, self._starts_around(base, data), data)
         for _ in range(_ROUNDS):
-            found = result.operator.linear
-            if not 0.0 < abs(found.gain) <= (1.0 - _GROWS) * abs(base.gain):
+            linear = result.operator.linear
+            if not 0.0 < abs(linear.gain) <= (1.0 - _GROWS) * abs(base.gain):
                 break
-            base = found
+            base = linear
             again = refine(self, self._starts_around(base, data), data)
             evaluations = result.n_evaluations + again.n_evaluations
             if again.error >= result.error:

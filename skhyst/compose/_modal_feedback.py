@@ -28,8 +28,8 @@ from ..linear import ModalModel, SampledStateSpace
 from ..operators import CompiledLaw
 from ..optimize import variable_projection
 
-_CHUNK = 512  # samples whose tangents are multiplied at once
-_TRIALS = 50  # of Newton's method for the state at rest
+_CHUNK = 512  # samples whose tangents are in memory at once
+_TRIALS = 50  # most steps of Newton's method for the state at rest
 
 
 @jit
@@ -66,11 +66,11 @@ def _advance(a, b, e, f, g, bias, c, d, intercept, u, x, y):
 
 @jit
 def _tangents(a, n_real, b, e, f, g, bias, c, u, x, dx, dy):
-    """Write the tangents (n_samples, n_outputs, p + own) of the responses; advance ``x``, ``dx``.
+    """Write the tangents (n_samples, n_outputs, p + n_linear); advance ``x`` and ``dx``.
 
-    The p are by the entries of A, of B, E, F, G by rows, and the bias; the own of each response by
-    its rows of C and D and its intercept. A real pole has one entry, a pair two: real and imaginary
-    part.
+    The first p columns are by the entries of A, of B, E, F, G by rows, and the bias; the others,
+    for each response, by its rows of C and D and its intercept, in which it is linear. A real pole
+    has one entry in A, a pair two: real and imaginary part.
     """
     n, m, r, p = x.size, u.shape[1], bias.size, dx.shape[1]
     at_e = n + n * m
@@ -78,16 +78,18 @@ def _tangents(a, n_real, b, e, f, g, bias, c, u, x, dx, dy):
     at_g = at_f + r * n
     new, dnew, w, dw = np.empty(n), np.empty_like(dx), np.empty(r), np.empty((r, p))
     for k in range(len(u)):
+        # the responses, linear in the states
         for i in range(len(c)):
-            row, own = dy[k, i], p + i * (n + m + 1)
+            row, at_response = dy[k, i], p + i * (n + m + 1)
             row[:] = 0.0
             for j in range(n):
-                row[own + j] = x[j]
+                row[at_response + j] = x[j]
                 for q in range(p):
                     row[q] += c[i, j] * dx[j, q]
             for j in range(m):
-                row[own + n + j] = u[k, j]
-            row[own + n + m] = 1.0
+                row[at_response + n + j] = u[k, j]
+            row[at_response + n + m] = 1.0
+        # the loops: F and G act through the signal, the bias also through tanh(b)
         for i in range(r):
             total = bias[i]
             row = dw[i]
@@ -100,10 +102,11 @@ def _tangents(a, n_real, b, e, f, g, bias, c, u, x, dx, dy):
             for j in range(m):
                 total += g[i, j] * u[k, j]
                 row[at_g + i * m + j] += u[k, j]
-            value, rest = math.tanh(total), math.tanh(bias[i])
-            w[i] = value - rest
+            value, value_at_zero = math.tanh(total), math.tanh(bias[i])
+            w[i] = value - value_at_zero
             row *= 1.0 - value**2
-            row[p - r + i] += rest**2 - value**2
+            row[p - r + i] += value_at_zero**2 - value**2
+        # the next states; A has a block for each pole, or pair, on its diagonal
         for i in range(n):
             row, total = dnew[i], 0.0
             row[:] = 0.0
@@ -181,6 +184,11 @@ class SampledFeedback:
     bias : ndarray of shape (n_loops,)
         Signals at a state of zero.
 
+    See Also
+    --------
+    ModalFeedback : Identifies one.
+    skhyst.linear.SampledStateSpace : Without loops.
+
     Examples
     --------
     >>> import numpy as np
@@ -210,8 +218,18 @@ class SampledFeedback:
         return self.linear.intercept
 
     def _arrays(self):
-        own = self.linear
-        arrays = own.a, own.b, self.e, self.f, self.g, self.bias, own.c, own.d, own.intercept
+        linear = self.linear
+        arrays = (
+            linear.a,
+            linear.b,
+            self.e,
+            self.f,
+            self.g,
+            self.bias,
+            linear.c,
+            linear.d,
+            linear.intercept,
+        )
         return tuple(np.ascontiguousarray(array, dtype=float) for array in arrays)
 
     def init(self, u0, initial_state="rest"):
@@ -236,8 +254,8 @@ class SampledFeedback:
         for _ in range(_TRIALS):
             z = self.f @ x + self.g @ u0 + self.bias
             moved = self.linear.a @ x + self.linear.b @ u0
-            left = moved + self.e @ (np.tanh(z) - np.tanh(self.bias)) - x
-            step = np.linalg.solve(np.eye(len(x)) - self.slope(z), left)
+            residual = moved + self.e @ (np.tanh(z) - np.tanh(self.bias)) - x
+            step = np.linalg.solve(np.eye(len(x)) - self.slope(z), residual)
             x = x + step
             if np.abs(step).max(initial=0.0) <= 1e-13 * np.abs(x).max(initial=0.0):
                 break
@@ -365,16 +383,16 @@ class _Problem:
         a, b, e, f, g, bias, c, d, intercept = start._arrays()
         poles, vectors = np.linalg.eig(a)
         real, upper = np.flatnonzero(poles.imag == 0.0), np.flatnonzero(poles.imag > 0.0)
-        turn, entries = [vectors[:, real].real], [poles[real].real]
+        basis, entries = [vectors[:, real].real], [poles[real].real]
         for i in upper:
-            turn.append(np.column_stack([vectors[:, i].real, vectors[:, i].imag]))
+            basis.append(np.column_stack([vectors[:, i].real, vectors[:, i].imag]))
             entries.append([poles[i].real, poles[i].imag])
-        turn, self.n_real = np.concatenate(turn, axis=1), len(real)
+        basis, self.n_real = np.concatenate(basis, axis=1), len(real)
         self.shapes = b.shape, e.shape, f.shape, g.shape, bias.shape
-        parts = [np.linalg.solve(turn, b), np.linalg.solve(turn, e), f @ turn, g, bias]
-        own = np.column_stack([c @ turn, d, intercept])
-        self.x0 = np.concatenate([*entries, *map(np.ravel, parts), own.ravel()])
-        self.n_dynamic = len(self.x0) - own.size
+        parts = [np.linalg.solve(basis, b), np.linalg.solve(basis, e), f @ basis, g, bias]
+        output_rows = np.column_stack([c @ basis, d, intercept])
+        self.x0 = np.concatenate([*entries, *map(np.ravel, parts), output_rows.ravel()])
+        self.n_dynamic = len(self.x0) - output_rows.size
         self.lower, self.upper = np.full(len(self.x0), -np.inf), np.full(len(self.x0), np.inf)
         self.log = np.zeros(len(self.x0), dtype=bool)
         self.linear = np.arange(len(self.x0)) >= self.n_dynamic
@@ -391,8 +409,8 @@ class _Problem:
             size = int(np.prod(shape))
             parts.append(x[k : k + size].reshape(shape))
             k += size
-        own = x[k:].reshape(-1, n + m + 1)
-        c, d, intercept = own[:, :n], own[:, n:-1], own[:, -1].copy()
+        output_rows = x[k:].reshape(-1, n + m + 1)
+        c, d, intercept = output_rows[:, :n], output_rows[:, n:-1], output_rows[:, -1].copy()
         linear = SampledStateSpace(a, parts[0], c, d, self.dt, intercept)
         return SampledFeedback(linear, *parts[1:])
 
@@ -408,7 +426,8 @@ class _Problem:
     def begun(self, operator, u0):
         """Return the state at rest and its tangents."""
         x, dx = operator.init(u0), np.zeros((self.shapes[0][0], self.n_dynamic))
-        self.tangents(operator, u0[None], x.copy(), dx)  # those of the next state, at a fixed one
+        # the next state by the parameters at a fixed state; at rest both states are the same
+        self.tangents(operator, u0[None], x.copy(), dx)
         slope = operator.slope(operator.f @ x + operator.g @ u0 + operator.bias)
         return x, np.linalg.solve(np.eye(len(x)) - slope, dx)
 
@@ -422,8 +441,8 @@ class _Problem:
                     rows = slice(begin, min(begin + _CHUNK, len(u)))
                     run, dy = self.tangents(operator, u[rows], state, dx)
                     kept = slice(max(self.washout - begin, 0), None)
-                    left = (run - y[rows])[kept].reshape(-1, 1)
-                    columns = np.hstack([dy[kept].reshape(len(left), -1), left])
+                    residual = (run - y[rows])[kept].reshape(-1, 1)
+                    columns = np.hstack([dy[kept].reshape(len(residual), -1), residual])
                     gram += columns.T @ columns
         return gram
 
@@ -557,7 +576,7 @@ class ModalFeedback(ModalModel):
         slices, array, response = self._read(X, y)
         self._warn_unless_converged(self._fit_linear(slices, array, response), "ModalModel")
         linear, size = self.operator_, response.std(axis=0)
-        sizes = [np.where(own > 0.0, own, 1.0) for own in (array.std(axis=0), size)]
+        sizes = [np.where(std > 0.0, std, 1.0) for std in (array.std(axis=0), size)]
         scaled = SampledStateSpace(
             linear.a,
             linear.b * sizes[0],
@@ -575,32 +594,32 @@ class ModalFeedback(ModalModel):
         self.n_evaluations_ += solution.n_evaluations
         self.n_iter_ = self.n_evaluations_
         self._warn_unless_converged(solution, "ModalFeedback")
-        n_scored = sum(max(len(own) - self.washout, 0) for _, own in records) * len(size)
+        n_scored = sum(max(len(std) - self.washout, 0) for _, std in records) * len(size)
         self.fit_error_ = float(np.sqrt(solution.cost / max(n_scored, 1)))
-        found = problem.operator(solution.x)
+        fitted = problem.operator(solution.x)
         linear = SampledStateSpace(
-            found.linear.a,
-            found.linear.b / sizes[0],
-            np.ascontiguousarray(found.linear.c * sizes[1][:, None]),
-            found.linear.d * sizes[1][:, None] / sizes[0],
-            found.dt,
-            found.intercept * sizes[1],
+            fitted.linear.a,
+            fitted.linear.b / sizes[0],
+            np.ascontiguousarray(fitted.linear.c * sizes[1][:, None]),
+            fitted.linear.d * sizes[1][:, None] / sizes[0],
+            fitted.dt,
+            fitted.intercept * sizes[1],
         )
-        self.operator_ = replace(found, linear=linear, g=found.g / sizes[0])
+        self.operator_ = replace(fitted, linear=linear, g=fitted.g / sizes[0])
         self._judge_rests(array)
         return self
 
     def _start(self, linear, mean):
-        """Return loops without effect, each of which senses a response relative to its mean.
+        """Return loops of zero effect, each of which senses a response relative to its mean.
 
-        Where there are more loops than responses, the next ones sense one of them about a standard
-        deviation above the mean, then below, then two.
+        With more loops than responses, further ones sense a response relative to a standard
+        deviation above its mean, then below it, then two above, and so on.
         """
-        turns, own = np.divmod(np.arange(self.n_loops), len(mean))
-        away = (turns + 1) // 2 * np.where(turns % 2, 1.0, -1.0)
-        bias = (linear.intercept - mean)[own] - away
+        repetition, sensed = np.divmod(np.arange(self.n_loops), len(mean))
+        distance = (repetition + 1) // 2 * np.where(repetition % 2, 1.0, -1.0)
+        bias = (linear.intercept - mean)[sensed] - distance
         e = np.zeros((len(linear.a), self.n_loops))
-        return SampledFeedback(linear, e, linear.c[own], linear.d[own], bias)
+        return SampledFeedback(linear, e, linear.c[sensed], linear.d[sensed], bias)
 
     def _judge_rests(self, array):
         """Store the poles at the mean inputs, and warn of rests that are unstable."""
@@ -610,7 +629,7 @@ class ModalFeedback(ModalModel):
         with np.errstate(divide="ignore", invalid="ignore"):
             seconds = np.log(poles[0].astype(complex)) / self.operator_.dt
         self._set_modes(seconds, np.zeros((n, 1), dtype=complex), np.full((1, 1), np.nan))
-        if max(np.abs(own).max() for own in poles) >= 1.0:
+        if max(np.abs(of_rest).max() for of_rest in poles) >= 1.0:
             warnings.warn(
                 "ModalFeedback is not stable at rest at the lowest, mean or highest inputs: a free "
                 "run leaves it.",

@@ -16,7 +16,7 @@ from ..optimize import RecordData, VariableProjection
 from ..records import record_names
 from ._columns import AroundModel, amplitude, is_constant
 
-_LEAST = 1e-3  # of a positive parameter, relative to its constant value
+_LEAST = 1e-3  # least starting value of a positive parameter, relative to its constant value
 _ROUGH = VariableProjection(tolerance=1e-4)
 
 
@@ -118,7 +118,7 @@ class ScheduledParameters(AroundModel):
         if self.by == "amplitude":
             return [amplitude(X[s.rows, drive_column(self)]) for s in slices]
         column = self._column(X.shape[1])
-        found = []
+        schedules = []
         for s, name in zip(slices, record_names(slices), strict=True):
             values = X[s.rows, column]
             if not is_constant(values, np.abs(X[:, column]).max()):
@@ -128,8 +128,8 @@ class ScheduledParameters(AroundModel):
                     f"{values.max():g}: cut the record where it changes, or let a Modulated scale "
                     "parameters by it sample by sample."
                 )
-            found.append(float(values.mean()))
-        return found
+            schedules.append(float(values.mean()))
+        return schedules
 
     def _column(self, n_columns):
         names = list(getattr(self, "feature_names_in_", range(n_columns)))
@@ -163,16 +163,16 @@ class ScheduledParameters(AroundModel):
                 "ScheduledParameters takes a driven model: a disturbance has coefficients for "
                 "each record already."
             )
-        values, found = [r.schedule for r in records], []
-        # parameters that differ between records may look like another form in the joint fit
+        values, candidates = [r.schedule for r in records], []
+        # if parameters differ between records, a fit with constant ones may choose a wrong form
         starts = map(split_disturbances, model.starting_values(plain))
-        others = {_form(own): own for own, _ in starts}
+        others = {_form(fit): fit for fit, _ in starts}
         others.pop(_form(result.operator), None)
-        for own in (result, *(refine(model, [start], plain) for start in others.values())):
-            degrees = self._degrees(own)
-            scheduled = Scheduled.constant(own.operator, degrees, min(values), max(values))
-            found += [scheduled, _from_each_record(scheduled, records, plain, model)]
-        return found
+        for fit in (result, *(refine(model, [start], plain) for start in others.values())):
+            degrees = self._degrees(fit)
+            scheduled = Scheduled.constant(fit.operator, degrees, min(values), max(values))
+            candidates += [scheduled, _from_each_record(scheduled, records, plain, model)]
+        return candidates
 
     def _degrees(self, result):
         """Return the degree of each value of the model's operator."""
@@ -203,8 +203,11 @@ class ScheduledParameters(AroundModel):
         if parameters is None and any(is_free and not degree for _, is_free, degree in free):
             rows = zip(base.entries(), operator.degrees, strict=True)
             parameters = [name for (name, _), degree in rows if degree]
-        own = {"parameters": parameters, "degree": max(operator.degrees, default=0) or self.degree}
-        return with_params(self, estimator=base.unfitted(), **own)
+        params = {
+            "parameters": parameters,
+            "degree": max(operator.degrees, default=0) or self.degree,
+        }
+        return with_params(self, estimator=base.unfitted(), **params)
 
     def adopt(self, result):
         super().adopt(result)
@@ -227,9 +230,9 @@ def _from_each_record(scheduled, records, plain, model):
     specs = [spec for _, spec in scheduled.entries()]
     coefficients, start = scheduled.pack(), 0
     for i, degree in enumerate(scheduled.degrees):
-        own = slice(start, start + degree + 1)
-        design = np.array([scheduled.at(r.schedule)._basis[own] for r in records])
-        coefficients[own] = np.linalg.lstsq(design, values[:, i], rcond=None)[0]
+        rows = slice(start, start + degree + 1)
+        design = np.array([scheduled.at(r.schedule)._basis[rows] for r in records])
+        coefficients[rows] = np.linalg.lstsq(design, values[:, i], rcond=None)[0]
         start += degree + 1
     held = np.repeat([name in fixed for name, _ in scheduled.base.entries()], scheduled._counts)
     lower = [

@@ -160,19 +160,22 @@ class SharedParameters(MetaEstimatorMixin, MultiOutputMixin, RegressorMixin, Bas
         scales[scales == 0.0] = 1.0
         data = []
         for k, model in enumerate(models):
-            own = model.record_data(slices, array, response[:, k] / scales[k])
-            if any(record.schedule is not None for record in own):
+            records = model.record_data(slices, array, response[:, k] / scales[k])
+            if any(record.schedule is not None for record in records):
                 raise ValueError(
                     "The model of SharedParameters must have parameters that do not depend on the "
                     f"record. Got {self.estimator!r} instead."
                 )
             rows = [{} if weights.all() else {"weights": weights[s.rows]} for s in slices]
             data.append(
-                [replace(r, schedule=float(k), **of) for r, of in zip(own, rows, strict=True)]
+                [
+                    replace(r, schedule=float(k), **options)
+                    for r, options in zip(records, rows, strict=True)
+                ]
             )
         starts = _starts(models, self.own, scales)
         with one_thread():
-            result = refine(self.estimator, starts, [r for own in data for r in own])
+            result = refine(self.estimator, starts, [r for records in data for r in records])
         joint = result.operator
         for k, model in enumerate(models):
             model.adopt(_of_response(joint, k, result, data[k], model.free_run_state))
@@ -205,13 +208,13 @@ class SharedParameters(MetaEstimatorMixin, MultiOutputMixin, RegressorMixin, Bas
                 f"per response. Got {len(known)} instead."
             )
         options = {"return_std": True} if return_std else {}
-        found = [
-            model.predict(X, own, **options)
-            for model, own in zip(self.estimators_, known, strict=True)
+        predictions = [
+            model.predict(X, known_response, **options)
+            for model, known_response in zip(self.estimators_, known, strict=True)
         ]
-        found = np.moveaxis(np.array(found), 0, -1)  # (2,) n_samples, n_outputs
-        found = found[..., 0] if self._one_response else found
-        return (found[0], found[1]) if return_std else found
+        predictions = np.moveaxis(np.array(predictions), 0, -1)  # (2,) n_samples, n_outputs
+        predictions = predictions[..., 0] if self._one_response else predictions
+        return (predictions[0], predictions[1]) if return_std else predictions
 
 
 def _two_dimensional(values):
@@ -226,20 +229,20 @@ def _columns(y, values):
 
 
 def _of_response(joint, k, result, records, initial_state):
-    """Return the part of an identification result for the model of one response."""
-    own = joint.at(k)
-    driven, names = own.operator, joint.names
-    tangents = own.tangents
+    """Return the part of a joint identification result for the model of one response."""
+    response = joint.at(k)
+    driven, names = response.operator, joint.names
+    tangents = response.tangents
     known = np.array([result.params_std[name] for name, _ in joint.entries()])
     covariance = tangents @ result.joint_covariance @ tangents.T
     open_ = np.where(np.isfinite(known), 0.0, known)  # NaN at a bound, infinite
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     std += np.array([sum(open_[row != 0.0]) for row in tangents])
-    left = 0.0
+    squares = 0.0
     for record in records:
         run = driven.run(record.u, record.dt, driven.init(record.u[0], initial_state))[0]
-        left += record.counts() @ np.square(joint.scales[k] * record.y - run)
-    error = float(np.sqrt(left / sum(record.counts().sum() for record in records)))
+        squares += record.counts() @ np.square(joint.scales[k] * record.y - run)
+    error = float(np.sqrt(squares / sum(record.counts().sum() for record in records)))
     values = driven.pack()[joint.free]
     return replace(
         result,
@@ -247,7 +250,9 @@ def _of_response(joint, k, result, records, initial_state):
         params=dict(zip(names, values.tolist(), strict=True)),
         params_std=dict(zip(names, std.tolist(), strict=True)),
         params_std_white={},
-        undetermined=tuple(name for name, own in zip(names, std, strict=True) if np.isinf(own)),
+        undetermined=tuple(
+            name for name, response in zip(names, std, strict=True) if np.isinf(response)
+        ),
         joint_covariance=covariance,
         record_coefficients=np.empty((len(records), 0)),
         error=error,
@@ -267,14 +272,14 @@ def _starts(models, own, scales):
             )
         bases.append(driven)
     rows = bases[0].entries()
-    every = [name for name, _ in rows]
-    if any([name for name, _ in base.entries()] != every for base in bases):
+    entry_names = [name for name, _ in rows]
+    if any([name for name, _ in base.entries()] != entry_names for base in bases):
         raise ValueError(
             "The responses must lead to models of the same parameters for SharedParameters. Got "
-            f"{', '.join(every)} and others instead: fix what the model chooses by the data."
+            f"{', '.join(entry_names)} and others instead: fix what the model chooses by the data."
         )
     free = np.flatnonzero(bases[0].free_mask())
-    names, specs = [every[i] for i in free], [rows[i][1] for i in free]
+    names, specs = [entry_names[i] for i in free], [rows[i][1] for i in free]
     chosen = set() if own is None else set(own)
     unknown = chosen - {*names, *(name.split("[")[0] for name in names)}
     if unknown:
@@ -282,12 +287,12 @@ def _starts(models, own, scales):
             "The 'own' parameter of SharedParameters must have names of free parameters of the "
             f"model: {', '.join(names)}. Got {', '.join(map(repr, sorted(unknown)))} instead."
         )
-    both = list(zip(names, specs, strict=True))
-    is_own = [spec.is_constant or not chosen.isdisjoint((n, n.split("[")[0])) for n, spec in both]
+    pairs = list(zip(names, specs, strict=True))
+    is_own = [spec.is_constant or not chosen.isdisjoint((n, n.split("[")[0])) for n, spec in pairs]
     is_own, units = np.array(is_own, dtype=bool), bases[0].parameter_units()
     power = np.where(is_own, 0, [_power(units[name]) for name in names])
     is_log = np.array([spec.log for spec in specs], dtype=bool)
-    values, found = np.array([base.pack()[free] for base in bases]), []
+    values, starts = np.array([base.pack()[free] for base in bases]), []
     for first in values:  # common values start from the model of this response
         gains = np.array([_gain(own, first, power) for own in values])
         if not gains[0]:
@@ -295,8 +300,8 @@ def _starts(models, own, scales):
         common = first * _factors(gains[0], power, is_log)
         gains = gains[1:] / gains[0] if power.any() else []
         vector = np.concatenate([common[~is_own], values[:, is_own].ravel(), gains])
-        found.append(_Responses(tuple(bases), free, is_own, power, is_log, scales, vector))
-    return found
+        starts.append(_Responses(tuple(bases), free, is_own, power, is_log, scales, vector))
+    return starts
 
 
 def _power(unit):
@@ -310,7 +315,11 @@ def _power(unit):
 
 
 def _gain(values, others, power):
-    """Return the gain that best maps other values to these."""
+    """Return the gain of the response with which ``others`` are closest to ``values``.
+
+    By least squares of the values in proportion to the response; if there are none, from the mean
+    logarithm of the ratios.
+    """
     straight = others * (power == 1)
     if straight.any():
         return (values @ straight) / (straight @ straight) or float(power.min() < 0)
@@ -334,8 +343,8 @@ def _slopes(gain, power, is_log):
 class _Responses(Operator):
     """The scaled operators of all responses as one; ``at(k)`` is that of response k.
 
-    Its values are the common ones, the own ones of each response, and the gains of all responses
-    but the first, if the unit of a common value contains that of the response.
+    Its values are the common ones, those that each response has of its own, and the gains of all
+    responses but the first, if the unit of a common value contains that of the response.
     """
 
     bases: tuple
@@ -360,7 +369,7 @@ class _Responses(Operator):
     @property
     def shared(self):
         """Names of the common entries."""
-        return tuple(n for n, own in zip(self.names, self.is_own, strict=True) if not own)
+        return tuple(n for n, is_own in zip(self.names, self.is_own, strict=True) if not is_own)
 
     @property
     def gains(self):
@@ -370,16 +379,16 @@ class _Responses(Operator):
 
     def entries(self):
         rows, specs = [base.entries() for base in self.bases], []
-        for own in rows:  # the bounds of a response may be those of falling weights
-            specs.append([own[i] for i in self.free])
+        for is_own in rows:  # the bounds of a response may be those of falling weights
+            specs.append([is_own[i] for i in self.free])
         marks = list(enumerate(self.is_own))
-        found = [specs[0][i] for i, own in marks if not own]
+        entries = [specs[0][i] for i, is_own in marks if not is_own]
         for k, pairs in enumerate(specs):
-            mine = [pairs[i] for i, own in marks if own]
-            found += [(f"{name} of response {k}", spec) for name, spec in mine]
+            own_pairs = [pairs[i] for i, is_own in marks if is_own]
+            entries += [(f"{name} of response {k}", spec) for name, spec in own_pairs]
         if self.power.any():
-            found += [(f"gain of response {k}", ParameterSpec()) for k in range(1, len(rows))]
-        return found
+            entries += [(f"gain of response {k}", ParameterSpec()) for k in range(1, len(rows))]
+        return entries
 
     def parameter_specs(self):
         return dict(self.entries())
@@ -400,7 +409,7 @@ class _Responses(Operator):
 
     @cached_property
     def _parts(self):
-        """Return the number of common values, and the slice of the response's own values."""
+        """The number of common values, and the slice of the response's own values."""
         n_common, n_own = np.count_nonzero(~self.is_own), np.count_nonzero(self.is_own)
         start = n_common + self.response * n_own
         return n_common, slice(start, start + n_own)
@@ -420,16 +429,16 @@ class _Responses(Operator):
     def tangents(self):
         """Derivatives of the free entries of the response by the values, (n_free, n_values)."""
         (n_common, own), k = self._parts, self.response
-        found = np.zeros((len(self.free), len(self.vector)))
+        tangents = np.zeros((len(self.free), len(self.vector)))
         factors = _factors(self.gains[k], self.power, self.is_log)
-        found[~self.is_own, :n_common] = np.diag(factors[~self.is_own])
-        found[self.is_own, own] = np.eye(np.count_nonzero(self.is_own))
+        tangents[~self.is_own, :n_common] = np.diag(factors[~self.is_own])
+        tangents[self.is_own, own] = np.eye(np.count_nonzero(self.is_own))
         if k and self.power.any():
             at, slopes = len(self.vector) - len(self.bases) + k, np.zeros(len(self.free))
             moved = self.power != 0
             slopes[moved] = _slopes(self.gains[k], self.power[moved], self.is_log[moved])
-            found[~self.is_own, at] = slopes[~self.is_own] * self.vector[:n_common]
-        return found
+            tangents[~self.is_own, at] = slopes[~self.is_own] * self.vector[:n_common]
+        return tangents
 
     def init(self, u0, initial_state="rest"):
         return self.operator.init(u0, initial_state)
@@ -441,5 +450,5 @@ class _Responses(Operator):
     def sensitivities(self, u, du, dt, initial_state="rest"):
         y, dy = self.operator.sensitivities(u, du, dt, initial_state)
         m, scale = du.shape[-1], self.scales[self.response]
-        own = dy[:, m:][:, self.free] @ self.tangents
-        return y / scale, np.concatenate([dy[:, :m], own], axis=1) / scale
+        by_values = dy[:, m:][:, self.free] @ self.tangents
+        return y / scale, np.concatenate([dy[:, :m], by_values], axis=1) / scale

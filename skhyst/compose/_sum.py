@@ -60,10 +60,12 @@ class Sum(Composition):
         return [m if m.reads_columns or _is_disturbance(m) else FirstColumn(m, 0) for m in models]
 
     def operator_input(self, X, slices):
-        signal, none = super().operator_input(X, slices)
-        found = [model.operator_input(X, slices)[1] for model in self._models()]
-        known = [schedules for schedules in found if any(s is not None for s in schedules)]
-        return signal, known[0] if known else none
+        signal, unscheduled = super().operator_input(X, slices)
+        schedules_of_steps = [model.operator_input(X, slices)[1] for model in self._models()]
+        known = [
+            schedules for schedules in schedules_of_steps if any(s is not None for s in schedules)
+        ]
+        return signal, known[0] if known else unscheduled
 
     def _compose(self, names, stages):
         return SumOperator(tuple(names), tuple(stages)).normalized()
@@ -74,9 +76,9 @@ class Sum(Composition):
         return tuple(name for name, model in self._kept_steps() if _is_disturbance(model))
 
     def subtree(self, driven, disturbances):
-        own, stages = iter(driven.stages), []
+        driven_stages, stages = iter(driven.stages), []
         for model in self._models():
-            stage = None if _is_disturbance(model) else next(own)
+            stage = None if _is_disturbance(model) else next(driven_stages)
             stages.append(model.subtree(stage, disturbances))
         names = tuple(name for name, _ in self._kept_steps())
         return SumOperator(names, tuple(stages), model=as_node(self, steps=[])).normalized()
@@ -88,7 +90,8 @@ class Sum(Composition):
     def identified_otherwise(self, data):
         """Yield results with each step identified first, and of joint starts of all steps.
 
-        The first step is identified alone, so that the whole fits at least as well.
+        A step that is identified first is fitted alone: the sum then fits at least as well as this
+        step.
 
         Parameters
         ----------
@@ -109,7 +112,7 @@ class Sum(Composition):
         """Identify each step from the residual of those before it, then all; see `identify`."""
         state = self.free_run_state
         models = self._starting_models()
-        found, disturbances, evaluations = {}, {}, 0
+        operators, disturbances, evaluations = {}, {}, 0
         records, last = data, None
 
         def order(i):  # held steps are known: subtracted from the response first
@@ -125,29 +128,31 @@ class Sum(Composition):
                 for record, part in zip(records, result.outputs(records, state), strict=True)
             ]
             if not _is_disturbance(models[i]):
-                found[i] = result.operator
+                operators[i] = result.operator
             disturbances[i] = result.disturbances
-        additive = tuple(own for i in sorted(disturbances) for own in disturbances[i])
-        alone = len(found) == 1 and not additive
-        branches = [found] if alone or not last else [found, *self._others(found, *last)]
+        additive = tuple(branch for i in sorted(disturbances) for branch in disturbances[i])
+        alone = len(operators) == 1 and not additive
+        branches = (
+            [operators] if alone or not last else [operators, *self._others(operators, *last)]
+        )
         steps = self._kept_steps()
-        names = [steps[i][0] for i in sorted(found)]
-        starts = [self._compose(names, [own[i] for i in sorted(own)]) for own in branches]
+        names = [steps[i][0] for i in sorted(operators)]
+        starts = [self._compose(names, [branch[i] for i in sorted(branch)]) for branch in branches]
         result = refine(self, [(start, additive) for start in starts], data)
         return replace(result, n_evaluations=evaluations + result.n_evaluations)
 
-    def _others(self, found, i, records):
-        """Return the branches with each starting value of the last driven one.
+    def _others(self, operators, i, records):
+        """Return the branches with each starting value of the last driven one, ``i``.
 
-        Earlier branches may have explained a part of its response, or it a part of theirs, so that
-        its values found alone need not lead to the joint optimum. If all are linear in the signal,
+        The branches identified before it may have explained a part of its response, so the values
+        found for their residual need not lead to the joint optimum. If it is linear in the signal,
         further starts gain little.
         """
         model = self._starting_models()[i]
-        if isinstance(model, Composition) or found[i].signal_linear:
+        if isinstance(model, Composition) or operators[i].signal_linear:
             return []
         starts = [split_disturbances(start)[0] for start in model.starting_values(records)]
-        return [found | {i: operator} for operator in starts] if len(starts) > 1 else []
+        return [operators | {i: operator} for operator in starts] if len(starts) > 1 else []
 
 
 def _is_disturbance(model):

@@ -9,7 +9,15 @@ from ..operators import CompiledLaw, Operator
 
 
 class DisturbanceOperator(Operator):
-    """Base of disturbances ``y(t) = basis(t) @ coefficients``, t since the record's start (s)."""
+    """Base of disturbances ``y(t) = basis(t) @ coefficients``, t since the record's start (s).
+
+    A subclass is a frozen dataclass with a field ``coefficients`` and defines :meth:`basis`, and
+    :meth:`basis_tangents` if it has other parameters.
+
+    Examples
+    --------
+    See :class:`OffsetOperator`.
+    """
 
     signal_linear = True
     stage_order = 60
@@ -57,7 +65,7 @@ class DisturbanceOperator(Operator):
         return self.basis(time) @ self.coefficients, start + dt * len(u)
 
     def _step(self):
-        """Return the compiled step, or None, and its constants after ``dt``."""
+        """Return the compiled step, or None, and its constants but the first, ``dt``."""
         return None, ()
 
     def compiled_step(self, dt, state):
@@ -69,8 +77,10 @@ class DisturbanceOperator(Operator):
     def sensitivities(self, u, du, dt, initial_state="rest"):
         time = dt * np.arange(len(u))
         basis = self.basis(time)
-        own = np.concatenate([basis, self.basis_tangents(time, self.coefficients)], axis=1)
-        return basis @ self.coefficients, np.concatenate([np.zeros_like(du), own], axis=1)
+        by_parameters = np.concatenate(
+            [basis, self.basis_tangents(time, self.coefficients)], axis=1
+        )
+        return basis @ self.coefficients, np.concatenate([np.zeros_like(du), by_parameters], axis=1)
 
 
 class Disturbance(ParametricModel):

@@ -37,6 +37,11 @@ class DriftOperator(DisturbanceOperator):
     duration : float
         Of the polynomials, s. Fixed structure.
 
+    Raises
+    ------
+    ValueError
+        If there is no coefficient, or ``duration`` is not above 0.
+
     Examples
     --------
     >>> import numpy as np
@@ -65,7 +70,10 @@ class DriftOperator(DisturbanceOperator):
 
     def characteristics(self, seen):
         curves = zip(seen.inputs, seen.dts, seen.coefficients, strict=True)
-        spans = [np.ptp(self.basis(dt * np.arange(len(u))) @ own) for u, dt, own in curves]
+        spans = [
+            np.ptp(self.basis(dt * np.arange(len(u))) @ coefficients)
+            for u, dt, coefficients in curves
+        ]
         return {"largest span in a record": (max(spans), "response")}
 
 

@@ -13,7 +13,7 @@ from ..base import ParametricModel
 from ..operators import parameter
 from ._base import Disturbance, DisturbanceOperator
 
-_OVERSAMPLING = 4  # zero padding of the spectrum in which lines are sought
+_OVERSAMPLING = 4  # zero padding, so that the highest bin is within 1/(8 duration) of a line
 
 
 @jit
@@ -134,17 +134,17 @@ def _spectral_lines(records, count):
     # one duration for all transforms, so that their bins have about the same frequencies
     sizes = [round(n * dt / r.dt) for r in records]
     residuals = [r.y - r.y.mean() for r in records]
-    found = []
+    frequencies = []
     for _ in range(count):
         power = np.zeros(len(grid))
         for y, size in zip(residuals, sizes, strict=True):
-            own = np.abs(np.fft.rfft(y * np.hanning(len(y)), size)) ** 2
-            power[: len(own)] += own[: len(power)]
+            spectrum = np.abs(np.fft.rfft(y * np.hanning(len(y)), size)) ** 2
+            power[: len(spectrum)] += spectrum[: len(power)]
         # a mean and a trend leave power in the lowest bins
         power[grid < 2.0 / longest] = 0.0
-        found.append(grid[np.argmax(power)])
-        line = SinusoidOperator(np.zeros(2), np.array(found[-1:]))
+        frequencies.append(grid[np.argmax(power)])
+        line = SinusoidOperator(np.zeros(2), np.array(frequencies[-1:]))
         for i, y in enumerate(residuals):
             basis = line.basis(records[i].dt * np.arange(len(y)))
             residuals[i] = y - basis @ np.linalg.lstsq(basis, y, rcond=None)[0]
-    return np.sort(found)
+    return np.sort(frequencies)

@@ -136,9 +136,10 @@ def tank_tangents(
 ):  # fmt: skip
     """Write the results of :func:`tank_run`, and their tangents to ``dout`` (n, n_columns).
 
-    After the m columns of ``du`` come those of the time constants, the exponents, with limits the
-    ceilings and all shares but the last, and the offset. ``dbefore`` (m,) and ``d`` (n_tanks,
-    n_columns), which is overwritten, are the tangents of ``before`` and ``levels``.
+    The m columns of ``du`` are followed by the derivatives by the time constants, the exponents,
+    the ceilings and all shares but the last (if there are ceilings), and the offset. ``dbefore``
+    (m,) and ``d`` (n_tanks, n_columns), which is overwritten, are the tangents of ``before`` and
+    ``levels``.
     """
     m, n, n_columns = du.shape[1], levels.size, d.shape[1]
     limited = n_columns > m + 2 * n + 1
@@ -149,6 +150,7 @@ def tank_tangents(
             part = 0.0 if held else (s + 0.5) / n_substeps
             q = (before + part * (u[i] - before) - offset) / scale
             dq[:] = 0.0
+            # each branch below is one of `tank_sample`, with its derivatives
             if q > 0.0:
                 for c in range(m):
                     dq[c] = (last[c] + part * (du[i, c] - last[c])) / scale
@@ -157,33 +159,36 @@ def tank_tangents(
                 q = 0.0
             for j in range(n):
                 w = levels[j]
-                own = m + j
+                at_tank = m + j
                 move, by_w, by_q, by_k, by_p = _move(w, q, k[j], p[j])
                 for c in range(n_columns):
                     dmove[c] = by_w * d[j, c] + by_q * dq[c]
                     dover[c] = 0.0
-                dmove[own] -= by_k * k[j] / tau[j]
-                dmove[own + n] += by_p
+                dmove[at_tank] -= by_k * k[j] / tau[j]
+                dmove[at_tank + n] += by_p
                 over = 0.0
                 if w + move > ceiling[j]:
                     room = ceiling[j] - w
                     o, slope, o_p, _, _ = outflow(ceiling[j], p[j])
                     full, excess = 1.0 - room / move, q - o
                     if excess > 0.0:
+                        # it flows over for the fraction `full` of the substep, which depends on the
+                        # level, the move and the ceiling
                         over = excess * full
                         for c in range(n_columns):
                             dover[c] = full * dq[c] + excess * (
                                 d[j, c] / move + room / move * (dmove[c] / move)
                             )
-                        dover[own + n] -= full * o_p
+                        dover[at_tank + n] -= full * o_p
                         if limited:
-                            dover[own + 2 * n] -= full * slope + excess / move
+                            dover[at_tank + 2 * n] -= full * slope + excess / move
+                    # the level ends at the ceiling, whatever it was: all other tangents are lost
                     for c in range(n_columns):
                         dmove[c] = -d[j, c]
                         d[j, c] = 0.0
                     if limited:
-                        dmove[own + 2 * n] += 1.0
-                        d[j, own + 2 * n] = 1.0
+                        dmove[at_tank + 2 * n] += 1.0
+                        d[j, at_tank + 2 * n] = 1.0
                     move = room
                     levels[j] = ceiling[j]
                 elif w + move < 0.0:
@@ -196,6 +201,7 @@ def tank_tangents(
                     for c in range(n_columns):
                         d[j, c] += dmove[c]
                     levels[j] = w + move
+                # the outflow, by the balance of volume, and the inflow of the next tank
                 q = q - over - move / k[j] + share[j] * over
                 if q < 0.0:
                     q = 0.0
@@ -203,9 +209,9 @@ def tank_tangents(
                 else:
                     for c in range(n_columns):
                         dq[c] += (share[j] - 1.0) * dover[c] - dmove[c] / k[j]
-                    dq[own] -= move / (k[j] * tau[j])
+                    dq[at_tank] -= move / (k[j] * tau[j])
                     if limited and j < n - 1:
-                        dq[own + 3 * n] += over
+                        dq[at_tank + 3 * n] += over
         before = u[i]
         for c in range(m):
             last[c] = du[i, c]
@@ -335,8 +341,8 @@ class TankChainOperator(HeldInput):
         flows = self.scale / scale
         levels = flows ** (1.0 / self.exponents)  # of q = w^p
         ceilings = self.ceilings * levels if self.is_limited else None
-        own = {"time_constants": self.time_constants * flows / levels, "ceilings": ceilings}
-        return dataclasses.replace(self, scale=scale, gain=self.gain / levels[-1], **own)
+        changes = {"time_constants": self.time_constants * flows / levels, "ceilings": ceilings}
+        return dataclasses.replace(self, scale=scale, gain=self.gain / levels[-1], **changes)
 
     def characteristics(self, seen):
         """Return time constants and exponents, and the response at the ceiling of the last tank.
@@ -372,7 +378,7 @@ class TankChainOperator(HeldInput):
         return k, float(self.drive_offset), float(self.scale), self.n_substeps, self.hold == "zoh"
 
     def _most(self):
-        """Return the highest level that the sensor reads."""
+        """Return the highest level that the sensor reads, infinite without a limit."""
         return self.ceilings[-1] if self.is_limited and self.limit == "reading" else np.inf
 
     def _rest(self, u0):
@@ -445,9 +451,9 @@ class TankChainOperator(HeldInput):
             d[:, m:] = by[:, 1:]
         k, *rest = self._structure(dt)
         w, dw = np.zeros(u.size), np.zeros((u.size, d.shape[1]))
-        given, own = (k, self.time_constants, self.exponents), slice(first, None)
-        begin = u[own], du[own], before, as_signal(dbefore), levels, d
-        tank_tangents(*begin, *given, *self._limits(), *rest, w[own], dw[own])
+        laws, rows = (k, self.time_constants, self.exponents), slice(first, None)
+        begin = u[rows], du[rows], before, as_signal(dbefore), levels, d
+        tank_tangents(*begin, *laws, *self._limits(), *rest, w[rows], dw[rows])
         reading, over = np.minimum(w, self._most()), w > self._most()
         if over.any():
             dw[over] = 0.0
@@ -507,8 +513,9 @@ class TankChain(ParametricModel):
         Whether the drive below which there is no flow is fitted; otherwise it is 0.
     fit_intercept : bool, default=True
         Whether the reading of an empty tank is fitted; otherwise it is 0.
-    hold : {"foh", "zoh"}, default="foh"
-        Drive between samples: a straight line, or constant.
+    hold : {"foh", "zoh", "bandlimited"}, default="foh"
+        Drive between samples: a straight line, constant, or without content above half the sampling
+        rate; a model of such a drive looks ahead, and is neither stepped nor inverted.
     n_substeps : int, default=4
         Integration steps per sampling interval.
     initial_state : {"rest", "zero", "estimate"}, default="rest"
@@ -613,7 +620,7 @@ class TankChain(ParametricModel):
         middle = float(np.mean(np.concatenate([r.u for r in records])))
         offsets = [low - part * span for part in _OFFSETS] if self.fit_offset else [0.0]
         slowest = np.sort(_EXPONENT / np.asarray(rates, dtype=float))
-        found = []
+        starts = []
         for offset in offsets:
             for constants in [slowest[::-1], slowest][: self.n_tanks]:
                 # the level at the mean drive is 1, and around it the rates are those given
@@ -626,8 +633,8 @@ class TankChain(ParametricModel):
                     hold=self.hold,
                     n_substeps=self.n_substeps,
                 )
-                found += self._limited(chain, records) if self.overflow else [chain]
-        return found
+                starts += self._limited(chain, records) if self.overflow else [chain]
+        return starts
 
     def in_order(self, operator, records):
         low = min(float(r.u.min()) for r in records) if self.fit_offset else 0.0
@@ -649,10 +656,10 @@ class TankChain(ParametricModel):
         extreme = y.max() if slope > 0.0 else y.min()
         top = (extreme - constant) / slope if slope else 1.0
         top = float(np.clip(top, np.quantile(levels[-1], 0.5), levels[-1].max())) or 1.0
-        found = []
+        chains = []
         for part in _FULL if self.n_tanks > 1 else _FULL[:1]:
             before = [float(np.quantile(w, part)) or 1.0 for w in levels[:-1]]
             shares = np.full(self.n_tanks - 1, _SHARE)
             ceilings = np.array([*before, top])
-            found.append(dataclasses.replace(chain, ceilings=ceilings, shares=shares))
-        return found
+            chains.append(dataclasses.replace(chain, ceilings=ceilings, shares=shares))
+        return chains

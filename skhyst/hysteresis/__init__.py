@@ -1,4 +1,4 @@
-"""Hysteresis models."""
+"""Hysteresis models: plays, stops, relays, Bouc-Wen, friction, magnetics, stages with mass."""
 
 from ._backlash import Backlash, BacklashOperator
 from ._bouc_wen import BoucWen, BoucWenOperator

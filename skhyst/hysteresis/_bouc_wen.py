@@ -123,6 +123,7 @@ def build_curve(grid, exponent, ratio, below, above, number, tables):
     # derivatives of w by path (1st, 2nd, 3rd), then those by exponent and by ratio, each with its
     # first and second derivative by path
     at = np.zeros((n_cells + 1, 9))
+    # from w = 0 outwards on either side: phi by quadrature, and the derivatives at each node
     for side in range(2):
         rho = ratio if side == 0 else -1.0
         sign = -1.0 if side == 0 else 1.0
@@ -132,6 +133,7 @@ def build_curve(grid, exponent, ratio, below, above, number, tables):
             cell = zero - 1 - step if side == 0 else zero + step
             for g in range(measure.shape[1]):
                 log = log_points[cell, g]
+                # of |w|^n - 1: close to w = 1 the difference 1 - |w|^n would cancel
                 power = np.expm1(exponent * log)
                 f = (1.0 + rho) + rho * power
                 power += 1.0
@@ -151,6 +153,7 @@ def build_curve(grid, exponent, ratio, below, above, number, tables):
             at[node, 0] = f
             at[node, 1] = f * slope
             at[node, 2] = f * (slope * slope + f * bend)
+            # a parameter p changes w at a given path by f times -dphi/dp at a given w
             value = sign * f * by_exponent
             first = slope * value + rho * power * log
             at[node, 3] = value
@@ -166,6 +169,7 @@ def build_curve(grid, exponent, ratio, below, above, number, tables):
                 at[node, 6] = value
                 at[node, 7] = first
                 at[node, 8] = bend * f * value + slope * first + f * sign * exponent * power / w
+    # per cell the Hermite polynomials of the curve and of its derivatives by the parameters
     first = number * (n_cells + 2)
     curve[first : first + n_cells + 2] = 0.0
     changes[first : first + n_cells + 2] = 0.0
@@ -216,6 +220,7 @@ def build_curve(grid, exponent, ratio, below, above, number, tables):
                 c[2] = 3.0 * d0 - d1
                 c[3] = d1 - 2.0 * d0
             c *= scale
+    # after the last cell the curve is constant
     end = first + n_cells
     places[end] = above * phi[n_cells]
     places[end + 1] = np.inf
@@ -377,22 +382,23 @@ def integrated_step(u, c, s):
     and else, one over the limit, longest step, largest number of steps).
     """
     gain, alpha, y, exponent, above, below, unloading, scale, longest, most = c
-    z, left = s[0], u - s[1]
-    d = 1.0 if left > 0.0 else -1.0
-    loading = above if left > 0.0 else below
+    z, remaining = s[0], u - s[1]
+    d = 1.0 if remaining > 0.0 else -1.0
+    loading = above if remaining > 0.0 else below
     for _step in range(int(most)):
-        if left == 0.0:
+        if remaining == 0.0:
             break
-        h = d * min(longest, abs(left))
+        h = d * min(longest, abs(remaining))
         share = unloading if z * d < 0.0 else loading
         moved = runge_kutta(z, h, exponent, share, scale)
         if z * d < 0.0 and moved * d > 0.0:
+            # end at the kink: linear interpolation, then Newton's method, as dz/du is 1 at z = 0
             h = h * z / (z - moved)
             for _newton in range(3):
                 h -= runge_kutta(z, h, exponent, share, scale)
             moved = 0.0
         z = moved
-        left -= h
+        remaining -= h
     s[0], s[1] = z, u
     return y + gain * u + alpha * z
 
@@ -543,7 +549,7 @@ class BoucWenOperator(Operator):
     alpha: float = parameter(linear=True, unit="response/drive")
     limit: float = parameter(log=True, lower=0.0, unit="drive")
     ratio: float = parameter(default=1.0, lower=0.0)
-    # below 0.5 data cannot resolve the curvature at z = 0, above 20 the knee is a kink
+    # below 0.5 data do not resolve the curvature at z = 0; above 20 the knee is a kink
     exponent: float = parameter(default=1.0, log=True, lower=0.5, upper=20.0)
     asymmetry: float = parameter(default=0.0, lower=-0.95, upper=0.95)
     intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
@@ -833,19 +839,19 @@ class BoucWen(ParametricModel):
         known = np.column_stack((drive, np.ones(len(drive))))[:, free]
         basis, _ = np.linalg.qr(known)
         residual = response - basis @ (basis.T @ response)
-        found = {}
+        best_of_limit = {}
         for ratio, exponent in product(_RATIOS, exponents):
             # one curve serves all limits: z / limit is a function of u / limit
             unit = BoucWenOperator(0.0, 1.0, 1.0, ratio, exponent)
             for limit in half_range * _LIMITS:
                 runs = [unit.run(u / limit, 1.0)[0] for u in drives]
                 z = np.concatenate([z[part] for z, part in zip(runs, rows, strict=True)])
-                own = z - basis @ (basis.T @ z)
-                power = own @ own
-                explained = (own @ residual) ** 2 / power if power > 1e-20 * (z @ z) else 0.0
-                if limit not in found or explained > found[limit][0]:
-                    found[limit] = explained, ratio, exponent, limit * z
-        best = sorted(found.items(), key=lambda item: -item[1][0])[:_STARTS]
+                orthogonal = z - basis @ (basis.T @ z)
+                power = orthogonal @ orthogonal
+                explained = (orthogonal @ residual) ** 2 / power if power > 1e-20 * (z @ z) else 0.0
+                if limit not in best_of_limit or explained > best_of_limit[limit][0]:
+                    best_of_limit[limit] = explained, ratio, exponent, limit * z
+        best = sorted(best_of_limit.items(), key=lambda item: -item[1][0])[:_STARTS]
         return [
             (self._start(float(limit), ratio, exponent, z, known, response), ())
             for limit, (_, ratio, exponent, z) in best

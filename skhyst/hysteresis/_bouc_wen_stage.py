@@ -292,6 +292,7 @@ def bouc_wen_tangents(
             w = side * f / size
             sigma = 1.0
             if exponent != 1.0:
+                # predictor: sigma at the start, where the force f is the only variable
                 for j in range(by.shape[1]):
                     by[1, j] = 1.0 if j == F else 0.0
                 sigma = sharpness_tangents(w, side, shape, exponent, size, by, dsigma)
@@ -299,7 +300,7 @@ def bouc_wen_tangents(
                 displacement_tangents(x, side, b, w, rho, size, shape, sigma, dsigma, by)
                 sigma = sharpness_tangents(mean, side, shape, exponent, size, by, dsigma)
             x, end, mean = displacement(side * free_d, b, w, rate, size, shape, sigma)
-            if exponent == 1.0:
+            if exponent == 1.0:  # sigma is 1, but its derivative by the exponent is not zero
                 dsigma[_EXPONENT] = sharpness(mean, shape, exponent)[3]
             displacement_tangents(x, side, b, w, rho, size, shape, sigma, dsigma, by)
             force = side * size * mean
@@ -511,18 +512,18 @@ class BoucWenStageOperator(
         return {"hysteresis_stiffness": self.hysteresis_stiffness / s}
 
     def _rest(self, u0):
-        own, sign = np.empty(5), math.copysign(1.0, u0)
-        force = first_loading(abs(u0), *self._law(0.0)[:4], own)
+        by_law, sign = np.empty(5), math.copysign(1.0, u0)
+        force = first_loading(abs(u0), *self._law(0.0)[:4], by_law)
         by = np.zeros((2, 1 + self.n_parameters - 2))
-        by[1, 0] = own[0]
-        by[1, 3:] = sign * own[1:]
+        by[1, 0] = by_law[0]
+        by[1, 3:] = sign * by_law[1:]
         by[0] = -by[1]
         by[0, 0] += 1.0
         return u0 - sign * force, sign * force, by
 
     def _law(self, largest):
-        own = self.hysteresis_stiffness, self.level, self.shape, self.exponent
-        return tuple(map(float, (*own, _LARGEST * (largest + self.level))))
+        parameters = self.hysteresis_stiffness, self.level, self.shape, self.exponent
+        return tuple(map(float, (*parameters, _LARGEST * (largest + self.level))))
 
 
 # starting values: presliding displacement as fraction of the response's half range; gamma / beta;
@@ -632,7 +633,7 @@ class BoucWenStage(OscillatorModel):
         follow(np.ascontiguousarray(y), *law, force)
         return force[:, None]
 
-    def _own(self, law, gain, stiffness, level, swing):
+    def _own_parameters(self, law, gain, stiffness, level, swing):
         _, shape, exponent = law
-        own = {"hysteresis_stiffness": stiffness, "level": level}
-        return own | {"shape": shape, "exponent": exponent}
+        parameters = {"hysteresis_stiffness": stiffness, "level": level}
+        return parameters | {"shape": shape, "exponent": exponent}

@@ -54,16 +54,16 @@ def in_direction(starts, records, fixed, initial_state):
     """
     if not getattr(starts[0], "non_negative", True):
         return starts
-    found = []
+    candidates = []
     for start in starts:
         problem = OperatorProblem(start, records, fixed=fixed, initial_state=initial_state)
         gram = problem.total(problem.evaluate(problem.x0))
-        for own in (start, replace(start, falling=True)):  # which differ in their bounds
-            problem = OperatorProblem(own, records, fixed=fixed, initial_state=initial_state)
-            found.append((solve_linear(problem, problem.x0, gram)[1][-1, -1], own))
-    least, best = min(found, key=lambda own: own[0])
+        for candidate in (start, replace(start, falling=True)):  # which differ in their bounds
+            problem = OperatorProblem(candidate, records, fixed=fixed, initial_state=initial_state)
+            candidates.append((solve_linear(problem, problem.x0, gram)[1][-1, -1], candidate))
+    least, best = min(candidates, key=lambda candidate: candidate[0])
     chance = 1.0 + problem.linear.sum() / problem.segment_weight.sum()
-    return [best, starts[0]] if least * chance < found[0][0] else starts[:1]
+    return [best, starts[0]] if least * chance < candidates[0][0] else starts[:1]
 
 
 def as_fine_as_needed(starts, records, fixed, initial_state):
@@ -129,15 +129,15 @@ def speed_noise(records, smoothing=1):
     """
     # standard error of a least-squares slope, relative to noise over sampling interval
     slope = np.sqrt(12.0 / (smoothing * (smoothing + 1) * (smoothing + 2)))
-    found = [0.0]
+    errors = [0.0]
     for record in records:
         fifth = np.diff(record.u, n=5)
         n_blocks = len(fifth) // _BLOCK
         power = np.square(fifth[: n_blocks * _BLOCK]).reshape(n_blocks, _BLOCK).mean(axis=1)
         if n_blocks:
             # the squares of the weights 1, 5, 10, 10, 5, 1 add up to 252
-            found.append(slope * np.sqrt(np.quantile(power, _QUIET) / 252.0) / record.dt)
-    return float(max(found))
+            errors.append(slope * np.sqrt(np.quantile(power, _QUIET) / 252.0) / record.dt)
+    return float(max(errors))
 
 
 def show(model, operator, *names):

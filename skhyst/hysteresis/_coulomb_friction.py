@@ -171,8 +171,8 @@ class CoulombFrictionOperator(Operator):
     def compiled_step(self, dt, state):
         weights, begin = stepped_slopes(dt, self.smoothing)
         is_velocity = float(self.motion == "velocity")
-        own = weights, is_velocity, self.transition_velocity, self.stribeck_velocity
-        return CompiledLaw(coulomb_step, (*own, *self._values()), begin).behind(state)
+        constants = weights, is_velocity, self.transition_velocity, self.stribeck_velocity
+        return CompiledLaw(coulomb_step, (*constants, *self._values()), begin).behind(state)
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
         u, m = as_signal(u), du.shape[1]

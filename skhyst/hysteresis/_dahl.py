@@ -73,7 +73,12 @@ class DahlOperator(OneStateOperator, step=dahl_step):
     intercept : float, default=0.0
         Constant ``c`` in units of the response.
     exponent : float, default=1.0
-        Shape ``n > 0`` of the transition. Fixed structure.
+        Shape ``n >= 0`` of the transition. Fixed structure.
+
+    Raises
+    ------
+    ValueError
+        If the exponent is negative.
 
     Notes
     -----

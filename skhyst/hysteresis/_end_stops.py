@@ -77,7 +77,7 @@ def stopped(free_d, b, q, kappa, eta, lower, upper):
     for _ in range(_STEPS):
         force, slope = stops(q, delta, kappa, eta, lower, upper)
         excess = delta + b * force - free_d
-        # the excess increases with delta, so beyond the root it has the sign of the far end
+        # the excess increases with delta: of the same sign as the far end, delta is beyond the root
         if excess * far > 0.0:
             far = delta
         else:
@@ -243,8 +243,8 @@ class EndStopsOperator(OscillatorOperator, loops=(*loops(impact), end_stops_tang
 
     def _rest(self, u0):
         by, kappa = np.zeros((2, self.n_parameters - 1)), self.stop_stiffness
-        more = kappa * max(self.lower - self.upper, 0.0)  # overlapping stops clamp the stage
-        touched = {"lower": u0 < self.lower + more, "upper": u0 > self.upper - more}
+        overlap = kappa * max(self.lower - self.upper, 0.0)  # overlapping stops clamp the stage
+        touched = {"lower": u0 < self.lower + overlap, "upper": u0 > self.upper - overlap}
         levels = [getattr(self, name) for name in touched if touched[name]]
         share = 1.0 / (1.0 + kappa * len(levels))
         q = share * (u0 + kappa * sum(levels))
@@ -255,8 +255,8 @@ class EndStopsOperator(OscillatorOperator, loops=(*loops(impact), end_stops_tang
         return q, 0.0, by
 
     def _law(self, largest):
-        own = self.stop_stiffness, self.stop_damping, self.lower, self.upper
-        return tuple(map(float, (self.natural_frequency, *own)))
+        parameters = self.stop_stiffness, self.stop_damping, self.lower, self.upper
+        return tuple(map(float, (self.natural_frequency, *parameters)))
 
 
 _PARTS = (0.2, 0.4, 0.6, 0.75, 0.9)  # starting stops, fractions of the response's half range
@@ -357,7 +357,7 @@ class EndStops(OscillatorModel):
         depths = [sign * np.maximum(sign * y - law[1], 0.0) for sign in self._signs()]
         return np.sum(depths, axis=0)[:, None]
 
-    def _own(self, law, gain, stiffness, level, swing):
+    def _own_parameters(self, law, gain, stiffness, level, swing):
         return {"stop_stiffness": stiffness}
 
     def _stage(self, law, mode, scales, factors=None, **level):

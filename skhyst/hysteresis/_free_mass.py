@@ -9,8 +9,8 @@ forces at rest, as long as these are below ``q (F_c + F_d)``,
 
     F_s = q [F_c (1 + s a) + F_d exp(-(v / v_s)^2)],    d = d_0 (1 + s b),
 
-with a factor q that is 1, or follows a load from sample to sample, times ``1 + c (x - x_f)``, but
-not below zero, where friction changes along the way.
+with a factor q that is 1, or that of a load, which changes from sample to sample. If friction
+depends on the displacement, q is also multiplied by ``1 + c (x - x_f)``, but not below zero.
 
 Over a substep h the other forces are replaced by a straight line. Mass and damper then move by
 
@@ -19,16 +19,16 @@ Over a substep h the other forces are replaced by a straight line. Mass and damp
 with ``q = d/m``, the acceleration a0 without damping at the start, its slope j, and the functions
 phi, psi, chi of ``q t`` (see ``_oscillator.decay``), until the velocity is zero. The time at which
 it is, the root of a scalar equation, is found to rounding; there the mass sticks, or turns round.
-From a stick it breaks away when the force reaches the level. So motion under Coulomb friction
-(``F_d = 0``) is exact for a force that is held, or a straight line, between samples, as is the
-linear part. The force of spring and stops, the level of the Stribeck curve and the change of
-friction along the way are held at their values at the start of the substep for a first motion, then
-at the mean of both ends: second order, of first order where the damper of a stop begins to act at
-once. The factor of a load is a straight line between samples, and held at its mean over a substep:
-second order.
+A mass that sticks breaks away when the force reaches the level of friction. So motion under Coulomb
+friction (``F_d = 0``) is exact for a force that is held, or a straight line, between samples, as is
+the linear part. The force of spring and stops, the level of the Stribeck curve and the dependence
+of friction on the displacement are held over a substep: at their values at its start for a
+predictor, then at the mean of both ends. This is of second order, and of first order where the
+damper of a stop begins to act, since its force jumps. The factor of a load is a straight line
+between samples, and held at its mean over a substep: second order.
 
-Derivatives are carried along, with those of the times at which the mass stops and breaks away. At a
-stop the velocity is zero, and so are all its derivatives if the mass sticks.
+Tangents include those of the times at which the mass stops and breaks away. Where it stops the
+velocity is zero, and while it sticks so are all its derivatives.
 """
 
 import dataclasses
@@ -49,10 +49,18 @@ from ..optimize import (
     estimate_start_values,
     identify_from_own_starts,
 )
-from ._oscillator import FINE, ROUGHLY, WINDOWS, along, decay, least_squares, weigh
+from ._oscillator import (
+    FINE,
+    WINDOWS,
+    decay,
+    gradient_factor,
+    least_squares,
+    rough_method,
+    weigh,
+)
 
-_EVENTS = 12  # in a substep: a straight force stops and frees the mass at most three times
-_HALVINGS = 80  # of an interval, down to rounding
+_EVENTS = 12  # most motions and sticks in a substep; a straight force causes at most three of each
+_HALVINGS = 80  # most halvings of a bracket, down to rounding
 _TOLERANCE = 1e-15
 _C4, _C5, _C6, _C7, _C8, _C9 = (1.0 / math.factorial(k) for k in range(4, 10))
 _LARGEST = 1e50  # displacement beyond which a run has diverged; squares of it do not overflow
@@ -170,8 +178,8 @@ def move(h, start, end, friction, x, v):
         stops = t >= 0.0
         if not stops:
             t = h - now
-        way, speed = flow(t, q, v, a, j)
-        x += way
+        distance, speed = flow(t, q, v, a, j)
+        x += distance
         v = 0.0 if stops else speed
         now += t
         if not stops:
@@ -193,7 +201,7 @@ def flow_tangents(t, q, v, a, j, speed):
         omega = (1.0 / 6.0 - chi) / z
     by_phi, by_psi, by_chi = psi - phi, 2.0 * chi - psi, 3.0 * omega - chi
     square = t * t
-    way = (
+    distance = (
         square * (by_phi * v + t * (by_psi * a + t * by_chi * j)),
         t * phi,
         square * psi,
@@ -207,7 +215,7 @@ def flow_tangents(t, q, v, a, j, speed):
         square * psi,
         a + j * t - q * speed,
     )
-    return way, rate
+    return distance, rate
 
 
 @jit
@@ -233,6 +241,7 @@ def move_tangents(h, start, end, friction, x, v, by, d, dnow):
                 break
             now = max(later, now)
             free = 1.0 if slope > 0.0 else -1.0
+            # the time at which force and level are equal, by the implicit function theorem
             for k in range(n):
                 by_level = by[_STUCK_AHEAD, k] if slope > 0.0 else -by[_STUCK_BACK, k]
                 by_force = by[_START, k] + (by[_END, k] - by[_START, k]) * (now / h)
@@ -246,9 +255,10 @@ def move_tangents(h, start, end, friction, x, v, by, d, dnow):
         stops = t >= 0.0
         if not stops:
             t = h - now
-        way, speed = flow(t, q, v, a, j)
-        by_way, by_speed = flow_tangents(t, q, v, a, j, 0.0 if stops else speed)
+        distance, speed = flow(t, q, v, a, j)
+        by_distance, by_speed = flow_tangents(t, q, v, a, j, 0.0 if stops else speed)
         for k in range(n):
+            # derivatives of a, j and q of the motion, of which a also depends on when it began
             dmass = by[_MASS, k]
             by_level, by_damping = by[_BACK, k], by[_DAMP_BACK, k]
             if forward:
@@ -258,17 +268,22 @@ def move_tangents(h, start, end, friction, x, v, by, d, dnow):
             da /= mass
             dj = (change / h - j * dmass) / mass
             dq = (by_damping - q * dmass) / mass
-            dway = by_way[0] * dq + by_way[1] * d[1, k] + by_way[2] * da + by_way[3] * dj
+            ddistance = (
+                by_distance[0] * dq
+                + by_distance[1] * d[1, k]
+                + by_distance[2] * da
+                + by_distance[3] * dj
+            )
             drate = by_speed[0] * dq + by_speed[1] * d[1, k] + by_speed[2] * da + by_speed[3] * dj
-            if stops:  # where the velocity is zero, the displacement does not depend on the time
+            if stops:  # at velocity zero, the displacement does not depend on the time of the stop
                 if by_speed[4] != 0.0:
                     dnow[k] -= drate / by_speed[4]
-                d[0, k] += dway
+                d[0, k] += ddistance
                 d[1, k] = 0.0
             else:
-                d[0, k] += dway - by_way[4] * dnow[k]
+                d[0, k] += ddistance - by_distance[4] * dnow[k]
                 d[1, k] = drate - by_speed[4] * dnow[k]
-        x += way
+        x += distance
         v = 0.0 if stops else speed
         now += t
         if not stops:
@@ -286,15 +301,15 @@ def bell(v, stribeck):
 
 @jit
 def spring(x, v, cubic, center, stiffness, damping, lower, upper):
-    """Return the force of spring and stops, its derivatives by x and v, and the depth in a stop."""
-    way = x - center
+    """Return force of spring and stops, its derivatives by x and v, and how far x is in a stop."""
+    distance = x - center
     depth = 0.0
     if x > upper:
         depth = x - upper
     elif x < lower:
         depth = x - lower
-    force = cubic * way * way * way + stiffness * depth
-    by_x = 3.0 * cubic * way * way
+    force = cubic * distance * distance * distance + stiffness * depth
+    by_x = 3.0 * cubic * distance * distance
     if depth != 0.0:
         return force + damping * v, by_x + stiffness, damping, depth
     return force, by_x, 0.0, depth
@@ -305,9 +320,9 @@ def resistance(law, curve, factor):
     """Return the friction arguments of :func:`move` for a value of the Stribeck curve."""
     mass, damping, b, coulomb, a, more = law[:6]
     coulomb, more = factor * coulomb, factor * more
-    ahead, back, now = coulomb * (1.0 + a), coulomb * (1.0 - a), more * curve
+    ahead, back, stribeck = coulomb * (1.0 + a), coulomb * (1.0 - a), more * curve
     damp_ahead, damp_back = damping * (1.0 + b), damping * (1.0 - b)
-    return ahead + now, back + now, ahead + more, back + more, damp_ahead, damp_back, mass
+    return ahead + stribeck, back + stribeck, ahead + more, back + more, damp_ahead, damp_back, mass
 
 
 @jit
@@ -322,17 +337,17 @@ def sample(law, h, n_substeps, held, before, u, loaded, load, time, x, v):
     """
     _, _, _, _, _, _, stribeck, cubic, center, stiffness, damping, lower, upper = law[:13]
     offset, drift, gradient, place, bent = law[13:]
-    way = 0.0 if held > 0.0 else u - before
+    change = 0.0 if held > 0.0 else u - before
     for i in range(n_substeps):
-        start = before + way * (i / n_substeps) + offset + drift * (time + i * h)
-        end = before + way * ((i + 1) / n_substeps) + offset + drift * (time + (i + 1) * h)
+        start = before + change * (i / n_substeps) + offset + drift * (time + i * h)
+        end = before + change * ((i + 1) / n_substeps) + offset + drift * (time + (i + 1) * h)
         factor = loaded + (load - loaded) * ((i + 0.5) / n_substeps)
         x1, v1, force, curve, local = x, v, 0.0, 0.0, 0.0
         for k in range(2 if bent > 0.0 else 1):
-            own, _, _, _ = spring(x1, v1, cubic, center, stiffness, damping, lower, upper)
+            held_force, _, _, _ = spring(x1, v1, cubic, center, stiffness, damping, lower, upper)
             level, _ = bell(v1, stribeck)
-            share, _ = along(x1, gradient, place)
-            force = own if k == 0 else 0.5 * (force + own)
+            share, _ = gradient_factor(x1, gradient, place)
+            force = held_force if k == 0 else 0.5 * (force + held_force)
             curve = level if k == 0 else 0.5 * (curve + level)
             local = share if k == 0 else 0.5 * (local + share)
             friction = resistance(law, curve, factor * local)
@@ -382,7 +397,7 @@ def loaded_mass_step(u, c, s):
     return s[0]
 
 
-# columns of the own derivatives, in the order of the law
+# columns of the derivatives by the operator's own parameters, in the order of the law
 _M, _D, _B, _FC, _A, _FD, _VS, _K3, _X0, _KS, _DS, _LOWER, _UPPER, _U0, _R, _C, _OWN = range(17)
 
 
@@ -391,7 +406,7 @@ def friction_tangents(law, curve, dcurve, factor, dfactor, by):
     """Write the derivatives of the values of :func:`resistance` to ``by``.
 
     ``dcurve`` (n,) are those of the value of the Stribeck curve, ``dfactor`` (n,) those of the
-    factor; the own ones come last.
+    factor; the last columns are by the operator's own parameters.
     """
     damping, b, coulomb, a, more = law[1], law[2], law[3], law[4], law[5]
     n = by.shape[1]
@@ -416,24 +431,25 @@ def friction_tangents(law, curve, dcurve, factor, dfactor, by):
 
 @jit
 def force_tangents(law, x, v, d, share, dforce, dcurve, dlocal):
-    """Add ``share`` of the derivatives of what is held over a substep, at x and v.
+    """Add ``share`` times the derivatives of the quantities that are held over a substep.
 
-    Spring and stops, the Stribeck curve, and the factor along the way, which are returned. ``d``
-    (2, n) are those of x and v.
+    These are the force of spring and stops, the Stribeck curve, and the factor of friction that
+    depends on the displacement, at x and v, whose derivatives are ``d`` (2, n). Returns their
+    values.
     """
     _, _, _, _, _, _, stribeck, cubic, center, stiffness, damping, lower, upper = law[:13]
     force, by_x, by_v, depth = spring(x, v, cubic, center, stiffness, damping, lower, upper)
     curve, slope = bell(v, stribeck)
-    local, rise = along(x, law[_C], law[_C + 1])
+    local, rise = gradient_factor(x, law[_C], law[_C + 1])
     n = dforce.size
     first = n - _OWN
     for k in range(n):
         dforce[k] += share * (by_x * d[0, k] + by_v * d[1, k])
         dcurve[k] += share * slope * d[1, k]
         dlocal[k] += share * rise * d[0, k]
-    way = x - center
-    dforce[first + _K3] += share * way * way * way
-    dforce[first + _X0] -= share * 3.0 * cubic * way * way
+    distance = x - center
+    dforce[first + _K3] += share * distance * distance * distance
+    dforce[first + _X0] -= share * 3.0 * cubic * distance * distance
     dforce[first + _KS] += share * depth
     if depth != 0.0:
         dforce[first + _DS] += share * v
@@ -461,12 +477,13 @@ def free_mass_tangents(
     dstart[m + _U0] = dend[m + _U0] = 1.0
     for k in range(u.size):
         if begun > 0.0:
-            way = 0.0 if held > 0.0 else u[k] - before
+            drive_change = 0.0 if held > 0.0 else u[k] - before
             for i in range(n_substeps):
+                # forces at both ends of the substep and their tangents, as in `sample`
                 first, last = i / n_substeps, (i + 1) / n_substeps
                 ramp = time + i * h, time + (i + 1) * h
-                start = before + way * first + offset + drift * ramp[0]
-                end = before + way * last + offset + drift * ramp[1]
+                start = before + drive_change * first + offset + drift * ramp[0]
+                end = before + drive_change * last + offset + drift * ramp[1]
                 for q in range(m):
                     change = 0.0 if held > 0.0 else du[k, q] - du[k - 1, q]
                     dstart[q] = du[k - 1, q] + change * first
@@ -476,6 +493,7 @@ def free_mass_tangents(
                 dstart[m + _R], dend[m + _R] = ramp
                 mean = factor[k - 1] + (factor[k] - factor[k - 1]) * (0.5 * (first + last))
                 x1, v1, force, curve, local = x, v, 0.0, 0.0, 1.0
+                # both passes start from the same state, the second with the means of both ends
                 for q in range(n):
                     old[0, q], old[1, q] = d[0, q], d[1, q]
                     dtotal[q] = dmean[q]
@@ -653,7 +671,7 @@ class FreeMassOperator(HeldInput):
     def _law(self):
         known = self.parameter_specs()
         names = [f.name for f in dataclasses.fields(self) if "parameter" in f.metadata][:-1]
-        own = dict(zip(names, (float(getattr(self, name)) for name in names), strict=True))
+        values = dict(zip(names, (float(getattr(self, name)) for name in names), strict=True))
         for name in (
             "stribeck_force",
             "cubic_stiffness",
@@ -661,9 +679,9 @@ class FreeMassOperator(HeldInput):
             "stop_stiffness",
             "friction_gradient",
         ):
-            own[name] = own[name] if name in known else 0.0
+            values[name] = values[name] if name in known else 0.0
         place = self.friction_center if math.isfinite(self.friction_center) else 0.0
-        return *own.values(), float(place), float(self._is_bent)
+        return *values.values(), float(place), float(self._is_bent)
 
     def resampled(self, own, dt):
         return super().resampled(own, dt) if self._is_bent else self
@@ -692,9 +710,9 @@ class FreeMassOperator(HeldInput):
         u, du, factor, dfactor = map(as_signal, signals)
         x, v, before, time, begun = state
         out, dout = np.empty(u.size), np.empty((u.size, d.shape[1]))
-        own = self._law(), *self._constants(dt)[:3]
+        law = self._law(), *self._constants(dt)[:3]
         run = u, du, factor, dfactor, before, time, begun, x, v
-        free_mass_tangents(*own, *run, d, out, dout)
+        free_mass_tangents(*law, *run, d, out, dout)
         return out, dout
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
@@ -717,22 +735,23 @@ class FreeMassOperator(HeldInput):
         u, (x, v, before, time, begun, loaded) = as_signal(u), state
         if not u.size:
             return np.empty(0), state
-        out, own = np.empty(u.size), (self._law(), *self._constants(dt)[:3])
+        out, law = np.empty(u.size), (self._law(), *self._constants(dt)[:3])
         run = u, as_signal(factor), before, loaded, time, begun, x, v
-        x, v, time = free_mass_run(*own, *run, out)
+        x, v, time = free_mass_run(*law, *run, out)
         return out, (x, v, float(u[-1]), time, 1.0, float(factor[-1]))
 
     def scaled_step(self, dt, state):
-        own = {"n_inputs": 2, "double_only": _ADDS_UP}
-        return CompiledLaw(loaded_mass_step, self._constants(dt), state, **own)
+        options = {"n_inputs": 2, "double_only": _ADDS_UP}
+        return CompiledLaw(loaded_mass_step, self._constants(dt), state, **options)
 
     def scaled_sensitivities(self, u, du, factor, dfactor, dt, initial_state="rest"):
         m, p = du.shape[1], dfactor.shape[1]
         state = self.init(u[0] if len(u) else 0.0, initial_state)
-        # the start takes a column of the input's: a start at the intercept is its displacement
-        d, none = np.zeros((2, p + 1 + _OWN)), np.zeros((len(u), p + 1 - m))
+        # one column more among those of the input: the displacement at the start, which is the
+        # intercept
+        d, empty = np.zeros((2, p + 1 + _OWN)), np.zeros((len(u), p + 1 - m))
         d[0, p] = float(isinstance(initial_state, str))
-        signals = np.column_stack([du, none]), factor, np.column_stack([dfactor, none[:, :1]])
+        signals = np.column_stack([du, empty]), factor, np.column_stack([dfactor, empty[:, :1]])
         y, dy = self._tangents((u, *signals), dt, state, d)
         law = [name for name, _ in Operator.parameter_specs(self).items() if name != "intercept"]
         known = self.parameter_specs()
@@ -740,18 +759,18 @@ class FreeMassOperator(HeldInput):
         return y, np.ascontiguousarray(dy[:, [*range(m), *columns, p, *range(m, p)]])
 
     def scaled_by_start(self, u, factor, dt, start):
-        d, none = np.zeros((2, 2 + _OWN)), np.zeros((len(u), 2))
+        d, empty = np.zeros((2, 2 + _OWN)), np.zeros((len(u), 2))
         d[0, 0] = d[1, 1] = 1.0
-        signals, state = (u, none, factor, none), self.init(u[0], start)
+        signals, state = (u, empty, factor, empty), self.init(u[0], start)
         return self._tangents(signals, dt, state, d)[1][:, :2].copy()
 
     def starts(self, u, y, dt):
-        found = [np.array([y[0], 0.0])]
+        candidates = [np.array([y[0], 0.0])]
         for window in _STARTING:
             if window <= len(y):
                 line = np.polynomial.Polynomial.fit(dt * np.arange(window), y[:window], 2)
-                found.append(np.array([line(0.0), line.deriv()(0.0)]))
-        return found
+                candidates.append(np.array([line(0.0), line.deriv()(0.0)]))
+        return candidates
 
     def fastest_rate(self, reach=0.0):
         """Return the fastest rate of the dynamics that are not exact in one substep, rad/s.
@@ -776,7 +795,7 @@ class FreeMassOperator(HeldInput):
         return float(max(math.sqrt(stiffness / m), *rates))
 
 
-_ADDS_UP = "a mass without a spring, which adds up what every sample is rounded by"
+_ADDS_UP = "a mass without a spring, which accumulates the rounding of every sample"
 _STARTING = (3, 10, 30, 100)  # samples from which a velocity at the start is estimated
 
 
@@ -977,67 +996,67 @@ class FreeMass(ParametricModel):
             values of those.
         """
         scales = _Scales.of(records)
-        found = [] if near is None else self._richer(near, scales)
+        starts = [] if near is None else self._richer(near, scales)
         for window in WINDOWS:
             usable = [r for r in records if len(r.u) > 2 * window + 4]
             if sum(len(r.u) - 2 * window for r in usable) < _FEWEST:
                 break
-            found += self._balanced(usable, window, scales)
-        found = found or self._guessed(scales)
+            starts += self._balanced(usable, window, scales)
+        starts = starts or self._guessed(scales)
         hold = "foh" if self.hold == "auto" else self.hold
         y0 = float(np.mean([r.y[0] for r in records])) if self.fit_intercept else 0.0
         start = {} if self.initial_state == "estimate" else {"intercept": y0}
-        found = [dataclasses.replace(one, hold=hold, **start) for one in found]
-        return [self._divided(one, records, _MOST_COARSE) for one in found]
+        starts = [dataclasses.replace(operator, hold=hold, **start) for operator in starts]
+        return [self._divided(operator, records, _MOST_COARSE) for operator in starts]
 
     def _richer(self, near, scales):
-        """Return operators with little of each force that an operator does not have."""
-        found, little = [], _LITTLE * scales.force
+        """Return operators with a small value of each force that the model has and ``near`` not."""
+        operators, little = [], _LITTLE * scales.force
         speeds = _SPEEDS if self.stribeck and not math.isfinite(near.stribeck_velocity) else [None]
         for speed, stops in product(speeds, self._stops(scales)):
-            more = {}
+            forces = {}
             if self.friction and not near.friction:
-                more["friction"] = little
+                forces["friction"] = little
             if self.damping_asymmetry and not near.damping_asymmetry:
-                more["damping_asymmetry"] = _LITTLE
+                forces["damping_asymmetry"] = _LITTLE
             if speed is not None:
-                more |= {"stribeck_force": little, "stribeck_velocity": speed * scales.speed}
+                forces |= {"stribeck_force": little, "stribeck_velocity": speed * scales.speed}
             if self.friction_gradient and not math.isfinite(near.friction_center):
-                more["friction_center"] = scales.middle
+                forces["friction_center"] = scales.middle
             if self.cubic_stiffness and not math.isfinite(near.center):
                 stiffness = little / scales.length**3
-                more |= {"cubic_stiffness": stiffness, "center": scales.middle}
-            found.append(dataclasses.replace(near, **more, **stops))
-        return found
+                forces |= {"cubic_stiffness": stiffness, "center": scales.middle}
+            operators.append(dataclasses.replace(near, **forces, **stops))
+        return operators
 
     def _stops(self, scales):
         """Return possible stops, parameters of an operator each; one empty set without any."""
         if not (self.lower_stop or self.upper_stop):
             return [{}]
-        found = []
+        sets = []
         for part in _ENDS:
             stiffness = _STIFF * scales.swing / ((1.0 - part) * scales.length)
-            own = {"stop_stiffness": stiffness}
+            stop = {"stop_stiffness": stiffness}
             if self.lower_stop:
-                own["lower"] = scales.middle - part * scales.length
+                stop["lower"] = scales.middle - part * scales.length
             if self.upper_stop:
-                own["upper"] = scales.middle + part * scales.length
-            found.append(own)
-        return found
+                stop["upper"] = scales.middle + part * scales.length
+            sets.append(stop)
+        return sets
 
     def _balanced(self, records, window, scales):
-        """Return operators from the balance of forces, each term of which is linear."""
+        """Return operators from the balance of forces, a regression of the drive on its terms."""
         x, v, a, u, time = _motion(records, window)
-        found = []
+        operators = []
         speeds = [part * scales.speed for part in _SPEEDS] if self.stribeck else [math.inf]
         slow = _SLOW if self.friction or self.stribeck else (0.0,)
         for part, speed, stops in product(slow, speeds, self._stops(scales)):
-            # at rest friction is whatever it has to be
+            # while the mass sticks, friction is not given by its law: those rows are left out
             moves = np.abs(v) > part * scales.speed if part else np.ones(len(v), dtype=bool)
             if moves.sum() < _FEWEST:
                 continue
             sign = np.sign(v)
-            way = (x - scales.middle) / scales.length
+            position = (x - scales.middle) / scales.length
             columns = {"mass": a, "damping": v}
             if self.damping_asymmetry:
                 columns["asymmetric"] = np.abs(v)
@@ -1048,13 +1067,14 @@ class FreeMass(ParametricModel):
             if self.stribeck:
                 columns["stribeck_force"] = sign * np.exp(-np.minimum((v / speed) ** 2, 700.0))
             if self.friction_gradient:
-                columns["along"] = sign * way
+                columns["along"] = sign * position
             if self.cubic_stiffness:
-                columns |= {"cube": way**3, "square": way**2, "line": way}
+                columns |= {"cube": position**3, "square": position**2, "line": position}
             if self.fit_force_offset or self.cubic_stiffness:
                 columns["constant"] = np.ones(len(v))
             if self.fit_force_drift:
                 columns["force_drift"] = -time
+            # rows within an assumed stop are left out too: its force is not among the columns
             free = np.ones(len(v), dtype=bool)
             for side, sign_of in (("lower", -1.0), ("upper", 1.0)):
                 if side in stops:
@@ -1064,53 +1084,55 @@ class FreeMass(ParametricModel):
                 continue
             matrix = np.column_stack(list(columns.values()))[rows]
             factors, _ = least_squares(matrix, u[rows])
-            own = dict(zip(columns, factors.tolist(), strict=True))
-            one = self._operator(own, speed, stops, scales)
-            if one is not None:
-                found.append(one)
-        return found
+            by_name = dict(zip(columns, factors.tolist(), strict=True))
+            operator = self._operator(by_name, speed, stops, scales)
+            if operator is not None:
+                operators.append(operator)
+        return operators
 
-    def _operator(self, own, speed, stops, scales):
+    def _operator(self, factors, speed, stops, scales):
         """Return the operator of the factors of a force balance, None without a positive mass."""
-        if not own["mass"] > 0.0:
+        if not factors["mass"] > 0.0:
             return None
         little = _LITTLE * scales.force
-        more = {"damping": max(own["damping"], 1e-3 * own["mass"] / scales.span)}
+        parameters = {"damping": max(factors["damping"], 1e-3 * factors["mass"] / scales.span)}
         if self.damping_asymmetry:
-            more["damping_asymmetry"] = _within(own["asymmetric"] / more["damping"])
+            parameters["damping_asymmetry"] = _within(factors["asymmetric"] / parameters["damping"])
         if self.friction:
-            more["friction"] = own["friction"] if own["friction"] > 0.0 else little
-            if "ahead" in own:
-                more["friction_asymmetry"] = _within(own["ahead"] / more["friction"])
+            parameters["friction"] = factors["friction"] if factors["friction"] > 0.0 else little
+            if "ahead" in factors:
+                parameters["friction_asymmetry"] = _within(
+                    factors["ahead"] / parameters["friction"]
+                )
         if self.stribeck:
-            force = own["stribeck_force"] if own["stribeck_force"] > 0.0 else little
-            more |= {"stribeck_force": force, "stribeck_velocity": speed}
+            force = factors["stribeck_force"] if factors["stribeck_force"] > 0.0 else little
+            parameters |= {"stribeck_force": force, "stribeck_velocity": speed}
         if self.friction_gradient:
-            more["friction_center"] = scales.middle
-            level = more.get("friction", 0.0) + more.get("stribeck_force", 0.0)
+            parameters["friction_center"] = scales.middle
+            level = parameters.get("friction", 0.0) + parameters.get("stribeck_force", 0.0)
             if level:
-                more["friction_gradient"] = _within(own["along"] / level) / scales.length
-        offset = -own.get("constant", 0.0)
+                parameters["friction_gradient"] = _within(factors["along"] / level) / scales.length
+        offset = -factors.get("constant", 0.0)
         if self.cubic_stiffness:
-            cube, square = own["cube"], own["square"]
+            cube, square = factors["cube"], factors["square"]
             shift = _within(-square / (3.0 * cube)) if cube else 0.0
-            more["cubic_stiffness"] = cube / scales.length**3
-            more["center"] = scales.middle + shift * scales.length
+            parameters["cubic_stiffness"] = cube / scales.length**3
+            parameters["center"] = scales.middle + shift * scales.length
             offset -= cube * shift**3
         if self.fit_force_offset:
-            more["force_offset"] = offset
+            parameters["force_offset"] = offset
         if self.fit_force_drift:
-            more["force_drift"] = own["force_drift"]
-        return FreeMassOperator(own["mass"], **more, **stops)
+            parameters["force_drift"] = factors["force_drift"]
+        return FreeMassOperator(factors["mass"], **parameters, **stops)
 
     def _guessed(self, scales):
         """Return operators of records that are too short for a force balance."""
         mass = scales.force * scales.span**2 / scales.length
-        none = FreeMassOperator(mass)
+        plain = FreeMassOperator(mass)
         return [
-            dataclasses.replace(one, mass=mass * part, damping=mass * part / scales.span)
+            dataclasses.replace(richer, mass=mass * part, damping=mass * part / scales.span)
             for part in (0.01, 0.1, 1.0)
-            for one in self._richer(none, scales)
+            for richer in self._richer(plain, scales)
         ]
 
     def _divided(self, operator, records, most):
@@ -1144,28 +1166,31 @@ class FreeMass(ParametricModel):
 
     def _shot(self, starts, pieces):
         """Return the results of starts fitted to pieces of records, and the evaluations."""
-        found, evaluations = [], 0
-        # the time since the first sample is not that since the start of a piece
+        operators, evaluations = [], 0
+        # the force drift is a function of the time since the start of the record, not of the piece:
+        # it is held, at its mean, as a force offset
         held = self.held_parameters() | {"intercept", "force_drift"}
-        for one in starts:
-            drift = one.force_drift if self.fit_force_offset else 0.0
+        for start in starts:
+            drift = start.force_drift if self.fit_force_offset else 0.0
             later = 0.5 * drift * _span(pieces) if drift else 0.0
-            still = dataclasses.replace(one, force_drift=0.0, force_offset=one.force_offset + later)
+            still = dataclasses.replace(
+                start, force_drift=0.0, force_offset=start.force_offset + later
+            )
             result, _ = estimate_start_values(
-                still if drift else one,
+                still if drift else start,
                 (),
                 pieces,
                 fixed=held,
-                method=self._roughly(),
+                method=rough_method(self.method),
                 with_errors=False,
             )
             evaluations += result.n_evaluations
-            own = result.operator
+            operator = result.operator
             if drift:
-                offset = own.force_offset - later
-                own = dataclasses.replace(own, force_drift=drift, force_offset=offset)
-            found.append(own)
-        return found, evaluations
+                offset = operator.force_offset - later
+                operator = dataclasses.replace(operator, force_drift=drift, force_offset=offset)
+            operators.append(operator)
+        return operators, evaluations
 
     def _free(self, starts, data):
         """Return the result of a free run."""
@@ -1174,22 +1199,21 @@ class FreeMass(ParametricModel):
         options = {"fixed": self.held_parameters(), "method": self.method}
         return identify_from_own_starts(starts, data, **options)
 
-    def _roughly(self):
-        """Return the method for starting values, with no more evaluations than the fit itself."""
-        most = getattr(self.method, "max_evaluations", None) or ROUGHLY.max_evaluations
-        return dataclasses.replace(ROUGHLY, max_evaluations=min(most, ROUGHLY.max_evaluations))
-
     def adopt(self, result):
         if result.input_history is not None:  # from which the run of another record starts
             middle = float(result.input_history[:, 0].mean())
-            own = dataclasses.replace(result.operator, intercept=middle)
-            result = dataclasses.replace(result, operator=own)
+            centred = dataclasses.replace(result.operator, intercept=middle)
+            result = dataclasses.replace(result, operator=centred)
         return super().adopt(result)
 
 
 @dataclass(frozen=True)
 class _Scales:
-    """Sizes of what records contain: half range and middle of the response, and so on."""
+    """Scales of the data.
+
+    Half range and middle of the response, its root mean square velocity, root mean square and half
+    range of the drive, and the duration of the longest record.
+    """
 
     length: float
     middle: float
@@ -1219,7 +1243,7 @@ def _motion(records, window):
 
 
 def _within(share):
-    """Return a share that is inside of its bounds, with room to move."""
+    """Return a relative parameter limited to 0.9 of its bounds, so that a fit can move it."""
     return float(np.clip(share, -0.9, 0.9))
 
 
@@ -1228,8 +1252,8 @@ def _span(records):
 
 
 def _cut(records, count):
-    """Return each record in pieces with own starts; other rows have weight zero."""
-    found = []
+    """Return pieces of the records, which have start values of their own; see :class:`FreeMass`."""
+    pieces = []
     for record in records:
         n = len(record.u)
         edges = np.linspace(0, n, max(min(count, n // _FEWEST), 1) + 1).astype(int)
@@ -1237,5 +1261,5 @@ def _cut(records, count):
             part, counts = slice(start, stop), record.counts()[start:stop]
             if counts.any():
                 rows = {"u": record.u[part], "y": record.y[part], "weights": counts}
-                found.append(RecordData(dt=record.dt, **rows))
-    return found
+                pieces.append(RecordData(dt=record.dt, **rows))
+    return pieces

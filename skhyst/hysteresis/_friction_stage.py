@@ -130,10 +130,10 @@ def displacement_tangents(guess, free_d, b, f, law, vs, eta_w, eta_bristle, by):
 def friction(mode, law, h, q, p, f, u0, u1):
     """Return q, p and f after a substep; ``law`` is (w, Fs, c, vs, rho, zeta_b)."""
     w, fs, ratio, vs, rho, bristle = law
-    own = fs, ratio, 1.0 / (h * vs), rho, 2.0 * bristle / (w * h)
+    constants = fs, ratio, 1.0 / (h * vs), rho, 2.0 * bristle / (w * h)
     free_d, free_p = oscillator(mode, q, p, u0, u1)
-    delta, _, _ = displacement(h * w * p, free_d, mode[2], f, own)
-    delta, force, f = displacement(delta, free_d, mode[2], f, own)
+    delta, _, _ = displacement(h * w * p, free_d, mode[2], f, constants)
+    delta, force, f = displacement(delta, free_d, mode[2], f, constants)
     return q + delta, free_p - mode[3] * force, f
 
 
@@ -149,7 +149,7 @@ def friction_tangents(
     w, fs, ratio, vs, rho, bristle = law
     eta_bristle = 2.0 / (w * h)
     eta = bristle * eta_bristle
-    own = fs, ratio, 1.0 / (h * vs), rho, eta
+    constants = fs, ratio, 1.0 / (h * vs), rho, eta
     n_own = dout.shape[1] - du.shape[1]
     step = np.empty((3, PARAMETERS + n_own))
     by = np.zeros((3, OWN + 7))
@@ -167,7 +167,7 @@ def friction_tangents(
             by[0, P], by[0, _W] = h * w, h * p
             for _ in range(2):
                 delta, force, new = displacement_tangents(
-                    delta, free_d, loaded[2], f, own, vs, -eta / w, eta_bristle, by
+                    delta, free_d, loaded[2], f, constants, vs, -eta / w, eta_bristle, by
                 )
             move_tangents(loaded, mode_by, force, by, q, p, u0, u1, start, stop, step)
             q += delta
@@ -251,13 +251,13 @@ class FrictionStageOperator(OscillatorOperator, loops=(*loops(friction), frictio
         return specs | ends
 
     @property
-    def _way(self):
+    def _force_gradient(self):
         known = math.isfinite(self.friction_center)
         return (self.friction_gradient, self.friction_center) if known else (0.0, 0.0)
 
     def fastest_rate(self):
         # friction that changes along the way is a spring of either sign while the mass slides
-        spring = self.static_level * abs(self._way[0])
+        spring = self.static_level * abs(self._force_gradient[0])
         return float(self.natural_frequency * math.sqrt(1.0 + self.bristle_stiffness + spring))
 
     @property
@@ -333,9 +333,9 @@ class FrictionStageOperator(OscillatorOperator, loops=(*loops(friction), frictio
         return sign * q, sign * (target - q), by
 
     def _law(self, largest):
-        own = self.static_level, self.coulomb_ratio, self.stribeck_velocity
+        levels = self.static_level, self.coulomb_ratio, self.stribeck_velocity
         bristles = self.bristle_stiffness, self.bristle_damping
-        return tuple(map(float, (self.natural_frequency, *own, *bristles)))
+        return tuple(map(float, (self.natural_frequency, *levels, *bristles)))
 
 
 # starting values: presliding displacement as fraction of the response's half range; Stribeck
@@ -469,7 +469,7 @@ class FrictionStage(OscillatorModel):
         displacement, speed, ratio = law
         return LuGreOperator(displacement, speed, ratio, displacement).run(y, dt)[0][:, None]
 
-    def _own(self, law, gain, stiffness, level, swing):
+    def _own_parameters(self, law, gain, stiffness, level, swing):
         _, speed, ratio = law
         return {
             "static_level": level,

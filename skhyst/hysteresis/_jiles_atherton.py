@@ -371,8 +371,12 @@ class JilesAtherton(ParametricModel):
             JilesAthertonOperator(1.0, shape * field, pinning * field, coupling, *others)
             for shape, pinning, coupling in product(_SHAPES, _PINNINGS, _COUPLINGS)
         ]
-        ways = in_direction(starts[:1], records, self.held_parameters(), self.free_run_state)
-        return [dataclasses.replace(start, falling=way.falling) for way in ways for start in starts]
+        directed = in_direction(starts[:1], records, self.held_parameters(), self.free_run_state)
+        return [
+            dataclasses.replace(start, falling=choice.falling)
+            for choice in directed
+            for start in starts
+        ]
 
     def held_parameters(self) -> frozenset[str]:
         held = super().held_parameters()

@@ -93,6 +93,11 @@ class LuGreOperator(OneStateOperator, step=lugre_step):
     intercept : float, default=0.0
         Constant ``c`` in units of the response.
 
+    Raises
+    ------
+    ValueError
+        If the presliding displacement is not above 0.
+
     Notes
     -----
     The velocity is constant between samples and the bristles are stepped exactly, whatever their

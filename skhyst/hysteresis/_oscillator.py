@@ -25,10 +25,10 @@ that enter it (``FREE_D``: D without F, ``FREE_P``: p1 without F, then q, p, f, 
 the parameters themselves.
 
 A factor of the force, such as that of a load, is a straight line between samples and held at its
-mean over a substep. Where the force changes along the way by ``1 + c (q - q_f)``, but not below
-zero, this is held at its value half a substep ahead of the start. Both are of second order. The
-force enters by ``B F`` and ``B' F`` alone, so that a law under a factor is that law with B and B'
-times the factor (:func:`scaled`).
+mean over a substep. If the force depends on the displacement by a factor ``1 + c (q - q_f)``, not
+below zero, that is held at its value half a substep ahead of the start. Both are of second order.
+The force enters only as ``B F`` and ``B' F``, so a law under a factor is the same law with B and B'
+multiplied by the factor (:func:`scaled`).
 """
 
 import dataclasses
@@ -67,15 +67,15 @@ def decay(a):
         psi = 0.5 - a * chi
         phi = 1.0 - a * psi
         return a * phi, phi, psi, chi
-    gone, inverse = 1.0 - math.exp(-a), 1.0 / a
-    phi = gone * inverse
+    decayed, inverse = 1.0 - math.exp(-a), 1.0 / a
+    phi = decayed * inverse
     psi = (1.0 - phi) * inverse
-    return gone, phi, psi, (0.5 - psi) * inverse
+    return decayed, phi, psi, (0.5 - psi) * inverse
 
 
 @jit
-def along(x, gradient, place):
-    """Return the factor of a force at a displacement, and its slope."""
+def gradient_factor(x, gradient, place):
+    """Return the factor ``1 + gradient (x - place)`` of a force, not below zero, and its slope."""
     factor = 1.0 + gradient * (x - place)
     if factor > 0.0:
         return factor, gradient
@@ -84,16 +84,17 @@ def along(x, gradient, place):
 
 @jit
 def scaled(mode, factor, q, p):
-    """Return what a substep that begins at q and p takes as its mode, for a factor of the force.
+    """Return the constants of a substep from the state q, p, under a factor of the force.
 
-    ``mode`` is (A, A', B, B', R, R', gradient and centre of the force along the way, w h / 2). B
-    and B' of the force come third and fourth, those of the drive after R'. Then come the whole
-    factor, that along the way, its derivatives by q and by the gradient, and w h / 2.
+    ``mode`` is (A, A', B, B', R, R', gradient c and centre q_f of the force, w h / 2). The result
+    is (A, A', B and B' of the force, R, R', B and B' of the drive, the complete factor, the part of
+    it that depends on the displacement, the derivatives of the complete factor by q and by c,
+    w h / 2).
     """
     b, bp = mode[2], mode[3]
-    way = q + mode[8] * p - mode[7]
-    local, slope = along(way, mode[6], 0.0)
-    by_gradient = factor * way if local > 0.0 else 0.0
+    distance = q + mode[8] * p - mode[7]
+    local, slope = gradient_factor(distance, mode[6], 0.0)
+    by_gradient = factor * distance if local > 0.0 else 0.0
     total = factor * local
     return (
         mode[0], mode[1], total * b, total * bp, mode[4], mode[5], b, bp, total, local,
@@ -131,8 +132,8 @@ def sample(mode, law, h, n_substeps, before, u, loaded, load, q, p, f):
     for i in range(n_substeps):
         start, stop = i / n_substeps, (i + 1) / n_substeps
         u1 = before + (u - before) * stop
-        own = scaled(mode, mean_factor(loaded, load, start, stop), q, p)
-        q, p, f = step(own, law, h, q, p, f, u0, u1)
+        loaded_mode = scaled(mode, mean_factor(loaded, load, start, stop), q, p)
+        q, p, f = step(loaded_mode, law, h, q, p, f, u0, u1)
         u0 = u1
     return q, p, f
 
@@ -172,8 +173,8 @@ def loaded_step(u, c, s):
 
 def loops(substep):
     """Return the run and the compiled steps of a law, given its substep (see :func:`step`)."""
-    own = bind(sample, substep, inline=True)
-    return tuple(bind(loop, own) for loop in (run, compiled_step, loaded_step))
+    interval = bind(sample, substep, inline=True)
+    return tuple(bind(loop, interval) for loop in (run, compiled_step, loaded_step))
 
 
 @jit
@@ -218,6 +219,7 @@ def move_tangents(mode, mode_by, force, by, q, p, u0, u1, start, stop, step):
     parameters. The substep lasts from ``start`` to ``stop``, fractions of the sampling interval.
     """
     bp = mode[3]
+    # new q, p and f by the old ones: q1 = q + D, p1 = its value without F, less B' F
     a, b, c = by_state(mode, by, 0)
     e, f, g = by_state(mode, by, 1)
     x, y, z = by_state(mode, by, 2)
@@ -336,6 +338,10 @@ class OscillatorOperator(HeldInput):
     ------
     ValueError
         If ``n_substeps`` is not an integer above 0, or ``hold`` none of these.
+
+    Examples
+    --------
+    See :class:`FrictionStageOperator`.
     """
 
     holds = ("foh", "bandlimited")
@@ -344,7 +350,7 @@ class OscillatorOperator(HeldInput):
     at_once = False
     stage_order = 10
     _force = ("level", "hysteresis_stiffness")  # limit of the hysteretic force, its initial slope
-    _way = (0.0, 0.0)  # gradient of the force along the way, and where it has its own level
+    _force_gradient = (0.0, 0.0)  # c and q_f of a force that depends on the displacement
 
     def __init_subclass__(cls, loops, **options):
         super().__init_subclass__(**options)
@@ -451,8 +457,8 @@ class OscillatorOperator(HeldInput):
             "gain": self.gain / s,
             "intercept": origin + (self.intercept - origin) / s,
         }
-        own = self._parameters_under_feedback(s, feedback * (self.intercept - origin))
-        return dataclasses.replace(self, **(both | own))
+        parameters = self._parameters_under_feedback(s, feedback * (self.intercept - origin))
+        return dataclasses.replace(self, **(both | parameters))
 
     def inverse(self):
         """Return the operator from the response to the drive; it needs preview of the response."""
@@ -467,14 +473,14 @@ class OscillatorOperator(HeldInput):
         h = float(dt) / self.n_substeps
         ad, b0, b1, _, _ = self._mode.discrete(h)
         ahead = 0.5 * h * self._mode.natural_frequency
-        return np.array([ad[0, 1], ad[1, 1], *(b0 + b1), *b1, *self._way, ahead]), h
+        return np.array([ad[0, 1], ad[1, 1], *(b0 + b1), *b1, *self._force_gradient, ahead]), h
 
     def _substep_tangents(self, h):
         """Return the derivatives (2, 9) of the mode by frequency and damping ratio."""
         ad, b0, b1, _, _, _ = self._mode._discrete_tangents(h)
-        none, ahead = np.zeros((2, 2)), [0.5 * h, 0.0]
-        own = ad[:2, 0, 1], ad[:2, 1, 1], (b0 + b1)[:2], b1[:2]
-        return np.column_stack([*own, none, ahead])
+        zeros, ahead = np.zeros((2, 2)), [0.5 * h, 0.0]
+        derivatives = ad[:2, 0, 1], ad[:2, 1, 1], (b0 + b1)[:2], b1[:2]
+        return np.column_stack([*derivatives, zeros, ahead])
 
     def init(self, u0, initial_state="rest"):
         return self.scaled_init(u0, 1.0, initial_state)[:-1]
@@ -500,27 +506,27 @@ class OscillatorOperator(HeldInput):
     def _loaded_rest(self, u0, factor):
         """Return q and the hysteretic force at rest, and their derivatives (2, 1 + n_own + 1).
 
-        The derivatives are as in :meth:`_rest`, then those by the factor of the force. The rest is
-        that at the drive v without a factor for which ``v + (factor - 1) f = u0``; Newton's method
-        from zero gets there for a first loading that grows less and less.
+        The derivatives are as in :meth:`_rest`, then those by the factor of the force. The state is
+        that at rest, without a factor, under the drive v for which ``v + (factor - 1) f = u0``.
+        Newton's method from zero converges to it, since the force of a first loading is concave.
         """
-        gradient, place = self._way
+        gradient, place = self._force_gradient
         v = u0 if factor == 1.0 and gradient == 0.0 else 0.0
         for _ in range(_LOADINGS):
             q, force, by = self._rest(v)
-            local, slope = along(q, gradient, place)
-            more = factor * local - 1.0
-            error, by_v = u0 - v - more * force, 1.0 + more * by[1, 0]
+            local, slope = gradient_factor(q, gradient, place)
+            excess = factor * local - 1.0
+            error, by_v = u0 - v - excess * force, 1.0 + excess * by[1, 0]
             by_v += factor * slope * force * by[0, 0]
             if not abs(error) > _ROUNDING * max(abs(u0), abs(v)):
                 break
             v += error / by_v
-        dmore = factor * slope * by[0, 1:]
+        dexcess = factor * slope * by[0, 1:]
         if "friction_gradient" in self._sizes:  # the last of its own
-            dmore[-1] += factor * (q - place) * (local > 0.0)
-        dv = np.concatenate([[1.0], -more * by[1, 1:] - force * dmore, [-local * force]]) / by_v
-        own = np.pad(by[:, 1:], ((0, 0), (1, 1)))
-        return q, force, by[:, :1] * dv + own
+            dexcess[-1] += factor * (q - place) * (local > 0.0)
+        dv = np.concatenate([[1.0], -excess * by[1, 1:] - force * dexcess, [-local * force]]) / by_v
+        by_parameters = np.pad(by[:, 1:], ((0, 0), (1, 1)))
+        return q, force, by[:, :1] * dv + by_parameters
 
     def scaled_init(self, u0, factor, initial_state="rest"):
         if initial_state == "zero":
@@ -548,7 +554,7 @@ class OscillatorOperator(HeldInput):
     def scaled_sensitivities(self, u, du, factor, dfactor, dt, initial_state="rest"):
         u, factor, dfactor = as_signal(u), as_signal(factor), as_signal(dfactor)
         m, p, n_own = du.shape[1], dfactor.shape[1], self.n_parameters - 2
-        du = np.pad(as_signal(du), ((0, 0), (0, p - m)))  # the factor's own have no part in it
+        du = np.pad(as_signal(du), ((0, 0), (0, p - m)))  # parameters of the factor: zero
         d, dy = np.zeros((3, p + n_own)), np.empty((u.size, p + n_own + 2))
         if not u.size:
             return np.empty(0), dy
@@ -564,19 +570,19 @@ class OscillatorOperator(HeldInput):
         drive = u[first:], du[first:], np.append(loaded, factor[first:])
         past = np.concatenate([dfactor[:1], dfactor[first:]]), before, du[0]
         self._tangent_loop(*head, *drive, *past, *state, d, q[first:], dq[first:])
-        own = dy[:, m : m + n_own + 2]
+        by_own = dy[:, m : m + n_own + 2]
         dy[:, :m], dy[:, m + n_own + 2 :] = self.gain * dq[:, :m], self.gain * dq[:, m:p]
-        own[:, :-2], own[:, -2], own[:, -1] = self.gain * dq[:, p:], q, 1.0
+        by_own[:, :-2], by_own[:, -2], by_own[:, -1] = self.gain * dq[:, p:], q, 1.0
         return self.gain * q + self.intercept, dy
 
     def _force_characteristics(self, level):
         """Return characteristics of a hysteretic force up to ``level`` (drive), {} without one."""
         if not self.hysteresis_stiffness > 0.0:
             return {}
-        way = abs(self.gain) * level / self.hysteresis_stiffness
+        displacement = abs(self.gain) * level / self.hysteresis_stiffness
         return {
             "largest hysteretic force": (level, "drive"),
-            "presliding displacement": (way, "response"),
+            "presliding displacement": (displacement, "response"),
         }
 
 
@@ -597,7 +603,7 @@ _QUIET = 0.01  # the same for a start that is almost linear
 _N_STARTS = 12
 _LEAST_DAMPING, _MOST_DAMPING = 0.01, 10.0
 _COUPLINGS = (1.0, 3.0, 10.0)  # coupling spring over the stage's spring
-ROUGHLY = VariableProjection(tolerance=1e-5, max_evaluations=30)
+_ROUGH = VariableProjection(tolerance=1e-5, max_evaluations=30)
 _LAST_EVALUATIONS = 20
 
 
@@ -656,7 +662,7 @@ class OscillatorModel(ParametricModel):
         """Return the forces of a centred response (n_samples,) as columns, up to a factor each."""
 
     @abstractmethod
-    def _own(self, law, gain, stiffness, level, swing):
+    def _own_parameters(self, law, gain, stiffness, level, swing):
         """Return the operator's own parameters by name.
 
         The hysteretic force has the initial slope ``stiffness``, relative to the spring, and the
@@ -671,14 +677,18 @@ class OscillatorModel(ParametricModel):
         coefficients of the columns of :meth:`_forces`; if they are None, the hysteretic force is
         the fraction ``level`` of the drive's half range.
         """
-        way, gain, swing = law[0], mode.gain, scales[2]
-        stiffness = level * swing * abs(gain) / way if factors is None else factors[0] * gain
+        displacement, gain, swing = law[0], mode.gain, scales[2]
+        stiffness = (
+            level * swing * abs(gain) / displacement if factors is None else factors[0] * gain
+        )
         if not stiffness > 0.0:
             return None
-        own = self._own(law, gain, float(stiffness), float(stiffness * way / abs(gain)), swing)
+        parameters = self._own_parameters(
+            law, gain, float(stiffness), float(stiffness * displacement / abs(gain)), swing
+        )
         linear = mode.natural_frequency, mode.damping_ratio
-        own |= {"gain": gain, "intercept": mode.intercept, "hold": self.hold}
-        return self.operator_class(*linear, **own)
+        parameters |= {"gain": gain, "intercept": mode.intercept, "hold": self.hold}
+        return self.operator_class(*linear, **parameters)
 
     def _retries(self, stage, stages):
         """Return the starting stages to refine too, if the identified ``stage`` is degenerate."""
@@ -715,7 +725,7 @@ class OscillatorModel(ParametricModel):
                 fit_intercept=self.fit_intercept,
                 hold=self.hold,
                 initial_state=self.free_run_state,
-                method=self._roughly(),
+                method=rough_method(self.method),
             )
             mode = linear.identify(records).operator
         # a gain of zero would scale no hysteretic force
@@ -753,7 +763,7 @@ class OscillatorModel(ParametricModel):
         smooth = [weigh(np.pad(r.y - middle, _SMOOTH, mode="edge"), r.dt, _SMOOTH) for r in records]
         linear = [motion, np.ones(len(drive))] if self.fit_intercept else [motion]
         n_linear = 3 + self.fit_intercept
-        found = []
+        best_of_kind = []
         for kind, laws in enumerate(self._laws(length, speed)):
             stages = []
             for law in laws:
@@ -780,8 +790,8 @@ class OscillatorModel(ParametricModel):
                 if stage is not None:
                     stages.append((error, stage))
             if stages:
-                found.append((kind, min(stages, key=lambda entry: entry[0])[1]))
-        return found
+                best_of_kind.append((kind, min(stages, key=lambda entry: entry[0])[1]))
+        return best_of_kind
 
     def _error(self, stage, records, washout=0):
         """Return the residual sum of squares of the free run, gain and intercept solved.
@@ -808,7 +818,7 @@ class OscillatorModel(ParametricModel):
         driven = [
             dataclasses.replace(r, u=r.u + feedback * (r.y - origin), before=None) for r in records
         ]
-        stage = refine(self, coupled, driven, self._roughly(), with_errors=False)
+        stage = refine(self, coupled, driven, rough_method(self.method), with_errors=False)
         share = feedback * stage.operator.gain
         if not share < 1.0:
             return [], stage.n_evaluations
@@ -831,8 +841,8 @@ class OscillatorModel(ParametricModel):
         starts, evaluations = [], 0
         if stages[0].gain:
             for coupling in _COUPLINGS:
-                found, n = self._coupled(stages, data, coupling)
-                starts += found
+                coupled, n = self._coupled(stages, data, coupling)
+                starts += coupled
                 evaluations += n
         result = refine(self, [*starts, *stages], data)
         evaluations += result.n_evaluations
@@ -848,15 +858,16 @@ class OscillatorModel(ParametricModel):
             evaluations += result.n_evaluations
         return dataclasses.replace(result, n_evaluations=evaluations)
 
-    def _roughly(self):
-        """Return the method for starting values, with no more evaluations than the fit itself."""
-        most = getattr(self.method, "max_evaluations", None) or ROUGHLY.max_evaluations
-        return dataclasses.replace(ROUGHLY, max_evaluations=min(most, ROUGHLY.max_evaluations))
-
     def adopt(self, result):
         super().adopt(result)
         self.physical_ = result.operator.physical(self.mass)
         return self
+
+
+def rough_method(method):
+    """Return the method for starting values, with no more evaluations than that of the fit."""
+    most = getattr(method, "max_evaluations", None) or _ROUGH.max_evaluations
+    return dataclasses.replace(_ROUGH, max_evaluations=min(most, _ROUGH.max_evaluations))
 
 
 def around_largest_response(records, middle):

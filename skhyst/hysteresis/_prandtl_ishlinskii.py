@@ -43,8 +43,8 @@ from ..operators import (
 from ..records import with_lost_rows
 from ._common import as_fine_as_needed, in_direction, show
 
-# Thresholds of which a scan for further plays tries each. Between two of them the response of a
-# play changes by a hundredth of the drive's span at the most, and a play moves to its place.
+# Thresholds that are tried for further plays. From one to the next the response of a play changes
+# by a hundredth of the drive's span at most; a play that is added then moves to its best position.
 _SCAN = 64
 
 
@@ -63,7 +63,7 @@ class PlaySum(Superposition):
         self._require("weights", matching, f"have one value for each of the {r.size} thresholds")
 
     def finer(self, records):
-        """Return thresholds of a fine grid over the span of the drive; see the base."""
+        """Return thresholds of further plays: a fine grid over the span of the drive."""
         drives = [record.u for record in records]
         return play_thresholds(drives, _SCAN, drive_offset=self.drive_offset)[1:]
 
@@ -180,8 +180,8 @@ class PrandtlIshlinskiiOperator(PlaySum):
         v = as_signal(u - self.drive_offset)
         play_tangents(v, du, thresholds, sums, np.zeros(n_plays), dy)
         if self.form == "stop":
-            own = dy[:, m + 1 : m + n_plays]
-            np.subtract(v[:, None], own, out=own, where=self.thresholds > 0.0)
+            plays = dy[:, m + 1 : m + n_plays]
+            np.subtract(v[:, None], plays, out=plays, where=self.thresholds > 0.0)
             dy = np.delete(dy, m, axis=1)
         return y, dy
 
@@ -228,11 +228,11 @@ class PrandtlIshlinskiiOperator(PlaySum):
         du, dfactor = map(as_signal, both)
         signals = v, du, as_signal(factor), dfactor
         rate_play_tangents(*signals, zeros, thresholds, weights, zeros, np.zeros(n_plays), dy)
-        carried, offset, own, plays = np.split(dy, [m, m + 1, m + 1 + n_own], axis=1)
+        propagated, offset, by_factor, plays = np.split(dy, [m, m + 1, m + 1 + n_own], axis=1)
         y = plays @ weights + self.intercept
         if self.form == "stop":
             plays = np.where(self.thresholds > 0.0, v[:, None] - plays[:, 1:], plays[:, 1:])
-        return y, np.column_stack([carried, plays, np.ones(n), offset, own])
+        return y, np.column_stack([propagated, plays, np.ones(n), offset, by_factor])
 
     def characteristics(self, seen):
         """Return the width of the major loop over the range of the input, in % of its height."""

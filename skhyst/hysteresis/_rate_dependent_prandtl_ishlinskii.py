@@ -135,6 +135,8 @@ class RateDependentInverseOperator(InverseOperator):
             return drive, np.linalg.norm(back - y)
 
         best, smallest = advance(np.zeros(y.size))
+        # from rates averaged over about half the record to those of single intervals: each window
+        # starts from the best drive so far, close enough for the iteration to converge
         for half in [*(2 ** np.arange(max(y.size // 4, 1).bit_length())[::-1]), 0]:
             drive = best
             for _ in range(_PASSES):
@@ -178,13 +180,13 @@ class RateDependentInverseOperator(InverseOperator):
             before = error @ error
             for _halving in range(_TRIALS):
                 trial = drive - np.linalg.solve(square + damping**2 * size, matrix.T @ error)
-                found = residual(trial)
-                if found @ found < before:
+                trial_error = residual(trial)
+                if trial_error @ trial_error < before:
                     break
                 damping *= 4.0
             else:
                 break
-            drive, error, damping = trial, found, max(0.25 * damping, _DAMPING)
+            drive, error, damping = trial, trial_error, max(0.25 * damping, _DAMPING)
             if not error @ error < _GAIN**2 * before:
                 break
         return drive
@@ -386,8 +388,8 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
             propagated = propagated + (plays @ self.rate_weights)[:, None] * drates
         scaled = rates[:, None] * plays[:, : self.rate_weights.size]
         ones = np.ones((u.size, 1))
-        own = plays, scaled, ones, propagated[:, m:]
-        return y + self.intercept, np.hstack((propagated[:, :m], *own))
+        by_parameters = plays, scaled, ones, propagated[:, m:]
+        return y + self.intercept, np.hstack((propagated[:, :m], *by_parameters))
 
     def position_tangents(self, u, dt, initial_state="rest"):
         u = as_signal(u)
@@ -588,19 +590,19 @@ class RateDependentPrandtlIshlinskii(PlayModel):
             zeros if self.variant == "slope" else (),
             non_negative=self.non_negative,
         )
-        found = []
+        starts = []
         for time_constant in self._memories(records):
             start = replace(plain, smoothing=self.smoothing, time_constant=time_constant)
             if self.variant == "slope":
-                found.append(start)
+                starts.append(start)
                 continue
             half, fastest = 0.5 * largest_peak_to_peak(records), self._fastest(records, start)
             if self.variant == "proportional":
-                found += [replace(start, stretch=float(s)) for s in _STRETCHES / fastest]
+                starts += [replace(start, stretch=float(s)) for s in _STRETCHES / fastest]
             else:
-                found += [replace(start, dilation=float(g)) for g in half * _GROWTHS / fastest]
-        ways = in_direction(found[:1], records, self.held_parameters(), self.free_run_state)
-        return [replace(start, falling=way.falling) for way in ways for start in found]
+                starts += [replace(start, dilation=float(g)) for g in half * _GROWTHS / fastest]
+        directed = in_direction(starts[:1], records, self.held_parameters(), self.free_run_state)
+        return [replace(start, falling=choice.falling) for choice in directed for start in starts]
 
     def _memories(self, records):
         """Return starting time constants (s): two samples to a tenth of the longest record."""

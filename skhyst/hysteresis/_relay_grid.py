@@ -208,8 +208,8 @@ class RelayGridModel(ParametricModel):
 
     def identify(self, data):
         begin = time.perf_counter()
-        problem, found, cost = self._solved(data)
-        x, covariance, marks, undetermined, condition, freedom = found
+        problem, solution, cost = self._solved(data)
+        x, covariance, marks, undetermined, condition, freedom = solution
         n_samples, names = problem.segment_weight.sum(), problem.names
         variance = cost / max(n_samples - freedom, 1.0)
         covariance = variance * covariance
@@ -249,12 +249,12 @@ class RelayGridModel(ParametricModel):
         def solved(sign):
             signs = np.ones(len(gram))
             signs[-1] = sign
-            own = gram * np.outer(signs, signs), sign * shift, self.fit_intercept
-            x, *rest = _solve(*own, roughness, self.smoothness, self.non_negative)
+            equations = gram * np.outer(signs, signs), sign * shift, self.fit_intercept
+            x, *rest = _solve(*equations, roughness, self.smoothness, self.non_negative)
             cost = problem.total(problem.evaluate(sign * x, jacobian=False))[-1, -1]
             return (sign * x, *rest), float(cost)
 
-        found, cost = solved(1.0)
+        solution, cost = solved(1.0)
         n_samples, power = gram[-2, -2], gram[-1, -1] - gram[-1, -2] ** 2 / gram[-2, -2]
         if self.non_negative and cost > 0.5 * power:
             mirrored, least = solved(-1.0)
@@ -262,7 +262,7 @@ class RelayGridModel(ParametricModel):
                 operator = dataclasses.replace(operator, falling=True)
                 problem = OperatorProblem(operator, data, fixed=fixed, initial_state=state)
                 return problem, mirrored, least
-        return problem, found, cost
+        return problem, solution, cost
 
     def finish(self, result, records):
         super().finish(result, records)

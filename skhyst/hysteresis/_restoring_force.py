@@ -240,6 +240,11 @@ class RestoringForceOperator(OscillatorOperator, loops=(*loops(restoring), resto
     scale : float, default=1.0
         ``s`` in units of the drive, above 0. Fixed structure.
 
+    Raises
+    ------
+    ValueError
+        If ``scale`` is not above 0, or as for :class:`OscillatorOperator`.
+
     Notes
     -----
     State and substeps are those of :class:`OscillatorOperator`; at rest the preload has been
@@ -288,14 +293,14 @@ class RestoringForceOperator(OscillatorOperator, loops=(*loops(restoring), resto
         p, w = super().physical(mass), self.natural_frequency
         stiffness, drive_gain = p["stiffness"], p["drive_gain"]
         length = abs(self.gain) * self.scale
-        found = {"mass": p["mass"], "drive_gain": drive_gain, "alpha_1": stiffness}
+        quantities = {"mass": p["mass"], "drive_gain": drive_gain, "alpha_1": stiffness}
         for i, value in enumerate(self.stiffness_coefficients.tolist(), 1):
-            found[f"alpha_{2 * i + 1}"] = stiffness * value / length ** (2 * i)
-        found["lambda_1"] = p["damping"]
+            quantities[f"alpha_{2 * i + 1}"] = stiffness * value / length ** (2 * i)
+        quantities["lambda_1"] = p["damping"]
         for i, value in enumerate(self.damping_coefficients.tolist(), 1):
-            found[f"lambda_{2 * i + 1}"] = stiffness / w * value / (w * length) ** (2 * i)
+            quantities[f"lambda_{2 * i + 1}"] = stiffness / w * value / (w * length) ** (2 * i)
         displacement = self.presliding_displacement
-        return found | {
+        return quantities | {
             "alpha_s": stiffness * self.hysteresis_stiffness,
             "z_s": abs(drive_gain) * self.slip_level,
             "x_s": math.nan if displacement is None else displacement,
@@ -387,10 +392,10 @@ class RestoringForceOperator(OscillatorOperator, loops=(*loops(restoring), resto
         return q, z, by
 
     def _law(self, largest):
-        own = self.hysteresis_stiffness, self.slip_level, self.preload, self.scale
+        parameters = self.hysteresis_stiffness, self.slip_level, self.preload, self.scale
         bound = _LARGEST * (self.scale + largest)
         coefficients = self.stiffness_coefficients, self.damping_coefficients
-        return (*map(float, (*own, bound)), *map(as_signal, coefficients))
+        return (*map(float, (*parameters, bound)), *map(as_signal, coefficients))
 
 
 def _equilibrium(force, start, target):
@@ -548,7 +553,7 @@ class RestoringForce(OscillatorModel):
             return _odd(self.stiffness_degree)
         return list(range(2, _odd(self.stiffness_degree)[-1] + 1))
 
-    def _own(self, law, gain, stiffness, level, swing):
+    def _own_parameters(self, law, gain, stiffness, level, swing):
         return {
             "stiffness_coefficients": np.zeros(len(_odd(self.stiffness_degree))),
             "damping_coefficients": np.zeros(len(_odd(self.damping_degree))),

@@ -203,10 +203,11 @@ class SystemLevelOperator(Operator):
         h_s : float, default=0.0
             Weight of the drive's rate in (22), response s/drive.
         variant : {"integral", "printed"}, default="integral"
+            As for :class:`SystemLevelHysteresis`.
 
         Returns
         -------
-        operator : SystemLevelOperator
+        SystemLevelOperator
         """
         printed = variant == "printed"
         return cls(
@@ -229,8 +230,8 @@ class SystemLevelOperator(Operator):
         return 0.0, 0.0, last, float(np.sign(last))
 
     def compiled_step(self, dt, state):
-        own = self.slope, self.curvature, self.decay, self.intercept
-        constants = *own, self.rate_gain / dt, self.variant == "printed"
+        parameters = self.slope, self.curvature, self.decay, self.intercept
+        constants = *parameters, self.rate_gain / dt, self.variant == "printed"
         return CompiledLaw(system_level_step, constants, state)
 
     def _loop(self, u, du, dt, state, dlast, dy):

@@ -170,7 +170,7 @@ def _samples(shrinkage, tol):
 
 
 _BENDS = np.geomspace(0.5, 500.0, 7)  # starting values: gamma times the largest drive
-_STEP = 20.0  # its tanh is 1 to the last bit
+_STEP = 20.0  # gamma times the smallest drive of a step: its tanh is 1 to the last bit
 _NEGLIGIBLE = 1e-9  # relative to the largest drive: smaller samples count as zero
 _SIGNIFICANT = 3.84  # 95 % point of chi-squared, one degree of freedom
 _ROUNDING = 1e-12  # relative to the response

@@ -1,4 +1,4 @@
-"""Linear dynamics."""
+"""Linear dynamics: gains, lags, modes, delays, creep, transfer functions, frequency responses."""
 
 from ._delay import Delay, DelayOperator
 from ._dynamic_stiffness import DynamicStiffness, DynamicStiffnessOperator

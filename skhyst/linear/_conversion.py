@@ -23,8 +23,8 @@ from scipy.linalg import block_diag, expm, logm, schur, solve_sylvester
 
 from ._linear import complex_gain, refuse_open_hold
 
-_NO_POLE = 1e-12  # relative last coefficients of the characteristic polynomial of poles at zero
-_NOTHING = 1e-9  # of the largest value of an impulse response
+_NO_POLE = 1e-12  # relative coefficient of the characteristic polynomial that counts as zero
+_NOTHING = 1e-9  # value of an impulse response that counts as zero, relative to its largest
 
 
 def without_sampling(system, hold="foh"):
@@ -82,12 +82,13 @@ def _without_delays(a, b, c, d):
             "The 'system' must have its poles at z = 0 apart from the others. Got poles "
             f"{np.linalg.eigvals(a)} instead."
         )
+    # block-diagonal: the states of the other poles, decoupled from those at zero
     x = solve_sylvester(t[:n, :n], -t[n:, n:], -t[:n, n:])
     a1, b1, c1 = t[:n, :n], (z.T @ b)[:n] - x @ (z.T @ b)[n:], (c @ z)[:, :n]
     powers = [np.linalg.matrix_power(a, k) @ b for k in range(n_zero)]
-    pulse = np.array([d, *(c @ own for own in powers)])
-    own = [c1 @ np.linalg.matrix_power(a1, k) @ b1 for k in range(n_zero)]
-    fir = np.abs(pulse - np.array([0.0 * d, *own])) > _NOTHING * np.abs(pulse).max()
+    pulse = np.array([d, *(c @ response for response in powers)])
+    response = [c1 @ np.linalg.matrix_power(a1, k) @ b1 for k in range(n_zero)]
+    fir = np.abs(pulse - np.array([0.0 * d, *response])) > _NOTHING * np.abs(pulse).max()
     delays, b, d = np.zeros(b.shape[1]), b1.copy(), d.copy()
     for i in range(b.shape[1]):
         delay = int(np.max(np.flatnonzero(fir[:, :, i].any(axis=1)), initial=0))
@@ -148,8 +149,13 @@ def control_system(operator, delays=0.0, pade=None):
     control = _control()
     if pade is None or not np.any(delays):
         return control.ss(*_matrices(operator, delays))
-    late = [control.ss(control.tf(*control.pade(delay, pade))) for delay in np.ravel(delays)]
-    parts = [tuple(np.asarray(m) for m in (own.A, own.B, own.C, own.D)) for own in late]
+    approximants = [
+        control.ss(control.tf(*control.pade(delay, pade))) for delay in np.ravel(delays)
+    ]
+    parts = [
+        tuple(np.asarray(m) for m in (system.A, system.B, system.C, system.D))
+        for system in approximants
+    ]
     return control.ss(*_matrices(operator, 0.0)) * control.ss(*map(block_diag, *parts))
 
 

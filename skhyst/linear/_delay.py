@@ -42,8 +42,8 @@ def _delayed(signal, past, delay):
     first = max(m, back) - back
     parts = [whole[first + j : first + j + n] for j in range(4)]
     return tuple(
-        sum(w * part for w, part in zip(own, parts, strict=True))
-        for own in cubic_weights(back - delay)
+        sum(w * part for w, part in zip(weights, parts, strict=True))
+        for weights in cubic_weights(back - delay)
     )
 
 

@@ -66,6 +66,12 @@ class DynamicStiffnessOperator(Operator):
     smoothing : int, default=1
         Intervals over which a slope is taken. Fixed structure.
 
+    Raises
+    ------
+    ValueError
+        If ``smoothing`` is not above 0, ``drive`` is unknown, or there is a stiffness and the drive
+        is a velocity.
+
     Examples
     --------
     >>> from skhyst.linear import DynamicStiffnessOperator
@@ -127,9 +133,11 @@ class DynamicStiffnessOperator(Operator):
 
     def compiled_step(self, dt, state):
         weights, begin = stepped_slopes(dt, self.smoothing)
-        own = self.mass, self.damping, self.stiffness, self.intercept, self.drive == "velocity"
+        values = self.mass, self.damping, self.stiffness, self.intercept, self.drive == "velocity"
         n_slopes = self._n_past // self.smoothing
-        return CompiledLaw(stiffness_step, (weights, *own), np.tile(begin, n_slopes)).behind(state)
+        return CompiledLaw(stiffness_step, (weights, *values), np.tile(begin, n_slopes)).behind(
+            state
+        )
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
         u, m = as_signal(u), du.shape[1]
@@ -137,8 +145,8 @@ class DynamicStiffnessOperator(Operator):
         dy = np.zeros((u.size, m + len(values)))
         y = np.full(u.size, float(self.intercept))
         terms = self._terms(u, self.init(u[0], initial_state), dt)
-        carried = self._terms(du, samples_before((m,), self._n_past, initial_state), dt)
-        for i, (term, tangents) in enumerate(zip(terms, carried, strict=True)):
+        propagated = self._terms(du, samples_before((m,), self._n_past, initial_state), dt)
+        for i, (term, tangents) in enumerate(zip(terms, propagated, strict=True)):
             dy[:, m + i] = term
             y += values[i] * term
             dy[:, :m] += values[i] * tangents

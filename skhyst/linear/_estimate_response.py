@@ -134,6 +134,11 @@ def frequency_response(
         If a value is not finite, an input or the response is constant, the inputs are linearly
         dependent at all lines, or there are fewer segments or realisations than inputs.
 
+    See Also
+    --------
+    TransferFunction : A model that is fitted to it, by ``fit_frequency_response``.
+    ModalModel : Common modes of several inputs and responses.
+
     References
     ----------
     .. [1] Bendat and Piersol, *Random Data*, 2010, ch. 6, 7, 9.
@@ -177,7 +182,7 @@ def frequency_response(
             f"independent there. Got no such line with {method!r} instead; choose columns by "
             f"'inputs'."
         )
-    found = FrequencyResponse(
+    estimated = FrequencyResponse(
         frequency=lines / (samples * interval),
         **estimate,
         input_names=names,
@@ -185,7 +190,7 @@ def frequency_response(
         dt=interval,
         time_unit=slices[0].time_unit,
     )
-    return found._scaled(scales)
+    return estimated._scaled(scales)
 
 
 def _read(X, y, inputs, dt):
@@ -336,17 +341,17 @@ def _periodic(records, period, transient, min_excitation):
 
 def chosen_columns(inputs, names, count, caller):
     """Return the positions of the columns of X that are chosen by position or name."""
-    names, found = list(names), []
+    names, positions = list(names), []
     for wanted in inputs:
         if isinstance(wanted, str):
-            found.append(names.index(wanted) if wanted in names else None)
+            positions.append(names.index(wanted) if wanted in names else None)
         else:
             inside = isinstance(wanted, Integral) and -count <= wanted < count
-            found.append(int(wanted) % count if inside else None)
-    if not found or None in found or len(set(found)) < len(found):
+            positions.append(int(wanted) % count if inside else None)
+    if not positions or None in positions or len(set(positions)) < len(positions):
         named = f" or name ({names})" if names else ""
         raise ValueError(
             f"The 'inputs' parameter of {caller} must be 'all', or at least one column of X and "
             f"none twice, by position (below {count}){named}. Got {inputs!r} instead."
         )
-    return found
+    return positions

@@ -55,6 +55,11 @@ class FrequencyResponse:
     ValueError
         If the shapes do not match, the frequencies do not increase, or a value is not finite.
 
+    See Also
+    --------
+    frequency_response : Estimate one from a recording.
+    TransferFunction : Fit a model to one, by ``fit_frequency_response``.
+
     Examples
     --------
     >>> import numpy as np
@@ -129,6 +134,11 @@ class FrequencyResponse:
         Returns
         -------
         FrequencyResponse
+
+        Raises
+        ------
+        ValueError
+            If a delay is not finite, or their number is not that of the inputs.
         """
         delay = np.asarray(delay, dtype=float)
         if delay.shape not in ((), (1,), (self.n_inputs,)) or not np.isfinite(delay).all():
@@ -154,6 +164,11 @@ class FrequencyResponse:
         Returns
         -------
         FrequencyResponse
+
+        Raises
+        ------
+        ValueError
+            If ``hold`` is neither.
         """
         if hold not in ("foh", "zoh"):
             raise ValueError(
@@ -179,6 +194,11 @@ class FrequencyResponse:
         Returns
         -------
         FrequencyResponse
+
+        Raises
+        ------
+        ValueError
+            If ``order`` is not an integer.
         """
         if not isinstance(order, Integral):
             raise ValueError(
@@ -199,6 +219,11 @@ class FrequencyResponse:
         Returns
         -------
         FrequencyResponse
+
+        Raises
+        ------
+        ValueError
+            If no line lies between them.
         """
         kept = (self.frequency >= low) & (self.frequency <= high)
         if not kept.any():

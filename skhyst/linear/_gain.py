@@ -66,7 +66,13 @@ class GainOperator(Operator):
         return np.empty((0, 0)), np.empty(0), np.empty(0), np.empty(0), self.gain
 
     def inverse(self):
-        """Return the gain that undoes this one."""
+        """Return the inverse, also a gain.
+
+        Raises
+        ------
+        ValueError
+            If the gain is 0.
+        """
         self._require("gain", self.gain != 0.0, "not be 0 to have an inverse")
         return GainOperator(1.0 / self.gain, -self.intercept / self.gain)
 

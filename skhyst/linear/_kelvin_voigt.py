@@ -1,4 +1,4 @@
-"""Creep as a chain of Kelvin-Voigt units: Steinbusch (2020), (3.7), with k_0 in the gain."""
+"""Creep as a chain of Kelvin-Voigt units: Steinbusch (2020), (3.7), its k_0 part of the gain."""
 
 import warnings
 from dataclasses import dataclass, replace
@@ -17,13 +17,13 @@ from ._first_order_lag import FirstOrderLagOperator
 from ._gain import slope
 from ._linear import LinearModel, LinearOperator, log_grid, time_span
 
-_PER_DECADE = 2  # time constants of which a scan for further units tries each
+_PER_DECADE = 2  # time constants per decade that are tried for further units
 _SPREAD = 10.0  # ratio of neighbouring time constants at the start
 _KNOWN = 0.01  # largest relative standard error of a static gain that counts as determined
 _SLOWER = 10.0  # time constant of a unit that the records do not show, in lengths of the longest
 _SILENT = 1e-11  # fraction of a column's power below which the column is rounding error
 _SINGULAR = 1e-12  # smallest relative eigenvalue of the scaled normal equations
-_TOUCHED = 1e-3  # largest fraction of the gain's gradient in directions without information
+_TOUCHED = 1e-3  # largest part of the gain's gradient along undetermined directions, relative to it
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,11 @@ class KelvinVoigtOperator(LinearOperator):
         Coefficients c_i, relative to the prompt response.
     time_constants : ndarray of shape (n_units,)
         Times tau_i in s.
+
+    Raises
+    ------
+    ValueError
+        If there is not one time constant per compliance.
 
     Examples
     --------
@@ -59,7 +64,7 @@ class KelvinVoigtOperator(LinearOperator):
         self._require_size("time_constants", np.size(self.compliances), "compliance")
 
     def finer(self, records):
-        """Return time constants from two samples to the longest record; see the base."""
+        """Return time constants of further units, from two samples to the longest record."""
         dt, span = time_span(records)
         return log_grid(2.0 * dt, max(span, 4.0 * dt), _PER_DECADE)
 
@@ -68,8 +73,8 @@ class KelvinVoigtOperator(LinearOperator):
         order = np.argsort(self.time_constants, kind="stable")
         if np.all(np.diff(order) > 0):
             return self
-        own = {name: getattr(self, name)[order] for name in ("compliances", "time_constants")}
-        return replace(self, **own)
+        fields = {name: getattr(self, name)[order] for name in ("compliances", "time_constants")}
+        return replace(self, **fields)
 
     @property
     def n_poles(self):

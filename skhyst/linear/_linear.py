@@ -38,15 +38,16 @@ from ..operators import (
     tangent_system,
 )
 
-_SQUARED = 4.25  # norm above which `expm` squares: Al-Mohy and Higham, SIAM J. Matrix Anal., 2009
+# norm above which `expm` scales and squares: Al-Mohy and Higham, SIAM J. Matrix Anal. Appl., 2009
+_SQUARED = 4.25
 _SERIES = 1.0 / factorial(np.arange(20, 1, -1))  # of (exp(z) - 1 - z) / z^2, to rounding at 1
 _STEP = 1e-30  # complex step; far below rounding, far above underflow
 _BLOCK = 16  # samples that are advanced at once
-_LONG = 512  # samples from which on the table for blocks pays
+_LONG = 512  # number of samples above which a run in blocks saves more time than its table costs
 
 
 def refuse_open_hold(hold, possible=("foh", "zoh")):
-    """Refuse the hold "auto", which only a fit to records can decide, and holds without a form."""
+    """Refuse the hold "auto", which only a fit to records decides, and others not ``possible``."""
     if hold not in possible:
         raise ValueError(
             f"The 'hold' must be {' or '.join(map(repr, possible))} here: 'auto' is decided only "
@@ -70,7 +71,8 @@ def discretize(a, b, dt, hold):
     refuse_open_hold(hold)
     n = a.shape[-1]
     z = np.diagonal(a, axis1=-2, axis2=-1) * dt
-    # of triangular matrices `expm` squares in a loop of Python, and takes complex ones one by one
+    # `expm` is slow where it squares triangular matrices (a Python loop), and for complex ones,
+    # which it takes one by one; diagonal matrices have a closed form
     slow = np.iscomplexobj(a) or np.max(abs(z), initial=0.0) > _SQUARED
     if slow and np.array_equal(z[..., None] * np.eye(n), a * dt):
         e, phi1, phi2 = _exponentials(z)
@@ -127,6 +129,10 @@ class LinearOperator(HeldInput):
     hold : {"foh", "zoh", "bandlimited"}, default="foh"
         Input between samples: a straight line, constant, or without content above half the
         sampling rate. Fixed structure.
+
+    Examples
+    --------
+    See :class:`FirstOrderLagOperator`.
     """
 
     signal_linear = True
@@ -278,17 +284,24 @@ class LinearOperator(HeldInput):
         if (dt, "tangents") not in self._memory:
             a, b, c, d = self._stepped()
             by = [np.ascontiguousarray(part.imag / _STEP) for part in (a, b, b, c, d, b)]
-            moves = by[0].any(axis=(1, 2)) | by[1].any(axis=1)  # the others change the output alone
+            # parameters that change A or B; the others enter the output equation only
+            moves = by[0].any(axis=(1, 2)) | by[1].any(axis=1)
             if moves.any():
                 a, b = a[moves], b[moves]
-                found = *discretize(a, b, dt, self.hold), _equilibrium(a, b, self.integrators)
-                for place, part in zip((0, 1, 2, 5), found, strict=True):
-                    by[place][moves] = part.imag / _STEP
+                parts = *discretize(a, b, dt, self.hold), _equilibrium(a, b, self.integrators)
+                for position, part in zip((0, 1, 2, 5), parts, strict=True):
+                    by[position][moves] = part.imag / _STEP
             self._memory[dt, "tangents"] = by
         return self._memory[dt, "tangents"]
 
     def inverse(self):
-        """Return the operator from the response to the drive; it is not causal."""
+        """Return the operator from the response to the drive; it is not causal.
+
+        Raises
+        ------
+        ValueError
+            If there are integrators.
+        """
         self._require("integrators", not self.integrators, "be 0 to have an inverse from a rest")
         return InverseLinearOperator(self)
 
@@ -354,7 +367,7 @@ class LinearOperator(HeldInput):
         return np.concatenate([y, rest]), x
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
-        y, dy = self._tangents(u, du, dt, initial_state, own=True)
+        y, dy = self._tangents(u, du, dt, initial_state, by_parameters=True)
         at = du.shape[1]
         for name, size in self._sizes.items():
             if name == "intercept":
@@ -365,33 +378,33 @@ class LinearOperator(HeldInput):
     def propagate(self, u, du, dt, initial_state="rest"):
         if du.shape[1] == 0:
             return super().propagate(u, du, dt, initial_state)
-        return self._tangents(u, du, dt, initial_state, own=False)
+        return self._tangents(u, du, dt, initial_state, by_parameters=False)
 
-    def _tangents(self, u, du, dt, initial_state, own):
-        """Return the output and its tangents, ``own`` ones behind those of the input or none."""
+    def _tangents(self, u, du, dt, initial_state, by_parameters):
+        """Return the output and its tangents: of the input, then, if asked for, by parameters."""
         start = np.zeros(len(self._rest()))
         if not isinstance(initial_state, str):  # the states at the first sample
             initial_state, start = "start", np.array(initial_state, dtype=float)
-        key = dt, initial_state, own
+        key = dt, initial_state, by_parameters
         if key not in self._memory:
             self._memory[key] = self._tangent_system(*key)
         y, dy = state_space_tangents(self._memory[key], start, as_signal(u), as_signal(du))
         return y + self.intercept, dy
 
-    def _tangent_system(self, dt, initial_state, own):
+    def _tangent_system(self, dt, initial_state, by_parameters):
         """Return what the tangents of every input have in common."""
         discrete, rest = self.discrete(dt), self._rest()
         n = len(rest)
         shapes = (n, n), (n,), (n,), (n,), (), (n,)
-        none = [np.empty((0, *shape)) for shape in shapes]
-        *by, rest_by = self._discrete_tangents(dt) if own else none
-        led = self.init(1.0, initial_state)[1] if initial_state != "start" else None
+        empty = [np.empty((0, *shape)) for shape in shapes]
+        *by, rest_by = self._discrete_tangents(dt) if by_parameters else empty
+        last_input = self.init(1.0, initial_state)[1] if initial_state != "start" else None
         if initial_state != "rest":
-            # a last input of zero is as a state of B1 times the first one at the first sample
+            # from a zero state with a last input of zero, the first sample moves it to B1 u[0]
             rest, rest_by = np.zeros(n), np.zeros_like(rest_by)
-            if led is not None:
+            if last_input is not None:
                 rest, rest_by = discrete[2], by[2]
-        return tangent_system(discrete, by, rest, rest_by, bool(led))
+        return tangent_system(discrete, by, rest, rest_by, bool(last_input))
 
 
 class LinearModel(ParametricModel):

@@ -25,7 +25,9 @@ from ._linear import LinearModel, log_grid, refuse_open_hold, time_span
 _SPACING = 0.8  # between the logarithms of neighbouring rates
 _FASTEST = 12.0  # largest rate times the shortest time: such a unit has decayed to exp(-12) then
 _SLOWEST = 0.01  # smallest rate times the longest time
-_PROMPT = 60  # still faster units, lumped into the fastest one, to exp(-48) of its time constant
+# number of still faster units, lumped into the fastest one; the time constant of the last of them
+# is exp(-48) of that
+_PROMPT = 60
 _DECADE = 1.0 / np.log(10.0)
 _SHORTEST = 0.1  # shortest time of a fit, in sampling intervals
 _LONGEST = 10.0  # longest time of a fit, in lengths of the longest record
@@ -117,6 +119,11 @@ class LogCreepOperator(HeldInput):
         Input between samples: a straight line, constant, or without content above half the sampling
         rate. Fixed structure.
 
+    Raises
+    ------
+    ValueError
+        If ``shortest`` is not above 0, or ``longest`` is infinite or below it.
+
     Examples
     --------
     >>> import numpy as np
@@ -165,9 +172,9 @@ class LogCreepOperator(HeldInput):
         """Return the decay of each unit and its weights of the last and the present input."""
         refuse_open_hold(self.hold)
         steps = self._rates * dt
-        gone = -np.expm1(-steps)
-        now = 1.0 - gone / steps if self.hold == "foh" else np.zeros_like(steps)
-        return 1.0 - gone, gone - now, now
+        decayed = -np.expm1(-steps)
+        by_present = 1.0 - decayed / steps if self.hold == "foh" else np.zeros_like(steps)
+        return 1.0 - decayed, decayed - by_present, by_present
 
     def frequency_response(self, frequency):
         """Return the complex gain of changes of the drive.
@@ -226,8 +233,8 @@ class LogCreepOperator(HeldInput):
         dy = np.empty((len(u), m + 4))
         for q in range(m):
             change = np.ascontiguousarray(du[:, q] - (du[0, q] if rest else 0.0))
-            own, _ = self._sums(dt, weights[:1], change, units, previous)
-            dy[:, q] = self.gain * (du[:, q] + scale * own[:, 0])
+            propagated, _ = self._sums(dt, weights[:1], change, units, previous)
+            dy[:, q] = self.gain * (du[:, q] + scale * propagated[:, 0])
         dy[:, m] = self.gain * _DECADE * sums[:, 0]
         dy[:, m + 1] = self.gain * scale * sums[:, 1]
         dy[:, m + 2] = u + scale * sums[:, 0]

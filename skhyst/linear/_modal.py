@@ -73,6 +73,11 @@ class SampledStateSpace:
     intercept : ndarray of shape (n_outputs,)
         Units of the responses.
 
+    See Also
+    --------
+    ModalModel : Identifies one.
+    TransferFunctionOperator : A linear model in continuous time.
+
     Examples
     --------
     >>> import numpy as np
@@ -206,10 +211,10 @@ class SampledStateSpace:
         x, previous = state
         steps = []
         for i in range(self.b.shape[1]):  # responses add up, so the first can carry the whole state
-            own, intercept = (x, self.intercept[0]) if i == 0 else (0.0 * x, 0.0)
+            start, intercept = (x, self.intercept[0]) if i == 0 else (0.0 * x, 0.0)
             b = self.b[:, i]
             constants = self.a, b, 0.0 * b, self.c[0], self.d[0, i], intercept
-            steps.append(CompiledLaw(state_space_step, constants, [*own, previous[i], *own]))
+            steps.append(CompiledLaw(state_space_step, constants, [*start, previous[i], *start]))
         if len(steps) == 1:
             return steps[0]
         return CompiledSum(tuple(CompiledColumn((s,), i, 0.0) for i, s in enumerate(steps)))
@@ -410,9 +415,9 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
 
     def _problem(self, records, dt):
         """Return the least-squares problem, started from vector fitting and truncation."""
-        found = _periodic_lines(records, dt, self.transient_periods)
-        periodic = found is not None
-        s, drives, responses = found if periodic else _record_lines(records, dt)
+        lines = _periodic_lines(records, dt, self.transient_periods)
+        periodic = lines is not None
+        s, drives, responses = lines if periodic else _record_lines(records, dt)
         n_columns, n_outputs = drives.shape[-1], responses.shape[-1]
         n_lines = responses.size // n_outputs
         if not n_lines:
@@ -431,7 +436,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         blocks = (_response_blocks if periodic else _record_blocks)(drives, responses)
         poles, _ = vector_fit(s, blocks, self.n_poles)
         coefficients, _ = rational_residues(s, blocks, poles)
-        residues = np.stack([own[:-1] for own in coefficients], axis=1)
+        residues = np.stack([coefficient[:-1] for coefficient in coefficients], axis=1)
         if periodic:
             residues = residues.reshape(self.n_poles, n_outputs, n_columns)
             s = np.repeat(s, drives.shape[1])

@@ -19,11 +19,11 @@ def section_poles(time_constants, frequencies, dampings):
     by[np.arange(n_first), np.arange(n_first)] = 1.0 / time_constants**2
     root = np.sqrt(np.asarray(dampings, dtype=complex) ** 2 - 1.0)
     second = np.arange(n_second)
-    for sign, own in ((1.0, n_first + 2 * second), (-1.0, n_first + 2 * second + 1)):
-        poles[own] = frequencies * (-dampings + sign * root)
-        by[own, n_first + second] = poles[own] / frequencies
+    for sign, rows in ((1.0, n_first + 2 * second), (-1.0, n_first + 2 * second + 1)):
+        poles[rows] = frequencies * (-dampings + sign * root)
+        by[rows, n_first + second] = poles[rows] / frequencies
         with np.errstate(divide="ignore", invalid="ignore"):
-            by[own, n_first + n_second + second] = frequencies * (-1.0 + sign * dampings / root)
+            by[rows, n_first + n_second + second] = frequencies * (-1.0 + sign * dampings / root)
     return poles, by
 
 

@@ -14,8 +14,10 @@ residual :math:`e_{rp} = Y_{rp} - U_{rp}^T \hat G` of single periods gives the v
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 
-_FOUND = 1e-4  # largest power of the change over a period, relative to the drive's
-_SAME = 1e-3  # largest power of the difference between two records of one realisation, likewise
+_FOUND = (
+    1e-4  # power of the change over a period, relative to the drive's, that confirms the period
+)
+_SAME = 1e-3  # power of the difference between two records, likewise, of one realisation
 _CERTAIN = 100.0  # least power of the drive at an excited line, relative to noise in its mean
 _TINY = np.finfo(float).tiny
 
@@ -34,10 +36,10 @@ def find_period(records):
             size = next_fast_len(n + longest, real=True)
             product = irfft(np.abs(rfft(u, size)) ** 2, size)[: longest + 1]
             energy = np.concatenate([[0.0], np.cumsum(u**2)])
-            both = energy[n - lags] + energy[n] - energy[lags]
+            energies = energy[n - lags] + energy[n] - energy[lags]
             scale = max(energy[n], _TINY)
-            change += (both - 2.0 * product) / scale
-            power += both / scale
+            change += (energies - 2.0 * product) / scale
+            power += energies / scale
     ratio = change / np.maximum(power, _TINY)
     away = np.flatnonzero(ratio > 0.1)  # a slow drive hardly changes from sample to sample
     if not away.size or ratio[away[0] :].min() > _FOUND:

@@ -23,12 +23,12 @@ from scipy.optimize import least_squares
 from .._jit import jit
 from ..optimize import IdentificationResult, sections
 
-_PAST = 20  # least samples of the autoregression, and per state
-_PER_STATE = 4
+_PAST = 20  # least number of past samples in the autoregression
+_PER_STATE = 4  # past samples per state, if that is more
 _SMALLEST = 1e-3  # poles in the z plane that are closer to zero, or negative, are moved there
-_POINTS = 8  # of the unit circle, per pole, at which gains are compared
-_REST = 1e-9  # least noise of a state
-_SINGULAR = 1e-11
+_POINTS = 8  # points of the unit circle per pole at which gains are compared
+_REST = 1e-9  # least variance of the noise of a state, so that the Riccati equation has a solution
+_SINGULAR = 1e-11  # relative singular value below which a direction is not determined
 
 
 @jit
@@ -45,6 +45,8 @@ def predictor(ad, b0, b1, c, d, constant, gain, by, u, y, x, errors, tangents):
     dx = np.zeros((n, count))
     for i in range(n if count else 0):
         dx[i, p + n + i] = 1.0
+    # x is the state before the correction by a sample's error, ``after`` the one behind it; ``dx``
+    # are the derivatives of the former, corrected in place at the end of the loop
     new, dnew, after = np.empty(n), np.empty((n, count)), np.empty(n)
     for k in range(len(u)):
         if k > 0:
@@ -117,14 +119,14 @@ def one_step(operator, gain, u, y, dt):
 def _predictions(operator, gain, u, y, dt, x):
     """Return the predictions from a state at the first sample, also where ``y`` is NaN."""
     ad, b0, b1, c, d = operator.discrete(dt)
-    found = np.empty(len(u))
+    predictions = np.empty(len(u))
     for k in range(len(u)):
         if k:
             x = ad @ x + b0 * u[k - 1] + b1 * u[k]
-        found[k] = c @ x + d * u[k] + operator.intercept
+        predictions[k] = c @ x + d * u[k] + operator.intercept
         if np.isfinite(y[k]):
-            x = x + gain * (y[k] - found[k])
-    return found
+            x = x + gain * (y[k] - predictions[k])
+    return predictions
 
 
 def _errors(operator, gain, u, y, dt, start=None, *, by_parameters=True):
@@ -163,20 +165,26 @@ class PredictionErrorProblem:
         """Return the unknowns: the parameters, positive ones as logarithms, and the gain."""
         values = self._values[self.free]
         with np.errstate(divide="ignore"):
-            own = np.where(self.log, np.log(np.where(self.log, np.abs(values), 1.0)), values)
-        return np.concatenate([own, gain])
+            unknowns = np.where(self.log, np.log(np.where(self.log, np.abs(values), 1.0)), values)
+        return np.concatenate([unknowns, gain])
 
     def at(self, x):
         """Return the operator and the gain at a value of the unknowns."""
-        own = x[: self.free.sum()]
+        unknowns = x[: self.free.sum()]
         values = self._values.copy()
-        values[self.free] = np.where(self.log, self._sign * np.exp(np.where(self.log, own, 0)), own)
+        values[self.free] = np.where(
+            self.log, self._sign * np.exp(np.where(self.log, unknowns, 0)), unknowns
+        )
         return self.operator.unpack(values), x[self.free.sum() :]
 
     def evaluate(self, x):
-        """Return errors and their derivatives, the starts of the records eliminated."""
+        """Return errors and their derivatives, with the start of each record eliminated.
+
+        Errors are linear in the state at the start: its columns are projected out of both (variable
+        projection). None where the predictor is unstable.
+        """
         operator, gain = self.at(x)
-        n, found = len(gain), []
+        n, blocks = len(gain), []
         self.n_evaluations += 1
         ad, _, _, c, _ = operator.discrete(self.records[0].dt)
         if np.abs(np.linalg.eigvals(ad - np.outer(ad @ gain, c))).max() > 1.0:
@@ -191,9 +199,9 @@ class PredictionErrorProblem:
                 return None
             basis, size, _ = np.linalg.svd(rows[:, -1 - n : -1], full_matrices=False)
             basis = basis[:, size > _SINGULAR * size.max(initial=0.0)]
-            rest = np.column_stack([rows[:, : -1 - n][:, used], rows[:, -1]])
-            found.append(rest - basis @ (basis.T @ rest))
-        rows = np.concatenate(found)
+            projected = np.column_stack([rows[:, : -1 - n][:, used], rows[:, -1]])
+            blocks.append(projected - basis @ (basis.T @ projected))
+        rows = np.concatenate(blocks)
         return rows[:, -1], rows[:, :-1]
 
     def _chain(self, operator):
@@ -215,12 +223,11 @@ def identify_one_step(starts, records, fixed=()):
 
     Returns
     -------
-    result : IdentificationResult
-        With the root mean square error of the predictions.
-    gain : ndarray of shape (n_states,)
-        L of the predictor.
+    (result, gain) : (IdentificationResult, ndarray of shape (n_states,)) or None
+        With the root mean square error of the predictions, and L of the predictor; None if the
+        predictor of every start is unstable.
     """
-    begin, found = time.perf_counter(), []
+    begin, fits = time.perf_counter(), []
     for operator, gain in starts:
         problem = PredictionErrorProblem(operator, records, fixed)
         x = problem.x0(gain)
@@ -234,6 +241,7 @@ def identify_one_step(starts, records, fixed=()):
                 cached[x.tobytes()] = problem.evaluate(x)
             return cached[x.tobytes()]
 
+        # an unstable predictor gives errors so large that the step is refused
         n, size = rows(x)[1].shape
         huge = np.full(n, 1e10), np.zeros((n, size))
         solution = least_squares(
@@ -242,12 +250,14 @@ def identify_one_step(starts, records, fixed=()):
             jac=lambda x, rows=rows, huge=huge: (rows(x) or huge)[1],
             x_scale="jac",
         )
-        found.append((solution.cost, problem, solution))
-    if not found:
+        fits.append((solution.cost, problem, solution))
+    if not fits:
         return None
-    _, problem, solution = min(found, key=lambda own: own[0])
+    _, problem, solution = min(fits, key=lambda fit: fit[0])
     operator, gain = problem.at(solution.x)
     errors, tangents = problem.evaluate(solution.x)
+    # covariance of the unknowns, from the columns scaled to unit norm; positive parameters were
+    # searched as logarithms, so that theirs follow by the chain rule
     counts = sum(record.counts().sum() for record in records)
     free = counts - len(solution.x) - len(records) * len(gain)
     variance = float(errors @ errors) / max(free, 1.0)
@@ -266,7 +276,7 @@ def identify_one_step(starts, records, fixed=()):
         params=dict(zip(names, values.tolist(), strict=True)),
         record_coefficients=np.empty((len(records), 0)),
         error=float(np.sqrt(errors @ errors / counts)),
-        n_evaluations=sum(own.n_evaluations for _, own, _ in found),
+        n_evaluations=sum(fit.n_evaluations for _, fit, _ in fits),
         seconds=time.perf_counter() - begin,
         converged=bool(solution.success),
         message=solution.message,
@@ -310,17 +320,18 @@ def subspace_start(records, n_poles):
     columns = np.concatenate([np.concatenate(rows), np.concatenate(nows)], axis=1)
     markov = np.linalg.lstsq(columns, np.concatenate(targets), rcond=None)[0]
     lagged = markov[: 2 * past]
-    # predictions i samples ahead, as if the samples in between were zero
+    # row i: the prediction i samples ahead, as if the samples in between were zero. These span the
+    # state, since it is all that the future depends on of the past
     ahead = np.zeros((past, 2 * past))
     for i in range(past):
         ahead[i, 2 * i :] = lagged[: 2 * (past - i)]
     states = np.concatenate(rows) @ ahead.T
     _, _, directions = np.linalg.svd(states - states.mean(axis=0), full_matrices=False)
-    states = [own @ ahead.T @ directions[:n_poles].T for own in rows]
+    states = [part @ ahead.T @ directions[:n_poles].T for part in rows]
     x, y = np.concatenate(states), np.concatenate(targets)
     inputs = np.concatenate(nows)
     output = np.linalg.lstsq(np.column_stack([x, inputs]), y, rcond=None)[0]
-    ends = np.cumsum([len(own) for own in states])[:-1]
+    ends = np.cumsum([len(part) for part in states])[:-1]
     errors = np.split(y - np.column_stack([x, inputs]) @ output, ends)
     before = [
         np.column_stack([s[:-1], e[:-1], now[:-1], now[1:, :1]])
@@ -336,12 +347,17 @@ def subspace_start(records, n_poles):
 
 
 def in_basis(operator, dt, a, c, gain):
-    """Return the gain L of an operator for the gain K of matrices A and C in another basis."""
-    ad, _, _, own, _ = operator.discrete(dt)
-    seen = [np.linalg.matrix_power(m, k) for m in (a, ad) for k in range(len(c))]
-    one = np.stack([c @ m for m in seen[: len(c)]])
-    other = np.stack([own @ m for m in seen[len(c) :]])
-    return np.linalg.lstsq(ad, np.linalg.lstsq(other, one @ gain, rcond=None)[0], rcond=None)[0]
+    """Return the gain L of an operator for the gain K of matrices A and C in another basis.
+
+    The observability matrices of both bases give the transformation from one to the other.
+    """
+    ad, _, _, output, _ = operator.discrete(dt)
+    powers = [np.linalg.matrix_power(m, k) for m in (a, ad) for k in range(len(c))]
+    observability = np.stack([c @ m for m in powers[: len(c)]])
+    observability_here = np.stack([output @ m for m in powers[len(c) :]])
+    return np.linalg.lstsq(
+        ad, np.linalg.lstsq(observability_here, observability @ gain, rcond=None)[0], rcond=None
+    )[0]
 
 
 def gains_of(system, z):
@@ -376,8 +392,8 @@ def one_step_starts(records, n_poles, make, integrators=0):
     values[linear] = np.linalg.lstsq(rows, target, rcond=None)[0]
     operator = operator.unpack(values)
     a, _, _, c, _ = system
-    own = in_basis(operator, dt, a, c, gain)
-    return [(operator, own), (operator, _kalman_gain(operator, dt))]
+    predictor_gain = in_basis(operator, dt, a, c, gain)
+    return [(operator, predictor_gain), (operator, _kalman_gain(operator, dt))]
 
 
 def _without_integrators(poles, count):

@@ -65,7 +65,7 @@ class SecondOrderModeOperator(LinearOperator):
         return rates_of_sections([], [self.natural_frequency], [self.damping_ratio])
 
     def characteristics(self, seen):
-        # of a lag the delay of slow motion: the sum of its time constants where both are real
+        # delay of slow motion: the sum of the two time constants where both poles are real
         delay = 2.0 * self.damping_ratio / self.natural_frequency
         return {} if self.n_ringing() else {"time constant": (delay, "s")}
 
@@ -108,8 +108,10 @@ class SecondOrderMode(LinearModel):
 
     def starting_values(self, records):
         dt, span = time_span(records)
-        found = [(w, zeta) for w in log_grid(6.0 / span, 1.5 / dt, 2) for zeta in (0.05, 0.5)]
+        starts = [(w, zeta) for w in log_grid(6.0 / span, 1.5 / dt, 2) for zeta in (0.05, 0.5)]
         for poles in pole_starts([(r.u, r.y, r.dt) for r in records], 2):
             _, frequencies, dampings = sections(poles)
-            found += list(zip(frequencies[:1], dampings[:1], strict=True))
-        return [SecondOrderModeOperator(float(w), float(zeta), hold=self.hold) for w, zeta in found]
+            starts += list(zip(frequencies[:1], dampings[:1], strict=True))
+        return [
+            SecondOrderModeOperator(float(w), float(zeta), hold=self.hold) for w, zeta in starts
+        ]

@@ -76,13 +76,13 @@ class InverseShiftOperator(InverseOperator):
         if opposite.skew:
             return super().ahead(dt, u0, tol)
         half = _LONGEST + math.ceil(abs(opposite.shift) / dt)
-        answer = self.run(np.eye(1, 2 * half + 1, half)[0], dt)[0]
-        if abs(answer.sum() - 1.0) > tol:  # it has not decayed at the ends
+        pulse = self.run(np.eye(1, 2 * half + 1, half)[0], dt)[0]
+        if abs(pulse.sum() - 1.0) > tol:  # it has not decayed at the ends
             return opposite.ahead(dt, u0, tol)
         # the tails at both ends are cut off, each up to a sum of tol / 2
-        left_out = np.cumsum(np.abs(answer)), np.cumsum(np.abs(answer[::-1]))
+        left_out = np.cumsum(np.abs(pulse)), np.cumsum(np.abs(pulse[::-1]))
         begin, end = (int(np.argmax(part > 0.5 * tol)) for part in left_out)
         begin = min(begin, half)  # the preview is not negative
-        weights = answer[begin : len(answer) - end][::-1]
+        weights = pulse[begin : len(pulse) - end][::-1]
         nothing = np.zeros((0, 0)), np.zeros(0), np.zeros(0)
         return previewed(weights / weights.sum(), nothing, 0.0, u0), half - begin

@@ -18,7 +18,7 @@ from ._interpolation import cubic_weights, delay_step
 from ._linear import log_grid, time_span
 from ._shift_inverse import InverseShiftOperator
 
-LONGEST = 10**9 // 4 // 8  # shift that a step remembers, samples: a quarter of a GB, as of a file
+LONGEST = 10**9 // 4 // 8  # longest shift of a step in samples: its memory is a quarter of a GB
 
 
 def _read_at(signal, places, is_straight):
@@ -28,7 +28,7 @@ def _read_at(signal, places, is_straight):
     """
     columns = np.ascontiguousarray(signal.reshape(len(signal), -1))
     shape = (len(places), *signal.shape[1:])
-    return tuple(found.reshape(shape) for found in _interpolated(columns, places, is_straight))
+    return tuple(part.reshape(shape) for part in _interpolated(columns, places, is_straight))
 
 
 @jit
@@ -135,7 +135,15 @@ class TimeShiftOperator(Operator):
         return replace(self, shift=-self.shift / rate, skew=-self.skew / rate)
 
     def ahead(self, dt, u0, tol=1e-9):
-        """Return a step with preview of the input, and the preview in samples."""
+        """Return a step with preview of the input, and the preview in samples.
+
+        Raises
+        ------
+        ValueError
+            If the shift is too long to be stepped.
+        NotImplementedError
+            If there is a skew.
+        """
         if self.skew:
             return super().ahead(dt, u0, tol)
         is_right = abs(self.shift) / dt < LONGEST
@@ -158,8 +166,8 @@ class TimeShiftOperator(Operator):
         places = 1 + np.arange(len(u)) - self._delay_at(time) / dt
         y, slopes = _read_at(np.concatenate([rest * u[:1], u]), places, is_straight)
         du, _ = _read_at(np.concatenate([rest * du[:1], du]), places, is_straight)
-        own = -slopes[:, None] / dt * np.stack([np.ones_like(time), time], axis=1)
-        return y, np.concatenate([du, own], axis=1)
+        by_parameters = -slopes[:, None] / dt * np.stack([np.ones_like(time), time], axis=1)
+        return y, np.concatenate([du, by_parameters], axis=1)
 
 
 class TimeShift(ParametricModel):

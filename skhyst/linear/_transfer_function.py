@@ -72,9 +72,9 @@ from ._modes import ModesMixin, section_poles
 from ._prediction_error import identify_one_step, one_step, one_step_starts
 from ._second_order_mode import SecondOrderModeOperator, count_ringing, rates_of_sections
 
-_EXACT = 1e-8  # relative error at which a numerator's degree suffices
-_POINTS = 8  # frequencies per pole
-_MOST_GROUPS = 8  # of poles and zeros that a division keeps together: at most 256 divisions
+_EXACT = 1e-8  # relative error below which a degree of the numerator suffices
+_POINTS = 8  # frequencies per pole at which responses are compared
+_MOST_GROUPS = 8  # most groups of roots that a division keeps together: at most 256 divisions
 
 
 @jit
@@ -130,6 +130,11 @@ class TransferFunctionOperator(LinearOperator):
     integrators : int, default=0
         Poles at zero behind the sections, not negative. Fixed structure. ``gain`` is then that of
         the first derivative, or of the second, of the response.
+
+    Raises
+    ------
+    ValueError
+        If there is not one damping ratio per natural frequency, or ``integrators`` is negative.
 
     Notes
     -----
@@ -212,13 +217,17 @@ class TransferFunctionOperator(LinearOperator):
                 np.concatenate([part.real, part.imag])
                 for part in (columns * weight, gains * weight)
             )
-            found = np.linalg.lstsq(rows, targets, rcond=None)[0]
-            if np.abs(rows @ found - targets).max() <= _EXACT * np.abs(targets).max():
+            solution = np.linalg.lstsq(rows, targets, rcond=None)[0]
+            if np.abs(rows @ solution - targets).max() <= _EXACT * np.abs(targets).max():
                 break
         if gains.shape[1] == 1:
-            return _behind_delay(cls(*parts, found[:-1, 0], float(found[-1, 0]), hold=hold), delays)
-        numerators = found[:-1].T.copy()
-        return MultiInputTransferFunctionOperator(*parts, numerators, found[-1], delays, hold=hold)
+            return _behind_delay(
+                cls(*parts, solution[:-1, 0], float(solution[-1, 0]), hold=hold), delays
+            )
+        numerators = solution[:-1].T.copy()
+        return MultiInputTransferFunctionOperator(
+            *parts, numerators, solution[-1], delays, hold=hold
+        )
 
     def to_scipy(self):
         """Return the continuous-time ``scipy.signal.StateSpace``, without the intercept."""
@@ -231,21 +240,21 @@ class TransferFunctionOperator(LinearOperator):
         a, b, c, d = self.state_space()
         unit = float(np.abs(self.poles()).max())
         pencil = np.block([[a / unit, b[:, None] / unit], [c[None, :], np.array([[d]])]])
-        found = eig(pencil, np.diag(np.r_[np.ones(len(b)), 0.0]), right=False)
-        found = found[np.isfinite(found)]
+        roots = eig(pencil, np.diag(np.r_[np.ones(len(b)), 0.0]), right=False)
+        roots = roots[np.isfinite(roots)]
         # zeros at infinity become finite but large, by rounding: keep the smallest ones
-        return unit * found[np.argsort(np.abs(found))[: np.size(self.numerator)]]
+        return unit * roots[np.argsort(np.abs(roots))[: np.size(self.numerator)]]
 
     def in_order(self):
-        """Return the operator with its modes by frequency; see the base."""
+        """Return the equivalent operator with its second-order sections by ascending frequency."""
         order = np.argsort(self.natural_frequencies, kind="stable")
         return self if np.all(np.diff(order) > 0) else self.with_modes(order)
 
     def with_modes(self, order):
         """Return the operator with its second-order sections in another order.
 
-        The numerator weighs other outputs then; that it gives the same response at a few more
-        frequencies than it has weights determines these.
+        The numerator then weighs the outputs of other sections. Its weights are those that give the
+        same response, by least squares over more frequencies than there are weights.
 
         Parameters
         ----------
@@ -276,8 +285,8 @@ class TransferFunctionOperator(LinearOperator):
         target = response(frequency) - plain
         rows, target = (np.concatenate([part.real, part.imag]) for part in (columns, target))
         scale = np.abs(rows).max(axis=0)
-        found = np.linalg.lstsq(rows / scale, target, rcond=None)[0] / scale
-        return replace(self, numerator=found)
+        numerator = np.linalg.lstsq(rows / scale, target, rcond=None)[0] / scale
+        return replace(self, numerator=numerator)
 
     def divisions(self):
         """Return the ways to divide the operator in two in series, each with a pole at least.
@@ -311,7 +320,7 @@ class TransferFunctionOperator(LinearOperator):
             size = np.log([np.abs(group[0]) for group in groups])
             at = int(np.argmin(np.diff(size)))
             groups[at : at + 2] = [np.concatenate(groups[at : at + 2])]
-        found = []
+        parts_in_series = []
         for own_poles in _halves(pole_groups):
             for own_zeros in _halves(zero_groups):
                 sizes = [(len(p), len(z)) for p, z in zip(own_poles, own_zeros, strict=True)]
@@ -325,8 +334,8 @@ class TransferFunctionOperator(LinearOperator):
                         intercept=self.intercept,
                         hold="foh",  # the output of the first part is smooth
                     )
-                    found.append((first, scaled))
-        return found
+                    parts_in_series.append((first, scaled))
+        return parts_in_series
 
     @property
     def n_poles(self):
@@ -403,8 +412,8 @@ def _halves(groups):
     """Yield the two parts of groups of roots, each in one or the other."""
     for chosen in product((True, False), repeat=len(groups)):
         yield tuple(
-            np.concatenate([np.empty(0, dtype=complex), *compress(groups, own)])
-            for own in (chosen, [not one for one in chosen])
+            np.concatenate([np.empty(0, dtype=complex), *compress(groups, selected)])
+            for selected in (chosen, [not is_chosen for is_chosen in chosen])
         )
 
 
@@ -448,6 +457,12 @@ class MultiInputTransferFunctionOperator(HeldInput):
     hold : {"foh", "zoh", "bandlimited"}, default="foh"
         Inputs between samples: straight lines, constant, or without content above half the sampling
         rate. Fixed structure.
+
+    Raises
+    ------
+    ValueError
+        If there is not one damping ratio per natural frequency, or one row of ``numerators`` and
+        one delay (or none) per gain.
 
     Examples
     --------
@@ -608,14 +623,14 @@ class MultiInputTransferFunctionOperator(HeldInput):
     def _delay_column(self, i):
         return self.n_parameters - 1 - np.size(self.delays) + i  # the intercept is last
 
-    def _place(self, tangents, i, own):
+    def _place(self, tangents, i, by_part):
         """Add the derivatives by the parameters of ``part(i)``, without its intercept, in place."""
         n_poles = sum(self.part(i).n_poles) + np.size(self.damping_ratios)
         n_inputs, n_zeros = np.shape(self.numerators)
         first = n_poles + i * n_zeros
-        tangents[:, :n_poles] += own[:, :n_poles]
-        tangents[:, first : first + n_zeros] += own[:, n_poles : n_poles + n_zeros]
-        tangents[:, n_poles + n_inputs * n_zeros + i] += own[:, n_poles + n_zeros]
+        tangents[:, :n_poles] += by_part[:, :n_poles]
+        tangents[:, first : first + n_zeros] += by_part[:, n_poles : n_poles + n_zeros]
+        tangents[:, n_poles + n_inputs * n_zeros + i] += by_part[:, n_poles + n_zeros]
 
     def _discrete(self, dt):
         if dt not in self._memory:
@@ -665,13 +680,13 @@ class MultiInputTransferFunctionOperator(HeldInput):
         branches = []
         for i in range(self.n_inputs):
             constants = ad, b0[:, i], b1[:, i], c, d[i], self.intercept if i == 0 else 0.0
-            own = x if i == 0 else np.zeros_like(x)
+            start = x if i == 0 else np.zeros_like(x)
             if self.hold == "foh":
                 begun = previous is not None
-                state = [*own, previous[i] if begun else 0.0, *own, float(begun)]
+                state = [*start, previous[i] if begun else 0.0, *start, float(begun)]
                 law = CompiledLaw(state_space_begin, constants, state)
             else:
-                law = CompiledLaw(state_space_step, constants, [*own, previous[i], *own])
+                law = CompiledLaw(state_space_step, constants, [*start, previous[i], *start])
             stages = (law,)
             if pasts:
                 stages = self._delays()[i].compiled_step(dt, pasts[i]), *stages
@@ -687,17 +702,17 @@ class MultiInputTransferFunctionOperator(HeldInput):
         propagated, tangents = np.zeros((len(u), m)), np.zeros((len(u), self.n_parameters))
         total, delays = np.zeros(len(u)), self._delays()
         for i, part in enumerate(self._parts()):
-            signal, carried = np.ascontiguousarray(u[:, i]), np.empty((len(u), 0))
+            signal, dsignal = np.ascontiguousarray(u[:, i]), np.empty((len(u), 0))
             if m:
-                carried = np.ascontiguousarray(du[:, i])
+                dsignal = np.ascontiguousarray(du[:, i])
             if delays:
-                signal, carried = delays[i].sensitivities(signal, carried, dt, initial_state)
-            y, own = part.sensitivities(signal, carried, dt, initial_state)
+                signal, dsignal = delays[i].sensitivities(signal, dsignal, dt, initial_state)
+            y, by_part = part.sensitivities(signal, dsignal, dt, initial_state)
             total += y
-            propagated += own[:, :m]
-            self._place(tangents, i, own[:, carried.shape[1] :])
+            propagated += by_part[:, :m]
+            self._place(tangents, i, by_part[:, dsignal.shape[1] :])
             if delays:
-                tangents[:, self._delay_column(i)] = own[:, m]
+                tangents[:, self._delay_column(i)] = by_part[:, m]
         tangents[:, -1] = 1.0
         return total + self.intercept, np.hstack([propagated, tangents])
 
@@ -707,7 +722,7 @@ _NOISELESS = 1e-20  # fraction of the response's power below which a residual co
 _WIDE = 3  # poles from which on vector fitting of records is worth its time
 _FEWEST_DELAYS, _MOST_DELAYS = 9, 60  # number of candidates of a fitted delay
 _TURN = 0.4  # largest step between two candidates, in periods of the highest line
-_FOLLOWED = 6  # best starts, which are refined by least squares
+_FOLLOWED = 6  # number of best starts that are refined by least squares
 
 
 def choose_orders(fit, n_poles, n_zeros, max_poles):
@@ -773,11 +788,11 @@ def record_starts(records, n_poles, n_zeros, delay, hold):
     several = records[0].u.ndim > 1
     n_inputs = records[0].u.shape[1] if several else 1
     data = [(record.u, record.y, record.dt) for record in records]
-    found = [] if several else pole_starts(data, n_poles)
+    pole_sets = [] if several else pole_starts(data, n_poles)
     if several or n_poles >= _WIDE:
         poles = record_poles(data, n_poles)
-        found = found if poles is None else [poles, *found]
-    candidates = [sections(poles) for poles in found]
+        pole_sets = pole_sets if poles is None else [poles, *pole_sets]
+    candidates = [sections(poles) for poles in pole_sets]
     n_first, n_second = n_poles % 2, n_poles // 2
     for w in log_grid(6.0 / span, 1.5 / dt, 2):
         spread = w * 1.5 ** np.arange(n_second)
@@ -792,11 +807,11 @@ def record_starts(records, n_poles, n_zeros, delay, hold):
 
 
 def _through(record, count):
-    """Return a record with an integrated drive, relative to the mean of the drive."""
+    """Return a record with its drive integrated ``count`` times, without polynomial trends."""
     u, rows = record.u, np.arange(len(record.u))
     for _ in range(count):
         u = record.dt * np.append(0.0, np.cumsum(0.5 * (u[1:] + u[:-1])))
-    # where a record starts adds a polynomial to the response, as a constant drive does
+    # the unknown state at the start, and a constant of the drive, add a polynomial of this degree
     u, y = (
         part - np.polynomial.Polynomial.fit(rows, part, min(count, len(rows) - 1))(rows)
         for part in (u, record.y)
@@ -823,7 +838,7 @@ def fit_response(
     weight = _weight(response, std)
     s = 2j * np.pi * frequency
     candidates = [delay] if not isinstance(delay, str) else _delays(frequency, response, weight)
-    found = []
+    starts = []
     for delays in candidates:
         undelayed = response * np.exp(s[:, None] * delays) if np.size(delays) else response
         blocks = [
@@ -831,11 +846,11 @@ def fit_response(
             for i in range(n_inputs)
         ]
         poles, cost = vector_fit(s, blocks, n_poles, feedthrough=n_zeros >= n_poles, stable=stable)
-        found.append((cost, _several(sections(poles), n_zeros, n_inputs, delays, hold)))
+        starts.append((cost, _several(sections(poles), n_zeros, n_inputs, delays, hold)))
     fixed = held_names(n_inputs, delay, fit_gain) | {"intercept"}
     problems = [
         FrequencyProblem(operator, frequency, response, weight, fixed=fixed)
-        for _, operator in sorted(found, key=lambda start: start[0])[:_FOLLOWED]
+        for _, operator in sorted(starts, key=lambda start: start[0])[:_FOLLOWED]
     ]
     result = identify_response(problems, method=method)
     if single:
@@ -1107,8 +1122,8 @@ class TransferFunction(ModesMixin, LinearModel):
         if not self.integrators:
             return record_starts(records, *options)
         # in series the order is irrelevant: the integrated drive passes stable dynamics
-        found = record_starts([_through(r, self.integrators) for r in records], *options)
-        return [_with_integrators(start, self.integrators) for start in found]
+        starts = record_starts([_through(r, self.integrators) for r in records], *options)
+        return [_with_integrators(start, self.integrators) for start in starts]
 
     def identify(self, data):
         self._check_free_run()
@@ -1131,16 +1146,16 @@ class TransferFunction(ModesMixin, LinearModel):
         return self.finish(result, records)
 
     def _one_step(self, records):
-        """Identify by predictions one step ahead."""
+        """Return the identification result and the gain of the predictor, one step ahead."""
         self._check_orders()
-        given = {
+        requirements = {
             "inputs": (not self.reads_columns, "be 'drive'"),
             "delay": (not np.size(self._delay_of(1)), "be 0"),
             "hold": (self.hold != "bandlimited", "be 'foh' or 'zoh'"),
             "n_poles": (self.n_poles != "auto" and self.n_zeros is not None, "be a number, as"),
             "initial_state": (self.initial_state != "estimate", "be 'rest'"),
         }
-        for name, (is_right, wanted) in given.items():
+        for name, (is_right, wanted) in requirements.items():
             if not is_right:
                 more = " 'n_zeros'" if name == "n_poles" else ""
                 raise ValueError(
@@ -1159,15 +1174,15 @@ class TransferFunction(ModesMixin, LinearModel):
             return _with_integrators(one, self.integrators)
 
         starts = one_step_starts(records, self.n_poles, make, self.integrators)
-        # of an integrator the start of each record, which is fitted, is the constant
+        # with an integrator, the fitted start of each record takes the place of the constant
         held = self.held_parameters() | ({"intercept"} if self.integrators else set())
-        found = identify_one_step(starts, records, held)
-        if found is None:
+        identified = identify_one_step(starts, records, held)
+        if identified is None:
             raise RecordError(
                 "TransferFunction has found no predictor of these records that is stable: they are "
                 "too short, or the drive moves too little."
             )
-        return found
+        return identified
 
     def _choose(self, records):
         n_samples = sum(record.segment_weights().sum() for record in records)
@@ -1345,6 +1360,13 @@ class TransferFunction(ModesMixin, LinearModel):
         TransferFunction
             With ``operator_``, poles and zeros; standard errors are zero.
 
+        Raises
+        ------
+        ValueError
+            If the system has several responses, a pole at zero, or more zeros than poles, or is in
+            discrete time and samples none in continuous time under the hold; or if ``hold`` is
+            "auto" or ``delay`` is "fit".
+
         Examples
         --------
         >>> from scipy.signal import lti
@@ -1486,12 +1508,12 @@ class TransferFunction(ModesMixin, LinearModel):
         slices, X, y, read = with_lost_rows(slices, X, y)
         y = y if read is None else np.where(read, y, np.nan)
         signal, _ = self.operator_input(X, slices)
-        found = [
+        predictions = [
             one_step(self.operator_, self.predictor_gain_, signal[s.rows], y[s.rows], s.dt)
             for s in slices
         ]
-        found = np.concatenate(found)
-        return found if read is None else found[read]
+        predictions = np.concatenate(predictions)
+        return predictions if read is None else predictions[read]
 
     def predict(self, X, y_start=None, return_std=False):
         """Return the free run: the response to the inputs alone, each record from its own start.

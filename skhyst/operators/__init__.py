@@ -1,4 +1,4 @@
-"""The protocol of operators, series and sums of them, and loops that several models share."""
+"""The protocol of operators, the nodes of the tree, inverses, and loops that models share."""
 
 from ._check_operator import check_operator
 from ._compiled_step import ROUNDING as ROUNDING

@@ -5,7 +5,7 @@ import numpy as np
 _STEP = 1e-6  # of a difference, relative to the value
 _TOLERANCE = 1e-6  # relative to the largest derivative, or to 1
 _ROUNDING = 1e-9
-_PLACES = (1.0, 2.0, -1.0, -2.0)  # of one-sided differences of second order, with weights
+_PLACES = (1.0, 2.0, -1.0, -2.0)  # steps, and weights, of one-sided differences of second order
 _FORWARD = np.array([-1.5, 2.0, -0.5])
 
 
@@ -29,6 +29,11 @@ def check_operator(operator, u, dt):
     AssertionError
         If ``sensitivities``, ``run``, ``step`` and ``unpack`` disagree; the message names them, and
         the parameter of a wrong derivative.
+
+    See Also
+    --------
+    Operator : The protocol.
+    OneStateOperator : The shortest way to an operator.
 
     Examples
     --------
@@ -63,11 +68,11 @@ def _check_derivatives(operator, u, dt, initial_state):
         moved = operator.unpack(vector)
         return moved.run(signal, dt, moved.init(signal[0], initial_state))[0]
 
-    along = np.random.default_rng(0).normal(size=(len(u), 1 if u.ndim == 1 else 0))
+    direction = np.random.default_rng(0).normal(size=(len(u), 1 if u.ndim == 1 else 0))
     vector = operator.pack()
-    y, dy = operator.sensitivities(u, along, dt, initial_state)
+    y, dy = operator.sensitivities(u, direction, dt, initial_state)
     _agree(y, output(vector, u), "The output of 'sensitivities' and that of 'run'")
-    names = ["the input"] * along.shape[1] + [name for name, _ in operator.entries()]
+    names = ["the input"] * direction.shape[1] + [name for name, _ in operator.entries()]
     expected = (len(u), len(names))
     if dy.shape != expected:
         raise AssertionError(
@@ -75,21 +80,21 @@ def _check_derivatives(operator, u, dt, initial_state):
             f"those of the input first. Got {dy.shape} instead."
         )
     for j, name in enumerate(names):
-        if j < along.shape[1]:
+        if j < direction.shape[1]:
             size = _STEP
-            near = [output(vector, u + k * size * along[:, j]) for k in _PLACES]
+            outputs = [output(vector, u + k * size * direction[:, j]) for k in _PLACES]
         else:
-            move = np.arange(len(vector)) == j - along.shape[1]
+            move = np.arange(len(vector)) == j - direction.shape[1]
             size = _STEP * max(abs(vector[move][0]), 1e-2)
-            near = [output(vector + k * size * move, u) for k in _PLACES]
-        sides = [_FORWARD @ [y, *near[:2]] / size, _FORWARD @ [y, *near[2:]] / -size]
-        sides.append((near[0] - near[2]) / (2.0 * size))
+            outputs = [output(vector + k * size * move, u) for k in _PLACES]
+        sides = [_FORWARD @ [y, *outputs[:2]] / size, _FORWARD @ [y, *outputs[2:]] / -size]
+        sides.append((outputs[0] - outputs[2]) / (2.0 * size))
         # at a kink, as where a drive turns, any value between the one-sided derivatives is right
         between = np.clip(dy[:, j], np.min(sides, axis=0), np.max(sides, axis=0))
         _agree(dy[:, j], between, f"The derivative by {name} and its difference", _TOLERANCE)
 
 
-def _agree(found, expected, what, tolerance=_ROUNDING):
+def _agree(found, expected, subject, tolerance=_ROUNDING):
     error = np.abs(found - expected).max()
     if not error <= tolerance * max(np.abs(expected).max(), 1.0):
-        raise AssertionError(f"{what} do not agree: they are up to {error:.3g} apart.")
+        raise AssertionError(f"{subject} do not agree: they are up to {error:.3g} apart.")

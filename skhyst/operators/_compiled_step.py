@@ -43,7 +43,7 @@ def _loop(law):
 
 
 def in_ring(s, c):
-    """Whether a state begins with an index of its other numbers: `CompiledLaw.possible`."""
+    """Whether the first number of a state is an index of the others; see `CompiledLaw.possible`."""
     return s[0] in range(len(s) - 1)
 
 
@@ -68,6 +68,8 @@ def _streaming(law, c, s):
 class CompiledStep:
     """Base of compiled steps.
 
+    A subclass gives ``state`` and :meth:`bound`. Most are :class:`CompiledLaw`, or made of those.
+
     Attributes
     ----------
     state : ndarray of shape (n_states,)
@@ -79,6 +81,11 @@ class CompiledStep:
     flags : tuple of (str, int)
         Conditions of the last sample: name, and index in the state of a number that is nonzero
         while the condition holds. Entries with the same name are one flag.
+
+    See Also
+    --------
+    CompiledLaw : A function with its constants and state.
+    Stepper : Runs a step as a device.
     """
 
     n_inputs = None
@@ -188,6 +195,11 @@ class CompiledLaw(CompiledStep):
         The law in a form with less memory and the same state: it computes values that this one
         tabulates.
 
+    See Also
+    --------
+    Stepper : Runs it as a device.
+    OneStateOperator : Makes one from a law.
+
     Examples
     --------
     >>> import numpy as np
@@ -217,7 +229,7 @@ class CompiledLaw(CompiledStep):
         object.__setattr__(self, "state", as_constant(self.state))
 
     def behind(self, u):
-        """Return a copy of the step whose state is that after an input.
+        """Return a copy of the step that continues after an input.
 
         Parameters
         ----------
@@ -271,8 +283,8 @@ class CompiledParts(CompiledStep):
     @property
     def flags(self):
         """Conditions of the parts, with their indices in the joint state."""
-        places = self._each(range(len(self.state)))
-        return tuple((name, int(own[at])) for part, own in places for name, at in part.flags)
+        parts = self._each(range(len(self.state)))
+        return tuple((name, int(indices[at])) for part, indices in parts for name, at in part.flags)
 
     def _each(self, s):
         """Yield each part with its slice of a state."""
@@ -283,10 +295,10 @@ class CompiledParts(CompiledStep):
         return replace(self, parts=tuple(part.compacted() for part in self.parts))
 
     def is_possible(self, s):
-        return all(part.is_possible(own) for part, own in self._each(s))
+        return all(part.is_possible(states) for part, states in self._each(s))
 
     def bound(self, s, binding):
-        return self._joined([part.bound(own, binding) for part, own in self._each(s)])
+        return self._joined([part.bound(states, binding) for part, states in self._each(s)])
 
     def _joined(self, functions):
         """Return the function that composes the functions of the parts."""
@@ -386,16 +398,20 @@ class CompiledColumn(CompiledParts):
 
 
 class CompiledProduct(CompiledParts):
-    """The first output times the last; steps in between scale all but the first output."""
+    """The first output times the last, a factor.
+
+    With a step in between, the output of the operator without its scaled part, the factor
+    multiplies only the difference of the first output from that one.
+    """
 
     def _joined(self, functions):
         function, *others, factor = functions
         if not others:
             return lambda u: function(u) * factor(u)
-        [other] = others
+        [without] = others
 
         def partly(u):
-            rest = other(u)
+            rest = without(u)
             return rest + factor(u) * (function(u) - rest)
 
         return partly
@@ -421,7 +437,7 @@ class CompiledFed(CompiledParts):
 
 
 class _Replaced:
-    """Rows of an input with other values in place of column 0."""
+    """Rows of an input with another signal in place of column 0, without a copy of the others."""
 
     def __init__(self, first, u):
         self.first, self.u = first, u
@@ -450,6 +466,17 @@ class Signal:
         Range of the fit, in the unit of the signal.
     rate : float, default=inf
         Fastest change of the fit, units of the signal per s.
+
+    See Also
+    --------
+    Stepper : Reports signals beyond their range.
+
+    Examples
+    --------
+    >>> from skhyst.operators import Signal
+    >>> low, high, change = Signal("drive", low=-1.0, high=1.0, rate=20.0).ends(dt=0.01)
+    >>> round(high, 6), round(change, 6)
+    (1.0, 0.2)
     """
 
     name: str
@@ -529,7 +556,12 @@ class Stepper:
     Raises
     ------
     ValueError
-        If ``dt`` is not a positive number.
+        If ``dt`` is not a positive number, or there is not one signal per input.
+
+    See Also
+    --------
+    skhyst.base.ParametricModel.stepper : That of a fitted model.
+    skhyst.export.to_c : The same step as a program.
 
     Examples
     --------
@@ -589,9 +621,9 @@ class Stepper:
 
     @property
     def status(self):
-        found = {name for name, at in self.compiled_step.flags if self._state[at] != 0.0}
-        found |= {"refused"} if self._refused else set()
-        return frozenset(found | {"extrapolated"} if self._is_extrapolating() else found)
+        names = {name for name, at in self.compiled_step.flags if self._state[at] != 0.0}
+        names |= {"refused"} if self._refused else set()
+        return frozenset(names | {"extrapolated"} if self._is_extrapolating() else names)
 
     def _is_extrapolating(self):
         """Whether the last sample was beyond the range or the rate of a signal."""

@@ -234,8 +234,8 @@ class OnColumnOperator(WrappedOperator):
         return self.operator.starts(self._own(u), y, dt)
 
     def compiled_step(self, dt, state):
-        own = self.operator.compiled_step(dt, state)
-        return CompiledColumn((own,), self.column, self.reference)
+        inner = self.operator.compiled_step(dt, state)
+        return CompiledColumn((inner,), self.column, self.reference)
 
     def step(self, state, u, dt):
         return self.operator.step(state, self._own(u), dt)
@@ -295,6 +295,16 @@ class Scaled(WrappedOperator):
         within itself (``scaled_within``), by a factor of zero or above; the whole output by
         default.
 
+    Raises
+    ------
+    ValueError
+        If the operator cannot scale what ``scales`` names.
+
+    See Also
+    --------
+    Factor : Makes one, by ``operator * Factor(column)``.
+    skhyst.compose.Modulated : Its estimator.
+
     Examples
     --------
     >>> import numpy as np
@@ -348,13 +358,13 @@ class Scaled(WrappedOperator):
 
     def entries(self):
         suffix = "" if self._depth == 1 else f"_{self._depth}"
-        own = [(name, replace(spec, additive=False)) for name, spec in self.operator.entries()]
+        scaled = [(name, replace(spec, additive=False)) for name, spec in self.operator.entries()]
         lag = [(f"lag_{name}{suffix}", spec) for name, spec in self._of_lag()]
         curve = [
             (f"curvature{suffix}[{k}]", ParameterSpec(unit=f"1/column^{k + 2}"))
             for k in range(len(self.curvature))
         ]
-        return [*own, (f"sensitivity{suffix}", _SENSITIVITY), *curve, *lag]
+        return [*scaled, (f"sensitivity{suffix}", _SENSITIVITY), *curve, *lag]
 
     def parameter_units(self):
         known = self.operator.parameter_units()
@@ -385,15 +395,15 @@ class Scaled(WrappedOperator):
             values = lag.pack()
             values[self._rows_of_lag()] = vector[n + 1 + len(curvature) :]
             lag = lag.unpack(values)
-        own = {"sensitivity": float(sensitivity), "curvature": tuple(map(float, curvature))}
-        return replace(self, operator=self.operator.unpack(vector[:n]), lag=lag, **own)
+        changes = {"sensitivity": float(sensitivity), "curvature": tuple(map(float, curvature))}
+        return replace(self, operator=self.operator.unpack(vector[:n]), lag=lag, **changes)
 
     @cached_property
     def _is_within(self):
         return _scales_within(self.operator, self.scales)
 
     def _scaled_entries(self):
-        """Mark the entries that are scaled."""
+        """Return a mask of the entries that are scaled; an array may be named as a whole."""
         names = [name for name, _ in self.operator.entries()]
         return np.array([not {name, name.split("[")[0]}.isdisjoint(self.scales) for name in names])
 
@@ -406,8 +416,8 @@ class Scaled(WrappedOperator):
         return {k: v for k, v in self.__dict__.items() if k not in ("_others", "_is_within")}
 
     def _factor_law(self):
-        own = self._coefficients, self.reference, self.magnitude, self._is_within
-        return CompiledLaw(factor_step, own, ())
+        constants = self._coefficients, self.reference, self.magnitude, self._is_within
+        return CompiledLaw(factor_step, constants, ())
 
     def _factor(self, a):
         law = self._factor_law()
@@ -419,31 +429,31 @@ class Scaled(WrappedOperator):
         if self._is_within:
             # at rest the output of the lag, of unit gain, is its input
             [factor] = self._factor(np.array([_one(u0, self.column)]))
-            own = bare(self.operator).scaled_init(_one(u0, 0), factor, initial_state)
+            inner = bare(self.operator).scaled_init(_one(u0, 0), factor, initial_state)
         else:
-            own = self.operator.init(u0, initial_state)
+            inner = self.operator.init(u0, initial_state)
             if self.scales:
-                own = own, self._others.init(u0, initial_state)
-        return own if lag is None else (own, lag)
+                inner = inner, self._others.init(u0, initial_state)
+        return inner if lag is None else (inner, lag)
 
     def run(self, u, dt, state=None):
         if state is None:
             state = self.init(np.asarray(u, dtype=float)[0])
         a = _one(u, self.column)
-        own, lag = (state, None) if self.lag is None else state
+        inner, lag = (state, None) if self.lag is None else state
         if self.lag is not None:
             a, lag = self.lag.run(a, dt, lag)
         factor = self._factor(a)
         if self._is_within:
-            y, own = bare(self.operator).scaled_run(_one(u, 0), factor, dt, own)
+            y, inner = bare(self.operator).scaled_run(_one(u, 0), factor, dt, inner)
         elif self.scales:
-            y, whole = self.operator.run(u, dt, own[0])
-            rest, others = self._others.run(u, dt, own[1])
-            y, own = rest + factor * (y - rest), (whole, others)
+            y, whole = self.operator.run(u, dt, inner[0])
+            rest, others = self._others.run(u, dt, inner[1])
+            y, inner = rest + factor * (y - rest), (whole, others)
         else:
-            y, own = self.operator.run(u, dt, own)
+            y, inner = self.operator.run(u, dt, inner)
             y = y * factor
-        return y, own if self.lag is None else (own, lag)
+        return y, inner if self.lag is None else (inner, lag)
 
     def by_start(self, u, dt, start):
         a = _one(u, self.column)
@@ -455,16 +465,16 @@ class Scaled(WrappedOperator):
         return rest + (dy - rest) * self._factor(a)[:, None]
 
     def compiled_step(self, dt, state):
-        own, lag = (state, None) if self.lag is None else state
+        inner, lag = (state, None) if self.lag is None else state
         factor = self._factor_law()
         if self.lag is not None:
             factor = CompiledSeries((self.lag.compiled_step(dt, lag), factor))
         factor = CompiledColumn((factor,), self.column, 0.0)
         if self._is_within:
-            return CompiledFed((bare(self.operator).scaled_step(dt, own), factor))
+            return CompiledFed((bare(self.operator).scaled_step(dt, inner), factor))
         if not self.scales:
-            return CompiledProduct((self.operator.compiled_step(dt, own), factor))
-        parts = self.operator.compiled_step(dt, own[0]), self._others.compiled_step(dt, own[1])
+            return CompiledProduct((self.operator.compiled_step(dt, inner), factor))
+        parts = self.operator.compiled_step(dt, inner[0]), self._others.compiled_step(dt, inner[1])
         return CompiledProduct((*parts, factor))
 
     def _factor_sensitivities(self, u, du, dt):
@@ -479,17 +489,17 @@ class Scaled(WrappedOperator):
         powers = x[:, None] ** np.arange(len(coefficients) + 1)
         slope = sign * (powers[:, :-1] @ (coefficients * np.arange(1, len(coefficients) + 1)))
         da = slope[:, None] * da
-        found = np.column_stack([da[:, :m], powers[:, 1:], da[:, m:]])
+        dfactor = np.column_stack([da[:, :m], powers[:, 1:], da[:, m:]])
         if self._is_within:
-            found[factor <= 0.0] = 0.0
-        return factor, found
+            dfactor[factor <= 0.0] = 0.0
+        return factor, dfactor
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
         m = du.shape[-1]
         factor, dfactor = self._factor_sensitivities(u, du, dt)
         if self._is_within:
-            own = _one(u, 0), _tangents_of(du, 0), factor, dfactor
-            return bare(self.operator).scaled_sensitivities(*own, dt, initial_state)
+            signals = _one(u, 0), _tangents_of(du, 0), factor, dfactor
+            return bare(self.operator).scaled_sensitivities(*signals, dt, initial_state)
         y, dy = self.operator.sensitivities(u, du, dt, initial_state)
         rest, drest = np.zeros_like(y), np.zeros_like(dy)
         if self.scales:
@@ -521,6 +531,16 @@ class Scheduled(WrappedOperator):
         Range of the schedule.
     schedule : float, default=None
         Schedule value of the record, set by :meth:`at`.
+
+    Raises
+    ------
+    ValueError
+        If there is not one degree per parameter of ``base``, or the number of coefficients does not
+        match the degrees.
+
+    See Also
+    --------
+    skhyst.compose.ScheduledParameters : Its estimator.
 
     Examples
     --------
@@ -601,13 +621,13 @@ class Scheduled(WrappedOperator):
         """
         base = stage.operator
         values = zip(base.keys(stage.name), base.pack(), strict=True)
-        own = [np.asarray(lines.get(key, [value])) for key, value in values]
-        rows = zip(base.entries(), own, strict=True)
+        coefficients = [np.asarray(lines.get(key, [value])) for key, value in values]
+        rows = zip(base.entries(), coefficients, strict=True)
         names = [name for (name, _), line in rows if len(line) > 1]
         if model is not None:
             model = copy.copy(model).set_params(parameters=names)
-        degrees = tuple(len(line) - 1 for line in own)
-        return cls(base, degrees, np.concatenate(own), low, high, model=model)
+        degrees = tuple(len(line) - 1 for line in coefficients)
+        return cls(base, degrees, np.concatenate(coefficients), low, high, model=model)
 
     def entries(self):
         return [
@@ -640,9 +660,9 @@ class Scheduled(WrappedOperator):
             With polynomials of the entries of ``base`` alone.
         """
         ends = zip(self.base.entries(), self._counts, np.cumsum(self._counts), strict=True)
-        own = {name: self.coefficients[end - n : end] for (name, _), n, end in ends}
+        known = {name: self.coefficients[end - n : end] for (name, _), n, end in ends}
         values = zip(base.entries(), base.pack(), strict=True)
-        polynomials = [own.get(name, np.array([value])) for (name, _), value in values]
+        polynomials = [known.get(name, np.array([value])) for (name, _), value in values]
         degrees = tuple(len(coefficients) - 1 for coefficients in polynomials)
         coefficients = np.concatenate([np.empty(0), *polynomials])
         return replace(self, base=base, degrees=degrees, coefficients=coefficients)
@@ -660,7 +680,7 @@ class Scheduled(WrappedOperator):
         part, values = stage.operator, {}
         for key, value in zip(self.keys(name), self.coefficients, strict=True):
             values[key] = np.append(values.get(key, []), value)
-        lines = {key: own for key, own in values.items() if len(own) > 1}
+        lines = {key: coefficients for key, coefficients in values.items() if len(coefficients) > 1}
         keys = part.keys(stage.name)
         rows = zip(keys, part.entries(), strict=True)
         free = [key for key, (_, spec) in rows if not spec.held]
@@ -714,14 +734,14 @@ class Scheduled(WrappedOperator):
         """Return the coefficients by powers of the schedule, lowest first, by name."""
         span = self.high - self.low
         t = Polynomial([-self.low / span, 1.0 / span]) if span > 0.0 else Polynomial([0.0])
-        found, start = {}, 0
+        polynomials, start = {}, 0
         for (name, _), d in zip(self.base.entries(), self.degrees, strict=True):
-            own = self.coefficients[start : start + d + 1]
-            terms = (comb(d, k) * own[k] * t**k * (1 - t) ** (d - k) for k in range(d + 1))
+            bernstein = self.coefficients[start : start + d + 1]
+            terms = (comb(d, k) * bernstein[k] * t**k * (1 - t) ** (d - k) for k in range(d + 1))
             power = sum(terms, Polynomial([0.0])).coef
-            found[name] = np.pad(power, (0, max(d + 1 - len(power), 0)))[: d + 1]
+            polynomials[name] = np.pad(power, (0, max(d + 1 - len(power), 0)))[: d + 1]
             start += d + 1
-        return found
+        return polynomials
 
     def __getstate__(self):
         return {k: v for k, v in self.__dict__.items() if k not in ("_basis", "operator")}
@@ -729,8 +749,8 @@ class Scheduled(WrappedOperator):
     def sensitivities(self, u, du, dt, initial_state="rest"):
         y, dy = self.operator.sensitivities(u, du, dt, initial_state)
         m = du.shape[-1]
-        own = np.repeat(dy[:, m:], self._counts, axis=1) * self._basis
-        return y, np.concatenate([dy[:, :m], own], axis=1)
+        by_coefficients = np.repeat(dy[:, m:], self._counts, axis=1) * self._basis
+        return y, np.concatenate([dy[:, :m], by_coefficients], axis=1)
 
 
 @dataclass(frozen=True)
@@ -784,11 +804,11 @@ class _Composition(_ByEntries):
     @cached_property
     def _entries(self):
         parts = [stage.entries() for stage in self.stages]
-        specs = self._marked([[spec for _, spec in own] for own in parts])
+        specs = self._marked([[spec for _, spec in entries] for entries in parts])
         return [
             (f"{name}__{entry}", spec)
-            for name, own, marked in zip(self.names, parts, specs, strict=True)
-            for (entry, _), spec in zip(own, marked, strict=True)
+            for name, entries, marked in zip(self.names, parts, specs, strict=True)
+            for (entry, _), spec in zip(entries, marked, strict=True)
         ]
 
     def _marked(self, parts):
@@ -809,7 +829,7 @@ class _Composition(_ByEntries):
 
     def members(self):
         """Return the stages with their names."""
-        return [Stage(*own) for own in zip(self.names, self.stages, strict=True)]
+        return [Stage(*pair) for pair in zip(self.names, self.stages, strict=True)]
 
     def held_entries(self):
         if not self.is_composed:
@@ -849,9 +869,9 @@ class _Composition(_ByEntries):
         return self._at_gauge()
 
     def _at_gauge(self):
-        specs, own = [spec for _, spec in self.entries()], self.pack()
-        values = [s.gauge if s.held else v for s, v in zip(specs, own, strict=True)]
-        return self if values == own.tolist() else self.unpack(np.array(values, dtype=float))
+        specs, vector = [spec for _, spec in self.entries()], self.pack()
+        values = [s.gauge if s.held else v for s, v in zip(specs, vector, strict=True)]
+        return self if values == vector.tolist() else self.unpack(np.array(values, dtype=float))
 
     def released(self):
         return replace(self, stages=tuple(stage.released() for stage in self.stages), model=None)
@@ -870,7 +890,7 @@ class _Composition(_ByEntries):
 
 
 def _begins(stage, initial_state):
-    """Return the initial state of a part; only a part without rest takes start values."""
+    """Return the initial state of a part; start values are only for a part without rest."""
     return initial_state if isinstance(initial_state, str) or stage.n_start else "rest"
 
 
@@ -883,6 +903,11 @@ class Series(_Composition):
         Names of the stages.
     stages : tuple of Operator
         In the order of the series.
+
+    See Also
+    --------
+    SumOperator : Operators in parallel.
+    skhyst.compose.Cascade : Its estimator.
 
     Examples
     --------
@@ -898,17 +923,17 @@ class Series(_Composition):
     def _marked(self, parts):
         owners, n = self._owners(parts), len(parts)
         held = [
-            [s.held or (s.is_shared and i not in owners) for s in own]
-            for i, own in enumerate(parts)
+            [s.held or (s.is_shared and i not in owners) for s in specs]
+            for i, specs in enumerate(parts)
         ]
-        # Only parameters of a single stage are linear, and only if all later stages are linear in
-        # the signal; the stage with most such parameters is chosen. Two such stages would be
-        # bilinear.
+        # The response is linear in the parameters of one stage at a time, since those of two
+        # stages multiply each other, and only if all later stages are linear in the signal. The
+        # stage with most such parameters is chosen: more of them are then solved exactly.
         linear = [
-            [s.linear and not is_held for s, is_held in zip(own, marks, strict=True)]
-            for own, marks in zip(parts, held, strict=True)
+            [s.linear and not is_held for s, is_held in zip(specs, marks, strict=True)]
+            for specs, marks in zip(parts, held, strict=True)
         ]
-        first = max(n - 1, 0)  # of those behind which everything is linear
+        first = max(n - 1, 0)  # becomes the first stage that only linear ones follow
         while first > 0 and self.stages[first].signal_linear:
             first -= 1
         best = max(range(n - 1, first - 1, -1), key=lambda i: sum(linear[i]), default=None)
@@ -923,7 +948,9 @@ class Series(_Composition):
     def _owners(self, parts):
         """Return the number of the stage that keeps gain and intercept, in a list; or none."""
         owners = [i for i, stage in enumerate(self.stages) if stage.owns_gain][:1]
-        return owners or [i for i, own in enumerate(parts) if any(s.is_shared for s in own)][-1:]
+        return (
+            owners or [i for i, specs in enumerate(parts) if any(s.is_shared for s in specs)][-1:]
+        )
 
     def _stage_units(self):
         # signals are in units of the drive up to the stage that owns the gain, then of the response
@@ -975,7 +1002,9 @@ class Series(_Composition):
     def keys(self, name=None):
         if not self.is_composed:
             return super().keys(name)
-        return [key for own, stage in self.series() for key in Operator.keys(stage, own)]
+        return [
+            key for stage_name, stage in self.series() for key in Operator.keys(stage, stage_name)
+        ]
 
     def init(self, u0, initial_state="rest"):
         states = []
@@ -1001,9 +1030,9 @@ class Series(_Composition):
         """Return the steps of the stages and their total preview; see the base class."""
         compiled_step, samples = [], 0
         for stage in self.stages:
-            own, later = stage.ahead(dt, u0, tol)
-            compiled_step.append(own)
-            samples += later
+            stage_step, preview = stage.ahead(dt, u0, tol)
+            compiled_step.append(stage_step)
+            samples += preview
             u0 = stage.run(np.array([u0]), dt)[0][0]
         return CompiledSeries(tuple(compiled_step)), samples
 
@@ -1032,9 +1061,9 @@ class Series(_Composition):
     def by_start(self, u, dt, start):
         du = np.zeros((len(u), len(start)))
         for stage in self.stages:
-            own = stage.by_start(u, dt, start) if stage.n_start else 0.0
+            by_own_start = stage.by_start(u, dt, start) if stage.n_start else 0.0
             u, du = stage.propagate(u, du, dt, _begins(stage, start))
-            du = du + own
+            du = du + by_own_start
         return du
 
 
@@ -1060,25 +1089,25 @@ class SumOperator(_Composition):
     structure_of = "Sum"
 
     def _marked(self, parts):
-        found, taken = [], False
-        for i, own in enumerate(parts):
+        marked, taken = [], False
+        for i, specs in enumerate(parts):
             # A common gain can be factored out of the first branch only. Intercepts add up to one:
             # the first branch with an intercept keeps it.
-            constant = [s.gauge == 0.0 for s in own]
-            found.append(
+            constant = [s.gauge == 0.0 for s in specs]
+            marked.append(
                 [
                     _set(s, held=s.held or (c and taken), movable=s.movable and (c or i == 0))
-                    for s, c in zip(own, constant, strict=True)
+                    for s, c in zip(specs, constant, strict=True)
                 ]
             )
-            taken = taken or any(c and not s.held for s, c in zip(own, constant, strict=True))
-        return found
+            taken = taken or any(c and not s.held for s, c in zip(specs, constant, strict=True))
+        return marked
 
     def init(self, u0, initial_state="rest"):
         return tuple(stage.init(u0, _begins(stage, initial_state)) for stage in self.stages)
 
     def by_start(self, u, dt, start):
-        return sum(own.by_start(u, dt, start) for own in self.stages if own.n_start)
+        return sum(stage.by_start(u, dt, start) for stage in self.stages if stage.n_start)
 
     def run(self, u, dt, state=None):
         states, total = [], np.zeros(len(u))
@@ -1110,7 +1139,13 @@ class SumOperator(_Composition):
         return block_diag(*ad), *map(np.concatenate, (b0, b1, c)), sum(d)
 
     def inverse(self):
-        """Return the inverse of the sum; with a preview if all parts are linear."""
+        """Return the inverse of the sum; with a preview if all parts are linear.
+
+        Raises
+        ------
+        ValueError
+            If there are no parts.
+        """
         if not self.stages:
             raise ValueError("A sum without terms has no inverse.")
         is_linear = all(hasattr(stage, "discrete") for stage in self.stages)
@@ -1121,19 +1156,19 @@ class SumOperator(_Composition):
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
         m = du.shape[-1]
-        total, carried, own = np.zeros(len(u)), np.zeros((len(u), m)), []
+        total, propagated, by_parameters = np.zeros(len(u)), np.zeros((len(u), m)), []
         for stage in self.stages:
             y, dy = stage.sensitivities(u, du, dt, _begins(stage, initial_state))
             total += y
-            carried += dy[:, :m]
-            own.append(dy[:, m:])
-        return total, np.concatenate([carried, *own], axis=1)
+            propagated += dy[:, :m]
+            by_parameters.append(dy[:, m:])
+        return total, np.concatenate([propagated, *by_parameters], axis=1)
 
     def split(self):
         driven, disturbances = {}, []
         for name, stage in zip(self.names, self.stages, strict=True):
-            part, own = stage.split()
-            disturbances += own
+            part, removed = stage.split()
+            disturbances += removed
             if not stage.is_disturbance:
                 driven[name] = part
         if not disturbances or not self.is_composed:
@@ -1149,11 +1184,11 @@ class SumOperator(_Composition):
 
     def parts(self):
         """Return the driven stages, the branches of further columns, and the disturbances."""
-        found = [], [], []
+        kinds = [], [], []
         for name, stage in zip(self.names, self.stages, strict=True):
             kind = 2 if stage.is_disturbance else int(stage.driving_column != 0)
-            found[kind].append(Stage(name, bare(stage)))
-        return found
+            kinds[kind].append(Stage(name, bare(stage)))
+        return kinds
 
     @classmethod
     def of_parts(cls, parts, model=None):
@@ -1195,15 +1230,15 @@ class SumOperator(_Composition):
         part, (driven, branches, _) = self.inner(name), self.parts()
         if part is None:
             return super().keys(name)
-        found = []
-        for own, stage in self.members():
-            if own in dict(branches):
-                found += Operator.keys(stage, own)
-            elif own in dict(driven):
-                keys = bare(stage).keys(own)
-                several = [(part.name, f"{own}__{entry}") for entry, _ in stage.entries()]
-                found += keys if len(driven) == 1 else several
-        return found
+        stage_keys = []
+        for stage_name, stage in self.members():
+            if stage_name in dict(branches):
+                stage_keys += Operator.keys(stage, stage_name)
+            elif stage_name in dict(driven):
+                keys = bare(stage).keys(stage_name)
+                several = [(part.name, f"{stage_name}__{entry}") for entry, _ in stage.entries()]
+                stage_keys += keys if len(driven) == 1 else several
+        return stage_keys
 
 
 def _set(spec, **marks):
@@ -1231,8 +1266,8 @@ def _gathered(stages, without=None):
     for i in scaled:
         gain *= stages[i].gain
         intercept = stages[i].gain * intercept + stages[i].intercept
-    own = dict.fromkeys(scaled, (1.0, 0.0)) | {owner: (gain, intercept)}
-    return tuple(_with_gain(stages[i], *own[i]) if i in own else stages[i] for i in kept)
+    gains = dict.fromkeys(scaled, (1.0, 0.0)) | {owner: (gain, intercept)}
+    return tuple(_with_gain(stages[i], *gains[i]) if i in gains else stages[i] for i in kept)
 
 
 def _has_transferable_gain(stage):
@@ -1327,8 +1362,8 @@ def _together(kind, *operands):
     stages = []
     for operand in operands:
         is_node = isinstance(operand, kind) and operand.is_composed
-        own = operand.names if is_node else (operand.label,)
-        for name, part in zip(own, operand.stages if is_node else (operand,), strict=True):
+        names = operand.names if is_node else (operand.label,)
+        for name, part in zip(names, operand.stages if is_node else (operand,), strict=True):
             same = sum(other.rstrip("0123456789").rstrip("_") == name for other, _ in stages)
             stages.append(Stage(f"{name}_{same + 1}" if same else name, part))
     return stages

@@ -75,11 +75,11 @@ def add_parallel(whole, name, operator):
     total = whole.operator
     if not (isinstance(total, SumOperator) and total.inner() is not None):
         stages = series_stages(whole)
-        own = stages[0].name if len(stages) == 1 else _DRIVEN
-        total, model = SumOperator((own,), (total,)), _node(SumOperator, [], whole)
+        own_name = stages[0].name if len(stages) == 1 else _DRIVEN
+        total, model = SumOperator((own_name,), (total,)), _node(SumOperator, [], whole)
     else:
         model = total.model
-    parts = [Stage(own, bare(stage)) for own, stage in total.members()]
+    parts = [Stage(own_name, bare(stage)) for own_name, stage in total.members()]
     total = SumOperator.of_parts([*parts, Stage(name, operator)], model)
     return Stage(None, total.normalized())
 
@@ -125,15 +125,15 @@ def scheduled(whole, by, low, high, lines):
 def stage_values(whole, *, held=True):
     """Return the values of the operator by (name of the stage, name of the entry).
 
-    Each is an array of one value, or of several if it is scheduled. Without ``held``, entries that
-    held because another stage owns their gain or intercept are left out.
+    Each is an array of one value, or of several if it is scheduled. With ``held=False``, entries
+    that are held because another stage owns the gain or the intercept are left out.
     """
     driven, _ = split_disturbances(whole.operator)
-    found, keys = {}, whole.operator.keys(whole.name)
+    values, keys = {}, whole.operator.keys(whole.name)
     for key, value, (_, spec) in zip(keys, driven.pack(), driven.entries(), strict=True):
         if held or not spec.held:
-            found[key] = np.append(found.get(key, []), value)
-    return found
+            values[key] = np.append(values.get(key, []), value)
+    return values
 
 
 def with_stage_values(whole, values):
@@ -144,7 +144,7 @@ def with_stage_values(whole, values):
     driven, _ = split_disturbances(whole.operator)
     keys, vector, entries = whole.operator.keys(whole.name), driven.pack(), driven.entries()
     for key in set(keys) & set(values):
-        rows = [i for i, own in enumerate(keys) if own == key and not entries[i][1].held]
+        rows = [i for i, other in enumerate(keys) if other == key and not entries[i][1].held]
         same = len(rows) == len(values[key])
         vector[rows] = values[key] if same else np.mean(values[key])
     return driven.unpack(vector)

@@ -75,6 +75,8 @@ def feedback_step(u, c, s):
     before = s[n + 1]
     first = 0 if s[n + 2] > 0.0 else n_substeps
     last = n_substeps + 1 if is_held > 0.0 or first > 0 else n_substeps
+    # the last pass, i = n_substeps, takes no time: it solves for the force at the sample itself,
+    # where a held drive jumps, or where a start from zero has no substep before
     for i in range(first, last):
         start, stop = u, u
         if i < n_substeps:
@@ -96,6 +98,7 @@ def feedback_step(u, c, s):
                 if i < n_substeps:
                     b += sensed[a, j] * b1[j]
             s[at + a], s[at + n_sensed + a] = r + d * stop, b
+        # root of f(z / g) = f1 by the secant method, from the last force
         guess, old, older, f = s[n], s[n], 0.0, 0.0
         for trial in range(_TRIALS + 1):
             for a in range(n_sensed):
@@ -111,8 +114,9 @@ def feedback_step(u, c, s):
                 break
             slope = (older - error) / (guess - old) if trial > 0 and guess != old else 1.0
             old, older = guess, error
+            # a slope near zero or below would throw the secant far away
             guess += error / slope if slope > _LEAST_SLOPE else error
-        if not abs(gain * s[n + 3]) <= _LARGEST:
+        if not abs(gain * s[n + 3]) <= _LARGEST:  # also if it is NaN
             s[n + 3] = f = math.nan
         if i < n_substeps:
             for j in range(n):
@@ -148,15 +152,15 @@ def _trace(law):
 @jit
 def _tangents(
     moving, resting, output, sensed, d, gain, at_gain, by_output, by_sensed, by_d, n_substeps,
-    is_held, begun, u, du, before, dbefore, q, force, slope, own, x, dx, f, df, dy,
+    is_held, begun, u, du, before, dbefore, q, force, slope, by_curve, x, dx, f, df, dy,
 ):  # fmt: skip
-    """Write the tangents (n_samples, m + p + n_own) of w to ``dy``.
+    """Write the tangents (n_samples, m + p + n_curve) of w to ``dy``.
 
-    The m are those of the drive, the p by the parameters of the linear part, the number of whose
-    gain is ``at_gain``, the n_own by those of the curve. ``moving`` is (Ad, B0, B1) and their
-    derivatives, ``resting`` the same of no time at all. ``q`` is z / g, of each of ``sensed``; it,
-    the force f there, its slopes and its derivatives ``own`` are those of each instant, (n_samples,
-    n_substeps + 1, ...).
+    The m columns are those of the drive, the p by the parameters of the linear part, of which
+    number ``at_gain`` is the gain, the n_curve by those of the curve. ``moving`` is (Ad, B0, B1)
+    and their derivatives for a substep, ``resting`` the same for a step of no duration. ``q`` is
+    z / g for each row of ``sensed``; ``q``, the force there, its slopes by z / g and its
+    derivatives ``by_curve`` are (n_samples, n_substeps + 1, ...), as :func:`trace` has stored them.
     ``x``, ``dx``, ``f`` and ``df`` are states, force and their tangents before the first sample;
     they are overwritten.
     """
@@ -172,19 +176,19 @@ def _tangents(
             if i == n_substeps:
                 begin = end = 1.0
             v, stop = before + (u[k] - before) * begin - f, before + (u[k] - before) * end
-            bent = 1.0
+            bent = 1.0  # becomes 1 + b f' / g, the derivative of the equation by the force
             for j in range(n):
                 total = b0[j] * v + b1[j] * stop
                 for h in range(n):
                     total += ad[j, h] * x[h]
                 free[j] = total
-            f, bend = force[k, i], slope[k, i]
+            f, bend = force[k, i], slope[k, i]  # known from the run: no root is sought again
             for z in range(n_sensed):
                 b = d
                 for j in range(n):
                     b += sensed[z, j] * b1[j]
                 bent += b * bend[z] / gain
-            for z in range(m + p + own.shape[2]):
+            for z in range(m + p + by_curve.shape[2]):
                 dv, dstop, a = -df[z], 0.0, z - m
                 if z < m:
                     dv += dbefore[z] + (du[k, z] - dbefore[z]) * begin
@@ -199,7 +203,7 @@ def _tangents(
                         for h in range(n):
                             total += by_ad[a, j, h] * x[h]
                     dfree[j] = total
-                moved = own[k, i, a - p] if a >= p else 0.0
+                moved = by_curve[k, i, a - p] if a >= p else 0.0
                 for y in range(n_sensed):
                     dr, db = d * dstop, 0.0
                     for j in range(n):
@@ -213,7 +217,7 @@ def _tangents(
                     moved += bend[y] * (dr - db * f) / gain
                     if a == at_gain:
                         moved -= bend[y] * q[k, i, y] / gain
-                df[z] = moved / bent
+                df[z] = moved / bent  # implicit function theorem
                 for j in range(n):
                     dx[j, z] = dfree[j] - b1[j] * df[z]
                     if is_linear:
@@ -221,7 +225,7 @@ def _tangents(
             for j in range(n):
                 x[j] = free[j] - b1[j] * f
         begun, before = True, u[k]
-        for z in range(m + p + own.shape[2]):
+        for z in range(m + p + by_curve.shape[2]):
             dw = -d * df[z]
             for j in range(n):
                 dw += output[j] * dx[j, z]
@@ -363,9 +367,9 @@ class FeedbackOperator(_Composition, HeldInput):
 
     def _constants(self, dt):
         system = self._straight().discrete(dt / self.n_substeps)
-        own = self.linear.gain, self.linear.intercept, self.n_substeps, self.linear.hold == "zoh"
+        values = self.linear.gain, self.linear.intercept, self.n_substeps, self.linear.hold == "zoh"
         sensed = self._sensed(system[3], 0)
-        return *system, *map(float, own), sensed, float(not self._of_velocity)
+        return *system, *map(float, values), sensed, float(not self._of_velocity)
 
     def _sensed(self, output, which):
         """Return the rows of the states that give each z, or (1) their derivatives."""
@@ -416,13 +420,13 @@ class FeedbackOperator(_Composition, HeldInput):
     def _force(self, z):
         """Return the force f, its slopes and its derivatives by the entries of the curve."""
         if self._of_both:
-            y, slope, own = self.curve.surface(z)
+            y, slope, by_entries = self.curve.surface(z)
         else:
             y, by = self.curve.sensitivities(z[:, 0], np.ones((len(z), 1)), 1.0)
-            slope, own = by[:, :1], by[:, 1:]
+            slope, by_entries = by[:, :1], by[:, 1:]
         if self._of_velocity:
-            return y, slope, own
-        return y - z[:, 0], slope - np.eye(1, slope.shape[1]), own
+            return y, slope, by_entries
+        return y - z[:, 0], slope - np.eye(1, slope.shape[1]), by_entries
 
     def arguments(self, u, dt):
         """Return the argument of the curve, from rest.
@@ -477,13 +481,13 @@ class FeedbackOperator(_Composition, HeldInput):
         (x, f, before, begun), h = self.init(u[0], initial_state), dt / self.n_substeps
         n_samples, m = du.shape
         y, q = self._traced(u, dt, (x, f, before, begun))
-        force, slope, own = self._force(q.reshape(-1, 1 + self._of_both))
+        force, slope, by_curve_values = self._force(q.reshape(-1, 1 + self._of_both))
         straight = self._straight()
         ad, b0, b1, output, d = straight.discrete(h)
         *by_moving, by_output, by_d, by_rest = straight._discrete_tangents(h)
         sensed, by_sensed = self._sensed(output, 0), self._sensed(by_output, 1)
         n, p = len(x), len(by_d)
-        none = [np.eye(n), np.zeros(n), np.zeros(n), *map(np.zeros_like, by_moving)]
+        unmoved = [np.eye(n), np.zeros(n), np.zeros(n), *map(np.zeros_like, by_moving)]
         names = [name for name, _ in self.linear.entries()]
         dx, df, dbefore = np.zeros((n, m + self.n_parameters)), np.zeros(m + self.n_parameters), 0.0
         if begun:
@@ -499,11 +503,11 @@ class FeedbackOperator(_Composition, HeldInput):
         dy = np.empty((n_samples, m + self.n_parameters))
         shape = n_samples, self.n_substeps + 1
         _tangents(
-            (ad, b0, b1, *by_moving), tuple(none), output, sensed, d, float(self.linear.gain),
+            (ad, b0, b1, *by_moving), tuple(unmoved), output, sensed, d, float(self.linear.gain),
             names.index("gain"), by_output, by_sensed, by_d, self.n_substeps,
             self.linear.hold == "zoh", begun, u, du, before, dbefore + np.zeros(m), q,
-            force.reshape(shape), slope.reshape(*shape, -1), own.reshape(*shape, -1), x.copy(), dx,
-            f, df, dy,
+            force.reshape(shape), slope.reshape(*shape, -1), by_curve_values.reshape(*shape, -1),
+            x.copy(), dx, f, df, dy,
         )  # fmt: skip
         dy[:, m + names.index("intercept")] = 1.0
         diverged = ~(np.abs(dy).max(axis=1, initial=0.0) <= _STEEPEST)

@@ -91,11 +91,11 @@ class InverseLinearOperator(InverseOperator):
         if samples < 1 or rest == 0.0:
             return
         pulse = np.eye(1, len(y), k=1)[0]
-        h, e = (
+        h, error = (
             self.operator.run(u, dt, self.operator.init(u[0]))[0] - self.operator.intercept
             for u in (pulse, drive)
         )
-        h, e = h[1:], y[1:] - e[1:]
+        h, error = h[1:], y[1:] - error[1:]
         n, r = len(h), np.zeros((samples, samples))
         for j in range(samples):
             r[0, j] = h[j:] @ h[: n - j]
@@ -104,8 +104,8 @@ class InverseLinearOperator(InverseOperator):
             r[i, i:] = r[i - 1, i - 1 : -1] - h[n - i] * ends
         r = np.triu(r) + np.triu(r, 1).T
         penalty = (_SEEN / rest) ** 2 * np.eye(samples)
-        seen = np.array([h[: n - k] @ e[k:] for k in range(samples)])
-        drive[1 : samples + 1] += np.linalg.solve(r + penalty, seen)
+        projection = np.array([h[: n - k] @ error[k:] for k in range(samples)])
+        drive[1 : samples + 1] += np.linalg.solve(r + penalty, projection)
 
     def ahead(self, dt, u0, tol=1e-9):
         """Return a step with preview: its input is the response some samples later.

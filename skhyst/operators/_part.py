@@ -51,6 +51,10 @@ class Factor(NamedTuple):
     sensitivity : float, default=0.0
         One over the units of the column.
 
+    See Also
+    --------
+    Scaled : The node that ``operator * Factor(...)`` makes.
+
     Examples
     --------
     >>> import numpy as np
@@ -68,7 +72,7 @@ class Factor(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Part:
-    """Base of the operators: members that a tree reads of its parts, each with a default.
+    """Base of the operators: members that a tree needs of its parts, each with a default.
 
     Parameters
     ----------
@@ -113,8 +117,9 @@ class Part:
         Parameters that are searched on a logarithmic scale although they may be negative: the sign
         is found separately, as for time constants of an unstable plant.
     keeps_lines : bool
-        The response to a straight line between two samples is a straight line. Of delays: by whole
-        samples, where the operator can be used at another interval.
+        The response to straight lines between the samples consists of such lines again, so that
+        stages behind it in a series can be resampled; for a delay if it is a whole number of
+        samples, as :meth:`Operator.resampled` requires.
     schedule_range : (float, float) or None
         Least and largest schedule of the fit, where parameters depend on a schedule.
     scaled_within : tuple of str
@@ -172,7 +177,10 @@ class Part:
         return self
 
     def preimage(self, y):
-        """Return an input for an output that turns where the input does not, or None.
+        """Return an input that gives an output, if the curve is not monotone; else None.
+
+        For example that of a fold: such an output turns where the input does not, and starting
+        values of the stages before it are estimated from the input.
 
         Parameters
         ----------
@@ -191,25 +199,6 @@ class Part:
         Of the linear parts only; 0 if there are none.
         """
         return max((child.slowest_decay() for child in self.children), default=0.0)
-
-    def by_start(self, u, dt, start):
-        """Return the derivatives of the output by the start values of a record.
-
-        Parameters
-        ----------
-        u : ndarray of shape (n_samples,)
-            Input.
-        dt : float
-            Sampling interval in s.
-        start : array-like of shape (n_start,)
-            The values.
-
-        Returns
-        -------
-        ndarray of shape (n_samples, n_start)
-            Of an operator with ``n_start`` above 0.
-        """
-        raise NotImplementedError
 
     def starts(self, u, y, dt):
         """Return candidates of the start values of a record, for a search to choose from.
@@ -387,8 +376,8 @@ class Part:
     @property
     def acting_columns(self) -> set[int]:
         """Numbers of the columns that the operator reads other than as its drive."""
-        own = getattr(self, "column", -1)  # -1 is the amplitude, which is that of the drive
-        return {own} - {-1} | {i for child in self.children for i in child.acting_columns}
+        column = getattr(self, "column", -1)  # -1 is the amplitude, which is that of the drive
+        return {column} - {-1} | {i for child in self.children for i in child.acting_columns}
 
     @property
     def is_scheduled(self) -> bool:
@@ -403,8 +392,8 @@ class Part:
     @property
     def label(self) -> str:
         """Default name of a part: from its estimator, or from its own class."""
-        own = self.structure_of or type(self).__name__.removesuffix("Operator")
-        return snake_case(own if self.model is None else type(self.model).__name__)
+        kind = self.structure_of or type(self).__name__.removesuffix("Operator")
+        return snake_case(kind if self.model is None else type(self.model).__name__)
 
     def estimator(self, **params):
         """Return the unfitted estimator that the operator belongs to.

@@ -15,7 +15,7 @@ look-up, whatever the number of plays. The excursion ``D = |v - e|`` is looked u
 ``w_0 + ... + w_{s-1}``; ``bins`` leads from ``D * scale`` to the first row that may apply.
 
 Of three successive excursions that end between the same two thresholds, the middle two turning
-points are invisible to every play and can go: that bounds the stack by two entries a threshold.
+points are invisible to every play and can go: that bounds the stack by two entries per threshold.
 
 The stack is ``points[1..top]`` with outputs ``values[1..top]``; ``points[0]`` mirrors the first
 turning point, since beyond it the memory is virgin again (``top = 0``).
@@ -31,7 +31,7 @@ from ._protocol import Operator, as_constant, by_fields
 
 @jit
 def clip_play(play, low, high):
-    """Return a play that the ends of its slack have moved.
+    """Return a play, moved so far that it lies between the ends of its slack.
 
     The comparisons compile to packed ``vminpd`` and ``vmaxpd`` without relaxed arithmetic.
     """
@@ -398,6 +398,9 @@ def _run(u, offset, intercept, table, bins, scale, points, values, top, last, y)
     ``points`` and ``values`` hold the stack (see :func:`_restore_stack`), ``last`` the previous
     input less the offset.
     """
+    # This loop is the free run of every sum of plays: what it needs of the top of the stack, the
+    # last turning point, the one before it, where the branch closes a loop, and the output at the
+    # former, is in ``base``, ``limit`` and ``start``; ``sign`` is the direction of the branch.
     one, two = np.uint64(1), np.uint64(2)  # unsigned: spares a test for negative indices
     room = np.uint64(points.size - 2)
     last_bin = float(bins.size - 1)
@@ -413,7 +416,7 @@ def _run(u, offset, intercept, table, bins, scale, points, values, top, last, y)
     for i in range(u.size):
         value = u[i] - offset
         if depth > 0:
-            if sign * (value - last) < 0.0:
+            if sign * (value - last) < 0.0:  # a turn: the last value goes on the stack
                 depth += one
                 points[depth] = last
                 values[depth] = output
@@ -423,7 +426,7 @@ def _run(u, offset, intercept, table, bins, scale, points, values, top, last, y)
                     top = _compress_stack(points, values, np.int64(depth), table, bins, scale)
                     depth = np.uint64(top)
                     base, limit, start = points[top], points[top - 1], values[top]
-            if sign * (value - limit) >= 0.0:
+            if sign * (value - limit) >= 0.0:  # wiping-out: a closed loop leaves no memory
                 while depth > two:
                     depth -= two
                     limit = points[depth - one]
@@ -432,7 +435,7 @@ def _run(u, offset, intercept, table, bins, scale, points, values, top, last, y)
                 else:
                     depth -= depth
                 base, start = points[depth], values[depth]
-        elif abs(value) < abs(last):
+        elif abs(value) < abs(last):  # the first turn after the virgin curve
             depth = one
             base, limit, start = last, -last, output
             points[0], points[1], values[1] = limit, base, start
@@ -503,6 +506,10 @@ def turning_points(drive):
         First value, every extremum (a flat top counts once), last value; a constant signal has
         one point.
 
+    See Also
+    --------
+    play_thresholds : Thresholds of plays that a drive moves.
+
     Examples
     --------
     >>> from skhyst.operators import turning_points
@@ -550,6 +557,11 @@ def play_thresholds(drive, n_operators, spacing="grid", *, drive_offset=0.0):
     ------
     ValueError
         If ``spacing`` is neither of the two.
+
+    See Also
+    --------
+    turning_points : The ends of the branches of a drive.
+    skhyst.hysteresis.PrandtlIshlinskii : A weighted sum of plays.
 
     Examples
     --------

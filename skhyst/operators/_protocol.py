@@ -32,8 +32,8 @@ from ._part import Part
 def as_signal(values):
     """Return a contiguous read-only view of floats, copied only where needed.
 
-    A loop is compiled once per array type, and read-only arrays, such as columns of a frame, are a
-    type of their own.
+    Numba compiles a loop once per array type, and read-only arrays, such as columns of a frame, are
+    a type of their own: with all of them read-only, there is one.
     """
     signal = np.ascontiguousarray(values, dtype=float).view()
     signal.flags.writeable = False
@@ -73,6 +73,17 @@ class ParameterSpec:
         Another stage of a series can carry the freedom, if there is a gauge.
     additive : bool
         A field of gauge 0 only adds a constant to the output.
+
+    See Also
+    --------
+    parameter : Declares a field with one.
+
+    Examples
+    --------
+    >>> from skhyst.linear import FirstOrderLagOperator
+    >>> spec = FirstOrderLagOperator(0.1).parameter_specs()["time_constant"]
+    >>> spec.log, spec.lower, spec.unit
+    (True, 0.0, 's')
     """
 
     linear: bool = False
@@ -113,6 +124,10 @@ def parameter(*, default=dataclasses.MISSING, **options):
     dataclasses.Field
         For a field of an operator.
 
+    See Also
+    --------
+    ParameterSpec : The options.
+
     Examples
     --------
     >>> from dataclasses import dataclass
@@ -136,8 +151,23 @@ def parameter(*, default=dataclasses.MISSING, **options):
 class Operator(Part, ABC):
     """Base of all operators. Subclasses are frozen dataclasses.
 
-    They give :meth:`init`, :meth:`run` and :meth:`sensitivities`, and :meth:`compiled_step` where
-    they can be stepped and exported; the rest follows from the fields.
+    They give :meth:`init`, :meth:`run` and :meth:`sensitivities`, and :meth:`compiled_step` if they
+    can be stepped and exported; the rest follows from the fields.
+
+    Raises
+    ------
+    ValueError
+        If the value of a field is not of the annotated type.
+
+    See Also
+    --------
+    OneStateOperator : The shortest way to an operator, from one step of a law.
+    check_operator : Checks an operator against the protocol.
+    skhyst.base.ParametricModel : The estimator of an operator.
+
+    Examples
+    --------
+    See :func:`parameter` for an operator in a few lines.
     """
 
     def __post_init__(self):
@@ -178,7 +208,7 @@ class Operator(Part, ABC):
             self._require("upper", self.lower <= self.upper, wanted)
 
     def _require_size(self, name, size, why):
-        """Refuse an array that has not ``size`` values, one per ...: compiled code looks up all."""
+        """Refuse an array of another size: compiled code does not check indices."""
         wanted = f"have {size} value(s), one per {why}"
         self._require(name, np.shape(getattr(self, name)) == (size,), wanted)
 
@@ -197,11 +227,11 @@ class Operator(Part, ABC):
 
     @cached_property
     def _sizes(self):
-        found = {}
+        sizes = {}
         for name in self.parameter_specs():
             value = getattr(self, name)
-            found[name] = 1 if isinstance(value, float) else np.size(value)  # which makes an array
-        return found
+            sizes[name] = 1 if isinstance(value, float) else np.size(value)  # which makes an array
+        return sizes
 
     @cached_property
     def n_parameters(self) -> int:
@@ -236,8 +266,8 @@ class Operator(Part, ABC):
 
     def _with_values(self, changes):
         """Return a copy with other values of the same structure, faster than ``replace``."""
-        own, new = vars(self), object.__new__(type(self))
-        vars(new).update({k: own[k] for k in _lasting(type(self)) if k in own} | changes)
+        old, new = vars(self), object.__new__(type(self))
+        vars(new).update({k: old[k] for k in _lasting(type(self)) if k in old} | changes)
         new.__post_init__()
         return new
 
@@ -457,20 +487,26 @@ _KINDS = (  # of fields, by their annotation
 )
 
 
-_STRUCTURE = ("_sizes", "n_parameters", "_entries")  # what is found once, whatever the values
+_STRUCTURE = ("_sizes", "n_parameters", "_entries")  # cached properties that no value changes
 
 
 @cache
 def _checks(kind):
     """Return (name, function, requirement) of the fields of an operator that can be checked."""
-    found = []
+    checks = []
     for field in dataclasses.fields(kind):
-        of, *other = get_args(field.type) if isinstance(field.type, UnionType) else (field.type,)
-        for own, is_right, wanted in _KINDS:
-            if isinstance(of, type) and issubclass(of, own) and other in ([], [type(None)]):
-                found.append((field.name, _or_none(is_right) if other else is_right, wanted))
+        annotation, *other = (
+            get_args(field.type) if isinstance(field.type, UnionType) else (field.type,)
+        )
+        for kind_of_field, is_right, wanted in _KINDS:
+            if (
+                isinstance(annotation, type)
+                and issubclass(annotation, kind_of_field)
+                and other in ([], [type(None)])
+            ):
+                checks.append((field.name, _or_none(is_right) if other else is_right, wanted))
                 break
-    return tuple(found)
+    return tuple(checks)
 
 
 def _or_none(is_right):

@@ -29,8 +29,8 @@ def run_records(operator, signal, slices, initial_state="rest", schedules=None):
     with np.errstate(over="ignore", invalid="ignore"):  # divergence is reported below
         for record, schedule in zip(slices, schedules or [None] * len(slices), strict=True):
             u = signal[record.rows]
-            own = operator if schedule is None else operator.at(schedule)
-            parts.append(own.run(u, record.dt, own.init(u[0], initial_state))[0])
+            of_record = operator if schedule is None else operator.at(schedule)
+            parts.append(of_record.run(u, record.dt, of_record.init(u[0], initial_state))[0])
         y = parts[0] if len(parts) == 1 else np.concatenate(parts)
     return cut_off(y)
 
@@ -80,8 +80,11 @@ def run_variance(operator, covariance, u, dt, initial_state="rest", skip=0):
     root, count = _root(covariance), driven.n_parameters
     time = dt * np.arange(len(u) - skip)
     signals = [np.empty((len(time), 0))]
-    for own in additive:
-        signals += [own.basis(time), own.basis_tangents(time, np.ravel(own.coefficients))]
+    for disturbance in additive:
+        signals += [
+            disturbance.basis(time),
+            disturbance.basis_tangents(time, np.ravel(disturbance.coefficients)),
+        ]
     signals = np.concatenate(signals, axis=1)
     if len(u) * count > _LARGEST:
         variance = np.zeros(len(time))
@@ -114,6 +117,6 @@ def _slope(operator, direction, u, dt, initial_state):
     lower, upper = np.transpose([(spec.lower, spec.upper) for _, spec in operator.entries()])
     ends = []
     for step in (-_STEP, _STEP):
-        own = operator.unpack(np.clip(values + step * direction, lower, upper))
-        ends.append(own.run(u, dt, own.init(u[0], initial_state))[0])
+        moved = operator.unpack(np.clip(values + step * direction, lower, upper))
+        ends.append(moved.run(u, dt, moved.init(u[0], initial_state))[0])
     return (ends[1] - ends[0]) / (2.0 * _STEP)

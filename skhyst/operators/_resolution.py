@@ -33,6 +33,17 @@ class Resolution:
         Further linear fields with one value per term; empty if they are not used.
     fixed : float or None, default=None
         Position of a term that is fixed and never removed.
+
+    See Also
+    --------
+    MovableOperator : An operator whose positions are parameters.
+
+    Examples
+    --------
+    >>> from skhyst.hysteresis import PrandtlIshlinskiiOperator
+    >>> plays = PrandtlIshlinskiiOperator([0.0, 1.0], [1.0, 0.5])
+    >>> plays.resolution.name, plays.resolution.of(plays)
+    ('plays', 2)
     """
 
     name: str
@@ -124,9 +135,9 @@ def with_terms(operator, positions):
         order = np.argsort(places, kind="stable")
         changes[kind.positions] = places[order]
     for name in (kind.weights, *kind.others):
-        own = getattr(operator, name)
-        if np.size(own) or name == kind.weights:
-            changes[name] = np.append(own, np.zeros(n))[order]
+        values = getattr(operator, name)
+        if np.size(values) or name == kind.weights:
+            changes[name] = np.append(values, np.zeros(n))[order]
     return replace(operator, **changes), further[order]
 
 
@@ -141,16 +152,16 @@ def same_places(operator, other):
 def has_weight(operator):
     """Mark the terms of an operator with a nonzero weight, (n_terms,)."""
     kind = operator.resolution
-    own = [np.asarray(getattr(operator, name)) for name in (kind.weights, *kind.others)]
-    return np.any([part != 0.0 for part in own if part.size], axis=0)
+    weights = [np.asarray(getattr(operator, name)) for name in (kind.weights, *kind.others)]
+    return np.any([part != 0.0 for part in weights if part.size], axis=0)
 
 
 def select_terms(operator, kept):
     """Return an operator with only those of its terms that ``kept`` (n_terms,) marks."""
     kind = operator.resolution
     names = [kind.weights, *kind.others, *([] if kind.positions is None else [kind.positions])]
-    own = {name: np.asarray(getattr(operator, name)) for name in names}
-    return replace(operator, **{name: own[name][kept] for name in names if own[name].size})
+    fields = {name: np.asarray(getattr(operator, name)) for name in names}
+    return replace(operator, **{name: fields[name][kept] for name in names if fields[name].size})
 
 
 def parts_with_resolution(operator, _prefix=""):
@@ -171,13 +182,13 @@ def parts_with_resolution(operator, _prefix=""):
         return [(_prefix, operator, lambda part: part)]
     if not isinstance(operator, Series | SumOperator):
         return []
-    found, members = [], operator.members()
+    parts, members = [], operator.members()
     if isinstance(operator, Series):  # later stages have an input that this part determines
         members = members[:1]
     for at, (name, stage) in enumerate(members):
         for prefix, part, put in parts_with_resolution(stage, f"{_prefix}{name}__"):
-            found.append((prefix, part, _placed(operator, at, put)))
-    return found
+            parts.append((prefix, part, _placed(operator, at, put)))
+    return parts
 
 
 def _placed(operator, at, put):
@@ -256,11 +267,11 @@ class MovableOperator(WrappedOperator):
 
     def entries(self):
         rows = zip(np.flatnonzero(self.moving).tolist(), self.limits.tolist(), strict=True)
-        own = [
+        moved = [
             (f"{self._field}[{i}]", ParameterSpec(lower=a, upper=b, unit="drive"))
             for i, (a, b) in rows
         ]
-        return [*self.operator.entries(), *own]
+        return [*self.operator.entries(), *moved]
 
     def pack(self):
         return np.append(self.operator.pack(), self._places[self.moving])

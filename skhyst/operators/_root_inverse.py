@@ -43,8 +43,8 @@ def root_step(y, c, s):
     is_open = low == -math.inf or high == math.inf  # else a bracket is found before ``_STEPS``
     n = (s.size - 3) // 2
     u, reach = s[0], s[1]
-    below, above, short, long = -math.inf, math.inf, 0.0, 0.0
-    side, most, digit = 0, 0.0, 0.0
+    below, above, error_below, error_above = -math.inf, math.inf, 0.0, 0.0
+    side, widest, digit = 0, 0.0, 0.0
     for i in range(_TRIALS):
         for j in range(n):
             s[3 + j] = s[3 + n + j]
@@ -53,14 +53,14 @@ def root_step(y, c, s):
             below = above = u
             break
         if error < 0.0:
-            below, short = u, error
+            below, error_below = u, error
             if side < 0:
-                long = 0.5 * long
+                error_above = 0.5 * error_above
             side = -1
         else:
-            above, long = u, error
+            above, error_above = u, error
             if side > 0:
-                short = 0.5 * short
+                error_below = 0.5 * error_below
             side = 1
         if above == math.inf or below == -math.inf:
             if (is_open and i == _STEPS) or (u >= high if error < 0.0 else u <= low):
@@ -69,15 +69,15 @@ def root_step(y, c, s):
             reach = 2.0 * reach
         else:
             middle, half = 0.5 * (below + above), 0.5 * (above - below)
-            if most == 0.0:
-                most = 2.0 ** (_SLACK + 1) * half
+            if widest == 0.0:
+                widest = 2.0 ** (_SLACK + 1) * half
                 digit = 0.5**_DIGITS * max(abs(below), abs(above))
             if half <= digit or not (below < middle and middle < above):
                 break
             # the next evaluation leaves a bracket of at most ``most``, and moves both its ends
-            most = 0.5 * most
-            near = min(most - half, half - digit)
-            u = above - long * (above - below) / (long - short)
+            widest = 0.5 * widest
+            near = min(widest - half, half - digit)
+            u = above - error_above * (above - below) / (error_above - error_below)
             u = min(max(middle - near, u), middle + near)  # also if u is NaN
     s[2] = 0.0
     if is_open and ((above == math.inf and u < high) or (below == -math.inf and u > low)):
@@ -97,6 +97,10 @@ class InverseOperator(Operator):
     ----------
     operator : Operator
         The operator that is inverted.
+
+    Examples
+    --------
+    See :class:`RootInverseOperator`.
     """
 
     operator: Operator
@@ -170,14 +174,14 @@ class RootInverseOperator(InverseOperator):
         state = state or self.init(y[0])
         compiled_step = self.compiled_step(dt, state)
         s = compiled_step.state.copy()
-        found = compiled_step.streaming(s)(y)
-        _, own = self.operator.run(found, dt, state[2])
-        return found, (float(s[0]), float(s[1]), own)
+        drive = compiled_step.streaming(s)(y)
+        _, inner = self.operator.run(drive, dt, state[2])
+        return drive, (float(s[0]), float(s[1]), inner)
 
     def compiled_step(self, dt, state):
         """Return one step in plain arithmetic."""
-        u, reach, own = state
-        forward = self.operator.compiled_step(dt, own)
+        u, reach, inner = state
+        forward = self.operator.compiled_step(dt, inner)
         ends = []
         for end in (u - reach, u + reach):
             ends.append(forward.stepping(forward.state.copy())(end))
@@ -238,6 +242,10 @@ def inverse_of(operator, low=-math.inf, high=math.inf):
     ------
     ValueError
         If the output does not follow the input at once and the operator has no other inverse.
+
+    See Also
+    --------
+    skhyst.control.InverseCompensator : The inverse of a fitted model, with limits of the drive.
 
     Examples
     --------

@@ -129,50 +129,50 @@ def block_run(table, u, x, u_previous):
     length = n_out - n_states
     n_blocks = u.shape[0] // length
     y = np.empty(n_blocks * length)
-    given = np.empty(n_in)
-    given[0] = u_previous
+    block_in = np.empty(n_in)
+    block_in[0] = u_previous
     for i in range(n_states):  # an assignment to a slice takes a second to compile
-        given[1 + length + i] = x[i]
-    found = np.empty(n_out)
+        block_in[1 + length + i] = x[i]
+    block_out = np.empty(n_out)
     n_fours = n_in // 4 * 4
     for block in range(n_blocks):
         first = block * length
         for i in range(length):
-            given[1 + i] = u[first + i]
+            block_in[1 + i] = u[first + i]
         for i in range(n_out):
-            found[i] = 0.0
+            block_out[i] = 0.0
         for j in range(0, n_fours, 4):
-            v0, v1, v2, v3 = given[j], given[j + 1], given[j + 2], given[j + 3]
+            v0, v1, v2, v3 = block_in[j], block_in[j + 1], block_in[j + 2], block_in[j + 3]
             for i in range(n_out):
-                found[i] += (table[j, i] * v0 + table[j + 1, i] * v1) + (
+                block_out[i] += (table[j, i] * v0 + table[j + 1, i] * v1) + (
                     table[j + 2, i] * v2 + table[j + 3, i] * v3
                 )
         for j in range(n_fours, n_in):
-            v0 = given[j]
+            v0 = block_in[j]
             for i in range(n_out):
-                found[i] += table[j, i] * v0
+                block_out[i] += table[j, i] * v0
         for i in range(length):
-            y[first + i] = found[i]
-        given[0] = given[length]
+            y[first + i] = block_out[i]
+        block_in[0] = block_in[length]
         for i in range(n_states):
-            given[1 + length + i] = found[length + i]
-    return y, given[1 + length :].copy()
+            block_in[1 + length + i] = block_out[length + i]
+    return y, block_in[1 + length :].copy()
 
 
-def tangent_system(discrete, by, rest, rest_by, led):
+def tangent_system(discrete, by, rest, rest_by, one_before):
     """Return what :func:`state_space_tangents` takes of a system, whatever its input.
 
     ``discrete`` is the discrete form, ``by`` its derivatives by p parameters, ``dad``
     (p, n_states, n_states) to ``dd`` (p,). The state begins as ``rest`` (n_states,) times the first
-    input, ``rest_by`` (p, n_states) are its derivatives: before the first sample, which the same
-    input leads to (``led``), or at it.
+    input, ``rest_by`` (p, n_states) are its derivatives. That is the state one interval before the
+    first sample, with the same input there (``one_before``), or the state at the first sample.
 
     The recursion runs on ``w[k] = x[k] - B1 u[k]``, which needs one sample of the input only:
     ``w[k+1] = Ad w[k] + B u[k]``, ``y[k] = C w[k] + (D + C B1) u[k]`` with ``B = B0 + Ad B1``.
     """
     ad, b0, b1, c, d = discrete
     dad, db0, db1, dc, dd = by
-    if led:
+    if one_before:
         first, first_by = ad @ rest + b0, dad @ rest + rest_by @ ad.T + db0
     else:
         first, first_by = rest - b1, rest_by - db1
@@ -200,7 +200,7 @@ def state_space_tangents(system, start, u, du):
 
 @jit
 def _second_order_tangents(ad, b, c, direct, by, output_by, first, first_by, start, u, du):
-    """Do :func:`_tangent_loop` for two states, whose tangents of a column stay in registers."""
+    """Do :func:`_tangent_loop` for two states; their tangents stay in registers."""
     n_samples, m = du.shape
     p = output_by.shape[1]
     a00, a01, a10, a11 = ad[0, 0], ad[0, 1], ad[1, 0], ad[1, 1]
@@ -228,12 +228,12 @@ def _second_order_tangents(ad, b, c, direct, by, output_by, first, first_by, sta
             dw1[q] = b1 * v + a10 * s0 + a11 * s1
         for q in range(p):
             s0, s1 = dw0[m + q], dw1[m + q]
-            own = outu[q] * u1 + out0[q] * w0 + out1[q] * w1
-            row[m + q] = own + (c0 * s0 + c1 * s1)
-            own = by0u[q] * u1 + by00[q] * w0 + by01[q] * w1
-            dw0[m + q] = own + (a00 * s0 + a01 * s1)
-            own = by1u[q] * u1 + by10[q] * w0 + by11[q] * w1
-            dw1[m + q] = own + (a10 * s0 + a11 * s1)
+            direct_part = outu[q] * u1 + out0[q] * w0 + out1[q] * w1
+            row[m + q] = direct_part + (c0 * s0 + c1 * s1)
+            direct_part = by0u[q] * u1 + by00[q] * w0 + by01[q] * w1
+            dw0[m + q] = direct_part + (a00 * s0 + a01 * s1)
+            direct_part = by1u[q] * u1 + by10[q] * w0 + by11[q] * w1
+            dw1[m + q] = direct_part + (a10 * s0 + a11 * s1)
         w0, w1 = b0 * u1 + a00 * w0 + a01 * w1, b1 * u1 + a10 * w0 + a11 * w1
     return y, dy
 
@@ -280,6 +280,7 @@ def _tangent_loop(states, ad, b, c, direct, by, output_by, first, first_by, star
                     value += ad[i, j] * dw[j, q]
                 dw_new[i, q] = value
             dy[k, q] = output
+        # the parameters also act through the states, which have to be those before the step
         for q in range(p):
             output = output_by[n_states, q] * u1
             for i in range(n_states):

@@ -38,7 +38,7 @@ def step(u, c, s):
     raise NotImplementedError
 
 
-def answers(c, u, r, e, x, z, first):
+def window_errors(c, u, r, e, x, z, first):
     """Write the errors of the response ``r`` (p,) to ``e`` (p,); return the largest.
 
     The drives ``u`` (p,) are applied from the sample ``first`` on. ``x`` are the states (n,) before
@@ -62,7 +62,7 @@ def answers(c, u, r, e, x, z, first):
 
 
 @jit
-def take(values, to):
+def copy_values(values, to):
     """Copy values to the beginning of an array."""
     for i in range(values.size):
         to[i] = values[i]
@@ -102,13 +102,19 @@ def window_step(y, c, s):
     *constants of the step). ``s`` is the largest response so far, drives, responses, errors and
     states of the window, and workspace.
     """
+    # the state is one array: these are views of its parts
     p = c[0].size
     n = (s.size - 1 - 6 * p - p * p) // (2 * p + 3)
     u, r, e = s[1 : 1 + p], s[1 + p : 1 + 2 * p], s[1 + 2 * p : 1 + 3 * p]
-    trial, left, d = s[1 + 3 * p : 1 + 4 * p], s[1 + 4 * p : 1 + 5 * p], s[1 + 5 * p : 1 + 6 * p]
+    trial, trial_errors, d = (
+        s[1 + 3 * p : 1 + 4 * p],
+        s[1 + 4 * p : 1 + 5 * p],
+        s[1 + 5 * p : 1 + 6 * p],
+    )
     at = 1 + 6 * p
-    x, other = s[at : at + (p + 1) * n], s[at + (p + 1) * n : at + 2 * (p + 1) * n]
+    x, trial_states = s[at : at + (p + 1) * n], s[at + (p + 1) * n : at + 2 * (p + 1) * n]
     z, m = s[at + 2 * (p + 1) * n : at + (2 * p + 3) * n], s[at + (2 * p + 3) * n :]
+    # move the window on by one sample, its new drive a straight continuation
     for i in range(p - 1):
         u[i] = u[i + 1]
         r[i] = r[i + 1]
@@ -122,36 +128,37 @@ def window_step(y, c, s):
     for _newton in range(_TRIALS):
         if worst <= _ENOUGH * s[0] or h == 0.0:
             break
+        # Jacobian by differences, one drive at a time: only samples from it on change
         for i in range(p * p):
             m[i] = 0.0
         for j in range(p):
             m[p * p - p + j] = c[0][j]
         for j in range(p):
             for i in range(n):
-                other[j * n + i] = x[j * n + i]
-            kept = u[j]
-            u[j] = kept + h
-            step(c[2:], u, r, left, other, z, j)
-            u[j] = kept
+                trial_states[j * n + i] = x[j * n + i]
+            before = u[j]
+            u[j] = before + h
+            step(c[2:], u, r, trial_errors, trial_states, z, j)
+            u[j] = before
             for i in range(max(j - 1, 0), p - 1):
-                m[i * p + j] = (e[i] - left[i]) / h
-        take(e, left)
-        solve(m, left, d)
-        part, found = 1.0, worst
+                m[i * p + j] = (e[i] - trial_errors[i]) / h
+        copy_values(e, trial_errors)
+        solve(m, trial_errors, d)
+        fraction, trial_worst = 1.0, worst
         for _half in range(_HALVES):
             for i in range(p):
-                trial[i] = u[i] + part * d[i]
-            take(x[:n], other)
-            found = step(c[2:], trial, r, left, other, z, 0)
-            if found < worst:
+                trial[i] = u[i] + fraction * d[i]
+            copy_values(x[:n], trial_states)
+            trial_worst = step(c[2:], trial, r, trial_errors, trial_states, z, 0)
+            if trial_worst < worst:
                 break
-            part = 0.5 * part
-        if not found < worst:
+            fraction = 0.5 * fraction
+        if not trial_worst < worst:
             break
-        worst = found
-        take(trial, u)
-        take(left, e)
-        take(other, x)
+        worst = trial_worst
+        copy_values(trial, u)
+        copy_values(trial_errors, e)
+        copy_values(trial_states, x)
     return u[0]
 
 
@@ -206,15 +213,15 @@ class WindowInverseOperator(InverseOperator):
         stiff = replace(mode, natural_frequency=fastest, damping_ratio=damping)
         rate = min(one.inverse().decay(dt) for one in (mode, stiff))
         p = min(max(math.ceil(-math.log(tol) / rate), 3), _LONGEST) + 1
-        drive, _, own = RootInverseOperator(self.operator).init(u0)
-        forward = self.operator.compiled_step(dt, own)
+        drive, _, inner = RootInverseOperator(self.operator).init(u0)
+        forward = self.operator.compiled_step(dt, inner)
         n = len(forward.state)
         s = np.zeros(1 + 6 * p + p * p + (2 * p + 3) * n)
         s[0] = abs(u0)
         s[1 : 1 + p], s[1 + p : 1 + 2 * p] = drive, u0
         first = 1 + 6 * p + n
         s[first : first + n] = forward.state
-        law = bind(window_step, bind(answers, forward.step, allocates=False), allocates=False)
+        law = bind(window_step, bind(window_errors, forward.step, allocates=False), allocates=False)
         bend = np.append(np.zeros(p - 3), [1.0, -2.0, 1.0])
         constants = bend, 1.0 / abs(mode.gain), *forward.constants
         kind = type(self.operator).__name__

@@ -69,11 +69,11 @@ class StaticOperator(Operator):
         return CompiledLaw(self.curve, self.curve_constants(), ())
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
-        y, slope, own = self.evaluate(u)
+        y, slope, by_parameters = self.evaluate(u)
         m = du.shape[1]
-        dy = np.empty((len(y), m + own.shape[1]))
+        dy = np.empty((len(y), m + by_parameters.shape[1]))
         np.multiply(du, slope[:, None], out=dy[:, :m])
-        dy[:, m:] = own
+        dy[:, m:] = by_parameters
         return y, dy
 
     def bend(self, seen):

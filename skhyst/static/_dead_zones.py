@@ -33,7 +33,7 @@ def dead_zones(u, c, s):
 
 
 @jit
-def _dead_zone_tangents(v, weights, thresholds, sides, slope, own):
+def _dead_zone_tangents(v, weights, thresholds, sides, slope, by_parameters):
     """Fill the slope, and the derivatives by weights, then thresholds, (n_samples, 2 n_zones)."""
     n = weights.size
     for i in range(v.size):
@@ -41,9 +41,9 @@ def _dead_zone_tangents(v, weights, thresholds, sides, slope, own):
         for k in range(n):
             distance = v[i] - thresholds[k]
             acts = distance * sides[k] > 0.0
-            own[i, k] = distance if acts else 0.0
-            own[i, n + k] = -weights[k] if acts else 0.0
-            slope[i] -= own[i, n + k]
+            by_parameters[i, k] = distance if acts else 0.0
+            by_parameters[i, n + k] = -weights[k] if acts else 0.0
+            slope[i] -= by_parameters[i, n + k]
 
 
 @dataclass(frozen=True)
@@ -60,9 +60,14 @@ class DeadZoneOperator(StaticOperator):
     thresholds : ndarray of shape (n_zones,)
         Units of the drive. Fixed structure.
     side : ndarray of shape (n_zones,)
-        1 or -1. Fixed structure.
+        Side of its threshold on which a dead zone acts: 1 above, -1 below. Fixed structure.
     stage_order : int, default=20
         Place in a series. Fixed structure.
+
+    Raises
+    ------
+    ValueError
+        If there is not one threshold and one side per weight, or a side is neither 1 nor -1.
 
     Examples
     --------
@@ -94,9 +99,9 @@ class DeadZoneOperator(StaticOperator):
     def evaluate(self, v):
         v, *constants = map(as_signal, (v, self.weights, self.thresholds, self.side))
         n = constants[0].size
-        slope, own = np.empty(v.size), np.empty((v.size, 2 * n))
-        _dead_zone_tangents(v, *constants, slope, own)
-        return v + own[:, :n] @ self.weights, slope, own
+        slope, by_parameters = np.empty(v.size), np.empty((v.size, 2 * n))
+        _dead_zone_tangents(v, *constants, slope, by_parameters)
+        return v + by_parameters[:, :n] @ self.weights, slope, by_parameters
 
 
 @dataclass(frozen=True)
@@ -114,7 +119,12 @@ class MonotoneDeadZoneOperator(StaticOperator):
     thresholds : ndarray of shape (n_zones,)
         Ascending, units of the response. Fixed structure.
     n_lower : int
-        Number of thresholds below the centre.
+        Number of thresholds below the centre. Fixed structure.
+
+    Raises
+    ------
+    ValueError
+        If there is not one threshold per slope, or ``n_lower`` is not from 0 to their number.
 
     Examples
     --------

@@ -9,12 +9,8 @@ from .._sklearn import StrOptions
 from ..operators import parameter
 from ._base import StaticModel, StaticOperator, range_of_drive
 
-_PARTS = (
-    0.3,
-    0.5,
-    0.7,
-    0.9,
-)  # starting levels beside the reading's end: fractions of the drive's range
+# starting levels, in addition to the extreme reading: fractions of the drive's range
+_PARTS = (0.3, 0.5, 0.7, 0.9)
 
 
 @jit
@@ -33,7 +29,13 @@ class FoldOperator(StaticOperator):
     level : float
         ``a``, units of the drive.
     side : {1, -1}, default=1
-        ``s``: values below the level are mirrored up (1), or values above it down (-1).
+        ``s``: values below the level are mirrored up (1), or values above it down (-1). Fixed
+        structure.
+
+    Raises
+    ------
+    ValueError
+        If ``side`` is neither.
 
     Examples
     --------
@@ -80,11 +82,11 @@ class FoldOperator(StaticOperator):
             The signal.
         """
         away = np.asarray(y, dtype=float) - self.level
-        found = away.copy()
+        unfolded = away.copy()
         for k in range(2, len(away)):
-            extrapolated = 2.0 * found[k - 1] - found[k - 2]
-            found[k] = np.copysign(away[k], extrapolated)
-        return self.level + found
+            extrapolated = 2.0 * unfolded[k - 1] - unfolded[k - 2]
+            unfolded[k] = np.copysign(away[k], extrapolated)
+        return self.level + unfolded
 
 
 class Fold(StaticModel):
@@ -108,7 +110,7 @@ class Fold(StaticModel):
 
     See Also
     --------
-    SmoothCurve : Curves that do not turn round.
+    SmoothCurve : Smooth curves.
 
     Examples
     --------

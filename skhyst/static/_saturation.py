@@ -20,7 +20,7 @@ def clip(u, c, s):
 
 @dataclass(frozen=True)
 class SaturationOperator(StaticOperator):
-    """Clipping to ``lower <= y <= upper``; an infinite level means no limit and is not identified.
+    """Clipping to ``lower <= y <= upper``; an infinite level is no limit and is not identified.
 
     Parameters
     ----------
@@ -51,11 +51,11 @@ class SaturationOperator(StaticOperator):
 
     def evaluate(self, v):
         beyond = {"lower": v < self.lower, "upper": v > self.upper}
-        own = np.empty((len(v), self.n_parameters))
+        by_levels = np.empty((len(v), self.n_parameters))
         for column, name in enumerate(self.parameter_specs()):
-            own[:, column] = beyond[name]
+            by_levels[:, column] = beyond[name]
         slope = (~(beyond["lower"] | beyond["upper"])).astype(float)
-        return np.clip(v, self.lower, self.upper), slope, own
+        return np.clip(v, self.lower, self.upper), slope, by_levels
 
 
 class Saturation(SaturationModel):

@@ -37,22 +37,22 @@ def legendre_curve(u, c, s):
 
 
 @jit
-def _legendre_tangents(v, coefficients, center, scale, slope, own):
+def _legendre_tangents(v, coefficients, center, scale, slope, by_coefficients):
     """Fill the slope, and the derivatives by the coefficients, (n_samples, n_coefficients)."""
     for i in range(v.size):
         z = (v[i] - center) / scale
         inside = min(max(z, -1.0), 1.0)
         beyond = z - inside
         slope[i] = 1.0
-        before, value, slope_before, own_slope = 1.0, inside, 0.0, 1.0
+        before, value, slope_before, derivative = 1.0, inside, 0.0, 1.0
         for k in range(coefficients.size):
             d = k + 2
             following = (value * inside * (2 * d - 1) - before * (d - 1)) / d
-            slope_before, own_slope = own_slope, (2 * d - 1) * value + slope_before
+            slope_before, derivative = derivative, (2 * d - 1) * value + slope_before
             before, value = value, following
-            goes_on = own_slope if d <= _BEYOND or beyond == 0.0 else 0.0
-            own[i, k] = scale * (value + goes_on * beyond)
-            slope[i] += coefficients[k] * goes_on
+            end_slope = derivative if d <= _BEYOND or beyond == 0.0 else 0.0
+            by_coefficients[i, k] = scale * (value + end_slope * beyond)
+            slope[i] += coefficients[k] * end_slope
 
 
 @dataclass(frozen=True)
@@ -72,6 +72,11 @@ class PolynomialCurveOperator(StaticOperator):
         Middle and half of the range of the polynomials, units of the drive. Fixed structure.
     stage_order : int, default=40
         Place in a series. Fixed structure.
+
+    Raises
+    ------
+    ValueError
+        If ``scale`` is not above 0.
 
     Examples
     --------
@@ -97,7 +102,7 @@ class PolynomialCurveOperator(StaticOperator):
         self._require("scale", self.scale > 0.0, "be above 0")
 
     def finer(self, records):
-        """Return as many further degrees as there are terms, at least two; see the base."""
+        """Return the degrees of further terms: as many as there are, at least two."""
         n = np.size(self.coefficients)
         return n + 2 + np.arange(max(n, 2))
 
@@ -106,10 +111,10 @@ class PolynomialCurveOperator(StaticOperator):
 
     def evaluate(self, v):
         v, coefficients = as_signal(v), as_signal(self.coefficients)
-        slope, own = np.empty(v.size), np.empty((coefficients.size, v.size)).T
+        slope, by_coefficients = np.empty(v.size), np.empty((coefficients.size, v.size)).T
         constants = coefficients, float(self.center), float(self.scale)
-        _legendre_tangents(v, *constants, slope, own)
-        return v + own @ coefficients, slope, own
+        _legendre_tangents(v, *constants, slope, by_coefficients)
+        return v + by_coefficients @ coefficients, slope, by_coefficients
 
 
 class SmoothCurve(StaticModel):

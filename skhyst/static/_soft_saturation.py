@@ -44,8 +44,14 @@ class SoftSaturationOperator(StaticOperator):
         Centre c, units of the drive.
     side : {0, 1, -1}, default=0
         Saturates on both sides of the centre, above it or below it; the other side is straight.
+        Fixed structure.
     stage_order : int, default=50
-        Place in a series: 50 for a sensor, 0 for a limit of the drive.
+        Place in a series: 50 for a sensor, 0 for a limit of the drive. Fixed structure.
+
+    Raises
+    ------
+    ValueError
+        If ``side`` is none of these.
 
     Examples
     --------
@@ -79,12 +85,12 @@ class SoftSaturationOperator(StaticOperator):
         value = np.where(beyond, np.sign(distance) * self.level, distance) * np.exp(-rest)
         slope = np.exp(-(n + 1.0) * (rest + np.maximum(size, 0.0)))
         knee = value * (rest + np.maximum(size, 0.0) - full * size) / n
-        own = np.stack([value / self.level * full, knee, 1.0 - slope], axis=1)
+        by_parameters = np.stack([value / self.level * full, knee, 1.0 - slope], axis=1)
         if self.side:
             straight = distance * self.side < 0.0
             value, slope = np.where(straight, distance, value), np.where(straight, 1.0, slope)
-            own[straight] = 0.0
-        return self.center + value, slope, own
+            by_parameters[straight] = 0.0
+        return self.center + value, slope, by_parameters
 
     def characteristics(self, seen):
         reduction = np.abs(self.run(seen.ends, 1.0)[0] - seen.ends).max()
@@ -105,11 +111,11 @@ class SoftSaturationOperator(StaticOperator):
         """
         distance = np.asarray(y, dtype=float) - self.center
         with np.errstate(divide="ignore"):
-            part = np.log(np.abs(distance)) - np.log(self.level)
-            room = -np.expm1(self.knee * np.minimum(part, 0.0))
+            log_ratio = np.log(np.abs(distance)) - np.log(self.level)
+            margin = -np.expm1(self.knee * np.minimum(log_ratio, 0.0))
             drive = np.where(
-                room > 0.0,
-                distance * np.exp(-np.log(room) / self.knee),
+                margin > 0.0,
+                distance * np.exp(-np.log(margin) / self.knee),
                 np.copysign(np.inf, distance),
             )
         if self.side:

@@ -10,19 +10,20 @@ is a surface,
 .. math:: f(a, b) = \sum_{kl} c_{kl} B_k(a) B_l(b), \qquad
    \lambda \sum (\Delta_k^2 c_{kl})^2 + \lambda \rho \sum (\Delta_l^2 c_{kl})^2 .
 
-**Smoothness.** Let :math:`G` be the Gram matrix of what the splines make of the response, beside
-everything that the parameters of the rest of the model can do (partial residuals, Frisch and Waugh
-[2]_), and :math:`S` that of the penalty. With :math:`S v_j = d_j G v_j`, :math:`v_i' G v_j =
-\delta_{ij}` (Demmler and Reinsch [3]_) the functions :math:`v_j` are uncorrelated, ever less
-smooth, and the penalty multiplies each one's coefficient by :math:`1 / (1 + \lambda d_j)`.
-:math:`\lambda`, and :math:`\rho` of a surface, are those of the restricted maximum likelihood. The
-columns of :math:`T` are these functions, but for those of which less than a hundredth is left. So
-the term is linear in its weights, the penalty is diagonal, and both enter a joint fit like
-any other parameters.
+**Smoothness.** Let :math:`G` be the Gram matrix of the derivatives of the response by the spline
+coefficients, after everything that the other parameters of the model can reproduce has been
+projected out (partial regression, Frisch and Waugh [2]_), and :math:`S` the matrix of the penalty.
+With :math:`S v_j = d_j G v_j`, :math:`v_i' G v_j = \delta_{ij}` (Demmler and Reinsch [3]_) the
+functions :math:`v_j` are uncorrelated, in order of decreasing smoothness, and the penalty
+multiplies the coefficient of each by :math:`1 / (1 + \lambda d_j)`. :math:`\lambda`, and
+:math:`\rho` of a surface, are found by restricted maximum likelihood. The columns of :math:`T` are
+these functions, without those whose coefficient is reduced to less than a hundredth. So the term is
+linear in its weights, the penalty is diagonal, and both enter a joint fit like any other
+parameters.
 
 **Orthogonality.** Functions that the parameters can reproduce, as a gain reproduces a linear
 function of the drive, have almost no power in :math:`G`. They are left out: the parameters keep
-their role, and the term shows what is missing.
+their meaning, and the term shows only what is missing.
 
 **Beyond the range** of the fit, the function is held constant, or it fades: its value at the
 end is multiplied by :math:`\exp(-\delta / \ell)` at the distance :math:`\delta` from it.
@@ -48,18 +49,22 @@ from ..base import ParametricModel
 from ..operators import CompiledLaw, Operator, as_signal, parameter
 
 ARGUMENTS = ("input", "rate", "play", "turn")
-_DOABLE = 0.05**2  # of a function's power: below, the parameters can do it to 5 % of its size
+_DOABLE = 0.05**2  # fraction of a function's power below which the parameters reproduce it (5 %)
 _GRID = np.logspace(-8.0, 8.0, 161)  # of the penalty, relative to the median of d_j
 _RATIOS = np.logspace(-4.0, 4.0, 5)  # of the penalties of a surface
-_LEAST = 0.01  # of a function that the penalty leaves
+_LEAST = 0.01  # smallest factor 1 / (1 + penalty) of a function that is kept
 _PLAY = 0.1  # half gap of a play, relative to the range of its input
-_MEMORY = 3  # numbers that an argument may remember
+_MEMORY = 3  # state values of an argument, see `follow`
 _INTERVALS = {1: 40, 2: 7}  # by the number of arguments: 43 functions, or 100
 
 
 @jit
 def follow(u, kind, half_gap, dt, longest, s, at):
-    """Return an argument; from ``at`` on ``s`` is the last input or play, a direction, a time."""
+    """Return the argument of the function at one sample.
+
+    ``kind`` is its index in ARGUMENTS. Its state, ``s[at : at + 3]``, is the last input (or the
+    play), the last direction of motion, and the time since the last turn.
+    """
     if kind == 1:
         v = (u - s[at]) / dt
         s[at] = u
@@ -67,9 +72,9 @@ def follow(u, kind, half_gap, dt, longest, s, at):
         v = min(max(s[at], u - half_gap), u + half_gap)
         s[at] = v
     elif kind == 3:
-        way = 1.0 if u > s[at] else -1.0 if u < s[at] else 0.0
-        v = 0.0 if way * s[at + 1] < 0.0 else min(s[at + 2] + dt, longest)
-        s[at + 1] = way if way != 0.0 else s[at + 1]
+        sign = 1.0 if u > s[at] else -1.0 if u < s[at] else 0.0
+        v = 0.0 if sign * s[at + 1] < 0.0 else min(s[at + 2] + dt, longest)
+        s[at + 1] = sign if sign != 0.0 else s[at + 1]
         s[at] = u
         s[at + 2] = v
     else:
@@ -106,7 +111,10 @@ def _bump_slope(k, x):
 
 @jit
 def spline_value(first, second, c):
-    """Return the function at its arguments, the second of which may be none."""
+    """Return the function at its arguments; ``c`` is that of :func:`unknown_term`.
+
+    The second argument is ignored if the function has only one.
+    """
     coefficients, intervals, fading = c[0], c[1], c[5]
     low, width, other, low_2, width_2 = c[7], c[8], c[9], c[10], c[11]
     n = int(intervals)
@@ -133,7 +141,12 @@ def spline_value(first, second, c):
 
 @jit
 def unknown_term(u, c, s):
-    """Return ``passed u + f(argument)``; ``s`` is what each argument remembers."""
+    """Return ``passed u + f(arguments)``; ``s`` are the states of the arguments.
+
+    ``c`` is (spline coefficients, number of intervals, passed, dt, half gap, 1 / fading distance in
+    intervals), then, for each of two arguments, (index in ARGUMENTS or -1, low end of the range,
+    width of an interval).
+    """
     n, passed, dt, half_gap = c[1], c[2], c[3], c[4]
     kind, low, width, other, low_2, width_2 = c[6], c[7], c[8], c[9], c[10], c[11]
     a = follow(u, kind, half_gap, dt, low + n * width, s, 0)
@@ -145,7 +158,7 @@ def unknown_term(u, c, s):
 
 @jit
 def unknown_surface(u, c, s):
-    """Return the same of a row of the arguments, the first of which is the input."""
+    """Do :func:`unknown_term` for a row of arguments, the first of which is the input."""
     return c[2] * u[0] + spline_value(u[0], u[1], c)
 
 
@@ -157,9 +170,11 @@ def _follow_all(u, kind, half_gap, dt, longest, s, at, v):
 
 @jit
 def _tabulate(t, n, fading, table, slope, out):
-    """Add the splines of a table, (n_splines, n_columns), at places ``t`` to ``out``.
+    """Add functions, given by their spline coefficients, at ``t`` to ``out`` (n, n_columns).
 
-    ``slope`` is the number of the argument by which they are differentiated, -1 for none.
+    ``table`` (n_splines, n_columns) are the coefficients of a function per column; ``t`` (n,
+    n_arguments) are arguments in intervals from the low end. ``slope`` is the number of the
+    argument by which they are differentiated, -1 for none.
     """
     n_places, n_arguments = t.shape
     stride, n_columns = 1 if n_arguments == 1 else n + 3, table.shape[1]
@@ -199,12 +214,13 @@ def _tabulate(t, n, fading, table, slope, out):
 
 @dataclass(frozen=True)
 class UnknownTermOperator(Operator):
-    """Smooth function of one or two signals that its input makes; see :class:`UnknownTerm`.
+    """Smooth function of one or two signals derived from the input; see :class:`UnknownTerm`.
 
     Parameters
     ----------
     weights : ndarray of shape (n_functions,)
-        Units of the output: those of functions whose root mean square is 1 where they were chosen.
+        Units of the output: each function has a root mean square of 1 over the records that it was
+        chosen from.
     basis : ndarray of shape (n_splines, n_functions)
         Coefficients of the B-splines in each function, of ``n_splines = n_intervals + 3``, or the
         square of that where there are two arguments, those of the second counted first. Fixed
@@ -216,7 +232,7 @@ class UnknownTermOperator(Operator):
     half_gap : float, default=0.0
         Of the play, units of the input. Fixed structure.
     passed : float, default=0.0
-        What is added of the input itself, 1 at a joint of a series. Fixed structure.
+        Multiple of the input that is added, 1 for a stage of a series. Fixed structure.
     penalty : ndarray of shape (n_functions,) or float, default=0.0
         Of each squared weight, for each sample of a fit. Fixed structure.
     second : {"rate", "play", "turn"} or None, default=None
@@ -227,11 +243,17 @@ class UnknownTermOperator(Operator):
         Distance from the range over which the function fades to 1/e, as a part of the range of the
         argument; above 0. Fixed structure.
 
+    Raises
+    ------
+    ValueError
+        If an argument is unknown or given twice, a range is empty, ``half_gap`` is negative,
+        ``fade`` is not above 0, or ``basis`` has not one row per spline.
+
     Notes
     -----
-    The state is, of each argument, the last input or the play, the direction and the time since the
-    last turn. ``"rest"``: the rate is zero, the play that of a first loading, and the last turn so
-    long ago that nothing changes.
+    The state is, for each argument, the last input or the play, the direction and the time since
+    the last turn. ``"rest"``: the rate is zero, the play that of a first loading, and the last turn
+    so long ago that a later one gives the same value.
 
     Examples
     --------
@@ -299,7 +321,8 @@ class UnknownTermOperator(Operator):
         """Whether the output is monotone in the input of the same instant, at any interval."""
         if "turn" in self.names or not self.passed > 0.0:
             return False
-        # the ends stand for what is beyond, where the function may fade
+        # one point just beyond each end stands for all arguments there, where the slope is steepest
+        # if the function fades
         n, out = 10 * (self.n_intervals + 3), np.inf
         sides = [
             [np.nextafter(low, -out), *np.linspace(low, high, n), np.nextafter(high, out)]
@@ -314,12 +337,12 @@ class UnknownTermOperator(Operator):
     def entries(self):
         """Return name and spec of each weight, with its penalty; see the base."""
         penalty = np.broadcast_to(self.penalty, np.shape(self.weights)).tolist()
-        both = zip(super().entries(), penalty, strict=True)
-        return [(name, replace(spec, penalty=own)) for (name, spec), own in both]
+        pairs = zip(super().entries(), penalty, strict=True)
+        return [(name, replace(spec, penalty=value)) for (name, spec), value in pairs]
 
     @property
     def effective_number(self):
-        """Number of functions, each as far as the penalty leaves it (degrees of freedom)."""
+        """Effective degrees of freedom: the sum of the factors that the penalty leaves."""
         penalty = np.broadcast_to(self.penalty, np.shape(self.weights))
         return float(np.sum(1.0 / (1.0 + penalty)))
 
@@ -344,7 +367,7 @@ class UnknownTermOperator(Operator):
         Parameters
         ----------
         ratio : float, default=1.0
-            How much more those by the second argument weigh.
+            Weight of the differences along the second argument, relative to the first.
 
         Returns
         -------
@@ -366,7 +389,7 @@ class UnknownTermOperator(Operator):
         play = min(max(0.0, u0 - self.half_gap), u0 + self.half_gap)
         last = [float(play if name == "play" else u0) for name in self.names]
         both = zip(last, self.ranges[:, 1].tolist(), strict=True)
-        return tuple(value for own, longest in both for value in (own, 0.0, longest))
+        return tuple(value for start, longest in both for value in (start, 0.0, longest))
 
     def arguments(self, u, dt, state=None):
         """Return the argument of the function.
@@ -451,12 +474,12 @@ class UnknownTermOperator(Operator):
             return u.copy(), np.empty((0, du.shape[1] + self.n_parameters))
         state = self.init(u[0], initial_state)
         v, _ = self._followed(u, dt, state)
-        own = self.functions(v)
-        y, dy = self.passed * u + own @ self.weights, self.passed * du
+        functions = self.functions(v)
+        y, dy = self.passed * u + functions @ self.weights, self.passed * du
         if du.shape[1]:
             for i, slope in enumerate(self.slopes(v).T):
                 dy = dy + slope[:, None] * self._moved(i, v, du, dt, initial_state, state)
-        return y, np.concatenate([dy, own], axis=1)
+        return y, np.concatenate([dy, functions], axis=1)
 
     def _moved(self, i, v, du, dt, initial_state, state):
         """Return the tangents of an argument."""
@@ -487,9 +510,9 @@ class UnknownTermOperator(Operator):
         own : ndarray of shape (n_samples, n_functions)
             By the weights.
         """
-        own, slopes = self.functions(v), self.slopes(v)
+        functions, slopes = self.functions(v), self.slopes(v)
         slopes[:, 0] += self.passed
-        return self.passed * v[:, 0] + own @ self.weights, slopes, own
+        return self.passed * v[:, 0] + functions @ self.weights, slopes, functions
 
     def compiled_surface(self):
         """Return one step, of a row of the arguments, in plain arithmetic."""
@@ -501,16 +524,16 @@ class UnknownTermOperator(Operator):
         law = [coefficients, self.n_intervals, self.passed, dt, self.half_gap, self._fading]
         places = [*self.ranges[:, 0], 0.0][:2], [*self.widths, 1.0][:2]
         kinds = [*map(ARGUMENTS.index, self.names), -1][:2]
-        for own in zip(kinds, *places, strict=True):
-            law += own
+        for argument in zip(kinds, *places, strict=True):
+            law += argument
         # the law has a place for what only some arguments remember
         exact = "the time since a turn, which rounding of a slow drive shifts"
-        only = exact if "turn" in self.names else ""
-        return CompiledLaw(unknown_term, tuple(law), state or (0.0,), double_only=only)
+        precision = exact if "turn" in self.names else ""
+        return CompiledLaw(unknown_term, tuple(law), state or (0.0,), double_only=precision)
 
 
 class UnknownTerm(ParametricModel):
-    r"""A term whose law is not known: a smooth function of one or two signals that its input makes.
+    r"""A term whose law is not known: a smooth function of one or two signals of its input.
 
     .. math:: y = p\,u + \sum_k c_k B_k(a) \qquad \text{or} \qquad
        y = p\,u + \sum_{kl} c_{kl} B_k(a) B_l(b)
@@ -629,10 +652,12 @@ class UnknownTerm(ParametricModel):
             fade=np.inf if self.fade is None else float(self.fade),
         )
         seen, ends = [operator.arguments(record.u, record.dt)[0] for record in records], []
-        for name, own in zip(names, np.concatenate(seen).reshape(-1, len(names)).T, strict=True):
+        for name, values in zip(names, np.concatenate(seen).reshape(-1, len(names)).T, strict=True):
             if name == "turn":
-                own = own[own < longest]  # before the first turn it is as long ago as can be
-            low, high = (float(own.min()), float(own.max())) if own.size else (0.0, 0.0)
+                values = values[
+                    values < longest
+                ]  # before the first turn it is as long ago as can be
+            low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)
             still = not high - low > np.spacing(max(abs(low), abs(high)))
             ends += [low - 0.5, low + 0.5] if still else [low, high]
         names = "low", "high", "second_low", "second_high"
@@ -641,15 +666,15 @@ class UnknownTerm(ParametricModel):
     def starting_values(self, records):
         operator, total = self.flexible(records), 0.0
         for record in records:
-            own = operator.functions(operator.arguments(record.u, record.dt)[0])
-            columns = np.c_[own, operator.passed * record.u - record.y]
+            functions = operator.functions(operator.arguments(record.u, record.dt)[0])
+            columns = np.c_[functions, operator.passed * record.u - record.y]
             columns *= np.sqrt(record.counts())[:, None]
             total = total + columns.T @ columns
         n_samples = sum(record.counts().sum() for record in records)
         return [smooth(operator, total, slice(0, len(total) - 1), n_samples)]
 
 
-def smooth(operator, gram, own, n_samples, independent=1.0):
+def smooth(operator, gram, columns, n_samples, independent=1.0):
     """Return a flexible operator with the smoothness of the restricted maximum likelihood.
 
     Parameters
@@ -658,7 +683,7 @@ def smooth(operator, gram, own, n_samples, independent=1.0):
         Its functions are the B-splines.
     gram : ndarray of shape (n + 1, n + 1)
         Gram matrix of the Jacobian of the whole model and of prediction minus response.
-    own : slice or ndarray of int
+    columns : slice or ndarray of int
         Which columns of the Jacobian are those of the B-splines.
     n_samples : float
         How many samples it is a sum over.
@@ -669,45 +694,45 @@ def smooth(operator, gram, own, n_samples, independent=1.0):
     Returns
     -------
     UnknownTermOperator
-        With weights at zero; with no functions where the parameters can do all of them.
+        With weights at zero; without functions if the parameters can reproduce all of them.
     """
-    k = np.arange(len(gram) - 1)[own]
+    k = np.arange(len(gram) - 1)[columns]
     rest = np.setdiff1d(np.arange(len(gram) - 1), k)
     both = np.append(k, len(gram) - 1)
-    left = gram[np.ix_(both, both)]
+    partial = gram[np.ix_(both, both)]
     if rest.size:  # the complement of what the other parameters can reproduce
         scale = np.sqrt(np.diag(gram)[rest])
         scale[scale == 0.0] = 1.0
         inner = gram[np.ix_(rest, rest)] / np.outer(scale, scale)
         outer = gram[np.ix_(rest, both)] / scale[:, None]
-        left = left - outer.T @ np.linalg.pinv(inner, rcond=1e-10, hermitian=True) @ outer
+        partial = partial - outer.T @ np.linalg.pinv(inner, rcond=1e-10, hermitian=True) @ outer
     # directions in which the B-splines have power that the parameters cannot reproduce
-    every = gram[np.ix_(k, k)]
-    power, vectors = np.linalg.eigh(every)
-    seen = power > 1e-10 * power.max(initial=0.0)
-    n_left, found = n_samples - rest.size, []
+    splines = gram[np.ix_(k, k)]
+    power, vectors = np.linalg.eigh(splines)
+    has_power = power > 1e-10 * power.max(initial=0.0)
+    n_left, fits = n_samples - rest.size, []
     for ratio in _RATIOS if operator.second else [1.0]:
         bends = operator.bends(ratio)
-        axes, unseen = vectors[:, seen] / np.sqrt(power[seen]), vectors[:, ~seen]
+        axes, unseen = vectors[:, has_power] / np.sqrt(power[has_power]), vectors[:, ~has_power]
         # across a gap of the samples a function goes on as smoothly as it can
         axes = axes - unseen @ np.linalg.lstsq(bends @ unseen, bends @ axes, rcond=None)[0]
-        part, turned = np.linalg.eigh(axes.T @ left[:-1, :-1] @ axes)
+        part, turned = np.linalg.eigh(axes.T @ partial[:-1, :-1] @ axes)
         axes = axes @ turned[:, part > _DOABLE]
         if not axes.shape[1]:
             return replace(operator, weights=np.empty(0), basis=operator.basis[:, :0], penalty=0.0)
-        inner = axes.T @ left[:-1, :-1] @ axes
+        inner = axes.T @ partial[:-1, :-1] @ axes
         roughness, turned = eigh(axes.T @ bends.T @ bends @ axes, inner)
         axes = axes @ turned
-        own = axes.T @ left[:-1, -1]
-        found.append((*_smoothing(roughness, own, left[-1, -1], independent * n_left), axes))
-    _, penalty, axes = min(found, key=lambda own: own[0])
+        projected, power_left = axes.T @ partial[:-1, -1], partial[-1, -1]
+        fits.append((*_smoothing(roughness, projected, power_left, independent * n_left), axes))
+    _, penalty, axes = min(fits, key=lambda fit: fit[0])
     kept = 1.0 / (1.0 + penalty) >= min(_LEAST, 1.0 / (1.0 + penalty.min()))
     basis, penalty = np.sqrt(n_samples) * axes[:, kept], penalty[kept]
     weights = np.zeros(basis.shape[1])
     return replace(operator, weights=weights, basis=operator.basis @ basis, penalty=penalty)
 
 
-def _smoothing(roughness, found, power, n_samples):
+def _smoothing(roughness, coefficients, power, n_samples):
     """Return the deviance and the penalty of each function by the restricted maximum likelihood.
 
     ``found`` are the least-squares coefficients of orthonormal functions, ``power`` the total sum
@@ -717,11 +742,11 @@ def _smoothing(roughness, found, power, n_samples):
     # a linear function has a roughness of rounding; the roughest are seen by hardly any sample
     rounding = len(roughness) * np.finfo(float).eps
     bent = roughness > 10.0 * rounding * roughness.max(initial=0.0)
-    white = max(power - np.square(found).sum(), np.finfo(float).tiny)
+    white = max(power - np.square(coefficients).sum(), np.finfo(float).tiny)
     n = max(n_samples - np.count_nonzero(~bent), 1.0)
     if not bent.any():
         return n * np.log(white), np.zeros(len(roughness))
-    d, z = roughness[bent], np.square(found[bent])
+    d, z = roughness[bent], np.square(coefficients[bent])
     penalties = _GRID / np.median(d)
     ratio = 1.0 + 1.0 / np.multiply.outer(penalties, d)
     deviance = np.log(ratio).sum(axis=1) + n * np.log(white + (z / ratio).sum(axis=1))
