@@ -297,7 +297,7 @@ class Method(ABC):
         -------
         dict
         """
-        return {own.name: getattr(self, own.name) for own in fields(self)}
+        return {parameter.name: getattr(self, parameter.name) for parameter in fields(self)}
 
     def set_params(self, **params) -> Self:
         """Set parameters, as a search over ``method__max_evaluations`` does.
@@ -477,9 +477,9 @@ class VariableProjection(Method):
         if not self.n_random_starts:
             return *found, evaluations
         problem, solution = found
-        others = [p for p in problems if p is not problem]
-        how = self.n_random_starts, self.random_state
-        drawn = random_starts([problem, *others], [solution.x], *how)
+        alternatives = [p for p in problems if p is not problem]
+        drawing = self.n_random_starts, self.random_state
+        drawn = random_starts([problem, *alternatives], [solution.x], *drawing)
         other, more = self._best_of([(problem, x) for x in drawn])
         best = min(found, other, key=lambda pair: pair[1].cost)
         return *best, evaluations + 1 + more
