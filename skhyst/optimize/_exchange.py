@@ -427,7 +427,7 @@ class _Pursuit:
 
     def steps(self, gram):
         """Yield the steps (n,) with 0, 1, 2, ... terms from a Gram matrix."""
-        scale = np.sqrt(np.diag(gram))
+        scale = np.sqrt(np.diag(gram))  # unit diagonal: thresholds then depend on no unit
         if scale[-1] <= _LEAST:  # the residual is zero
             yield np.zeros(len(gram) - 1)
             return
@@ -445,6 +445,8 @@ class _Pursuit:
                 step[index] = -swept[index, -1] * scale[-1] / scale[index]
                 yield step
                 n_yielded = len(chosen) + 1
+            # a swept diagonal entry is the power of a column orthogonal to the chosen ones, so that
+            # slope^2 / power is the decrease of the sum of squares by that column alone
             power, slope = swept[columns, columns], swept[columns, -1]
             limit = np.where(slope < 0.0, self.high, -self.low)
             gain = np.where((power > _DEPENDENT) & (limit > 0.0), slope**2, 0.0)

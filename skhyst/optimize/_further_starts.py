@@ -16,11 +16,10 @@ from ._problem import OperatorProblem, record_with_history
 from ._variable_projection import random_starts, starts_near, variable_projection
 
 _TINY = np.finfo(float).tiny
-LEVEL = 1e-3  # of the whiteness test: the fraction of good fits that need further starts in vain
+LEVEL = 1e-3  # significance level: the fraction of converged fits that are started again in vain
 _ROUNDS = 5
-_RETURNS = (
-    3  # runs that lead back to the best, and none to a better one, after which it is the optimum
-)
+# runs that return to the best solution, while none finds a better one: it is then the optimum
+_RETURNS = 3
 _STARTS = 12  # per round
 _BUDGET = 4.0  # evaluations relative to those of the fit, after which no further strategy is tried
 _TRIAL_EVALUATIONS = 4
@@ -38,8 +37,8 @@ def _neighbours(problems, seed):
     best = variable_projection(problem, problem.x0, max_evaluations=1)
     other_starts = [p.x0 for p in problems[1:] if p.names == problem.names]
     drawn = random_starts(problems, [best.x, *other_starts], _STARTS, seed)
-    # where a play or a limit passes a sample, the next optimum is close; that near starts lead back
-    # says nothing about the others
+    # where a threshold passes a sample, the next optimum is close; only returns of the random
+    # starts are counted, since near ones would return to any local optimum
     near = starts_near(problems, best.x, _STARTS // 2, seed)
     evaluations, runs_of_kind = 1, []  # one evaluation for the search box
     for starts, n_followed in ((drawn, _FULL_RUNS), (near, 1)):

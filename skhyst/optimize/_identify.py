@@ -461,10 +461,10 @@ def solve(problems, method, with_errors=True):
 
 
 def as_of(result, operator, records, *, fixed=(), initial_state="rest"):
-    """Return a result as if it were that of another operator with the same response.
+    """Return a result with the parameters and errors of another operator of the same response.
 
-    Such as one whose positions of terms are parameters too: what the data have given besides makes
-    the errors larger.
+    Such as one whose positions of terms are free parameters too, which makes the standard errors of
+    the other parameters larger.
 
     Parameters
     ----------
@@ -477,7 +477,7 @@ def as_of(result, operator, records, *, fixed=(), initial_state="rest"):
     Returns
     -------
     IdentificationResult
-        With the parameters and the errors of the operator, nothing is fitted.
+        With the parameters and the errors of the operator. Nothing is fitted.
     """
     start = operator, result.disturbances
     (problem,) = problems_of([start], records, fixed=fixed, initial_state=initial_state)

@@ -77,7 +77,7 @@ def estimate_input_history(
     further : sequence of (Operator, sequence of DisturbanceOperator), default=()
         Further starts of the same structure, such as a fit to the later halves.
     which : sequence of bool, default=None
-        Records that begin otherwise than at ``initial_state``; by default all of them do.
+        Records that do not begin at ``initial_state``; by default all of them.
     initial_state : {"rest", "zero"}, default="rest"
         State before each of the other records.
 
@@ -171,7 +171,7 @@ def later_halves(records):
 
 
 def with_input_history(result, records, method="variable_projection", **options):
-    """Return what identification found, fitted again together with the drive before each record.
+    """Return a result, fitted again together with the drive before each record.
 
     Held parameters stay held; ``options`` are those of :func:`estimate_input_history`.
     """

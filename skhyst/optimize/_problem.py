@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-_COLLINEAR = 1e-6  # part of the largest that is left of a disturbance's columns; 1e-12 as a square
+_COLLINEAR = 1e-6  # singular value below which columns are collinear, relative; 1e-12 as a square
 _LARGE = 1 << 18  # values of a Jacobian above which copying it costs more than extra products
 
 

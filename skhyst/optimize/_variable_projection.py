@@ -96,7 +96,7 @@ def variable_projection(
     blocks : ndarray, optional
         ``problem.evaluate(x0, select=select)`` where it is known already.
     begun : Solution, optional
-        What :func:`begin` returns for x0, where it is known already.
+        What :func:`start_descent` returns for x0, where it is known already.
     tolerance : float, default=1e-8
         Stops when a step is predicted to reduce, or has reduced, the sum of squares by less than
         this fraction.
@@ -133,7 +133,7 @@ def variable_projection(
 
 
 def start_descent(problem, x0, select=None, blocks=None):
-    """Return what a descent begins with: the linear parameters are solved; see there."""
+    """Return the solution that a descent starts from: ``x0`` with its linear parameters solved."""
     x = np.clip(np.asarray(x0, dtype=float), problem.lower, problem.upper)
     gram = problem.total(problem.evaluate(x, select=select) if blocks is None else blocks, select)
     solution = Solution(x, gram[-1, -1], gram, int(blocks is None), False, "")
@@ -157,6 +157,7 @@ def _descend(problem, solution, limits, callback, how, *, damping=None, max_step
     longest = np.inf
     while not solution.message:
         cost = solution.cost
+        # of a perfect fit, the sum of squares is rounding, which no step reduces by a fraction
         enough = tolerance * cost + 1e-28 * problem.scale
         if solution.n_evaluations >= max_evaluations or len(solution.history) > max_steps:
             solution.message = f"The budget of {min(max_evaluations, max_steps)} is used up."
@@ -171,6 +172,7 @@ def _descend(problem, solution, limits, callback, how, *, damping=None, max_step
                 solution.message = "No step reduces the sum of squares noticeably."
                 break
             length = np.sqrt(step @ (np.diag(solution.gram)[:-1] * step))
+            # a step about as long as a refused one costs an evaluation and is refused again
             if length > longest and damping.value <= damping.largest:
                 damping.refused()
                 continue
@@ -242,10 +244,10 @@ def solve_linear(problem, x, gram):
 
 
 def eliminate(problem, x, gram, part, select=None):
-    """Solve the linear parameters exactly; evaluate again if less than ``part`` is left.
+    """Solve the linear parameters exactly; evaluate again if the cost falls below ``part`` of it.
 
     At a distant start, such as a gain of 1 in other units, rounding errors may exceed the response:
-    then it is solved again.
+    then the linear parameters are solved again.
     """
     n_evaluations = 0
     while True:
