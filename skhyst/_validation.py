@@ -25,10 +25,10 @@ from .records import MISMATCH, chosen_interval, record_slices, refuse_lost_index
 # squares of such values, of their gains and of the inverses of these are finite.
 EXTREME = 1e100
 _ROUNDING = 1e-9  # of a standard deviation
-_FEWEST = 64  # rows of which an order can be told: eight standard deviations, or a ratio of one
-_UNLIKELY = 1e-3  # p-value of numbers of repeats, if rows are drawn
-_OF_A_CLASS = 5.0  # expected in each, for Pearson's test to hold
-_DRAWN = 0.05  # of the rows, which are there again where as many as a tenth of all are drawn
+_FEWEST = 64  # rows for a test of their order: eight standard deviations are then a ratio of one
+_UNLIKELY = 1e-3  # p-value below which numbers of repeats are not those of a random draw
+_OF_A_CLASS = 5.0  # expected counts that Pearson's test needs in each class
+_DRAWN = 0.05  # fraction of repeated rows in a draw of at least a tenth of them with replacement
 # Fraction of the range of a fit by which a drive may leave it without a warning. Of two records of
 # one Gaussian drive, 300 to 1000 independent samples each, one in ten goes that much further.
 _FURTHER = 0.15
@@ -82,7 +82,7 @@ def refuse_no_experiment(columns, response, slices):
 
 
 def refuse_still(drive):
-    """Refuse a drive that does not move: it identifies nothing."""
+    """Refuse a constant drive: no parameter can be identified from it."""
     if not np.ptp(drive):
         raise RecordError(
             f"The drive must move. Got {drive[0]:g} in every sample instead: is it the column that "
@@ -93,12 +93,14 @@ def refuse_still(drive):
 def _is_time(drive, slices):
     """Whether a signal rises as the time of each record does, in any unit, or as row numbers."""
     starts = [drive[s.rows.start] for s in slices]
-    own = np.concatenate([drive[s.rows] - start for s, start in zip(slices, starts, strict=True)])
+    elapsed = np.concatenate(
+        [drive[s.rows] - start for s, start in zip(slices, starts, strict=True)]
+    )
     time = np.concatenate([s.dt * np.arange(s.n_samples) for s in slices])
     dt = min(s.dt for s in slices)
     scales = 1.0 / dt, 1.0, 1e3, 1e6, 1e9  # samples, s, ms, us, ns
     # half a sample: stamps are rounded, or stray from even ones
-    return any(np.abs(own - scale * time).max() < 0.5 * scale * dt for scale in scales)
+    return any(np.abs(elapsed - scale * time).max() < 0.5 * scale * dt for scale in scales)
 
 
 def _is_memoryless(estimator):
@@ -149,49 +151,50 @@ def refuse_drawn(frame, drive, X, response):
     in_order = np.count_nonzero((row[first + 1] == row[second + 1]) | (second == first + 1))
     if 2 * in_order < len(first) and 2 * shares_all.sum() > shares_inputs.sum():
         raise RecordError(
-            f"The rows must be a recording, in the order of time. Got {n_repeats} of {n} rows a "
-            "second time, in no order, instead: an ensemble draws them at random. Give the "
-            "repetitions as sample_weight, as BaggingRegressor does for a model that is in no "
-            "pipeline; if the rows are in order, an index of their times says so."
+            f"The rows must be a recording, in the order of time. Got {n_repeats} of {n} rows "
+            "repeated, in random order, instead, as an ensemble draws them. Give the repetitions "
+            "as sample_weight, as BaggingRegressor does for a model outside of a pipeline; if the "
+            "rows are in order, give their times in the index."
         )
 
 
 def _warn_of_shuffled_rows(frame, drive, response):
-    """Warn if rows without times have to do with themselves, and none with the one before.
+    """Warn if drive and response are correlated within rows, but not with the previous row.
 
-    As if a recording had been shuffled: each of drive, response and what a straight line leaves of
-    it is then independent of the others one row earlier. A device with a memory shows it in one of
-    them. Each correlation is of an independent pair within four standard deviations.
+    In shuffled rows, the drive, the response and the residual of their linear regression are
+    independent of the three in the previous row; a device with memory shows a correlation. That of
+    independent variables is within four standard deviations of zero.
     """
     index, n = getattr(frame, "index", None), len(drive)
     has_times = isinstance(index, pd.Index) and not isinstance(index, pd.RangeIndex)
     if has_times or n < _FEWEST or not (np.ptp(drive) and np.ptp(response)):
         return
-    own, other = ((values - values.mean()) / np.std(values) for values in (drive, response))
-    slope = own @ other / n
-    left = other - slope * own
-    size = np.std(left)
+    u, y = ((values - values.mean()) / np.std(values) for values in (drive, response))
+    slope = u @ y / n
+    residual = y - slope * u
+    size = np.std(residual)
     if abs(slope) < 4.0 / np.sqrt(n) or not size > _ROUNDING:
         return
-    columns = np.column_stack([own, other, left / size])
+    columns = np.column_stack([u, y, residual / size])
     if np.abs(columns[1:].T @ columns[:-1]).max() < 4.0 * np.sqrt(n):
         warnings.warn(
-            "Drive and response of a row have to do with each other, but neither with the row "
-            "before, as if the rows had been shuffled. A model with a memory needs them in the "
-            "order of time (train_test_split(shuffle=False), skhyst.model_selection); if they are, "
-            "an index of their times says so.",
+            "Drive and response are correlated within a row, but not with the previous row, as if "
+            "the rows had been shuffled. A model with memory needs the order of time "
+            "(train_test_split(shuffle=False), skhyst.model_selection); if the rows are in order, "
+            "give their times in the index.",
             ConvergenceWarning,
             stacklevel=5,
         )
 
 
 def _is_drawn_in_order(rows):
-    """Whether rows repeat as often, one behind the other, as in a sorted draw with repeats.
+    """Whether numbers of consecutive repeats are those of a sorted draw with replacement.
 
-    How often a row is drawn is a Poisson variable, and independent of how often the next one is. A
-    sensor that is read too often is there by two neighbouring numbers of times, and a signal of few
-    digits where it is slow. Whether the numbers are such is a test of Pearson's, which needs five
-    of each class.
+    The number of times that a row is drawn has a Poisson distribution, and is independent of that
+    of the next row. Other repeats differ: a sensor that is read faster than it converts repeats
+    each value one of two neighbouring numbers of times, and a signal of few digits repeats where it
+    is slow. The distribution is tested by Pearson's chi-squared test, with at least five expected
+    counts in each class.
     """
     starts = np.flatnonzero(np.any(rows[1:] != rows[:-1], axis=1)) + 1
     repeats = np.diff(starts, prepend=0, append=len(rows))
@@ -214,7 +217,7 @@ def _is_drawn_in_order(rows):
 
 
 def _is_disordered(values):
-    """Whether the next value is as far away as any: four standard deviations of the ratio."""
+    """Whether neighbours are uncorrelated: von Neumann's ratio within 4 standard deviations."""
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         ratio = np.square(np.diff(values)).sum() / np.square(values - values.mean()).sum()
     return abs(ratio - 2.0) < 8.0 / np.sqrt(len(values))
@@ -259,7 +262,7 @@ def _refuse_other_interval(estimator, dt, counted, known):
         if known is None and unit is None and has_no_one:
             raise RecordError(
                 f"{kind} was fitted to records of several sampling intervals, or to none: X must "
-                "have a time index, or 'dt' be given. Got neither instead."
+                "have a time index, or 'dt' must be given. Got neither instead."
             )
         said = getattr(estimator, "dt", None) if hasattr(estimator, "dt_") else None
         if said is not None and unit is not None and not _agree(said, own):
@@ -326,8 +329,7 @@ def interval_of(estimator, *, fitted=True):
 def common_parameter(estimator, name):
     """Return a parameter of an estimator or, if it is None, the value that its parts agree on.
 
-    None where no part says it. A part that is held, in a FrozenEstimator, has the interval of its
-    fit.
+    None if no part has one. A part that is held, in a FrozenEstimator, has the interval of its fit.
 
     Raises
     ------

@@ -253,7 +253,7 @@ def test_nothing_is_dropped_where_nothing_is_missing(tmp_path, options):
     X, _ = read(tmp_path, single, on_missing="drop", **options)
     np.testing.assert_allclose(X["u"], U)
     assert len(read(tmp_path, "t,u\n0,1\n", on_missing="drop")[0]) == 1
-    with pytest.raises(RecordError, match="does not tell a sampling interval"):
+    with pytest.raises(RecordError, match="does not determine the sampling interval"):
         record_slices(read(tmp_path, "t,u\n0,1\n", time="t", on_missing="drop")[0])
 
 
