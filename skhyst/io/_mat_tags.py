@@ -30,13 +30,13 @@ _NUMERIC = range(6, 16)
 def check_tags(data):
     """Raise a RecordError unless every element of a file of version 5 is of the type expected."""
     order = "<" if data[126:128] == b"IM" else ">"
-    file, left = _Elements(memoryview(data), order, _HEADER), largest_size(len(data))
+    file, remaining = _Elements(memoryview(data), order, _HEADER), largest_size(len(data))
     while file.position < len(data):
         start = file.position
         code, content = file.element()
         if code == _COMPRESSED:
-            content = _inflated(content, start, left)
-            left -= len(content)
+            content = _inflated(content, start, remaining)
+            remaining -= len(content)
             code, content = _Elements(content, order).element()
         if code != _MATRIX or not content:
             raise RecordError(f"at byte {start} is no variable (type code {code})")
