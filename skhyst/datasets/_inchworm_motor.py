@@ -373,9 +373,9 @@ class _Motor:
         moved = [
             np.diff(bend, prepend=last) for bend, last in zip(bends, self.stood[1:], strict=True)
         ]
-        where = self.stood[0] + np.cumsum(np.where(first, *moved))
-        self.stood = where[-1], bends[0][-1], bends[1][-1]
-        return where
+        position = self.stood[0] + np.cumsum(np.where(first, *moved))
+        self.stood = position[-1], bends[0][-1], bends[1][-1]
+        return position
 
 
 def _bend(plant, u, step):

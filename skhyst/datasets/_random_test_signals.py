@@ -118,8 +118,8 @@ def multisine(
             spectrum[:, lines] = 0.5 * n_samples * sizes * np.exp(1j * angle)
             period = np.fft.irfft(spectrum, n_samples, axis=1).T
             records.append(np.tile(offset + rms * period, (n_periods, 1)))
-            own = f"_experiment{experiment}" if n_inputs > 1 else ""
-            labels.append(f"realization{realization}{own}")
+            suffix = f"_experiment{experiment}" if n_inputs > 1 else ""
+            labels.append(f"realization{realization}{suffix}")
     return check.signal_frame(records, dt, labels)
 
 
@@ -133,8 +133,8 @@ def _without_detection(lines, group_size, rng):
 def _amplitudes(amplitude, frequency, n_lines):
     if amplitude is None:
         return np.ones(n_lines)
-    own = amplitude(frequency) if callable(amplitude) else amplitude
-    sizes = check.number("multisine", "amplitude", own, negative=False, size=n_lines)
+    relative = amplitude(frequency) if callable(amplitude) else amplitude
+    sizes = check.number("multisine", "amplitude", relative, negative=False, size=n_lines)
     if not sizes.any():
         check.refuse("multisine", "amplitude", "above zero at one line at least", amplitude)
     return sizes / sizes.max()
@@ -222,7 +222,7 @@ def _band_lines(function, band, n_samples, dt):
     lines = np.arange(1, (n_samples + 1) // 2)
     duration = n_samples * dt
     slack = check.ROUNDING * lines
-    found = lines[(lines >= low * duration - slack) & (lines <= high * duration + slack)]
-    if not found.size:
+    excited = lines[(lines >= low * duration - slack) & (lines <= high * duration + slack)]
+    if not excited.size:
         check.refuse(function, "band", f"wide enough for a multiple of {1.0 / duration:g} Hz", band)
-    return found
+    return excited

@@ -114,7 +114,7 @@ def make_scanning_stage(
         response to it. A weaker amplifier is ``"lag"``, the signal processing ``{"delay": {"time":
         2.5e-5}}``.
     measured : {"displacement", "velocity"}, default="displacement"
-        What the vibrometer gives: um, or um/s.
+        Output of the vibrometer, in um or um/s.
     noise : float, optional
         Standard deviation of the sensor's noise; 0.5 nm or 20 um/s by default.
     quantize : bool, default=True
@@ -360,8 +360,8 @@ def _vibrate(signal, h, stage, memory=None, **forces):
     total = _summed(signal - start, memory["last"], memory["terms"], state)
     memory["last"] = signal[-1] - start
     total += start * stage.numerator[-1] / stage.denominator[-1]
-    own = {"memory": memory["motion"]}
-    return oscillate(total, h, frequency, damping, **forces, **own) if forces else total
+    motion = {"memory": memory["motion"]}
+    return oscillate(total, h, frequency, damping, **forces, **motion) if forces else total
 
 
 def _terms(h, stage, forces):
@@ -375,9 +375,9 @@ def _terms(h, stage, forces):
     # a conjugate gives the same real part
     residues = gain * np.array(residues) * np.where(kept.imag == 0.0, 1.0, 2.0)
     q = kept * h
-    gone = np.expm1(q)
-    ramp = gone / q - 1.0
-    return np.stack([1.0 + gone, residues / kept * ramp, residues / kept * (gone - ramp)])
+    change = np.expm1(q)
+    ramp = change / q - 1.0
+    return np.stack([1.0 + change, residues / kept * ramp, residues / kept * (change - ramp)])
 
 
 @jit
