@@ -217,6 +217,13 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         Returns
         -------
         self
+
+        Raises
+        ------
+        TypeError
+            If the model is not a parametric model of one input, and is to be inverted.
+        ValueError
+            If the limits are not in ascending order.
         """
         self._check_limits()
         _, columns, response = read_data(self, X, y, reset=True, dt=interval_of(self.model))
@@ -337,6 +344,12 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         ndarray of shape (n_samples,)
             The drive with the smallest error; ``errors_`` has the errors of the trials that were
             kept.
+
+        Raises
+        ------
+        ValueError
+            If there are several records, ``n_trials`` is not a whole number from 1 on, or the
+            device returns numbers that are not finite or too few.
         """
         slices, reference = self._model_references(X)
         if len(slices) != 1:

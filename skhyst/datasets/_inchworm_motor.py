@@ -99,6 +99,10 @@ def walking_drive(
     ValueError
         If a parameter is out of its range.
 
+    See Also
+    --------
+    make_inchworm_motor : The motor.
+
     References
     ----------
     See :func:`make_inchworm_motor`, Section 2.1 and Fig. 2.
@@ -199,6 +203,11 @@ def make_inchworm_motor(
     RecordError
         If the rows of the drive are no evenly sampled records.
 
+    See Also
+    --------
+    inchworm_motor_stepper : The motor sample by sample.
+    walking_drive : The drive that makes it walk.
+
     References
     ----------
     S. Han, Y. Xu, J. Yu, X. Yang, "An identification method for dynamic systems with SCNs
@@ -278,6 +287,11 @@ def inchworm_motor_stepper(
     ------
     ValueError
         If a parameter is not as above.
+
+    See Also
+    --------
+    make_inchworm_motor : A complete recording of it.
+    skhyst.control.simulate_loop : A feedback loop around it.
 
     Examples
     --------

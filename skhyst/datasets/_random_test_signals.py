@@ -77,6 +77,11 @@ def multisine(
         If the band is empty or reaches half the sampling rate, or an amplitude is negative or all
         are zero.
 
+    See Also
+    --------
+    band_limited_noise : Random amplitudes, too.
+    skhyst.linear.frequency_response : Evaluate the response.
+
     References
     ----------
     Pintelon and Schoukens, *System Identification*, 2012. Dobrowiecki and Schoukens, *Automatica*,
@@ -175,6 +180,10 @@ def band_limited_noise(
     ------
     ValueError
         If the band holds no multiple of ``1 / (n_samples dt)`` or reaches half the sampling rate.
+
+    See Also
+    --------
+    multisine : Periodic, with equal amplitudes and random phases.
 
     Examples
     --------

@@ -41,6 +41,10 @@ def load_scanning_stage_parameters() -> Bunch:
         ``numerator`` N and ``denominator`` D, highest power first, from V to um; the
         ``natural_frequencies`` in Hz and ``damping_ratios`` of its two resonances, (2,) each.
 
+    See Also
+    --------
+    make_scanning_stage : A recording with these parameters.
+
     Notes
     -----
     The names of Steinbusch (2020), stiffness k_i and damping c_i, are exchanged. The static gain of
@@ -143,6 +147,11 @@ def make_scanning_stage(
     RecordError
         If the drive is empty or not finite, or its index does not form records.
 
+    See Also
+    --------
+    scanning_stage_stepper : The stage sample by sample.
+    load_scanning_stage_parameters : Its parameters.
+
     Notes
     -----
     A named record is sampled in proportion to its frequency, 1 Hz at 500 Hz up to
@@ -217,6 +226,11 @@ def scanning_stage_stepper(u0=0.0, *, dt=1.0 / _RATE, effects=None) -> DeviceSte
     ------
     ValueError
         If a parameter is not as above.
+
+    See Also
+    --------
+    make_scanning_stage : A complete recording of it.
+    skhyst.control.simulate_loop : A feedback loop around it.
 
     Examples
     --------

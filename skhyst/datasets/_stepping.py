@@ -18,6 +18,12 @@ class DeviceStepper:
     u0 : array-like of shape (n_inputs,)
         Drive at which the device has rested.
 
+    See Also
+    --------
+    scanning_stage_stepper : A scanning stage.
+    inchworm_motor_stepper : An inchworm motor.
+    skhyst.control.simulate_loop : A feedback loop around a device.
+
     Examples
     --------
     >>> from skhyst.datasets import scanning_stage_stepper

@@ -371,6 +371,12 @@ def to_c(
         single precision is not sufficient: if its error in the test exceeds the tolerance. If a
         tunable parameter is none, or changes the structure of the program.
 
+    See Also
+    --------
+    to_fmu : A functional mock-up unit around the program.
+    to_structured_text : A function block for a PLC.
+    EmulatedController : Run the program on an emulated controller.
+
     Notes
     -----
     The tolerance of the test is 1e-12 of the range of the response (zero included) in double and

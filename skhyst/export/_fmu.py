@@ -98,6 +98,10 @@ def to_fmu(
     NotImplementedError, TypeError, ValueError
         As :func:`to_c`.
 
+    See Also
+    --------
+    to_c : The program alone.
+
     Notes
     -----
     Variables are ``time``, ``input`` (``input_1``, ``input_2``, ... if there are several) and

@@ -172,6 +172,10 @@ class GrayBoxOperator(Operator):
         If ``dynamics`` or ``degree`` is unknown, a number of lags is negative, or the number of
         weights is not that of the terms.
 
+    See Also
+    --------
+    GrayBoxHysteresis : Its estimator.
+
     Notes
     -----
     Lags are in samples: the weights hold for one sampling interval. The tangents of

@@ -89,6 +89,10 @@ class IdentificationResult:
         Drive 1, 2, 4, ... samples before each record, in its units, if it was estimated.
     is_local : bool, default=False
         Whether the residual is coloured and every further start has ended at another optimum.
+
+    See Also
+    --------
+    identify : Returns it.
     """
 
     operator: object
@@ -153,7 +157,10 @@ class IdentificationResult:
     def operator_covariance(self):
         """Return the covariance of all values of the operator with its disturbances, or None.
 
-        In the order of ``pack`` of their sum; zero for values that are held.
+        Returns
+        -------
+        ndarray of shape (n, n) or None
+            In the order of ``pack`` of their sum; zero for values that are held.
         """
         if self.joint_covariance is None:
             return None
@@ -164,7 +171,13 @@ class IdentificationResult:
         return covariance
 
     def released(self):
-        """Return the result with operators that have no estimator and no held entries."""
+        """Return the result with operators that have no estimator and no held entries.
+
+        Returns
+        -------
+        IdentificationResult
+            A copy.
+        """
         additive = tuple(disturbance.released() for disturbance in self.disturbances)
         return replace(self, operator=self.operator.released(), disturbances=additive)
 
@@ -367,6 +380,11 @@ def identify(
     ------
     ValueError
         If the method is unknown, or no sample has a weight above zero.
+
+    See Also
+    --------
+    VariableProjection : The default method.
+    skhyst.base.ParametricModel : Estimators that call it.
 
     Examples
     --------

@@ -40,6 +40,10 @@ class LevenbergMarquardt(Method):
     random_state : int or None, default=0
         Not used: nothing is random.
 
+    See Also
+    --------
+    VariableProjection : Solves the linear parameters exactly in each step.
+
     References
     ----------
     Hagan and Menhaj, *IEEE Transactions on Neural Networks*, 1994. Ahmed and Yan, *IEEE Access*,

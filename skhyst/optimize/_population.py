@@ -146,6 +146,10 @@ class DifferentialEvolution(PopulationMethod):
         See :func:`scipy.optimize.differential_evolution`.
     tolerance : float, default=0.0
         Relative spread of the population at which the search ends; 0 uses all iterations.
+
+    See Also
+    --------
+    VariableProjection : The default method, by derivatives.
     """
 
     strategy: str = "best1bin"
@@ -185,6 +189,10 @@ class ParticleSwarm(PopulationMethod):
         At the first and at the last iteration; linear between.
     acceleration : float, default=1.5
         Towards the best position of the particle, and towards that of the swarm.
+
+    See Also
+    --------
+    VariableProjection : The default method, by derivatives.
     """
 
     inertia: tuple = (0.9, 0.1)
@@ -281,6 +289,11 @@ class CuckooSearch(_Cuckoos):
     ------
     ValueError
         If ``renewal`` is invalid.
+
+    See Also
+    --------
+    ModifiedCuckooSearch : Discovery and step change while it runs.
+    VariableProjection : The default method, by derivatives.
     """
 
     discovery: float = 0.25
@@ -312,6 +325,10 @@ class ModifiedCuckooSearch(_Cuckoos):
     ------
     ValueError
         If ``renewal`` is invalid.
+
+    See Also
+    --------
+    CuckooSearch : Constant discovery and step.
     """
 
     renewal: str = "random"

@@ -50,6 +50,10 @@ class RecordData:
     ValueError
         If the weights are not one finite value per sample, none below zero.
 
+    See Also
+    --------
+    identify : Fit an operator to such records.
+
     Examples
     --------
     >>> import numpy as np
@@ -81,7 +85,7 @@ class RecordData:
         weights = np.asarray(self.weights, dtype=float)
         if weights.shape != (len(self.u),) or not np.all((weights >= 0.0) & (weights < np.inf)):
             raise ValueError(
-                "The 'weights' parameter of RecordData must be one finite value a sample, none "
+                "The 'weights' parameter of RecordData must be one finite value per sample, none "
                 f"below zero. Got {self.weights!r} for {len(self.u)} samples instead."
             )
         object.__setattr__(self, "weights", weights)
@@ -137,20 +141,38 @@ class RecordData:
         return replace(self, segments=tuple(pairwise(edges.tolist())), **cut)
 
     def counts(self):
-        """Return the weight of each sample, zero outside of the segments, (n_samples,)."""
+        """Return the weight of each sample.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+            Zero outside of the segments; ones within if the record has no weights.
+        """
         counts = np.zeros(len(self.u))
         for start, stop in self.segments:
             counts[start:stop] = 1.0 if self.weights is None else self.weights[start:stop]
         return counts
 
     def segment_weights(self):
-        """Return the sum of the weights of each segment: its number of samples without weights."""
+        """Return the sum of the weights of each segment.
+
+        Returns
+        -------
+        ndarray of shape (n_segments,)
+            The numbers of samples if the record has no weights.
+        """
         if self.weights is None:
             return np.array([float(stop - start) for start, stop in self.segments])
         return np.array([self.weights[start:stop].sum() for start, stop in self.segments])
 
     def power(self):
-        """Return the weighted sum of squares of the response."""
+        """Return the weighted sum of squares of the response.
+
+        Returns
+        -------
+        float
+            Units of the response squared.
+        """
         power = np.square(self.y)
         return float(power.sum() if self.weights is None else self.weights @ power)
 

@@ -276,6 +276,11 @@ class Method(ABC):
         true value ends the search, and the best solution so far is kept.
     verbose : int, default=0
         Above 0, improvements are written to the standard error stream.
+
+    See Also
+    --------
+    VariableProjection : The default method.
+    identify : Run a method.
     """
 
     bounds: Mapping | None = None
@@ -449,6 +454,11 @@ class VariableProjection(Method):
     n_random_starts : int, default=0
         Further starts around the best solution found from the data, with about half of the unknowns
         drawn at random within the bounds.
+
+    See Also
+    --------
+    LevenbergMarquardt : All parameters in one damped step.
+    DifferentialEvolution : A global method, for costs that are not smooth.
 
     References
     ----------

@@ -36,6 +36,11 @@ def iter_records(X, y=None, *, dt=None) -> Iterator[tuple]:
     RecordError
         If the rows do not form evenly sampled records, or ``y`` has another number of rows.
 
+    See Also
+    --------
+    stack_records : The inverse.
+    record_slices : Rows and sampling intervals of the records.
+
     Examples
     --------
     >>> import numpy as np
@@ -103,6 +108,11 @@ def stack_records(records, labels=None, *, dt=None):
     RecordError
         If there are no records, labels repeat, or the records differ in their columns, in the type
         of their times, or in the lengths of ``X`` and ``y``.
+
+    See Also
+    --------
+    iter_records : The inverse.
+    read_records : Records from files.
 
     Examples
     --------

@@ -65,6 +65,10 @@ class RecordSlice:
         "sample" where neither the index nor ``dt`` gives the interval; it is then 1.
     lost : tuple of int, default=()
         Samples, counted from the start of the record, that have no row.
+
+    See Also
+    --------
+    record_slices : Find the records of a recording.
     """
 
     label: Hashable
@@ -146,6 +150,11 @@ def record_slices(
         records differ in their interval where they must not, or ``y`` has an index with records
         that ``X`` lacks.
 
+    See Also
+    --------
+    iter_records : The parts of X and y themselves.
+    sampling_interval : The interval alone.
+
     Examples
     --------
     >>> import numpy as np
@@ -199,6 +208,10 @@ def sampling_interval(X, *, dt=None) -> float:
     ------
     RecordError
         If ``X`` has no rows, or its rows do not form evenly sampled records.
+
+    See Also
+    --------
+    record_slices : Intervals and rows of all records.
 
     Examples
     --------

@@ -122,6 +122,12 @@ def read_records(
     TimeUnitWarning
         If the time column has no unit, and its values are integers or have steps of seconds.
 
+    See Also
+    --------
+    inspect_recording : Columns, records and faults of a file before it is read.
+    stack_records : The same index for arrays in memory.
+    skhyst.io.join_files : Columns of one recording in several files.
+
     Notes
     -----
     Nothing in a file is executed: pickled objects, MATLAB objects and function handles are

@@ -70,6 +70,11 @@ def resample_records(X, y=None, *, dt, max_gap=None, anti_alias=True):
         samples of the old or the new interval, ``y`` has an index with records that ``X`` lacks, or
         ``dt`` is "auto" and the index consists of integers that count samples.
 
+    See Also
+    --------
+    resampling_error : The error of the interpolation.
+    resample_like : Back onto the original times.
+
     Examples
     --------
     >>> import pandas as pd
@@ -154,6 +159,10 @@ def resampling_error(X, y, *, dt="auto", max_gap=None) -> float:
     float
         Root mean square error over the grid, units of the response; 0 if all its points are
         readings.
+
+    See Also
+    --------
+    resample_records : The interpolation.
 
     Notes
     -----
@@ -245,6 +254,10 @@ def resample_like(y, X) -> np.ndarray:
     -------
     ndarray of shape (n_samples,)
         Beyond the ends of a record's grid, the value at its end.
+
+    See Also
+    --------
+    resample_records : Resample onto an even grid.
 
     Examples
     --------
