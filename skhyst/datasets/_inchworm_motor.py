@@ -79,7 +79,7 @@ def walking_drive(
     Parameters
     ----------
     n_steps : int, default=20
-        Steps, two a period.
+        Steps, two per period.
     amplitude, frequency : float, default=5.0 and 10.0
         A, in V, and f, in Hz.
     direction : {1, -1}, default=1
@@ -118,7 +118,7 @@ def walking_drive(
     amplitude = scalar(caller, "amplitude", amplitude, positive=True)
     frequency = scalar(caller, "frequency", frequency, positive=True)
     if frequency * dt > 0.05:
-        wanted = f"at most 0.05 / dt = {0.05 / dt:g} Hz, 20 samples a period"
+        wanted = f"at most 0.05 / dt = {0.05 / dt:g} Hz, 20 samples per period"
         refuse(caller, "frequency", wanted, frequency)
     if direction not in (-1, 1):
         refuse(caller, "direction", "1 or -1", direction)

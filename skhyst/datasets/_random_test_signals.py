@@ -49,8 +49,8 @@ def multisine(
     group_size : int, default=4
         Odd lines of a group of the random odd grid, at least 2.
     amplitude : callable, array-like of shape (n_lines,) or None, default=None
-        Relative amplitudes :math:`A_k`, as a function of the frequencies in Hz or one a line; equal
-        ones by default.
+        Relative amplitudes :math:`A_k`, as a function of the frequencies in Hz or one per line; all
+        equal by default.
     rms, offset : float or sequence of float of shape (n_inputs,), default=1.0 and 0.0
         Root mean square of each input about its mean, and that mean, units of the drive: exact, and
         the same in each record.

@@ -79,7 +79,7 @@ class DeviceStepper:
         rows = u[:, None] if u.ndim == 1 else u
         if rows.shape[1:] != (self._n_inputs,) or not np.isfinite(rows).all():
             raise ValueError(
-                f"The drive must be finite numbers, {self._n_inputs} a sample. Got {u!r} instead."
+                f"The drive must be finite numbers, {self._n_inputs} per sample. Got {u!r} instead."
             )
         return self._respond(rows)
 

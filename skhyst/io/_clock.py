@@ -45,8 +45,8 @@ def _seconds(path, name, values, unit):
             unit = time_unit_of(name)
         except ValueError as error:
             raise RecordError(
-                f"The time {name!r} of {path.name} is in {str(error)!r}, which is no unit of time "
-                f"that is known: pass 'time_unit', one of {', '.join(SECONDS)}, or 'sampling_rate' "
+                f"The time {name!r} of {path.name} is in {str(error)!r}, which is not a known "
+                f"unit of time: pass 'time_unit', one of {', '.join(SECONDS)}, or 'sampling_rate' "
                 "instead of 'time'."
             ) from None
     if not unit:

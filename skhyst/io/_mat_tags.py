@@ -39,7 +39,7 @@ def check_tags(data):
             remaining -= len(content)
             code, content = _Elements(content, order).element()
         if code != _MATRIX or not content:
-            raise RecordError(f"at byte {start} is no variable (type code {code})")
+            raise RecordError(f"at byte {start} is not a variable (type code {code})")
         try:
             _Elements(content, order).variable()
         except RecordError as error:
@@ -156,6 +156,6 @@ class _Elements:
             start = self.position
             code, length = self.unpack("II", self.take(8))
             if code != _MATRIX or length > len(self.data) - self.position:
-                raise RecordError(f"a cell or field is no variable (byte {start})")
+                raise RecordError(f"a cell or field is not a variable (byte {start})")
             if length:
                 self.variable(depth + 1)

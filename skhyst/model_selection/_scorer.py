@@ -86,7 +86,7 @@ def washout_scorer(
     if not isinstance(greater_is_better, bool | np.bool_):
         raise ValueError(
             f"The 'greater_is_better' parameter of washout_scorer must be a bool, or None for a "
-            f"metric whose name says it. Got {greater_is_better!r} and the metric "
+            f"metric whose name shows it. Got {greater_is_better!r} and the metric "
             f"{getattr(metric, '__name__', metric)!r} instead."
         )
     if initial_state not in (None, "estimate"):

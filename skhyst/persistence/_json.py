@@ -137,7 +137,7 @@ def from_json(text) -> BaseEstimator:
         written = content["versions"]["skhyst"]
         known = name == "skhyst.model" and 1 <= int(number) <= FORMAT
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
-        raise ValueError(f"The text is no model of skhyst as JSON ({error!r}).") from error
+        raise ValueError(f"The text is not a model of skhyst as JSON ({error!r}).") from error
     if not known:
         raise ValueError(
             f"The model is of the format {content['format']!r}, written by skhyst {written}; "
@@ -226,7 +226,7 @@ def _plain_object(value):
     if name is None:
         kind = type(value)
         raise TypeError(
-            f"{kind.__module__}.{kind.__qualname__} is no public class of skhyst, and cannot be "
+            f"{kind.__module__}.{kind.__qualname__} is not a public class of skhyst, and cannot be "
             "written as JSON: save the model as .skops."
         )
     if dataclasses.is_dataclass(value):

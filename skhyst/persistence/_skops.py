@@ -130,7 +130,7 @@ def load_model(path, trust=False) -> BaseEstimator:
         safe = zipfile.is_zipfile(file)
     if not safe and not trust:
         raise ValueError(
-            f"{path} is no skops file, and any other may run code when it is loaded. Save the "
+            f"{path} is not a skops file, and any other may run code when it is loaded. Save the "
             "model as .skops; or, if it is a pickle and you trust whoever made it, add --trust (in "
             "Python trust=True)."
         )

@@ -9,13 +9,14 @@ For faults that show in the relation of drive and response see ``_channels``.
 
 import numpy as np
 import pandas as pd
+from scipy.stats import median_abs_deviation
 
 from ._channels import SIDE, are_exchanged, lost_samples, noise_on_drive, reaction_p_value
 from ._index import first_of_equals, record_names
 
 _ADVICE = {
     "outlier": "treat the rows as missing readings, or use a robust loss",
-    "lost_reading": "read the file with missing= and on_missing='interpolate' or 'drop'",
+    "lost_reading": "read the file with missing_code= and on_missing='interpolate' or 'drop'",
     "stuck_sensor": "leave these rows out: the sensor gave one reading while the drive moved",
     "clipped_range": "choose a larger range of the converter, or leave these samples out",
     "wrapped_reading": "unwrap the reading, as np.unwrap(y, period=value) does",
@@ -203,7 +204,7 @@ def _spikes(u, y, starts, lengths):
 def _scatter(y):
     """Return the robust standard deviation (MAD) of the distance from the mean of neighbours."""
     distance = y[1:-1] - 0.5 * (y[:-2] + y[2:])
-    return 1.4826 * np.median(np.abs(distance - np.median(distance))) if distance.size else 0.0
+    return median_abs_deviation(distance, scale="normal") if distance.size else 0.0
 
 
 def _wrapped(u, y):

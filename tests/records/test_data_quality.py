@@ -115,7 +115,9 @@ def test_clock_jitter():
     time = np.concatenate([0.01 * np.arange(400), jittered])  # the second record starts at row 400
     X = pd.DataFrame({"drive": np.sin(time)}, index=pd.Index(time, name="time"))
     table = data_quality(X, 2.0 * np.sin(time), record_slices(X))
-    assert table[["fault", "rows"]].to_numpy().tolist() == [["clock_jitter", tuple(range(400, 405))]]
+    assert table[["fault", "rows"]].to_numpy().tolist() == [
+        ["clock_jitter", tuple(range(400, 405))]
+    ]
     assert table["value"].iloc[0] == pytest.approx(np.diff(jittered).std() / 0.01, rel=0.01)
 
 

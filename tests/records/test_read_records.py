@@ -444,7 +444,8 @@ def test_the_unit_of_time_is_that_of_the_line_below_the_names(tmp_path):
     text = "t,u\nms,V\n" + "".join(f"{2 * i},{u}\n" for i, u in enumerate(U))
     X, _ = read(tmp_path, text, time="t")
     assert record_slices(X)[0].dt == pytest.approx(0.002)
-    with pytest.raises(RecordError, match=r"in 'counts', which is no unit of time .* 'time_unit'"):
+    refused = r"in 'counts', which is not a known unit of time.* 'time_unit'"
+    with pytest.raises(RecordError, match=refused):
         read(tmp_path, TABLE.rename(columns={"t": "t [counts]"}), time=0)
 
 
