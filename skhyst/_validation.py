@@ -82,7 +82,7 @@ def refuse_no_experiment(columns, response, slices):
 
 
 def refuse_still(drive):
-    """Refuse a drive that does not move: it identifies nothing."""
+    """Refuse a constant drive: no parameter can be identified from it."""
     if not np.ptp(drive):
         raise RecordError(
             f"The drive must move. Got {drive[0]:g} in every sample instead: is it the column that "
@@ -151,10 +151,10 @@ def refuse_drawn(frame, drive, X, response):
     in_order = np.count_nonzero((row[first + 1] == row[second + 1]) | (second == first + 1))
     if 2 * in_order < len(first) and 2 * shares_all.sum() > shares_inputs.sum():
         raise RecordError(
-            f"The rows must be a recording, in the order of time. Got {n_repeats} of {n} rows a "
-            "second time, in no order, instead: an ensemble draws them at random. Give the "
-            "repetitions as sample_weight, as BaggingRegressor does for a model that is in no "
-            "pipeline; if the rows are in order, an index of their times says so."
+            f"The rows must be a recording, in the order of time. Got {n_repeats} of {n} rows "
+            "repeated, in random order, instead, as an ensemble draws them. Give the repetitions "
+            "as sample_weight, as BaggingRegressor does for a model outside of a pipeline; if the "
+            "rows are in order, give their times in the index."
         )
 
 
@@ -267,7 +267,7 @@ def _refuse_other_interval(estimator, dt, counted, known):
         if known is None and unit is None and has_no_one:
             raise RecordError(
                 f"{kind} was fitted to records of several sampling intervals, or to none: X must "
-                "have a time index, or 'dt' be given. Got neither instead."
+                "have a time index, or 'dt' must be given. Got neither instead."
             )
         given = getattr(estimator, "dt", None) if hasattr(estimator, "dt_") else None
         if given is not None and unit is not None and not _agree(given, fitted_dt):

@@ -177,9 +177,9 @@ def test_drawn_rows_are_refused(kind, share):
     u, y = recording(kind)
     rows = np.random.default_rng(2).integers(len(y), size=int(share * len(y)))
     LAG.fit(u, y)
-    with pytest.raises(RecordError, match="a second time, in no order"):
+    with pytest.raises(RecordError, match="repeated, in random order"):
         Cascade([("lag", LAG)]).fit(u[rows], y[rows])
-    with pytest.raises(RecordError, match="a second time, in no order"):
+    with pytest.raises(RecordError, match="repeated, in random order"):
         make_pipeline(LaggedFeatures([0, 1]), LinearRegression()).fit(u[rows], y[rows])
     if share == 1.0:
         with pytest.raises(RecordError, match="a sorted random sample with replacement"):

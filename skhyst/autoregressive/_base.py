@@ -60,10 +60,10 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         Outputs before a record. Inputs before it are at rest at their first values.
 
         - ``"rest"``: the equilibrium output of the model for the record's first inputs.
-        - ``"measured"``: if `predict` or `score` is given ``y``, the first samples, as many as the
+        - ``"measured"``: if `predict` or `score` gets ``y``, the first samples, as many as the
           longest lag, are the measured ones, and the run starts after them.
-        - ``"estimate"``: if it is given ``y``, those with which the free run fits the first samples
-          of the record best.
+        - ``"estimate"``: if `predict` or `score` gets ``y``, those with which the free run fits the
+          first samples of the record best.
         - numbers in units of the response: the output before each record, or one number per lag:
           ``y(-1), y(-2), ...``.
 
@@ -125,7 +125,8 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
     def _fit_records(self, X, y, records, weights, read):
         """Fit validated data; lags and ``bound_`` are known.
 
-        Samples of weight zero have no response, those that are not ``read`` have no inputs either.
+        Samples of weight zero have no valid response; rows that are not ``read`` have neither
+        response nor inputs.
         """
 
     @abstractmethod
@@ -244,7 +245,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         given = () if y is None else (y,)
         bridge = horizon is None or self._bridges
         records, X, y = read_data(self, X, *given, reset=False, bridge=bridge)
-        given = known + [own for own in (y,) if own is not None]
+        given = known + [signal for signal in (y,) if signal is not None]
         records, X, *given, read = with_lost_rows(records, X, *given)
         y = given[0] if given else None
         refuse_large("X", X)
@@ -252,7 +253,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         if y_start is None:
             starts = self.starting_values(X, records, y)
         else:
-            starts = [self._after_known(X[own.rows], y[own.rows]) for own in records]
+            starts = [self._after_known(X[record.rows], y[record.rows]) for record in records]
         if horizon is None:
             parts, good = self._free_runs(starts)
         else:
@@ -347,25 +348,27 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         True
         """
         check_is_fitted(self)
-        (own, _), caller = fitted_interval(self), f"{type(self).__name__}.stepper"
-        if dt is not None and not np.isclose(chosen_interval((), dt, caller), own, rtol=MISMATCH):
+        (interval, _), caller = fitted_interval(self), f"{type(self).__name__}.stepper"
+        if dt is not None and not np.isclose(
+            chosen_interval((), dt, caller), interval, rtol=MISMATCH
+        ):
             raise ValueError(
-                f"The 'dt' parameter of {caller} must be {own:g} s, that of the records of the "
-                f"fit: the lags are in samples. Got {dt!r} instead."
+                f"The 'dt' parameter of {caller} must be {interval:g} s, that of the records of "
+                f"the fit: the lags are in samples. Got {dt!r} instead."
             )
         levels = rest_input(u0, initial_state, self.n_features_in_, caller)
-        rules, places, inputs = self._row(0.0 * levels if initial_state == "zero" else levels)
+        rules, positions, inputs = self._row(0.0 * levels if initial_state == "zero" else levels)
         history = np.zeros(self._n_outputs())
         if initial_state is None and self._start_kind() == "given":
             history = self._given_history()
         elif initial_state != "zero":
-            (history,) = self._rest(np.array([[rules.row[place] for place, _ in places]]))
+            (history,) = self._rest(np.array([[rules.row[place] for place, _ in positions]]))
         parts = inputs, self.output_lags_, self.bound_, rules, history
         call, name = self._one_step, type(self).__name__
         step = compiled_lags(self._plain_step(), *parts, call, name)
         return Stepper(
             step,
-            own,
+            interval,
             inputs=input_signals(self, step.n_inputs),
             result=Signal("response"),
             remake=partial(copy(self).stepper, dt, u0, initial_state),
@@ -397,15 +400,15 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         records, X, y, _ = with_lost_rows(records, X, y)
         refuse_several(self, records)
         start = self._after_known(self._widen(X, records)[0], y)
-        own = X[:, 0] if X.shape[1] == 1 else X
+        drive = X[:, 0] if X.shape[1] == 1 else X
         stepper = self.stepper(u0=X[0])
-        stepper.run(own[: start.n_past])
+        stepper.run(drive[: start.n_past])
         if start.n_past and len(start.history):
             rules, _, inputs = self._row(X[0])
             first, state = n_stored_rows(inputs, rules) * len(rules.row), stepper.state
             state[first : first + len(start.history)] = start.history[::-1]
             stepper.state = state
-        stepper.run(own[start.n_past :])
+        stepper.run(drive[start.n_past :])
         return stepper
 
     def __sklearn_tags__(self):
@@ -422,9 +425,9 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
     def _row(self, levels):
         """Return the rules of a row at rest, the places of columns, and those of input signals."""
         rules = SampleRules(levels)
-        places = self._places(rules)
-        inputs = [(places[j][0], places[j][1] + lag) for j, lag in self.input_lags_]
-        return rules, places, inputs
+        positions = self._places(rules)
+        inputs = [(positions[j][0], positions[j][1] + lag) for j, lag in self.input_lags_]
+        return rules, positions, inputs
 
     def _plain_step(self):
         """Return the one-step model in the user's units, or None if it has no compiled form."""
@@ -450,7 +453,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         Signals are (n, n_signals), outputs and weights (n,). Left out are the first samples of a
         record, whose past lies before it, and those with lost rows in their past.
         """
-        skip, found = self._n_skipped(), []
+        skip, parts = self._n_skipped(), []
         for record in records:
             if record.n_samples <= skip:
                 continue
@@ -463,29 +466,29 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
                 known = known & (counts[skip - lag : n - lag] > 0.0)
             for _, lag in self.input_lags_:
                 known = known & read[record.rows][skip - lag : n - lag]
-            found.append((signals[known], response[skip:][known], counts[skip:][known]))
-        if not found:
+            parts.append((signals[known], response[skip:][known], counts[skip:][known]))
+        if not parts:
             raise RecordError(
                 f"A record must be longer than the longest lag, which is {skip} samples. Got at "
                 f"most {max(record.n_samples for record in records)} samples per record instead."
             )
-        if not any(len(target) for _, target, _ in found):
+        if not any(len(target) for _, target, _ in parts):
             raise RecordError(
-                "A sample must have a weight above zero, and so must those its lags lead to. Got "
-                f"none instead, with lags up to {skip} samples: too many are lost or of weight "
-                "zero."
+                "At least one sample and all samples at its lags must have a weight above zero. "
+                f"Got none instead, with lags up to {skip} samples: too many rows are lost or of "
+                "weight zero."
             )
-        return found
+        return parts
 
     def _with_lost_outputs(self, start, lost):
         """Return a start whose lost outputs are those of the free run from the ones before."""
-        n, past = len(start.history), np.concatenate([start.history, start.measured])
+        n, outputs = len(start.history), np.concatenate([start.history, start.measured])
         edges = np.flatnonzero(np.diff(lost[start.n_past :], prepend=False, append=False))
         for a, b in edges.reshape(-1, 2):
             first, last = start.n_past + a, start.n_past + b
-            (own,), _ = self._free_runs([Start(start.inputs[:last], first, past[a : a + n])])
-            past[n + a : n + b] = own
-        return start._replace(measured=past[n:])
+            (run,), _ = self._free_runs([Start(start.inputs[:last], first, outputs[a : a + n])])
+            outputs[n + a : n + b] = run
+        return start._replace(measured=outputs[n:])
 
     def starting_values(self, X, records, y=None, weights=None):
         """Return where the run over each record starts.
@@ -522,8 +525,8 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         else:
             histories = self._rest(np.array([u[0] for u in inputs]))
         return [
-            Start(u, 0, history, *own)
-            for u, history, *own in zip(inputs, histories, measured, counts, strict=True)
+            Start(u, 0, history, *data)
+            for u, history, *data in zip(inputs, histories, measured, counts, strict=True)
         ]
 
     def _after_past(self, inputs, measured, weights=None):

@@ -3,14 +3,14 @@ r"""Linear difference equations at another sampling interval.
 .. math:: y(k) = \sum_i a_i \, y(k - i) + \sum_{j, i} b_{ji} \, u_j(k - i)
 
 has a state x in observer form, :math:`x(k + 1) = A x(k) + B u(k)`, :math:`y = x_1 + D u`, and
-inputs that are held between samples are included as states:
+the inputs, which are held between samples, are included as states:
 
 .. math::
     \begin{pmatrix} x \\ u \end{pmatrix}(k + 1) =
     \begin{pmatrix} A & B \\ 0 & I \end{pmatrix} \begin{pmatrix} x \\ u \end{pmatrix}(k)
 
-Over r intervals that is the r-th power of the matrix. It exists for whole r, and else where no pole
-is zero or negative (:func:`scipy.signal.cont2discrete` has such poles from no system).
+Over r intervals the matrix is raised to the power r. This exists for integer r, and otherwise if no
+pole is zero or negative: such poles do not result from any system in continuous time.
 """
 
 import numpy as np
@@ -71,14 +71,14 @@ def at_ratio(inputs, output_lags, weights, ratio):
             )
         system = fractional_matrix_power(system, ratio).real
     parts = system[:order, :order], system[:order, order:], np.eye(1, order), b[:1]
-    found = [ss2tf(*parts, input=j) for j in range(len(columns))]
+    transfer_functions = [ss2tf(*parts, input=j) for j in range(len(columns))]
     direct = {column for column, lag in inputs if lag == 0}
-    new = [
+    terms = [
         (column, lag, numerator[0, lag])
-        for column, (numerator, _) in zip(columns, found, strict=True)
+        for column, (numerator, _) in zip(columns, transfer_functions, strict=True)
         for lag in range(order + 1)
         if lag or column in direct
     ]
-    own = -np.poly(parts[0])[1:]
-    inputs = [(column, lag) for column, lag, _ in new]
-    return inputs, list(range(1, order + 1)), np.array([*(w for *_, w in new), *own])
+    denominator = -np.poly(parts[0])[1:]
+    inputs = [(column, lag) for column, lag, _ in terms]
+    return inputs, list(range(1, order + 1)), np.array([*(w for *_, w in terms), *denominator])

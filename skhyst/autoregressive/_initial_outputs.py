@@ -44,33 +44,33 @@ def rest_outputs(one_step, inputs, n_outputs, guesses, low, high):
     distance = np.abs(0.5 * (grid[:, :-1] + grid[:, 1:]) - guesses[:, None])
     # an unstable equilibrium counts as farther away than any that can be stable
     distance = np.select([falls, rises], [distance, distance + width[:, None]], np.inf)
-    found, cells = np.flatnonzero(np.isfinite(distance).any(axis=1)), np.argmin(distance, axis=1)
+    solvable, cells = np.flatnonzero(np.isfinite(distance).any(axis=1)), np.argmin(distance, axis=1)
     result = np.array(guesses, dtype=float)
-    if found.size:
-        left, right = (found, cells[found]), (found, cells[found] + 1)
-        ends = grid[left], grid[right], values[left], values[right]
-        result[found] = _root(lambda y, which: excess(found[which], y), *ends)
+    if solvable.size:
+        lower, upper = (solvable, cells[solvable]), (solvable, cells[solvable] + 1)
+        ends = grid[lower], grid[upper], values[lower], values[upper]
+        result[solvable] = _root(lambda y, rows: excess(solvable[rows], y), *ends)
     return result
 
 
 def _root(f, a, b, fa, fb):
     """Return a root of each of several functions, by regula falsi and bisection in turn."""
     width = np.abs(b - a)
-    todo = np.arange(len(a))
+    active = np.arange(len(a))
     for iteration in range(2 * _ITERATIONS):
         with np.errstate(divide="ignore", invalid="ignore"):
-            c = (a[todo] * fb[todo] - b[todo] * fa[todo]) / (fb[todo] - fa[todo])
+            c = (a[active] * fb[active] - b[active] * fa[active]) / (fb[active] - fa[active])
         # regula falsi may move one end only, in ever smaller steps: every second step bisects
         halve = ~np.isfinite(c) | (iteration % 2 == 1)
-        c[halve] = 0.5 * (a[todo] + b[todo])[halve]
-        fc = f(c, todo)
-        left = fa[todo] * fc <= 0.0
-        b[todo], fb[todo] = np.where(left, c, b[todo]), np.where(left, fc, fb[todo])
-        a[todo], fa[todo] = np.where(left, a[todo], c), np.where(left, fa[todo], fc)
+        c[halve] = 0.5 * (a[active] + b[active])[halve]
+        fc = f(c, active)
+        in_left = fa[active] * fc <= 0.0
+        b[active], fb[active] = np.where(in_left, c, b[active]), np.where(in_left, fc, fb[active])
+        a[active], fa[active] = np.where(in_left, a[active], c), np.where(in_left, fa[active], fc)
         tiny = 4.0 * np.finfo(float).eps * np.maximum(width, np.abs(a) + np.abs(b))
         close = (np.abs(b - a) <= tiny) | (fa == 0.0) | (fb == 0.0) | (np.abs(fb) <= tiny)
-        todo = todo[~close[todo]]
-        if not todo.size:
+        active = active[~close[active]]
+        if not active.size:
             break
     return np.where(np.abs(fa) < np.abs(fb), a, b)
 
@@ -95,5 +95,5 @@ def estimate_history(free_runs, inputs, y, n_outputs, span):
         values = residuals(np.vstack([part, part + _STEP * np.eye(n_outputs)]))
         return (values[1:] - values[0]).T / _STEP
 
-    found = least_squares(lambda part: residuals(part)[0], np.zeros(n_outputs), jac=jacobian)
-    return y[0] + span * found.x
+    fit = least_squares(lambda part: residuals(part)[0], np.zeros(n_outputs), jac=jacobian)
+    return y[0] + span * fit.x

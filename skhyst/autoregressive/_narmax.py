@@ -302,7 +302,7 @@ class NARMAXRegressor(AutoregressiveRegressor):
 
     @property
     def _bridges(self):
-        # a prediction error that is not known has no course through lost rows
+        # prediction errors at lost rows are unknown, and cannot be interpolated
         return not read_lags(self, "noise_lags", self.noise_lags, 1)
 
     def _fit_records(self, X, y, records, weights, read):
@@ -334,7 +334,7 @@ class NARMAXRegressor(AutoregressiveRegressor):
                 theta = subset_solution(search.factor, subset)[0]
             else:
                 subset, theta, search, self.n_evaluations_ = improve(problem, search, wanted)
-                n_free = sum(own.counts().sum() for own in problem.starts) - problem.n_extra
+                n_free = sum(start.counts().sum() for start in problem.starts) - problem.n_extra
             self._adopt(terms, subset, theta, search, n_free, problem)
 
     def _candidates(self):
@@ -376,7 +376,9 @@ class NARMAXRegressor(AutoregressiveRegressor):
             products = np.column_stack([term_products(Z[rows], known), target[rows]])
             return root[rows, None] * products
 
-        folds = condense_folds([len(own) for own, *_ in parts if len(own)], left_out, block)
+        folds = condense_folds(
+            [len(signals) for signals, *_ in parts if len(signals)], left_out, block
+        )
         total = sum(float(np.sum(fold[:, -1] ** 2)) for fold in folds)
         criterion = SelectionCriterion(self.criterion, weights.sum(), len(terms), total)
         return Search(folds, criterion), weights.sum()
@@ -424,17 +426,17 @@ class NARMAXRegressor(AutoregressiveRegressor):
 
     def _adopt(self, terms, subset, unknowns, search, n_free, problem):
         order, ratios = error_reduction(search.factor, subset)
-        places = [subset.index(column) for column in order]
-        theta = np.asarray(unknowns)[places]
+        positions = [subset.index(column) for column in order]
+        theta = np.asarray(unknowns)[positions]
         _, inverse, rest = subset_solution(search.factor, order)
         sigma = np.sqrt(rest / max(n_free - len(order), 1))
         white = coloured = sigma * np.sqrt(np.einsum("ij,ij->i", inverse, inverse))
         if self.objective == "simulation" and np.isfinite(inverse).all():
             root = np.zeros_like(inverse)
-            root[places] = inverse
+            root[positions] = inverse
             covariance = coloured_covariance(lambda: problem.rows(subset, unknowns), root, n_free)
             if covariance is not None:
-                coloured = np.sqrt(np.diag(covariance)[places])
+                coloured = np.sqrt(np.diag(covariance)[positions])
         factors, noise = terms[order], [self._output_scale] * len(self.noise_lags_)
         scales = np.concatenate([self._lag_scale(), noise, [1.0]])[factors]  # -1 is the last one
         with np.errstate(over="ignore", under="ignore"):
@@ -463,14 +465,14 @@ class NARMAXRegressor(AutoregressiveRegressor):
         """Refuse indices and sizes with which compiled code would leave its arrays."""
         n_columns, terms = self._n_columns, np.asarray(self.term_factors_)
         n_signals = len(self.input_lags_) + len(self.output_lags_) + len(self.noise_lags_)
-        whole = [
+        integers = [
             (n_columns, 1, np.size(self._input_scale)),
             *((column, 0, np.size(self._input_scale) - 1) for column, _ in self.input_lags_),
             *((lag, 0, _LONGEST) for _, lag in self.input_lags_),
             *((lag, 1, _LONGEST) for lag in (*self.output_lags_, *self.noise_lags_)),
         ]
         if not (
-            all(isinstance(v, Integral) and low <= v <= high for v, low, high in whole)
+            all(isinstance(v, Integral) and low <= v <= high for v, low, high in integers)
             and np.shape(self._input_scale) == (n_columns,)
             and (terms.dtype.kind, terms.ndim) == ("i", 2)
             and np.all((terms >= -1) & (terms < n_signals))
@@ -487,10 +489,10 @@ class NARMAXRegressor(AutoregressiveRegressor):
     # ----------------------------------------------------------------------------------- the runs
 
     def _places(self, rules):
-        drive, found = [(drive_column(self), 0)], super()._places(rules)
+        drive, positions = [(drive_column(self), 0)], super()._places(rules)
         for _, transformer in self.transformers_:
-            found += transformer.sample_rules(rules, drive, getattr(transformer, "dt", None))
-        return found
+            positions += transformer.sample_rules(rules, drive, getattr(transformer, "dt", None))
+        return positions
 
     def _plain_step(self):
         known = self._without_noise(self.term_factors_)
@@ -520,7 +522,7 @@ def _unit_scale(values):
 
 def _of_terms(model, input_lags, output_lags, weights, dt):
     """Return a fitted linear model with the fit attributes of another, at another interval."""
-    own, unit = vars(model), fitted_interval(model)[1]
+    attributes, unit = vars(model), fitted_interval(model)[1]
     new = NARMAXRegressor(
         1,
         input_lags={column: [k for c, k in input_lags if c == column] for column, _ in input_lags},
@@ -533,8 +535,8 @@ def _of_terms(model, input_lags, output_lags, weights, dt):
         *("n_features_in_", "feature_names_in_", "records_", "drive_range_", "drive_rate_"),
         *("output_range_", "bound_", "_line", "_n_columns"),
     ):
-        if name in own:
-            setattr(new, name, own[name])
+        if name in attributes:
+            setattr(new, name, attributes[name])
     new.dt_, new.time_unit_ = dt, unit
     new.input_lags_, new.output_lags_, new.noise_lags_ = input_lags, output_lags, ()
     names = [check_feature_names_in(model, None)[column] for column, _ in input_lags]

@@ -142,9 +142,9 @@ class NARXRegressor(AutoregressiveRegressor):
 
     def _fit_records(self, X, y, records, weights, read):
         parts = self._regression(X, y, records, weights, read)
-        Z, *own = map(np.concatenate, zip(*parts, strict=True))
+        Z, *target_and_weights = map(np.concatenate, zip(*parts, strict=True))
         estimator = _default() if self.estimator is None else clone(self.estimator)
-        self.estimator_ = fit_weighted(estimator, Z, *own, type(self).__name__)
+        self.estimator_ = fit_weighted(estimator, Z, *target_and_weights, type(self).__name__)
         rows = np.linspace(0, len(Z) - 1, min(_COMPARED, len(Z))).astype(int)
         self._step = extract_step(self.estimator_, self._lags, [Z[rows]], self.estimator_.predict)
         self.compiled_ = self._step is not None

@@ -213,12 +213,12 @@ class NetworkStep(_NodesStep):
                 matrix = self.weights[layer - 1, : widths[layer - 1], :width]
                 values = layers[-1][0] @ matrix + self.biases[layer - 1, :width]
             layers.append(_with_slopes(self.kind, values))
-        back = self.last[:-1]
+        slopes = self.last[:-1]
         for layer in range(len(widths) - 1, -1, -1):
-            back = back * layers[layer][1]
+            slopes = slopes * layers[layer][1]
             if layer:
-                back = back @ self.weights[layer - 1, : widths[layer - 1], : widths[layer]].T
-        return np.column_stack([layers[-1][0], np.ones(len(Z))]), back @ self.first.T
+                slopes = slopes @ self.weights[layer - 1, : widths[layer - 1], : widths[layer]].T
+        return np.column_stack([layers[-1][0], np.ones(len(Z))]), slopes @ self.first.T
 
     @classmethod
     def from_layers(cls, lags, matrices, biases, activation):

@@ -19,7 +19,7 @@ from ..exceptions import ConvergenceWarning
 from ..preprocessing import lagged_columns
 from ._structure import Descent
 
-_SPLIT = 1e-8  # least distance from an integrator, which has no unique equilibrium
+_SPLIT = 1e-8  # least distance of the gain of the feedback from 1, that of an integrator
 _EVALUATIONS, _TOLERANCE = 150, 1e-8  # runs; least predicted relative decrease of the squares
 
 

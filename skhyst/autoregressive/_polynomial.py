@@ -34,13 +34,13 @@ def candidate_terms(groups, width, include_bias):
     own signals and those of earlier groups with at least one of its own, lower degrees first.
     """
     rows, known = [()] if include_bias else [], []
-    for own, degree in groups:
-        known += own
+    for signals, degree in groups:
+        known += signals
         rows += [
             product
             for size in range(1, degree + 1)
             for product in combinations_with_replacement(known, size)
-            if not set(product).isdisjoint(own)
+            if not set(product).isdisjoint(signals)
         ]
     table = np.full((len(rows), max(width, 1)), -1, dtype=np.int64)
     for row, product in zip(table, rows, strict=True):
@@ -177,7 +177,6 @@ def polynomial_tangents(
     """Return the run, its derivatives (n_samples, n_terms + m), and whether ``bound`` was kept.
 
     In addition to :func:`polynomial_run`: ``d_initial`` (start, n_terms + m) are the derivatives of
-    the initial outputs by the coefficients and by ``m`` further parameters; ``pull`` is the
     the initial outputs by the coefficients and by ``m`` further parameters; ``pull`` is the
     fraction by which each output is moved to the measured one before the next step, 0 in the free
     run and 1 one step ahead. Derivatives are zero where the output was cut off.

@@ -28,7 +28,7 @@ from ._polynomial import (
 )
 from ._runs import bounded
 
-_SPLIT = 1e-8  # least distance from an integrator, which has no unique equilibrium
+_SPLIT = 1e-8  # least distance of the gain of the feedback from 1, that of an integrator
 
 
 class InnovationProblem:
@@ -51,8 +51,8 @@ class InnovationProblem:
         """Return the vector of unknowns for the coefficients."""
         return coefficients
 
-    def lost(self, subset, coefficients):
-        """Return whether the errors have diverged: False, they need no help to recover."""
+    def diverges(self, subset, coefficients):
+        """Return False: measured outputs keep the errors from diverging for good."""
         return False
 
     def blocks(self, subset, theta, pull=0.0):
@@ -63,11 +63,11 @@ class InnovationProblem:
         out, good = [], True
         for start in self.starts:
             signals, n_past = _error_inputs(start)
-            error, tangents, whole = polynomial_tangents(
+            error, tangents, within = polynomial_tangents(
                 plan, coefficients, signals, *before, self.bound, n_past
             )
             out.append(start.weighted(tangents[:, 1:], error))
-            good &= whole
+            good &= within
         return out, good
 
 
@@ -79,12 +79,12 @@ def initial_basis(tangents):
 def _shifts(terms, lags, noise_lags=()):
     """Return (pattern, shift) of each term: factors with lags from 0 on, and the shortest lag."""
     factors = [*lags.inputs, *((-1, lag) for lag in lags.outputs), *((-2, n) for n in noise_lags)]
-    found = []
+    patterns = []
     for term in terms:
-        own = [factors[i] for i in term if i >= 0]
-        shift = min((lag for _, lag in own), default=0)
-        found.append((tuple(sorted((signal, lag - shift) for signal, lag in own)), shift))
-    return found
+        members = [factors[i] for i in term if i >= 0]
+        shift = min((lag for _, lag in members), default=0)
+        patterns.append((tuple(sorted((signal, lag - shift) for signal, lag in members)), shift))
+    return patterns
 
 
 def _error_plan(terms, lags, noise_lags):
@@ -130,8 +130,8 @@ def innovations(terms, coefficients, lags, noise_lags, start, bound, horizon):
         past = [runs[max(step - lag, 0)][before - lag :][:rows] for lag in lags.outputs]
         noise = [errors[oldest - lag :][:rows] * (lag >= step) for lag in noise_lags]
         values = term_products(np.column_stack([inputs, *past, *noise]), terms) @ coefficients
-        values, whole = bounded(values, bound)
-        good &= whole
+        values, within = bounded(values, bound)
+        good &= within
         runs.append(np.append(start.history, values))
     return runs[-1][before:], good
 
@@ -159,14 +159,14 @@ class FreeRunProblem:
             return coefficients
         return np.concatenate([coefficients, *(start.history for start in self.starts)])
 
-    def lost(self, subset, coefficients):
-        """Return whether the run is cut off, or worse than a constant."""
+    def diverges(self, subset, coefficients):
+        """Return whether the free run is cut off, or worse than a constant."""
         blocks, good = self.blocks(subset, self.unknowns(np.asarray(coefficients, dtype=float)))
         measured = np.concatenate([start.measured for start in self.starts])
         counts = np.concatenate([start.counts() for start in self.starts])
         error = np.concatenate([error for _, error in blocks])
-        away = measured - np.average(measured, weights=counts)
-        return not good or error @ error > counts @ away**2
+        centred = measured - np.average(measured, weights=counts)
+        return not good or error @ error > counts @ centred**2
 
     def blocks(self, subset, theta, pull=0.0):
         """Return Jacobian and error of each record, and whether none was cut off."""
@@ -180,16 +180,16 @@ class FreeRunProblem:
             history = start.history
             d_history = np.zeros((n_before, n_terms + self.n_extra))
             if self.n_extra:
-                own = n_terms + i * n_before + np.arange(n_before)
-                history, d_history[:, own] = theta[own], np.eye(n_before)
+                columns = n_terms + i * n_before + np.arange(n_before)
+                history, d_history[:, columns] = theta[columns], np.eye(n_before)
             elif rests is not None:
                 history = np.full(n_before, rests[i])
                 d_history[:] = self._rest_tangents(step, start, history)
             initial = history, d_history, self.bound, start.n_past, start.measured, pull
             model = step.plan, coefficients
-            y, tangents, whole = polynomial_tangents(*model, start.inputs, *initial)
+            y, tangents, within = polynomial_tangents(*model, start.inputs, *initial)
             out.append(start.weighted(tangents, start.measured - y))
-            good &= whole
+            good &= within
         return out, good
 
     def rows(self, subset, theta):
@@ -197,10 +197,10 @@ class FreeRunProblem:
         blocks = self.blocks(subset, theta)[0]
         for (tangents, error), start in zip(blocks, self.starts, strict=True):
             basis = initial_basis(tangents[:, len(subset) :])
-            own, rest = (
+            jacobian, residual = (
                 part - basis @ (basis.T @ part) for part in (tangents[:, : len(subset)], error)
             )
-            yield own, rest, basis, start.counts() > 0.0, 1.0
+            yield jacobian, residual, basis, start.counts() > 0.0, 1.0
 
     def _rests(self, step):
         """Return the output at rest for the first inputs of each record."""

@@ -83,8 +83,8 @@ def free_runs(one_step, starts, lags, bound):
         y[:active, before + step], good = bounded(one_step(Z[:active]), bound)
         all_good &= good
     runs = [None] * len(starts)
-    for place, i in enumerate(order):
-        runs[i] = y[place, before : before + sizes[i]]
+    for row, i in enumerate(order):
+        runs[i] = y[row, before : before + sizes[i]]
     return runs, all_good
 
 

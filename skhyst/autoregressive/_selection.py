@@ -93,14 +93,14 @@ def error_reduction(factor, subset):
     """Return a subset in the order of forward regression, and each term's fraction of y'y."""
     columns, rest = factor[:, list(subset)].copy(), factor[:, -1].copy()
     total = rest @ rest
-    left, order, parts = list(range(len(subset))), [], []
-    while left:
-        gains = _gains(columns[:, left], rest, 0.0)
-        best = left.pop(int(np.argmax(gains)))
+    remaining, order, ratios = list(range(len(subset))), [], []
+    while remaining:
+        gains = _gains(columns[:, remaining], rest, 0.0)
+        best = remaining.pop(int(np.argmax(gains)))
         order.append(subset[best])
-        parts.append(float(max(gains.max(), 0.0) / total) if total > 0.0 else 0.0)
+        ratios.append(float(max(gains.max(), 0.0) / total) if total > 0.0 else 0.0)
         rest = _deflate(columns, rest, best)
-    return order, parts
+    return order, ratios
 
 
 def _gains(columns, rest, least):
@@ -201,13 +201,13 @@ class Search:
     def best(self, n_terms=None):
         """Return the best subset, or the best one of ``n_terms`` columns that can be found."""
         path, lowest, size = [], np.inf, 0
-        for found in self._forward(self.columns.shape[1] if n_terms is None else n_terms):
-            value = self.value(found) if n_terms is None else -len(found)
+        for subset in self._forward(self.columns.shape[1] if n_terms is None else n_terms):
+            value = self.value(subset) if n_terms is None else -len(subset)
             if value < lowest:
-                lowest, size = value, len(found)
-            if n_terms is None and len(found) > 2 * size + _BEYOND:
+                lowest, size = value, len(subset)
+            if n_terms is None and len(subset) > 2 * size + _BEYOND:
                 break
-            path = found
+            path = subset
         if self.folds and n_terms is None:
             path = path[: self._simplest(path, size)]
         if self.folds or n_terms is not None:
@@ -220,9 +220,9 @@ class Search:
 
         The minimum of the fold errors is flat, so its exact position is chance.
         """
-        least, n_folds = self._fold_errors(path[:size]), len(self.folds)
+        errors, n_folds = self._fold_errors(path[:size]), len(self.folds)
         for fewer in range(size):
-            excess = self._fold_errors(path[:fewer]) - least
+            excess = self._fold_errors(path[:fewer]) - errors
             if excess.sum() <= np.sqrt(n_folds) * excess.std(ddof=1):
                 return fewer
         return size

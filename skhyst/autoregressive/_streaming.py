@@ -112,26 +112,26 @@ def compiled_lags(step, inputs, outputs, bound, rules, history, call=None, name=
     size, n_outputs = len(rules.row), len(history)
     n_columns = size - len(rules.table)
     n_rows = n_stored_rows(inputs, rules)
-    places = [lag * size + place for place, lag in inputs]
-    places += [n_rows * size + lag - 1 for lag in outputs]
+    positions = [lag * size + place for place, lag in inputs]
+    positions += [n_rows * size + lag - 1 for lag in outputs]
     table = np.reshape(np.array(rules.table, dtype=float), (-1, 4))
-    own = (n_columns, size, n_rows * size, n_outputs, bound, as_constant(places), table)
-    room = np.zeros(len(places) + (step.room if step else 0))
-    state = np.concatenate([np.tile(rules.row, n_rows), history[::-1], room])
-    of_rows = n_columns if n_columns > 1 else None
+    sizes = (n_columns, size, n_rows * size, n_outputs, bound, as_constant(positions), table)
+    work_space = np.zeros(len(positions) + (step.room if step else 0))
+    state = np.concatenate([np.tile(rules.row, n_rows), history[::-1], work_space])
+    n_inputs = n_columns if n_columns > 1 else None
     if step is not None:
         law, constants = step.plain_law()
-        law = _bound(of_row if of_rows else of_number, law)
-        return CompiledLaw(law, (*own, *constants), state, of_rows)
-    own = (*map(float, own[:5]), *own[5:])
+        law = _bound(of_row if n_inputs else of_number, law)
+        return CompiledLaw(law, (*sizes, *constants), state, n_inputs)
+    sizes = (*map(float, sizes[:5]), *sizes[5:])
 
     def called(u, s):
         s[size : n_rows * size] = s[: (n_rows - 1) * size]
         s[:n_columns] = u if n_columns == 1 else u[:n_columns]
-        at = signals_of(own, s)
-        return store_output(float(np.ravel(call(s[None, at:]))[0]), own, s)
+        at = signals_of(sizes, s)
+        return store_output(float(np.ravel(call(s[None, at:]))[0]), sizes, s)
 
-    return CompiledCall(called, state, name, of_rows)
+    return CompiledCall(called, state, name, n_inputs)
 
 
 def compiled_regressor(estimator, n_columns, dt=1.0, u0=0.0):
@@ -190,13 +190,13 @@ def compiled_regressor(estimator, n_columns, dt=1.0, u0=0.0):
     blocks = [decade * rng.standard_normal((_TRIES, n_signals)) for decade in _DECADES]
     with np.errstate(all="ignore"):
         for Z in blocks:
-            there, back = predict(Z), predict(Z[::-1])[::-1]
-            if np.size(there) != len(Z):
+            forward, backward = predict(Z), predict(Z[::-1])[::-1]
+            if np.size(forward) != len(Z):
                 raise NotImplementedError(
                     f"{name} cannot be stepped: a step returns one number, it has several outputs."
                 )
-            size = np.abs(there).max()
-            if not np.allclose(there, back, rtol=0.0, atol=_SAME * size, equal_nan=True):
+            size = np.abs(forward).max()
+            if not np.allclose(forward, backward, rtol=0.0, atol=_SAME * size, equal_nan=True):
                 raise NotImplementedError(
                     f"{name} cannot be stepped: its prediction for a row depends on the rows "
                     "before, and its memory of them is not known."

@@ -124,12 +124,12 @@ class _Fits(Descent):
     def begin(self, search):
         """Yield states to start from: one, or several where its run has diverged."""
         subset, theta = self._best(search, self.n_terms)
-        lost = self.problem.lost(subset, theta)
-        if lost and self.n_terms is None:
+        diverges = self.problem.diverges(subset, theta)
+        if diverges and self.n_terms is None:
             for size in _SIZES:  # few terms, mostly linear ones, are often stable
                 if size < len(subset):
                     yield self.settle(*self._best(search, size))
-        for pull in _PULLS if lost else ():
+        for pull in _PULLS if diverges else ():
             subset, theta = self._best(self.settle(subset, theta, pull).search, self.n_terms)
         yield self.settle(subset, theta)
 
@@ -154,9 +154,9 @@ class _Fits(Descent):
         for subset in self.neighbours(state):
             yield self.settle(subset, subset_solution(state.search.factor, subset)[0])
         for subset in _shortened(state.subset, self.shifts) if self.n_terms is None else ():
-            other = self.settle(subset, subset_solution(state.search.factor, subset)[0])
-            yield other
-            yield self.settle(*self._best(other.search, None))
+            shortened = self.settle(subset, subset_solution(state.search.factor, subset)[0])
+            yield shortened
+            yield self.settle(*self._best(shortened.search, None))
 
     def settle(self, subset, theta, pull=0.0, *, rough=True):
         """Fit a subset, and set up the search around it on the Jacobian of all candidates."""
@@ -190,7 +190,7 @@ class _Fits(Descent):
         """
         theta = np.array(self.problem.unknowns(np.asarray(coefficients, dtype=float)))
         # a diverged run is pulled to the measured response, less from fit to fit
-        if not pull and self.problem.lost(subset, coefficients):
+        if not pull and self.problem.diverges(subset, coefficients):
             for step in _PULLS:
                 theta, _ = self.descend(subset, theta, step, _FEW, _ROUGH)
         budget = _FEW if pull else _FEW * 2 if rough else _EVALUATIONS

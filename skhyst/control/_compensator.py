@@ -74,9 +74,9 @@ from ._drive_limits import DriveLimits
 
 _ORDER = 4  # of the low-pass, run forwards and backwards
 _SMALLEST = 2.0**-6  # fraction of a step below which the iteration has converged
-# Fraction of a change of the drive that must be visible in the response, else it is damped out of
-# a combination of trials. Through an exact inverse all of it is, through one with a stiffness wrong
-# by a factor of ten still a tenth. A step is at most (1 + 1 / (2 * this)) of the requested change.
+# Fraction of a change of the drive that must be visible in the response; what is less visible is
+# damped in a combination of trials. With an exact inverse the fraction is one, with a stiffness
+# wrong by a factor of ten a tenth. A step is at most (1 + 1 / (2 * this)) of the requested change.
 _VISIBLE = 0.1
 
 
@@ -217,6 +217,13 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         Returns
         -------
         self
+
+        Raises
+        ------
+        TypeError
+            If the model is not a parametric model of one input, and is to be inverted.
+        ValueError
+            If the limits are not in ascending order.
         """
         self._check_limits()
         _, columns, response = read_data(self, X, y, reset=True, dt=interval_of(self.model))
@@ -244,10 +251,10 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
     def predict(self, X, return_residual=False) -> np.ndarray | tuple[np.ndarray, np.ndarray]:
         """Return the drive under which the response follows a reference.
 
-        A record begins at rest at its first value. Inverse dynamics move the drive before the
-        response moves, so a reference that moves from its first sample on is missed at the
-        beginning, by as little as a drive of moderate size allows. After a record the reference is
-        assumed to rest at its last value.
+        A record begins at rest at its first value. Inverse dynamics are non-causal: they move the
+        drive before the response moves, so a reference that moves from its first sample on is
+        missed at the beginning, by as little as a drive of moderate size allows. After a record the
+        reference is assumed to rest at its last value.
 
         Parameters
         ----------
@@ -278,15 +285,15 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
             learned = np.ravel(learned).astype(float)
             limits = self._limits()
             parts = [(limits.applied(learned[s.rows], s.dt), learned[s.rows]) for s in slices]
-            drive, asked = (np.concatenate(part) for part in zip(*parts, strict=True))
-            cut = np.abs(asked - drive) > limits.rounding
+            drive, requested = (np.concatenate(part) for part in zip(*parts, strict=True))
+            cut = np.abs(requested - drive) > limits.rounding
             _warn(self._limit_messages(slices, drive, cut))
             return drive[read]
         parts = [self._compensated(references[s.rows], s.dt) for s in slices]
-        *parts, short = zip(*parts, strict=True)
+        *parts, messages = zip(*parts, strict=True)
         drive, cut, residual = map(np.concatenate, parts)
         limited = self._limit_messages(slices, drive, cut)
-        _warn([*short, *limited, self._missed(X, residual)])
+        _warn([*messages, *limited, self._missed(X, residual)])
         return (drive[read], residual[read]) if return_residual else drive[read]
 
     def largest_miss(self, X, residual) -> tuple[float, float, object]:
@@ -310,14 +317,14 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
             Label of the record, None for a single record.
         """
         slices, references = self._references(X)
-        found = []
+        misses = []
         for s, name in zip(slices, record_names(slices), strict=True):
-            own, size = references[s.rows], float(np.abs(residual[s.rows]).max())
-            scale = np.ptp(own) or np.abs(own).max() or np.abs(references).max()
+            reference, size = references[s.rows], float(np.abs(residual[s.rows]).max())
+            scale = np.ptp(reference) or np.abs(reference).max() or np.abs(references).max()
             if not scale:  # a rest at zero: an error as small as that of the fit is no miss
                 scale = np.inf if size <= getattr(self.model_, "fit_error_", 0.0) else size
-            found.append((size / scale, size, name if len(slices) > 1 else None))
-        return max(found, key=lambda miss: miss[0])
+            misses.append((size / scale, size, name if len(slices) > 1 else None))
+        return max(misses, key=lambda miss: miss[0])
 
     def refine(self, X, measure, n_trials=6) -> np.ndarray:
         """Return a drive that is learned on the device, trial by trial.
@@ -337,6 +344,12 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         ndarray of shape (n_samples,)
             The drive with the smallest error; ``errors_`` has the errors of the trials that were
             kept.
+
+        Raises
+        ------
+        ValueError
+            If there are several records, ``n_trials`` is not a whole number from 1 on, or the
+            device returns numbers that are not finite or too few.
         """
         slices, reference = self._model_references(X)
         if len(slices) != 1:
@@ -356,12 +369,12 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
                 f"1 on. Got {n_trials!r} instead."
             )
         plant = _InvertiblePlant(self.model_.operator_, slices[0].dt, self._limits())
-        asked, *_, short = self._compensated(reference, plant.dt)
-        wanted = self._filtered(reference, plant.dt)
-        drive, cut, self.errors_ = self._improved(asked, wanted, plant, measured, n_trials, 0.0)
+        requested, *_, message = self._compensated(reference, plant.dt)
+        target = self._filtered(reference, plant.dt)
+        drive, cut, self.errors_ = self._improved(requested, target, plant, measured, n_trials, 0.0)
         rms = np.full(len(reference), self.errors_[-1])
         missed = self._missed(X, rms, "Root mean square over the record, the device misses")
-        _warn([short, *self._limit_messages(slices, drive, cut), missed])
+        _warn([message, *self._limit_messages(slices, drive, cut), missed])
         return drive
 
     def preview(self, dt=None) -> int:
@@ -493,14 +506,14 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         self._check_limits()
         low, high, rate = self._seen()
         span = high - low if np.isfinite(high - low) else 0.0
-        rounding, wider = min(self.tol, ROUNDING) * span, self.limit_margin * span
+        rounding, margin = min(self.tol, ROUNDING) * span, self.limit_margin * span
         if not isinstance(self.drive_limits, str):
             low, high = (-np.inf, np.inf) if self.drive_limits is None else self.drive_limits
-            wider = 0.0
+            margin = 0.0
         fitted = isinstance(self.rate_limit, str)
         rate = rate * (1.0 + self.limit_margin) if fitted else self.rate_limit
         rate = np.inf if rate is None else rate
-        return DriveLimits(low - wider, high + wider, rate, rounding)
+        return DriveLimits(low - margin, high + margin, rate, rounding)
 
     def _check_limits(self):
         """Refuse invalid limits; they may have been set after the fit."""
@@ -516,22 +529,22 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
 
     def _limit_messages(self, slices, drive, cut):
         """Return warnings about the samples of a drive (n_samples,) limited or beyond the fit."""
-        limits, seen, messages = self._limits(), DriveLimits(*self._seen()), [self._unknown()]
+        limits, fit_limits, messages = self._limits(), DriveLimits(*self._seen()), [self._unknown()]
         if cut.any():
             messages.append(
                 f"The limits of the drive cut {_percent(cut)} of the samples: {limits}. They are "
                 "'drive_limits' and 'rate_limit', by default the range of the fit."
             )
         if self.drive_limits is not None:
-            seen = replace(seen, low=-np.inf, high=np.inf)
+            fit_limits = replace(fit_limits, low=-np.inf, high=np.inf)
         if self.rate_limit is not None:
-            seen = replace(seen, rate=np.inf)
-        seen = replace(seen, rounding=limits.rounding)
-        beyond = np.concatenate([seen.exceeded(drive[s.rows], s.dt) for s in slices])
+            fit_limits = replace(fit_limits, rate=np.inf)
+        fit_limits = replace(fit_limits, rounding=limits.rounding)
+        beyond = np.concatenate([fit_limits.exceeded(drive[s.rows], s.dt) for s in slices])
         if beyond.any():
             messages.append(
                 f"{_percent(beyond)} of the samples of the drive, which is not limited, are beyond "
-                f"the range of the fit ({seen}): up to {drive[np.abs(drive).argmax()]:.6g}."
+                f"the range of the fit ({fit_limits}): up to {drive[np.abs(drive).argmax()]:.6g}."
             )
         return messages
 
@@ -568,50 +581,53 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         plant = _InvertiblePlant(self.model_.operator_, dt, self._limits())
         n = len(reference)
         rest = np.full(min(plant.preview(self._preview_tol()), n), reference[-1])
-        wanted = self._filtered(np.append(reference, rest), dt)
-        enough = self.tol * np.ptp(wanted)
-        asked = plant.invert(wanted)
-        asked[0] = plant.rest(reference[0])
-        held, short = plant.held, plant.short(wanted, max(enough, 1e-6 * np.ptp(wanted)))
+        target = self._filtered(np.append(reference, rest), dt)
+        tolerance = self.tol * np.ptp(target)
+        requested = plant.invert(target)
+        requested[0] = plant.rest(reference[0])
+        at_limit, message = plant.held, plant.short(target, max(tolerance, 1e-6 * np.ptp(target)))
         with np.errstate(over="ignore", invalid="ignore"):
-            residual = plant.run(plant.limits.applied(asked, dt)) - wanted
-            if not np.mean(residual**2) <= np.mean((wanted - wanted[0]) ** 2):
-                asked = np.full(len(asked), asked[0])  # at rest it misses the reference by less
-        drive, cut, _ = self._improved(asked, wanted, plant, plant.run, self.max_iter, enough)
-        drive, cut = drive[:n], (cut | held)[:n]
-        return drive, cut, plant.run(drive) - reference, short
+            residual = plant.run(plant.limits.applied(requested, dt)) - target
+            if not np.mean(residual**2) <= np.mean((target - target[0]) ** 2):
+                # at rest it misses the reference by less
+                requested = np.full(len(requested), requested[0])
+        drive, cut, _ = self._improved(
+            requested, target, plant, plant.run, self.max_iter, tolerance
+        )
+        drive, cut = drive[:n], (cut | at_limit)[:n]
+        return drive, cut, plant.run(drive) - reference, message
 
-    def _improved(self, asked, wanted, plant, measure, n_trials, enough):
+    def _improved(self, requested, target, plant, measure, n_trials, tolerance):
         """Return the drive of the best trial, where it is clipped, and errors of kept trials."""
-        drives, cuts, changes, errors, best, part, aim = [], [], [], [], 0, 1.0, None
+        drives, cuts, changes, errors, best, fraction, desired = [], [], [], [], 0, 1.0, None
         # a larger drive must lower the error by its standard error, that of a root mean square
-        factor_if_larger = 1.0 - 1.0 / np.sqrt(2.0 * len(wanted))
+        factor_if_larger = 1.0 - 1.0 / np.sqrt(2.0 * len(target))
         for trial in range(max(n_trials, 1)):
-            drive = plant.limits.applied(asked, plant.dt)
+            drive = plant.limits.applied(requested, plant.dt)
             if drives and np.array_equal(drive, drives[best]):
                 break
             drives.append(drive)
-            cuts.append(np.abs(asked - drive) > plant.limits.rounding)
+            cuts.append(np.abs(requested - drive) > plant.limits.rounding)
             if not n_trials:
                 break
             y = measure(drive)
-            error = np.sqrt(np.mean((y - wanted) ** 2))
+            error = np.sqrt(np.mean((y - target) ** 2))
             larger = np.ptp(drive) > np.ptp(drives[best])
             if not errors or error < (factor_if_larger if larger else 1.0) * errors[-1]:
                 errors.append(error)
-                best, part = trial, 1.0
+                best, fraction = trial, 1.0
             else:
-                part *= 0.5  # the next trial starts again from the best one
-            if errors[-1] <= enough or part < _SMALLEST:
+                fraction *= 0.5  # the next trial starts again from the best one
+            if errors[-1] <= tolerance or fraction < _SMALLEST:
                 break
             # I[r] - I[y]: by linear modes, since the inverse of a motion with hysteresis may be
             # unbounded for a measured response
-            if aim is None:
-                aim = plant.invert(wanted, by_modes=True)
-            changes.append(aim - plant.invert(self._filtered(y, plant.dt), by_modes=True))
+            if desired is None:
+                desired = plant.invert(target, by_modes=True)
+            changes.append(desired - plant.invert(self._filtered(y, plant.dt), by_modes=True))
             step = changes[best] + _combined(drives, changes, best)
-            asked = drives[best] + part * step
-            if not np.isfinite(asked).all():
+            requested = drives[best] + fraction * step
+            if not np.isfinite(requested).all():
                 break
         return drives[best], cuts[best], errors
 
@@ -622,14 +638,14 @@ def _combined(drives, changes, best):
     Of their combinations it is the one with the smallest remaining change, supposing that changes
     are linear in drives, penalised by the change of the drive.
     """
-    others = [i for i in range(len(drives)) if i != best]
-    if not others:
+    other_trials = [i for i in range(len(drives)) if i != best]
+    if not other_trials:
         return 0.0
-    d_drive = np.stack([drives[i] - drives[best] for i in others], axis=1)
-    d_change = np.stack([changes[i] - changes[best] for i in others], axis=1)
+    d_drive = np.stack([drives[i] - drives[best] for i in other_trials], axis=1)
+    d_change = np.stack([changes[i] - changes[best] for i in other_trials], axis=1)
     penalised = np.concatenate([d_change, _VISIBLE * d_drive])
-    wanted = np.append(changes[best], np.zeros(len(changes[best])))
-    weights = np.linalg.lstsq(penalised, wanted, rcond=None)[0]
+    target = np.append(changes[best], np.zeros(len(changes[best])))
+    weights = np.linalg.lstsq(penalised, target, rcond=None)[0]
     return -(d_drive + d_change) @ weights
 
 
@@ -697,17 +713,17 @@ class _InvertiblePlant:
         v, self.missed = wanted - self._disturbance(len(wanted)), (0.0, "", 0.0)
         self.held = np.zeros(len(v), dtype=bool)
         for name, stage, inverse in self._inverses(by_modes):
-            found, _ = inverse.run(v, self.dt)
-            if inverse.causal:  # one with preview misses the beginning of a record, as it must
-                short = np.abs(stage.run(found, self.dt, stage.init(found[0]))[0] - v)
+            signal, _ = inverse.run(v, self.dt)
+            if inverse.causal:  # a non-causal inverse necessarily misses the beginning of a record
+                misses = np.abs(stage.run(signal, self.dt, stage.init(signal[0]))[0] - v)
                 if stage is self.stages[0]:
                     low, high = self.limits.low, self.limits.high
-                    self.held = ((found <= low) | (found >= high)) & (short > 1e-9 * np.ptp(v))
-                    short = np.where(self.held, 0.0, short)
-                worst = np.argmax(short)
-                size = short[worst] / (np.ptp(v) or 1.0)
+                    self.held = ((signal <= low) | (signal >= high)) & (misses > 1e-9 * np.ptp(v))
+                    misses = np.where(self.held, 0.0, misses)
+                worst = np.argmax(misses)
+                size = misses[worst] / (np.ptp(v) or 1.0)
                 self.missed = max(self.missed, (size, name, float(v[worst])))
-            v = found
+            v = signal
         return v
 
     def rest(self, value):
@@ -744,15 +760,15 @@ class _InvertiblePlant:
         """
         compiled_steps, delay, v = [], 0, np.array([reference]) - self._disturbance(1)
         for _, _, inverse in self._inverses():
-            own, samples = inverse.ahead(self.dt, v[0], tol)
-            compiled_steps.append(own)
+            step, samples = inverse.ahead(self.dt, v[0], tol)
+            compiled_steps.append(step)
             delay += samples
             v = inverse.run(v, self.dt)[0]
         return compiled_steps, delay, v[0]
 
     def stepper(self, reference, tol, preview, drive):
-        """Return the inverse as a stepper, from rest, whose drive is late by the preview."""
-        again = partial(self.stepper, reference, tol, preview, drive)
+        """Return the inverse as a stepper from rest, whose drive is delayed by the preview."""
+        remake = partial(self.stepper, reference, tol, preview, drive)
         compiled_steps, delay, rest = self.inverse_steps(reference, tol)
         if preview is not None:
             for exponent in range(-15, 1):  # the smallest error that this preview allows
@@ -770,8 +786,8 @@ class _InvertiblePlant:
                 compiled_steps.insert(0, spare.compiled_step(1.0, spare.init(begin)))
         if self.disturbances:
             negative = [replace(d, coefficients=-d.coefficients) for d in self.disturbances]
-            own = add_disturbances(GainOperator(1.0), negative)
-            compiled_steps.insert(0, own.compiled_step(self.dt, own.init(reference)))
+            correction = add_disturbances(GainOperator(1.0), negative)
+            compiled_steps.insert(0, correction.compiled_step(self.dt, correction.init(reference)))
         if self.limits:
             compiled_steps.append(self.limits.compiled_step(self.dt, rest))
         return Stepper(
@@ -780,7 +796,7 @@ class _InvertiblePlant:
             inputs=(Signal("reference"),),
             result=drive,
             preview=delay if preview is None else preview,
-            remake=again,
+            remake=remake,
         )
 
 

@@ -50,6 +50,10 @@ class IntegralResonantControl:
         without other lags, of the values tried from 0.1 to 1.5, 0.5 gave the smallest peak of the
         sensitivity, and a bandwidth within 1 % of the largest.
 
+    See Also
+    --------
+    FeedforwardPI : The controller that takes such a damping filter.
+
     References
     ----------
     Aphale, Fleming and Moheimani, *Smart Materials and Structures*, 2007. In this form: Fleming,
@@ -100,8 +104,8 @@ class IntegralResonantControl:
                 "The 'mode' parameter of IntegralResonantControl must be a frequency below half "
                 f"the sampling rate, {0.5 / dt:g} Hz, and a gain. Got {self.mode!r} instead."
             )
-        own = {"damping_ratio": [Interval(Real, 0, None, closed="neither")]}
-        validate_parameter_constraints(own, vars(self), "IntegralResonantControl")
+        constraints = {"damping_ratio": [Interval(Real, 0, None, closed="neither")]}
+        validate_parameter_constraints(constraints, vars(self), "IntegralResonantControl")
         rho = (1.0 + 2.0 * self.damping_ratio) ** -2
         rate = 2.0 * math.pi * frequency * rho**-0.25
         settled = (1.0 - rho) / gain  # k / K = 1 / d
@@ -114,9 +118,9 @@ def as_mode(mode, number):
     Of an operator or estimator the second number is the attribute named ``number``, of a pair the
     second entry.
     """
-    own = getattr(mode, "operator_", mode)
-    if hasattr(own, "natural_frequency"):
-        return own.natural_frequency / (2.0 * math.pi), getattr(own, number, math.nan)
-    if np.shape(own) == (2,) and all(isinstance(value, Real) for value in own):
-        return float(own[0]), float(own[1])
+    operator = getattr(mode, "operator_", mode)
+    if hasattr(operator, "natural_frequency"):
+        return operator.natural_frequency / (2.0 * math.pi), getattr(operator, number, math.nan)
+    if np.shape(operator) == (2,) and all(isinstance(value, Real) for value in operator):
+        return float(operator[0]), float(operator[1])
     return math.nan, math.nan

@@ -205,6 +205,12 @@ class FeedforwardPI:
         default the time of the drive through the range of the fit at its largest rate, and zero
         without a compensator that has them.
 
+    See Also
+    --------
+    InverseCompensator : The feed-forward.
+    IntegralResonantControl : Damping of a resonance.
+    simulate_loop : Simulate the loop around a device.
+
     Notes
     -----
     For gains, margins and linear design use python-control.
@@ -390,9 +396,9 @@ class FeedforwardPI:
         tracks = self.tracking_time is not None
 
         def control(k, reading):
-            acted = begin if stepper.output is None else stepper.output
-            row = due[k], reading, *(own[k] for own in columns[1:])
-            return stepper.step((*row, acted) if tracks else row)
+            acting = begin if stepper.output is None else stepper.output
+            row = due[k], reading, *(column[k] for column in columns[1:])
+            return stepper.step((*row, acting) if tracks else row)
 
         return control
 

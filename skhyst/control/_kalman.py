@@ -181,17 +181,17 @@ def stationary(tail, dt, noise, drift, process):
     a, b, c, _ = driven_by_noise(tail, dt)
     n = len(b)
     transition, output = block_diag(a, 1.0), np.append(c, 1.0)
-    moved = np.zeros((n + 1, n + 1))
-    moved[:n, :n] = process * np.outer(b, b)
-    moved[n, n] = drift * dt
+    increments = np.zeros((n + 1, n + 1))
+    increments[:n, :n] = process * np.outer(b, b)
+    increments[n, n] = drift * dt
     p = np.zeros((n + 1, n + 1))
     # a state that no noise drives is zero: a walk stands still, motion has decayed; the Riccati
     # equation is solved for the others alone, since it has no stabilising solution with these
-    live = np.append(np.full(n, process > 0.0), drift > 0.0)
-    if live.any():
-        own = np.ix_(live, live)
-        system = transition[own].T, output[live][:, None]
-        p[own] = noise * solve_discrete_are(*system, moved[own] / noise, np.ones((1, 1)))
+    is_live = np.append(np.full(n, process > 0.0), drift > 0.0)
+    if is_live.any():
+        block = np.ix_(is_live, is_live)
+        system = transition[block].T, output[is_live][:, None]
+        p[block] = noise * solve_discrete_are(*system, increments[block] / noise, np.ones((1, 1)))
     variance = float(output @ p @ output + noise)
     return Filter(transition, p @ output / variance, output, variance)
 
@@ -220,20 +220,22 @@ def maximum_likelihood(tail, records, given, smallest):
     free = [i for i, value in enumerate(given) if value is None]
 
     def variances(logs):
-        found = np.array([0.0 if value is None else value for value in given])
-        found[free] = np.exp(logs)
+        estimates = np.array([0.0 if value is None else value for value in given])
+        estimates[free] = np.exp(logs)
         if 0 in free:
-            found[0] = max(found[0], smallest)
+            estimates[0] = max(estimates[0], smallest)
         # from n samples, variances that are a smaller fraction of the noise's cannot be estimated,
         # nor can the noise's if it is a smaller fraction of theirs
-        least = found[0] * np.array([1.0, max(n**-2.0, _ROUNDING) / dt, 1.0 / n])
-        found[free] = np.clip(found, least, found[0] * np.array([1.0, n / dt, n]))[free]
-        return found
+        smallest_each = estimates[0] * np.array([1.0, max(n**-2.0, _ROUNDING) / dt, 1.0 / n])
+        estimates[free] = np.clip(
+            estimates, smallest_each, estimates[0] * np.array([1.0, n / dt, n])
+        )[free]
+        return estimates
 
     def deviance(logs):
-        own, total = variances(logs), 0.0
+        parameters, total = variances(logs), 0.0
         for interval in {dt for _, dt, _ in records}:
-            law = stationary(tail, interval, *own)
+            law = stationary(tail, interval, *parameters)
             for residual, dt, lost in records:
                 if dt == interval:
                     e = law.innovations(residual, lost)
@@ -252,8 +254,8 @@ def maximum_likelihood(tail, records, given, smallest):
     start = min(sorted(starts), key=deviance)
     simplex = start + np.eye(len(start) + 1, len(start), k=-1)  # a factor e, whatever the unit
     options = {"xatol": _ENOUGH, "fatol": _ENOUGH, "initial_simplex": simplex}
-    found = minimize(deviance, start, method="Nelder-Mead", options=options)
-    return variances(found.x)
+    fit = minimize(deviance, start, method="Nelder-Mead", options=options)
+    return variances(fit.x)
 
 
 def _is_linear(stage):
@@ -271,27 +273,27 @@ def driven_by_noise(tail, dt):
     """
     matrices = [stage.discrete(dt) for stage in tail]
     n = sum(len(b0) for _, b0, *_ in matrices)
-    # the signal between two stages, at the last and at this sample, as coefficients of all states
-    # at the last sample and of the input
-    before = now = np.eye(n + 1)[n]
+    # the signal between two stages, at the last and at this sample, is a linear combination of all
+    # states at the last sample and the input: these are its coefficients
+    at_last = at_sample = np.eye(n + 1)[n]
     rows, start = [], 0
     for ad, b0, b1, c, d in matrices:
-        own = np.eye(n + 1)[start : start + len(b0)]
+        states = np.eye(n + 1)[start : start + len(b0)]
         start += len(b0)
-        moved = ad @ own + np.outer(b0, before) + np.outer(b1, now)
-        before, now = c @ own + d * before, c @ moved + d * now
-        rows.append(moved)
+        new_states = ad @ states + np.outer(b0, at_last) + np.outer(b1, at_sample)
+        at_last, at_sample = c @ states + d * at_last, c @ new_states + d * at_sample
+        rows.append(new_states)
     step = np.concatenate([np.empty((0, n + 1)), *rows])
-    a, b, c = step[:, :n], step[:, n], before[:n]
+    a, b, c = step[:, :n], step[:, n], at_last[:n]
     if n == 0 or np.abs(np.linalg.eigvals(a)).max() >= 1.0:
         return np.empty((0, 0)), np.empty(0), np.empty(0), 0.0
     covariance = solve_discrete_lyapunov(a, np.outer(b, b))
-    own = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    own[own == 0.0] = 1.0  # states that the noise does not drive
-    a, c = a * own / own[:, None], c * own
+    scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    scale[scale == 0.0] = 1.0  # states that the noise does not drive
+    a, c = a * scale / scale[:, None], c * scale
     largest = np.abs(c).max() or 1.0
-    power = c / largest @ (covariance / np.outer(own, own)) @ c / largest
+    power = c / largest @ (covariance / np.outer(scale, scale)) @ c / largest
     if not power > 0.0:  # the noise does not move the output
         return a, np.zeros(n), c, 0.0
     size = largest * np.sqrt(power)
-    return a, b / own, c / size, 1.0 / size
+    return a, b / scale, c / size, 1.0 / size

@@ -171,10 +171,11 @@ def statistics(scores, information):
     size[size == 0.0] = 1.0
     # in units of each parameter's own information, so that the rank does not depend on units
     values, vectors = np.linalg.eigh(information / (size[:, :, None] * size[:, None, :]))
-    parts = np.einsum("kpi,kp->ki", vectors, scores / size)
-    seen = values > _SEEN * values[:, -1:]
-    values[~seen] = 1.0
-    return np.sum(np.where(seen, parts**2 / values, 0.0), axis=1), seen.sum(axis=1)
+    components = np.einsum("kpi,kp->ki", vectors, scores / size)
+    is_determined = values > _SEEN * values[:, -1:]
+    values[~is_determined] = 1.0
+    squares = np.where(is_determined, components**2 / values, 0.0)
+    return np.sum(squares, axis=1), is_determined.sum(axis=1)
 
 
 def _misfit_tests(scores, information, orders, dof):
@@ -186,9 +187,9 @@ def _misfit_tests(scores, information, orders, dof):
     for blocks, sums in _all_sums((scores, information), orders):
         statistic, rank = statistics(sums[0], _reduced(sums[1], known)[1])
         # the sum of all scores is zero, so one of them follows from the others
-        own = rank.sum() * (1.0 - 1.0 / len(rank))
-        if own > 0.0:
-            mean, noise = statistic.sum() / rank.sum(), f_distribution(own, dof)
+        n_free = rank.sum() * (1.0 - 1.0 / len(rank))
+        if n_free > 0.0:
+            mean, noise = statistic.sum() / rank.sum(), f_distribution(n_free, dof)
             p_values.append(2.0 * min(noise.sf(mean), noise.cdf(mean)))
             largest = rank * f_distribution.isf(1.0 / len(rank), np.maximum(rank, 1), dof)
             sizes.append(np.max(statistic - largest) / blocks)

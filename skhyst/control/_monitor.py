@@ -58,7 +58,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
     observer_ : Observer
         The fitted observer.
     parameters_ : list of str
-        Names of the parameters that are watched.
+        Names of the monitored parameters.
     whitening_ : ndarray of shape (order + 1,)
         Autoregressive filter that makes the innovations of the fit white.
     drift_detected : bool
@@ -161,24 +161,28 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         motion = np.concatenate([columns.motion(rows) for columns, rows, _ in runs])
         records = [columns.run(rows, known) for columns, rows, known in runs]
         self.whitening_ = whitening_filter([record[:, 0] for record in records])
-        white = np.concatenate([lfilter(self.whitening_, 1.0, own, axis=0) for own in records])
+        white = np.concatenate(
+            [lfilter(self.whitening_, 1.0, record, axis=0) for record in records]
+        )
         scales = np.sqrt(np.einsum("ki,ki->i", white, white))
         steps = np.array([step for *_, step, _ in self._changed])
         size = np.sqrt(sum(rows[:, -1] @ rows[:, -1] for rows, *_ in read))
-        seen = np.append(True, scales[1:] * np.abs(steps) > _EXACT * size)
-        if not seen[1:].any():
+        is_sensitive = np.append(True, scales[1:] * np.abs(steps) > _EXACT * size)
+        if not is_sensitive[1:].any():
             raise ValueError("The records are sensitive to no parameter that Monitor may watch.")
         if scales[0] == 0.0:
             raise ValueError("The residual of the model is zero: Monitor needs records with noise.")
         self._changed = [
-            own for own, is_seen in zip(self._changed, seen[1:], strict=True) if is_seen
+            candidate
+            for candidate, is_seen in zip(self._changed, is_sensitive[1:], strict=True)
+            if is_seen
         ]
         self.parameters_ = [name for name, *_ in self._changed]
         n_read = sum(np.count_nonzero(known) for *_, known in read)
         dof, self._n_kept = max(n_read - len(self._changed), 1), len(white)
         # innovations of unit variance, sensitivities of unit information
-        self._scales = scales[seen] / np.append(np.sqrt(dof), np.ones(len(self._changed)))
-        white = white[:, seen] / self._scales
+        self._scales = scales[is_sensitive] / np.append(np.sqrt(dof), np.ones(len(self._changed)))
+        white = white[:, is_sensitive] / self._scales
         # The fit minimises the residual, not the innovations. This shift of the parameters makes
         # the sum of all scores zero, as the tests suppose.
         self._shift = np.linalg.lstsq(white[:, 1:], white[:, 0], rcond=None)[0]
@@ -194,8 +198,13 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         self.misfit_ = self._tests.misfit / self.block
         return self.reset()
 
-    def reset(self) -> None:
-        """Discard all samples: the next one is the first of a device at rest."""
+    def reset(self) -> Self:
+        """Discard all samples: the next one is the first of a device at rest.
+
+        Returns
+        -------
+        self
+        """
         self._tests.reset()
         self._columns, self._rows = None, []
         self._detected = self._judged = False
@@ -229,8 +238,8 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         self._rows.append(row)
         self._detected = False
         if len(self._rows) == self.block:
-            found, judged = self._decide(self._columns, np.array(self._rows))
-            self._detected, self._judged = bool(found[0]), bool(judged[0])
+            alarms, judged = self._decide(self._columns, np.array(self._rows))
+            self._detected, self._judged = bool(alarms[0]), bool(judged[0])
             self._rows = []
 
     def alarms(self, X, y, return_judged=False) -> np.ndarray:
@@ -256,23 +265,23 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
             Of bool. Only with ``return_judged``.
         """
         check_is_fitted(self)
-        found, n = [], max(_AT_ONCE // self.block, 1) * self.block
+        marks, n = [], max(_AT_ONCE // self.block, 1) * self.block
         for rows, u, dt, read in self.observer_._rows(X, y):
             self.reset()
-            columns, own = _Columns(self, dt, u[0]), np.zeros((len(rows), 2), dtype=bool)
-            whole = len(rows) // self.block * self.block
-            for start in range(0, whole, n):
-                part = slice(start, min(start + n, whole))
+            columns, record_marks = _Columns(self, dt, u[0]), np.zeros((len(rows), 2), dtype=bool)
+            n_complete = len(rows) // self.block * self.block
+            for start in range(0, n_complete, n):
+                part = slice(start, min(start + n, n_complete))
                 alarms, judged = self._decide(columns, rows[part], read[part])
-                own[part, 0][self.block - 1 :: self.block] = alarms
-                own[part, 1] = np.repeat(judged, self.block)
-            at = np.flatnonzero(own[:, 0])
-            own = own[read]
-            own[:, 0] = False  # at the next row if the last one of a block is lost
-            own[np.searchsorted(np.flatnonzero(read), at), 0] = True
-            found.append(own)
-        found = np.concatenate(found)
-        return (found[:, 0], found[:, 1]) if return_judged else found[:, 0]
+                record_marks[part, 0][self.block - 1 :: self.block] = alarms
+                record_marks[part, 1] = np.repeat(judged, self.block)
+            alarm_rows = np.flatnonzero(record_marks[:, 0])
+            record_marks = record_marks[read]
+            record_marks[:, 0] = False  # at the next row if the last one of a block is lost
+            record_marks[np.searchsorted(np.flatnonzero(read), alarm_rows), 0] = True
+            marks.append(record_marks)
+        marks = np.concatenate(marks)
+        return (marks[:, 0], marks[:, 1]) if return_judged else marks[:, 0]
 
     @property
     def drift_detected(self) -> bool:
@@ -300,8 +309,8 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         squares, offset = self._squares_after(directions)
         smallest = [*smallest_squares(squares, units, values), offset]
         blocks = len(self._evidence[2]) / self.block
-        found = likely(smallest, self._tests.misfit * blocks)
-        return tuple([*names, "offset"][i] for i in found)
+        indices = likely(smallest, self._tests.misfit * blocks)
+        return tuple([*names, "offset"][i] for i in indices)
 
     def _squares_after(self, directions):
         """Return sums of squared innovations under changes of the model and of the reading.
@@ -318,11 +327,11 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         offset = squares_after_step(white[:, 0] - known, step - white[:, 0], judged, self.block)
         driven, disturbances = split_disturbances(self.observer_.model_.operator_)
         names = [name for name, _ in driven.entries()]
-        places = [names.index(name) for name in self.parameters_]
+        positions = [names.index(name) for name in self.parameters_]
 
         def squares(i, change):
             values = driven.pack()
-            values[places] += change * directions[i]
+            values[positions] += change * directions[i]
             try:
                 other = add_disturbances(driven.unpack(values), disturbances)
                 compiled_step = self.observer_.compiled_step(dt, columns.u0, other)
@@ -342,22 +351,22 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         within = ((motion >= self._range[0]) & (motion <= self._range[1])).all(axis=1)
         judged = within.reshape(-1, self.block).all(axis=1)
         scores, information = self._sums(columns.run(rows, read) / self._scales, self.block)
-        found = self._tests.decide(scores * judged[:, None], information * judged[:, None, None])
-        found &= judged  # no alarm of a longer sum whose last block is not judged
+        alarms = self._tests.decide(scores * judged[:, None], information * judged[:, None, None])
+        alarms &= judged  # no alarm of a longer sum whose last block is not judged
         counts = np.repeat(judged, self.block)
         counts = counts if read is None else counts & read
         if self._evidence is not None:
-            state, dt, *own = self._evidence
-            if len(own[0]) < self._n_kept:
-                own = zip(own, (rows, counts), strict=True)
-                own = [np.concatenate(parts)[: self._n_kept] for parts in own]
-                self._evidence = state, dt, *own
-        elif found.any():
-            first = int(np.argmax(found)) * self.block
+            state, dt, *evidence = self._evidence
+            if len(evidence[0]) < self._n_kept:
+                evidence = zip(evidence, (rows, counts), strict=True)
+                evidence = [np.concatenate(parts)[: self._n_kept] for parts in evidence]
+                self._evidence = state, dt, *evidence
+        elif alarms.any():
+            first = int(np.argmax(alarms)) * self.block
             columns.compiled_step.innovating(before)(rows[:first])
             end = first + self._n_kept
             self._evidence = before, columns.dt, rows[first:end], counts[first:end]
-        return found, judged
+        return alarms, judged
 
     def _sums(self, white, size):
         """Return the scores (n_blocks, p) and the information (n_blocks, p, p) of blocks."""
@@ -367,7 +376,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         return (psi.swapaxes(1, 2) @ innovations)[:, :, 0], psi.swapaxes(1, 2) @ psi
 
     def _candidates(self):
-        """Return (name, value, is linear, step, operator a step off) of each watched parameter."""
+        """Return (name, value, is linear, step, operator after the step) by monitored parameter."""
         driven, disturbances = split_disturbances(self.observer_.model_.operator_)
         values, entries = driven.pack(), driven.entries()
         held = self.observer_.model_.held_parameters()
@@ -387,16 +396,16 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
                     f"Got {sorted(unknown)} instead."
                 )
             wanted = list(self.parameters)
-        found = []
+        candidates = []
         for i, (name, spec) in enumerate(entries):
             if name in wanted:
                 step = _STEP * (abs(values[i]) or self._uncertainty(name))
                 step = -step if values[i] + step > spec.upper else step
-                moved = values.copy()
-                moved[i] += step
-                other = add_disturbances(driven.unpack(moved), disturbances)
-                found.append((name, values[i], linear[i], moved[i] - values[i], other))
-        return found
+                changed = values.copy()
+                changed[i] += step
+                other = add_disturbances(driven.unpack(changed), disturbances)
+                candidates.append((name, values[i], linear[i], changed[i] - values[i], other))
+        return candidates
 
     def _uncertainty(self, name):
         """Return the standard error of a parameter, or 1 if it is unknown."""
@@ -408,12 +417,17 @@ class _Columns:
     """Whitened innovations of a record and their sensitivities, sample by sample."""
 
     def __init__(self, monitor, dt, u0, state=None):
-        observer, operators = monitor.observer_, [None, *(own for *_, own in monitor._changed)]
+        observer, operators = (
+            monitor.observer_,
+            [None, *(operator for *_, operator in monitor._changed)],
+        )
         self.dt, self.u0 = dt, u0 if len(np.ravel(u0)) > 1 else float(np.ravel(u0)[0])
-        own = [observer.compiled_step(dt, self.u0, operator) for operator in operators]
-        self.compiled_step = own[0]
-        self.states = [(part.state if state is None else state).copy() for part in own]
-        self.innovations = [part.innovating(s) for part, s in zip(own, self.states, strict=True)]
+        compiled_steps = [observer.compiled_step(dt, self.u0, operator) for operator in operators]
+        self.compiled_step = compiled_steps[0]
+        self.states = [(part.state if state is None else state).copy() for part in compiled_steps]
+        self.innovations = [
+            part.innovating(s) for part, s in zip(compiled_steps, self.states, strict=True)
+        ]
         self.steps = np.array([step for *_, step, _ in monitor._changed])
         self.whitening = monitor.whitening_
         self.past = np.zeros((len(self.whitening) - 1, len(operators)))

@@ -81,7 +81,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
 
     See Also
     --------
-    Monitor : Detects that the model has ceased to hold.
+    Monitor : Detects changes of the device.
 
     Notes
     -----
@@ -275,8 +275,13 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
             remake=partial(copy(self).stepper, dt, u0),
         )
 
-    def reset(self) -> None:
-        """Discard all readings: the next sample is the first one of a device at rest."""
+    def reset(self) -> Self:
+        """Discard all readings: the next sample is the first one of a device at rest.
+
+        Returns
+        -------
+        self
+        """
         self._stream = None
         return self
 
@@ -378,8 +383,8 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         # hysteresis within the motion: uncertainty is propagated through the last stages' steps
         whole = Series(tuple("" for _ in stages_of(driven)), stages_of(driven))
         steps = [
-            s.compiled_step(dt, own)
-            for s, own in zip(whole.stages, whole.init(u0, state), strict=True)
+            s.compiled_step(dt, initial)
+            for s, initial in zip(whole.stages, whole.init(u0, state), strict=True)
         ]
         front, core = steps[: -len(tail)], steps[-len(tail) :]
         others = SumOperator(tuple("" for _ in disturbances), disturbances)

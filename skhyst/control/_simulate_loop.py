@@ -40,6 +40,10 @@ class Loop(NamedTuple):
         The reference, the output of the controller, and the output of the device.
     reading : ndarray of shape (n_samples,)
         The response with the noise and the delay of the sensor.
+
+    See Also
+    --------
+    simulate_loop : Simulate a loop.
     """
 
     time: np.ndarray  # s
@@ -104,6 +108,11 @@ def simulate_loop(
     DivergenceWarning
         If the loop has diverged, with the time and the number of the sample.
 
+    See Also
+    --------
+    FeedforwardPI : A controller.
+    skhyst.operators.Stepper : A model that is run sample by sample, as the device.
+
     Examples
     --------
     A gain of 3 around a device of gain 1 that is read one sample late: each error is three times
@@ -128,10 +137,10 @@ def simulate_loop(
     wanted = "finite numbers, one per sample"
     reference = finite_numbers(reference, caller, "reference", wanted, ndim=1)
     dt = chosen_interval((), dt, caller)
-    own = getattr(device, "dt", None)  # of a stepper, which has an interval of its own
-    if own is not None and abs(own - dt) > MISMATCH * dt:
+    device_dt = getattr(device, "dt", None)  # of a stepper, which has an interval of its own
+    if device_dt is not None and abs(device_dt - dt) > MISMATCH * dt:
         raise ValueError(
-            f"The 'dt' parameter of simulate_loop must be that of the device, {own:g} s. Got "
+            f"The 'dt' parameter of simulate_loop must be that of the device, {device_dt:g} s. Got "
             f"{dt:g} s instead."
         )
     n, control = len(reference), controller.controlling(reference, dt, u0)
@@ -140,10 +149,10 @@ def simulate_loop(
     y = float(reference[0])
     for k in range(n):
         # the reading is the response to earlier drives; the new drive acts from now on
-        seen = y + errors[k]
-        steps = seen / resolution if resolution else math.inf
-        reading[k] = resolution * round(steps) if math.isfinite(steps) else seen
-        if not math.isfinite(seen):
+        noisy = y + errors[k]
+        steps = noisy / resolution if resolution else math.inf
+        reading[k] = resolution * round(steps) if math.isfinite(steps) else noisy
+        if not math.isfinite(noisy):
             break
         drive[k] = control(k, reading[k])
         if not math.isfinite(drive[k]):

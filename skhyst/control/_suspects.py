@@ -69,10 +69,10 @@ def squares_after_step(innovations, response, counts, latest):
     e, n = innovations * counts, len(innovations)
     explained = 0.0
     for k in range(min(latest, n)):
-        own = response[: n - k] * counts[k:]
-        power = own @ own
+        effect = response[: n - k] * counts[k:]
+        power = effect @ effect
         if power > 0.0:
-            explained = max(explained, (own @ e[k:]) ** 2 / power)
+            explained = max(explained, (effect @ e[k:]) ** 2 / power)
     return e @ e - explained
 
 
@@ -100,10 +100,10 @@ def _smallest(squares, unit, value):
     doublings = np.ceil(np.log2(max(_LARGEST * abs(value) / unit, 2.0)))
     sizes = unit * 2.0 ** np.arange(doublings + 1.0)
     changes = np.concatenate([-sizes[::-1], [0.0], sizes])
-    found = [squares(change) for change in changes]
-    best = int(np.argmin(found))
-    if not np.isfinite(found[best]):
+    sums = [squares(change) for change in changes]
+    best = int(np.argmin(sums))
+    if not np.isfinite(sums[best]):
         return np.inf
     ends = changes[max(best - 1, 0)], changes[min(best + 1, len(changes) - 1)]
     between = minimize_scalar(squares, bounds=ends, method="bounded", options={"xatol": 0.1 * unit})
-    return min(found[best], between.fun)
+    return min(sums[best], between.fun)

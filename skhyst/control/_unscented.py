@@ -53,8 +53,8 @@ class Unscented(CompiledStep):
         """State of the parts and of the walk, covariance, innovation, its standard deviation."""
         n = len(self.core.state) + 1
         others = np.zeros(1 + n * n + 2)
-        own = self.front.state, self.disturbances.state, self.core.state, others
-        return as_constant(np.concatenate(own))
+        parts = self.front.state, self.disturbances.state, self.core.state, others
+        return as_constant(np.concatenate(parts))
 
     def read(self, s):
         """Return the random walk, the last innovation and its standard deviation from a state."""
@@ -86,42 +86,46 @@ class Unscented(CompiledStep):
         covariance = covariance.reshape(n, n)
         front = self.front.stepping(front)
         disturbances = self.disturbances.stepping(disturbances)
-        rooms = np.zeros((2 * (n + 1) + 1, n - 1))
-        cores = [self.core.stepping(room) for room in rooms]
+        states = np.zeros((2 * (n + 1) + 1, n - 1))
+        cores = [self.core.stepping(state) for state in states]
         is_signal = self.front.n_inputs is None
 
         def step(row):
             drive = front(row[0] if is_signal else row)
             offset = disturbances(drive)
             values, vectors = np.linalg.eigh(covariance)
-            seen = values > _NOTHING * values[-1]
-            m = int(seen.sum()) + 1
+            is_uncertain = values > _NOTHING * values[-1]
+            m = int(is_uncertain.sum()) + 1
             kappa = max(3.0 - m, 0.0)
             points, inputs = np.zeros((2 * m + 1, n)), np.zeros(2 * m + 1)
-            sides = np.sqrt((m + kappa) * values[seen])[:, None] * vectors[:, seen].T
-            points[1:m], points[m + 1 : -1] = sides, -sides
+            offsets = (
+                np.sqrt((m + kappa) * values[is_uncertain])[:, None] * vectors[:, is_uncertain].T
+            )
+            points[1:m], points[m + 1 : -1] = offsets, -offsets
             inputs[m], inputs[-1] = np.sqrt(m + kappa) * self.spread * np.array([1.0, -1.0])
             weights = np.full(2 * m + 1, 0.5 / (m + kappa))
             weights[0] = kappa / (m + kappa)
             points += mean
-            rooms[: len(points)] = points[:, :-1]
+            states[: len(points)] = points[:, :-1]
             y = points[:, -1] + offset
-            y += [core(drive + more) for core, more in zip(cores, inputs, strict=False)]
-            points[:, :-1] = rooms[: len(points)]
+            y += [
+                core(drive + disturbance) for core, disturbance in zip(cores, inputs, strict=False)
+            ]
+            points[:, :-1] = states[: len(points)]
             middle, y_middle = weights @ points, weights @ y
             points -= middle
             y -= y_middle
             spread = points.T @ (weights[:, None] * points)
             spread[-1, -1] += self.walk
-            together = points.T @ (weights * y)
-            together[-1] += self.walk
-            own = weights @ y**2 + self.walk
-            variance = own + self.noise
+            cross_covariance = points.T @ (weights * y)
+            cross_covariance[-1] += self.walk
+            response_variance = weights @ y**2 + self.walk
+            variance = response_variance + self.noise
             innovation = row[-1] - y_middle
-            gain = together / variance
+            gain = cross_covariance / variance
             mean[:] = middle + gain * innovation
             covariance[:] = spread - variance * np.outer(gain, gain)
             last[:] = innovation, np.sqrt(variance)
-            return float(y_middle + own / variance * innovation), innovation
+            return float(y_middle + response_variance / variance * innovation), innovation
 
         return step

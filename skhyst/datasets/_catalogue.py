@@ -47,6 +47,10 @@ def signals_within(drive_limits, duration, dt, *, rate_limit=None) -> dict[str, 
     ValueError
         If the limits are not in ascending order, or no signal keeps the rate.
 
+    See Also
+    --------
+    from_rest_to_rest : Ramps before and after such a signal.
+
     Examples
     --------
     >>> from skhyst.datasets import signals_within
@@ -68,22 +72,24 @@ def signals_within(drive_limits, duration, dt, *, rate_limit=None) -> dict[str, 
         rate = check.scalar(function, "rate_limit", rate_limit, positive=True)
     middle, half = limits.mean(), 0.5 * np.ptp(limits)
     small = half / _FACTOR
-    places = [(middle, half)] + [(c, small) for c in (middle, limits[0] + small, limits[1] - small)]
-    found, digits = {}, 3 - int(np.floor(np.log10(half)))
+    centers = [(middle, half)] + [
+        (c, small) for c in (middle, limits[0] + small, limits[1] - small)
+    ]
+    signals, digits = {}, 3 - int(np.floor(np.log10(half)))
     for name, shape in _shapes(n, dt, 2.0 * half / rate).items():
         steepest = np.abs(np.diff(shape)).max() / dt
-        for center, size in places:
+        for center, size in centers:
             size = min(size, rate / steepest)
             if size <= half / _FACTOR**2:
                 continue
             drive = np.clip(center + size * shape, *limits)  # rounding
             ends = np.round([drive.min(), drive.max()], digits) + 0.0  # no minus zero
-            found[f"{name} from {ends[0]:.4g} to {ends[1]:.4g}"] = drive
-    if not found:
+            signals[f"{name} from {ends[0]:.4g} to {ends[1]:.4g}"] = drive
+    if not signals:
         least = 4.0 * _PERIODS * half / _FACTOR**2 / (n * dt)  # of the slowest triangle
         expected = f"at least {least:.3g} for signals of {duration:g} s"
         check.refuse(function, "rate_limit", expected, rate_limit)
-    return found
+    return signals
 
 
 def from_rest_to_rest(drive, dt, rest=None, *, rate_limit=None) -> tuple[np.ndarray, int]:
@@ -113,6 +119,10 @@ def from_rest_to_rest(drive, dt, rest=None, *, rate_limit=None) -> tuple[np.ndar
     ValueError
         If the drive is not finite, or the rate is not positive.
 
+    See Also
+    --------
+    signals_within : Signals within the limits of an amplifier.
+
     Examples
     --------
     >>> from skhyst.datasets import from_rest_to_rest
@@ -133,9 +143,9 @@ def from_rest_to_rest(drive, dt, rest=None, *, rate_limit=None) -> tuple[np.ndar
 
     def ramp(end):
         """Return the samples from rest to a value, without the value."""
-        way = abs(end - rest)
-        n = int(np.ceil(way / change * (1.0 - 1e-12))) if change else len(drive)
-        return rest + (end - rest) * np.arange(n) / n if way else np.empty(0)
+        distance = abs(end - rest)
+        n = int(np.ceil(distance / change * (1.0 - 1e-12))) if change else len(drive)
+        return rest + (end - rest) * np.arange(n) / n if distance else np.empty(0)
 
     before, after = ramp(drive[0]), ramp(drive[-1])[::-1]
     return np.concatenate([before, drive, after]), len(before)
@@ -148,33 +158,33 @@ def _shapes(n, dt, rise):
     """
     slowest = _PERIODS / (n * dt)
     octaves = np.log(n / (_PERIODS * _FASTEST)) / np.log(_FACTOR)
-    found = {}
+    shapes = {}
     for power in range(1 + int(octaves)):
         cycles = _PERIODS * _FACTOR**power
         f = cycles / (n * dt)
         at, heights = f"of {f:.3g} Hz", np.linspace(1.0, 1.0 / _FACTOR, cycles)
-        found[f"sine {at}"] = sine(1.0, f, n_cycles=cycles, dt=dt)
-        found[f"triangle {at}"] = triangle(1.0, f, n_cycles=cycles, dt=dt)
-        found[f"ever smaller triangles {at}"] = triangle(heights, f, dt=dt)
+        shapes[f"sine {at}"] = sine(1.0, f, n_cycles=cycles, dt=dt)
+        shapes[f"triangle {at}"] = triangle(1.0, f, n_cycles=cycles, dt=dt)
+        shapes[f"ever smaller triangles {at}"] = triangle(heights, f, dt=dt)
         decay = {"decay": _FACTOR / (n * dt), "duration": n * dt, "dt": dt}
-        found[f"decaying sine {at}"] = decaying_sine(1.0, f, **decay)
+        shapes[f"decaying sine {at}"] = decaying_sine(1.0, f, **decay)
         lines = {"band": (0.5 * slowest, f), "amplitude": np.reciprocal, "random_state": 0}
-        found[f"multisine up to {f:.3g} Hz"] = multisine(n, dt=dt, **lines)
+        shapes[f"multisine up to {f:.3g} Hz"] = multisine(n, dt=dt, **lines)
         if power:
             sweep = {"duration": n * dt, "dt": dt, "spacing": "logarithmic"}
-            found[f"sweep from {slowest:.3g} to {f:.3g} Hz"] = swept_sine(slowest, f, **sweep)
+            shapes[f"sweep from {slowest:.3g} to {f:.3g} Hz"] = swept_sine(slowest, f, **sweep)
     rise = max(rise, 0.5 * _FASTEST * dt)
     for count in (_STEPS * _FACTOR**power for power in range(_FACTOR)):
         hold = n * dt / count
         if 2.0 * rise < hold:
-            # the golden ratio spreads levels evenly, with large and small ways between them
+            # the golden ratio spreads levels evenly, with large and small steps between them
             levels = 2.0 * (np.arange(1, count) * 0.5 * (np.sqrt(5.0) - 1.0) % 1.0) - 1.0
             levels = [0.0, *levels, 0.0]  # cut off after the time that edges take longer
-            found[f"steps every {hold:.3g} s"] = steps(levels, hold=hold, rise_time=rise, dt=dt)
+            shapes[f"steps every {hold:.3g} s"] = steps(levels, hold=hold, rise_time=rise, dt=dt)
     for count in (_FACTOR, _FACTOR**2):
-        way = 2.0 * count + 3.0  # from rest, and there and back for each curve
-        if way * count < n:  # samples on the shortest branch
-            curves = first_order_reversal_curves(1.0, count, rate=way / (n * dt), dt=dt)
-            found[f"{count} reversal curves"] = curves
-    found = {name: frame["drive"].to_numpy()[:n] for name, frame in found.items()}
-    return {name: u / np.abs(u).max() for name, u in found.items()}
+        length = 2.0 * count + 3.0  # from rest, and there and back for each curve
+        if length * count < n:  # samples on the shortest branch
+            curves = first_order_reversal_curves(1.0, count, rate=length / (n * dt), dt=dt)
+            shapes[f"{count} reversal curves"] = curves
+    shapes = {name: frame["drive"].to_numpy()[:n] for name, frame in shapes.items()}
+    return {name: u / np.abs(u).max() for name, u in shapes.items()}

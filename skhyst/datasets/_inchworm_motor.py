@@ -79,7 +79,7 @@ def walking_drive(
     Parameters
     ----------
     n_steps : int, default=20
-        Steps, two a period.
+        Steps, two per period.
     amplitude, frequency : float, default=5.0 and 10.0
         A, in V, and f, in Hz.
     direction : {1, -1}, default=1
@@ -99,6 +99,10 @@ def walking_drive(
     ValueError
         If a parameter is out of its range.
 
+    See Also
+    --------
+    make_inchworm_motor : The motor.
+
     References
     ----------
     See :func:`make_inchworm_motor`, Section 2.1 and Fig. 2.
@@ -114,7 +118,7 @@ def walking_drive(
     amplitude = scalar(caller, "amplitude", amplitude, positive=True)
     frequency = scalar(caller, "frequency", frequency, positive=True)
     if frequency * dt > 0.05:
-        wanted = f"at most 0.05 / dt = {0.05 / dt:g} Hz, 20 samples a period"
+        wanted = f"at most 0.05 / dt = {0.05 / dt:g} Hz, 20 samples per period"
         refuse(caller, "frequency", wanted, frequency)
     if direction not in (-1, 1):
         refuse(caller, "direction", "1 or -1", direction)
@@ -199,6 +203,11 @@ def make_inchworm_motor(
     RecordError
         If the rows of the drive are no evenly sampled records.
 
+    See Also
+    --------
+    inchworm_motor_stepper : The motor sample by sample.
+    walking_drive : The drive that makes it walk.
+
     References
     ----------
     S. Han, Y. Xu, J. Yu, X. Yang, "An identification method for dynamic systems with SCNs
@@ -278,6 +287,11 @@ def inchworm_motor_stepper(
     ------
     ValueError
         If a parameter is not as above.
+
+    See Also
+    --------
+    make_inchworm_motor : A complete recording of it.
+    skhyst.control.simulate_loop : A feedback loop around it.
 
     Examples
     --------
@@ -373,9 +387,9 @@ class _Motor:
         moved = [
             np.diff(bend, prepend=last) for bend, last in zip(bends, self.stood[1:], strict=True)
         ]
-        where = self.stood[0] + np.cumsum(np.where(first, *moved))
-        self.stood = where[-1], bends[0][-1], bends[1][-1]
-        return where
+        position = self.stood[0] + np.cumsum(np.where(first, *moved))
+        self.stood = position[-1], bends[0][-1], bends[1][-1]
+        return position
 
 
 def _bend(plant, u, step):

@@ -49,8 +49,8 @@ def multisine(
     group_size : int, default=4
         Odd lines of a group of the random odd grid, at least 2.
     amplitude : callable, array-like of shape (n_lines,) or None, default=None
-        Relative amplitudes :math:`A_k`, as a function of the frequencies in Hz or one a line; equal
-        ones by default.
+        Relative amplitudes :math:`A_k`, as a function of the frequencies in Hz or one per line; all
+        equal by default.
     rms, offset : float or sequence of float of shape (n_inputs,), default=1.0 and 0.0
         Root mean square of each input about its mean, and that mean, units of the drive: exact, and
         the same in each record.
@@ -76,6 +76,11 @@ def multisine(
     ValueError
         If the band is empty or reaches half the sampling rate, or an amplitude is negative or all
         are zero.
+
+    See Also
+    --------
+    band_limited_noise : Random amplitudes, too.
+    skhyst.linear.frequency_response : Evaluate the response.
 
     References
     ----------
@@ -118,8 +123,8 @@ def multisine(
             spectrum[:, lines] = 0.5 * n_samples * sizes * np.exp(1j * angle)
             period = np.fft.irfft(spectrum, n_samples, axis=1).T
             records.append(np.tile(offset + rms * period, (n_periods, 1)))
-            own = f"_experiment{experiment}" if n_inputs > 1 else ""
-            labels.append(f"realization{realization}{own}")
+            suffix = f"_experiment{experiment}" if n_inputs > 1 else ""
+            labels.append(f"realization{realization}{suffix}")
     return check.signal_frame(records, dt, labels)
 
 
@@ -133,8 +138,8 @@ def _without_detection(lines, group_size, rng):
 def _amplitudes(amplitude, frequency, n_lines):
     if amplitude is None:
         return np.ones(n_lines)
-    own = amplitude(frequency) if callable(amplitude) else amplitude
-    sizes = check.number("multisine", "amplitude", own, negative=False, size=n_lines)
+    relative = amplitude(frequency) if callable(amplitude) else amplitude
+    sizes = check.number("multisine", "amplitude", relative, negative=False, size=n_lines)
     if not sizes.any():
         check.refuse("multisine", "amplitude", "above zero at one line at least", amplitude)
     return sizes / sizes.max()
@@ -175,6 +180,10 @@ def band_limited_noise(
     ------
     ValueError
         If the band holds no multiple of ``1 / (n_samples dt)`` or reaches half the sampling rate.
+
+    See Also
+    --------
+    multisine : Periodic, with equal amplitudes and random phases.
 
     Examples
     --------
@@ -222,7 +231,7 @@ def _band_lines(function, band, n_samples, dt):
     lines = np.arange(1, (n_samples + 1) // 2)
     duration = n_samples * dt
     slack = check.ROUNDING * lines
-    found = lines[(lines >= low * duration - slack) & (lines <= high * duration + slack)]
-    if not found.size:
+    excited = lines[(lines >= low * duration - slack) & (lines <= high * duration + slack)]
+    if not excited.size:
         check.refuse(function, "band", f"wide enough for a multiple of {1.0 / duration:g} Hz", band)
-    return found
+    return excited

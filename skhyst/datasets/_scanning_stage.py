@@ -41,6 +41,10 @@ def load_scanning_stage_parameters() -> Bunch:
         ``numerator`` N and ``denominator`` D, highest power first, from V to um; the
         ``natural_frequencies`` in Hz and ``damping_ratios`` of its two resonances, (2,) each.
 
+    See Also
+    --------
+    make_scanning_stage : A recording with these parameters.
+
     Notes
     -----
     The names of Steinbusch (2020), stiffness k_i and damping c_i, are exchanged. The static gain of
@@ -114,7 +118,7 @@ def make_scanning_stage(
         response to it. A weaker amplifier is ``"lag"``, the signal processing ``{"delay": {"time":
         2.5e-5}}``.
     measured : {"displacement", "velocity"}, default="displacement"
-        What the vibrometer gives: um, or um/s.
+        Output of the vibrometer, in um or um/s.
     noise : float, optional
         Standard deviation of the sensor's noise; 0.5 nm or 20 um/s by default.
     quantize : bool, default=True
@@ -142,6 +146,11 @@ def make_scanning_stage(
         If an effect, one of its parameters or another argument is not one of those listed.
     RecordError
         If the drive is empty or not finite, or its index does not form records.
+
+    See Also
+    --------
+    scanning_stage_stepper : The stage sample by sample.
+    load_scanning_stage_parameters : Its parameters.
 
     Notes
     -----
@@ -217,6 +226,11 @@ def scanning_stage_stepper(u0=0.0, *, dt=1.0 / _RATE, effects=None) -> DeviceSte
     ------
     ValueError
         If a parameter is not as above.
+
+    See Also
+    --------
+    make_scanning_stage : A complete recording of it.
+    skhyst.control.simulate_loop : A feedback loop around it.
 
     Examples
     --------
@@ -360,8 +374,8 @@ def _vibrate(signal, h, stage, memory=None, **forces):
     total = _summed(signal - start, memory["last"], memory["terms"], state)
     memory["last"] = signal[-1] - start
     total += start * stage.numerator[-1] / stage.denominator[-1]
-    own = {"memory": memory["motion"]}
-    return oscillate(total, h, frequency, damping, **forces, **own) if forces else total
+    motion = {"memory": memory["motion"]}
+    return oscillate(total, h, frequency, damping, **forces, **motion) if forces else total
 
 
 def _terms(h, stage, forces):
@@ -375,9 +389,9 @@ def _terms(h, stage, forces):
     # a conjugate gives the same real part
     residues = gain * np.array(residues) * np.where(kept.imag == 0.0, 1.0, 2.0)
     q = kept * h
-    gone = np.expm1(q)
-    ramp = gone / q - 1.0
-    return np.stack([1.0 + gone, residues / kept * ramp, residues / kept * (gone - ramp)])
+    change = np.expm1(q)
+    ramp = change / q - 1.0
+    return np.stack([1.0 + change, residues / kept * ramp, residues / kept * (change - ramp)])
 
 
 @jit

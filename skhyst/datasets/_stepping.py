@@ -18,6 +18,12 @@ class DeviceStepper:
     u0 : array-like of shape (n_inputs,)
         Drive at which the device has rested.
 
+    See Also
+    --------
+    scanning_stage_stepper : A scanning stage.
+    inchworm_motor_stepper : An inchworm motor.
+    skhyst.control.simulate_loop : A feedback loop around a device.
+
     Examples
     --------
     >>> from skhyst.datasets import scanning_stage_stepper
@@ -73,7 +79,7 @@ class DeviceStepper:
         rows = u[:, None] if u.ndim == 1 else u
         if rows.shape[1:] != (self._n_inputs,) or not np.isfinite(rows).all():
             raise ValueError(
-                f"The drive must be finite numbers, {self._n_inputs} a sample. Got {u!r} instead."
+                f"The drive must be finite numbers, {self._n_inputs} per sample. Got {u!r} instead."
             )
         return self._respond(rows)
 

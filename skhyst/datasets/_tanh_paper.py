@@ -40,6 +40,10 @@ def load_tanh_parameters() -> pd.DataFrame:
         ``voltage`` (V, the largest value of the drive), ``frequency`` (Hz), ``k0`` (um/V),
         ``alpha`` (um s/V), ``beta`` (um), ``gamma`` (1/V).
 
+    See Also
+    --------
+    make_tanh_recording : A recording with these parameters.
+
     References
     ----------
     Xie et al., *Smart Materials and Structures*, 2023, Tables 2 to 4.
@@ -86,6 +90,11 @@ def make_tanh_recording(
     ------
     ValueError
         If no such experiment was published.
+
+    See Also
+    --------
+    load_tanh_parameters : The parameters.
+    skhyst.hysteresis.TanhHysteresis : The model.
 
     Examples
     --------

@@ -42,6 +42,11 @@ def triangle(
         If the programmes differ in length, a number of cycles is not whole, or a frequency is not
         below half the sampling rate.
 
+    See Also
+    --------
+    sine : Smooth turning points.
+    first_order_reversal_curves : Nested branches.
+
     Examples
     --------
     >>> from skhyst.datasets import triangle
@@ -69,6 +74,11 @@ def sine(
        u = u_0 + \tfrac{a}{2} (1 - \cos 2 \pi \phi)
 
     The phase :math:`\phi` grows with the frequency of its stretch and has no jumps.
+
+    See Also
+    --------
+    triangle : Constant rates.
+    swept_sine : The frequency changes continuously.
 
     Examples
     --------
@@ -144,6 +154,10 @@ def swept_sine(
     ValueError
         If a frequency is negative or not below half the sampling rate.
 
+    See Also
+    --------
+    multisine : All frequencies at once.
+
     References
     ----------
     Han et al., *An Identification Method for Dynamic Systems with SCNs Hysteresis Compensator*,
@@ -207,6 +221,10 @@ def decaying_sine(
     ValueError
         If the frequency is not below half the sampling rate, or the decay is negative.
 
+    See Also
+    --------
+    sine : Constant amplitude.
+
     References
     ----------
     Han et al., *An Identification Method for Dynamic Systems with SCNs Hysteresis Compensator*,
@@ -253,6 +271,10 @@ def steps(levels=(0.0, 1.0), *, hold=1.0, rise_time=0.0, dt=1e-3) -> pd.DataFram
     ------
     ValueError
         If a rest is shorter than one interval, or ``levels`` and ``hold`` differ in length.
+
+    See Also
+    --------
+    triangle : Ramps without rests.
 
     Examples
     --------
@@ -310,6 +332,10 @@ def first_order_reversal_curves(
     ------
     ValueError
         If the amplitude is zero, or the rate so high that a branch takes less than two intervals.
+
+    See Also
+    --------
+    triangle : Loops of given amplitudes.
 
     References
     ----------

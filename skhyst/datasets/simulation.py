@@ -294,8 +294,8 @@ def _plays(signal, step, thresholds, weights, stretch, widening, states, before)
     for j in range(thresholds.size):
         r, state, last = thresholds[j], states[j], before
         for i in range(signal.size):
-            way = abs(signal[i] - last)
-            wide = r * (1.0 + stretch * way / step) + widening * way / step if r > 0.0 else r
+            change = abs(signal[i] - last)
+            wide = r * (1.0 + stretch * change / step) + widening * change / step if r > 0.0 else r
             last = signal[i]
             state = max(last - wide, min(last + wide, state))
             out[i] += weights[j] * state
@@ -485,12 +485,12 @@ def first_order(signal, step, tau, memory=None):
     """
     memory = {} if memory is None else memory
     p = step / tau
-    gone = -np.expm1(-p)
-    ramp = 1.0 - gone / p if p > 1e-4 else 0.5 * p - p * p / 6.0
-    start, gone_by = memory.get("start", signal[0]), memory.get("filter", np.zeros(1))
-    away, gone_by = lfilter([ramp, gone - ramp], [1.0, gone - 1.0], signal - start, zi=gone_by)
-    memory.update(start=start, filter=gone_by)
-    return start + away
+    settled = -np.expm1(-p)
+    ramp = 1.0 - settled / p if p > 1e-4 else 0.5 * p - p * p / 6.0
+    start, state = memory.get("start", signal[0]), memory.get("filter", np.zeros(1))
+    output, state = lfilter([ramp, settled - ramp], [1.0, settled - 1.0], signal - start, zi=state)
+    memory.update(start=start, filter=state)
+    return start + output
 
 
 @documented_like(plays)

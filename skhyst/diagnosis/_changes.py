@@ -78,7 +78,7 @@ class HeldDrive:
         return []
 
     def _is_straight(self, scene):
-        """Whether band-limited interpolation would be of a line, without fast content."""
+        """Whether all drives are straight lines, which any interpolation leaves unchanged."""
         return self.hold == "bandlimited" and all(is_straight(r.u) for r in scene.records)
 
 
@@ -454,9 +454,9 @@ class ParallelForce:
 
 
 def _of_motion(model, declared):
-    """Return a force model whose drive is the motion that a declared force has for a drive.
+    """Return a force model that takes the same measured motion as a declared force.
 
-    What a force model of a displacement is of a velocity comes behind an integrator.
+    If that is a velocity and the model takes a displacement, an integrator precedes the model.
     """
     motion = getattr(declared, "motion", getattr(declared, "drive", None))
     if motion != "velocity":

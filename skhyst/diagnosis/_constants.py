@@ -11,16 +11,16 @@ NEGLIGIBLE = 1e-7  # of the range: an error below that is rounding, and no effec
 # The evaluations of an identification are counted in rungs, too.
 RUNG = 3
 BRIEF, USUAL, THOROUGH = RUNG**2, RUNG**3, RUNG**4
-FEW, SEVERAL = 3, 9  # candidates that are looked at again: the last rungs of halving
+FEW, SEVERAL = 3, 9  # candidates that the last rungs of halving keep
 TURNS = 9  # at most, between the fits of a black box and of the effects
 SETTLING = 3  # fits at most, in which the smoothness of a term is found again
-WORSE = 3.0  # sum of squares, relative to the best: what is further away is not settled
+WORSE = 3.0  # sum of squares, relative to the best, above which a term or law is not refitted
 TOLERANCE = 1e-5  # relative change of the sum of squares; a claim is worth a few per cent
 # Samples in all, above which records are cut, and to how many. With independent noise, the gain of
 # an effect that removes the fraction p of the squared error has the relative standard deviation
 # sqrt(2 / (p n)): 4.5 % for the least gain that is claimed by default, p = 1 - 0.95^2.
 ENOUGH = 10_000
-# Of a whole record's range, and of its root mean square residual, that its first part must have.
+# Fraction of a record's range and root mean square residual that its first part must reach.
 MOST = 1.0 - NOTICEABLE
 REWEIGHTED = 2  # fits before the first round: the first weights come from an unweighted fit
 

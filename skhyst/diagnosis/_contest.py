@@ -439,7 +439,7 @@ class Contest:
     def _contest(self, base, name):
         reduced = self.without(base, name)
         tree = base.structure
-        # the other effects at their values before the removal, where they compensate for nothing
+        # start from the values before the removal: other effects do not yet compensate for it
         start = replace(reduced, structure=tree.without(name)) if tree.effects[1:] else reduced
         rivals = self.extended(start, fully=False) + self.extended(start, additive=True)
         own = replace(base, effects=(name,))

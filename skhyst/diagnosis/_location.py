@@ -113,7 +113,7 @@ def parameters_without(tree, slices, records, drive, table, result, alpha):
                 inside &= place["record"] == name
             weighed.append(replace(record, weights=record.counts() * ~inside))
         left, whole = (sum(r.counts().sum() for r in own) for own in (weighed, records))
-        if 2.0 * left < whole:  # it would be a fit of another part, not of the rest
+        if 2.0 * left < whole:  # a fit to less than half of the data says nothing about the rest
             continue
         _, found = tree.fitted(weighed, slices)
         for name, value in found.params.items():

@@ -222,18 +222,18 @@ def input_beyond_dead_zone(operator, motion, records):
 
 
 def bends(operator, motion, records):
-    """Return margins of a curve: it turns once at the most, and a rounded one does not saturate.
+    """Return margins of a curve: at most one extremum, and no saturation of a rounded curve.
 
-    It rises or falls throughout, or does one after the other, as the strain of an electrostrictor
-    over its field. One that turns more often follows the record, not a device. The margin is its
-    slope where it is least, relative to the mean.
+    The curve is monotone, or has one extremum, as the strain of an electrostrictor over its field.
+    A curve with more extrema is overfitted. The margin is the smallest slope in the direction of
+    its branch, relative to the mean absolute slope.
     """
     if hasattr(operator, "knee"):
         return -levels_off(operator, motion, records)
     if not hasattr(operator, "coefficients"):
         return np.inf
     slope = operator.evaluate(operator.center + operator.scale * np.linspace(-1.0, 1.0, 200))[1]
-    ways = np.array([slope, -slope])  # first this way, then the other
+    ways = np.array([slope, -slope])  # rising, then falling; falling, then rising
     before = np.minimum.accumulate(ways, axis=1)
     after = np.minimum.accumulate(-ways[:, ::-1], axis=1)[:, ::-1]
     nowhere = np.full((2, 1), np.inf)
@@ -242,14 +242,14 @@ def bends(operator, motion, records):
 
 
 def motion_beyond_kinks(operator, motion, records):
-    """Return how much of the motion lies behind the outermost kinks, beyond what is noticeable.
+    """Return the fraction of the motion beyond the outermost kinks, minus what is noticeable.
 
-    Beyond the recorded motion a curve goes on with the slope that it has at the end. Over a small
-    part of the motion that follows how a loop closes, not how the device goes on.
+    A curve is extrapolated with its outermost slopes. If only a small part of the motion determines
+    such a slope, it describes the tip of a hysteresis loop, not the curve of the device.
     """
     kinks = operator.run(operator.thresholds, 1.0)[0]
     behind = np.minimum(motion.max() - kinks, kinks - motion.min())
-    seen = behind[behind > 0.0]  # other kinks have no part in what was recorded
+    seen = behind[behind > 0.0]  # kinks outside of the recorded motion have no effect
     return seen.min(initial=np.inf) / np.ptp(motion) - NOTICEABLE
 
 

@@ -229,7 +229,8 @@ def _by_black_box(records, residuals, predictions, rng, criterion):
 
 def _black_box_residuals(x, y, block, rng):
     """Return the held-out residual after ridge regression, and after ridge regression and trees."""
-    left, scale = np.stack([y, y]), x.std(axis=0)  # of all: what moves where it is held out only
+    # scaled by all samples: some features are constant in the training rows, and vary when held out
+    left, scale = np.stack([y, y]), x.std(axis=0)
     x = x / np.where(scale > 0.0, scale, 1.0)
     for fold in range(BOX_FOLDS):
         test = block % BOX_FOLDS == fold
@@ -355,7 +356,7 @@ def by_shifted_drive(records, residuals, predictions):
         if not len(known) or known[-1] - known[0] >= len(known):
             continue
         most, period = len(known) // 4, drive_period(record.u)
-        # half a period later a symmetric drive is there again, with the other sign
+        # half a period later, a symmetric drive repeats with the opposite sign
         most = min(most, period // 3) if period else most
         rows = np.arange(known[0] + most, known[-1] + 1 - most, every)
         found.append((r, rows, most, np.stack([column[rows] for column in columns], axis=1)))

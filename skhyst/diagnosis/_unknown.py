@@ -369,7 +369,8 @@ def find_unknown(base, data, criterion, n_tried, n_jobs, judgement):
         return terms if surface is None else [surface]
     rivals, last = [terms, [surface]], terms[-1].candidate
     if {own for term in terms for own in term.site.signals()} <= set(surface.site.signals()):
-        chosen = criterion.is_better(last, surface.candidate, 1)  # than what it contains
+        # a surface contains the sum of terms of its arguments, so it has to be significantly better
+        chosen = criterion.is_better(last, surface.candidate, 1)
     else:
         chosen = surface.candidate.error < last.error
     best, other = rivals[chosen], rivals[not chosen]
@@ -438,7 +439,7 @@ def _sites(scene, n_arguments=1):
     """Yield all places and arguments of a model."""
     yield from _motions(scene, n_arguments)
     own = [(name,) for name in ARGUMENTS]
-    if n_arguments == 2:  # what goes in, and what it makes
+    if n_arguments == 2:  # the signal itself with one of the features computed from it
         own = [(*own[0], *other) for other in own[1:]]
     tree, records, name = scene.tree, scene.records, _name(scene.tree)
     term = tree.label(NAME) if NAME in tree.effects else None
@@ -592,7 +593,8 @@ class _Motion:
         problem = closed(flexible).problem(records)
         gram = problem.total(problem.evaluate(problem.x0))
         own = np.array(site.weights(problem.names, tree))
-        gram[:, -1] -= gram[:, own] @ flexible.weights  # what the term has to do in all
+        # target of the whole term: the residual plus the present contribution of the term
+        gram[:, -1] -= gram[:, own] @ flexible.weights
         gram[-1] -= flexible.weights @ gram[own]
         term = smooth(flexible, gram, own, problem.segment_weight.sum(), independent)
         return site, closed(at_value(term, np.histogramdd(site.seen(term), n)[0]))

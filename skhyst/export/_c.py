@@ -298,8 +298,9 @@ def to_c(
     ``name_REFUSED`` if the input was not finite. The header describes input and output, with their
     units if they are given, and the preview of a compensator. C++ can include it.
 
-    ``name_init_at`` puts the device to rest at another input, where the rest of every part is known
-    as a function of it: of memories that one step reaches from rest at zero, and of linear parts.
+    ``name_init_at`` puts the device to rest at another input. The program has it if the state of
+    rest of every part is known as a function of the input: for hysteresis that one step from rest
+    at zero brings there, and for linear parts.
 
     Input that is not finite is refused: the state is unchanged, and the output is that of the last
     accepted sample, or the response to ``u0`` if there was none. Integers are always finite.
@@ -369,6 +370,12 @@ def to_c(
         line; see :class:`~skhyst.operators.CompiledStep`. If it cannot be written in integers, or
         single precision is not sufficient: if its error in the test exceeds the tolerance. If a
         tunable parameter is none, or changes the structure of the program.
+
+    See Also
+    --------
+    to_fmu : A functional mock-up unit around the program.
+    to_structured_text : A function block for a PLC.
+    EmulatedController : Run the program on an emulated controller.
 
     Notes
     -----

@@ -47,6 +47,10 @@ def to_control(model, dt=None, *, u0=0.0, initial_state=None):
     NotImplementedError
         If the output of the model depends on later input.
 
+    See Also
+    --------
+    to_c : A program for a controller.
+
     Notes
     -----
     A linear system does not contain additive disturbances and intercepts. Its response to a sampled

@@ -287,6 +287,11 @@ class EmulatedController:
         If the program cannot be compiled for the target, as one in ``float64`` for AVR, or does not
         fit into its memory; from :meth:`step` if it has stopped.
 
+    See Also
+    --------
+    to_c : Write such a program.
+    program_sizes : Memory and time of a program.
+
     Examples
     --------
     >>> import tempfile
@@ -353,6 +358,13 @@ class EmulatedController:
         -------
         float
             Output, in its units.
+
+        Raises
+        ------
+        ValueError
+            If there are more or fewer inputs than the program has.
+        RuntimeError
+            If the program has stopped.
         """
         u = np.asarray(u, dtype=self._number).ravel()
         if u.shape != self._shape:
@@ -426,6 +438,11 @@ def program_sizes(folder, name) -> pd.DataFrame:
     ------
     FileNotFoundError
         If there is no such program.
+
+    See Also
+    --------
+    to_c : Write such a program.
+    EmulatedController : Run it sample by sample.
 
     Examples
     --------

@@ -98,15 +98,19 @@ def to_fmu(
     NotImplementedError, TypeError, ValueError
         As :func:`to_c`.
 
+    See Also
+    --------
+    to_c : The program alone.
+
     Notes
     -----
     Variables are ``time``, ``input`` (``input_1``, ``input_2``, ... if there are several) and
     ``output``. A communication step is one sampling interval: the input set before it is one
     sample, the output after it is the response to that sample, so in simulation time it appears one
-    interval later. Before the first step the device has rested at the start value of its input,
-    where its rest is known as of ``name_init_at`` of :func:`to_c`, else at ``u0``. In a step of
-    several intervals the input is held; steps of other sizes, and
-    input that is not finite, are refused with an error.
+    interval later. Before the first step the device has rested at the start value of its input, if
+    the program has ``name_init_at`` (see :func:`to_c`), else at ``u0``. In a step of several
+    intervals the input is held; steps of other sizes, and input that is not finite, are refused
+    with an error.
 
     Examples
     --------

@@ -15,7 +15,7 @@ from ._interpreter import Interpreter
 
 # operations that are allowed on an infinite number
 _OF_INFINITY = {*COMPARISONS, "min", "max", "abs", "neg", "math.fabs", "math.copysign"}
-_LONGEST_TRIAL = 1000  # iterations of a loop, which may not end in a branch that is only tried
+_LONGEST_TRIAL = 1000  # iterations of a loop: in a trial of a branch it may not terminate
 _FAILED = (ArithmeticError, ValueError, IndexError, KeyError)
 _LONGEST_RUN = 1_000_000  # operations after the drive, a few seconds
 _LONGEST_SEARCH = 100_000  # operations that lead to further branches, half a second
@@ -75,7 +75,7 @@ class Ranges(Interpreter):
         return self._left <= 0
 
     def search(self, most):
-        """From now on run no more than so many operations, and try no branch a second time."""
+        """Limit the number of further operations, and try no branch a second time."""
         self._left, self._is_search = min(self._left, most), True
 
     @property
@@ -131,19 +131,19 @@ class Ranges(Interpreter):
         return fits
 
     def memory(self):
-        """Return what :meth:`recall` returns to."""
+        """Return a copy of the state, for :meth:`restore`."""
         seen, tried = dict(self._seen), dict(self._tried)
         sets = (set(places) for places in (self._infinite, self._led, self._passed))
         return self._state.copy(), seen, tried, *sets
 
     def restore(self, memory):
-        """Return to where :meth:`memory` was called, except for the operations that are left."""
+        """Restore the state of a :meth:`memory`, except for the number of operations left."""
         self._state[:], self._seen, self._tried, *sets = memory
         self._infinite, self._led, self._passed = sets
         self._sizes = self._seen
 
     def keep(self, places):
-        """Forget all branches but these, which the program has."""
+        """Discard all branches but those of the program."""
         self._led &= places
         self._passed &= places
 
@@ -229,11 +229,11 @@ class _Rounded(Interpreter):
         self.taken_branches.add(place)
 
     def memory(self):
-        """Return what :meth:`recall` returns to."""
+        """Return a copy of the state, for :meth:`restore`."""
         return self._state.copy(), set(self.taken_branches)
 
     def restore(self, memory):
-        """Return to where :meth:`memory` was called."""
+        """Restore the state of a :meth:`memory`."""
         self._state[:], self.taken_branches = memory
 
     def agrees(self, drive, outputs, allowed):

@@ -202,6 +202,10 @@ def to_structured_text(
     ValueError
         As :func:`to_c`; or if the law calls a function that Structured Text does not have.
 
+    See Also
+    --------
+    to_c : A program in C.
+
     Notes
     -----
     The text uses the common subset of TwinCAT 3 and CODESYS V3. For laws in plain arithmetic its

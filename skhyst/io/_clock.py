@@ -22,20 +22,20 @@ _SINCE_1970 = (1e9, 1e10)  # s, from 2001 to 2286: a count of ms, us or ns is no
 
 
 def evenly(path, columns, rows, sampling_rate):
-    """Return even times in s from a given rate or the interval in the file, else row numbers.
+    """Return even times in s by a given rate or the interval in the file; else row numbers.
 
     ``rows`` are the numbers of the rows within their records.
     """
     if sampling_rate is not None:
         return rows / float(sampling_rate)
-    said = {column.name: column.interval for column in columns if column.interval is not None}
-    if len(set(said.values())) > 1:
-        shown = ", ".join(f"{name!r} {value:g} s" for name, value in said.items())
+    intervals = {column.name: column.interval for column in columns if column.interval is not None}
+    if len(set(intervals.values())) > 1:
+        listed = ", ".join(f"{name!r} {value:g} s" for name, value in intervals.items())
         raise RecordError(
-            f"The columns of {path.name} differ in their sampling intervals: {shown}. Bring them "
+            f"The columns of {path.name} differ in their sampling intervals: {listed}. Bring them "
             "to one, or pass 'sampling_rate' if the file is wrong."
         )
-    return rows * next(iter(said.values())) if said else rows
+    return rows * next(iter(intervals.values())) if intervals else rows
 
 
 def _seconds(path, name, values, unit):
@@ -45,12 +45,14 @@ def _seconds(path, name, values, unit):
             unit = time_unit_of(name)
         except ValueError as error:
             raise RecordError(
-                f"The time {name!r} of {path.name} is in {str(error)!r}, which is no unit of time "
-                f"that is known: pass 'time_unit', one of {', '.join(SECONDS)}, or 'sampling_rate' "
+                f"The time {name!r} of {path.name} is in {str(error)!r}, which is not a known "
+                f"unit of time: pass 'time_unit', one of {', '.join(SECONDS)}, or 'sampling_rate' "
                 "instead of 'time'."
             ) from None
     if not unit:
-        unit = next((own for own in ("ms", "us", "ns") if _is_since_1970(values, own)), "")
+        unit = next(
+            (candidate for candidate in ("ms", "us", "ns") if _is_since_1970(values, candidate)), ""
+        )
     steps = np.abs(np.diff(values))
     step = np.median(steps[np.isfinite(steps)]) if np.isfinite(steps).any() else 0.0
     if not unit and step >= 1.0:
@@ -65,7 +67,7 @@ def _seconds(path, name, values, unit):
 
 
 def _is_since_1970(values, unit):
-    """Whether all times are of this century or the next two if they count ``unit`` since 1970."""
+    """Whether all times lie between 2001 and 2286, if they count ``unit`` since 1970."""
     finite = values[np.isfinite(values)] * SECONDS[unit]
     return bool(finite.size and np.all((_SINCE_1970[0] <= finite) & (finite < _SINCE_1970[1])))
 
@@ -105,18 +107,18 @@ def _with_point(cell):
 
 
 def _national_dates(column):
-    """Return dates with the day or the month first, None if this changes the order of others."""
-    text, read = column.astype("string").str.replace(",", ".").astype(object), []
-    for how in _NATIONAL:
-        with warnings.catch_warnings(record=True) as doubts:  # of a guess, row by row
+    """Return dates in a national format, None if several formats give different intervals."""
+    text, parses = column.astype("string").str.replace(",", ".").astype(object), []
+    for options in _NATIONAL:
+        with warnings.catch_warnings(record=True) as ambiguities:  # pandas guesses row by row
             warnings.simplefilter("always")
             try:
-                dates = pd.to_datetime(text, **how)
+                dates = pd.to_datetime(text, **options)
             except (ValueError, TypeError):
                 continue
-        read += [] if doubts else [dates]
-    same = read and all(read[0].diff().equals(other.diff()) for other in read[1:])
-    return read[0] if same else None
+        parses += [] if ambiguities else [dates]
+    is_unique = parses and all(parses[0].diff().equals(other.diff()) for other in parses[1:])
+    return parses[0] if is_unique else None
 
 
 def record_labels(values):

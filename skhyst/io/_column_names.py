@@ -58,9 +58,9 @@ def time_unit_of(name):
     ValueError
         If the unit in brackets is not a unit of time.
     """
-    said = unit_of(name)
-    if said and said.lower() not in _BRACKETED_TIMES:
-        raise ValueError(said)
-    if said:
-        return _BRACKETED_TIMES[said.lower()]
+    unit = unit_of(name)
+    if unit and unit.lower() not in _BRACKETED_TIMES:
+        raise ValueError(unit)
+    if unit:
+        return _BRACKETED_TIMES[unit.lower()]
     return _TIMES.get(re.split(r"[\W_]", str(name))[-1].lower(), "")

@@ -11,10 +11,10 @@ from ._formats import opened
 from ._recognise import ROLES, roles_and_questions
 
 _MOST = 100  # largest number of columns that are inspected
-_STANDS = 0.01  # fraction of rows at the largest or smallest value above which it may be clipped
-_OFTEN = 5  # and this many times as many rows as at the next value
+_STANDS = 0.01  # fraction of rows at an extreme value, above which the signal may be clipped
+_OFTEN = 5  # smallest ratio of the number of rows there to that at the next value
 _PARTS = 80  # largest number of parts of an outline
-_FINE = 50  # number of different values, below which a signal is a series of steps
+_FINE = 50  # number of different values, below which a signal is a staircase
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,12 @@ class ColumnOverview:
     low, high : float
         Range of the readings, NaN if there are none.
     outline : ndarray of shape (n_parts, 2)
-        Smallest and largest reading of each of up to 80 consecutive parts: a small picture.
+        Smallest and largest reading of each of up to 80 consecutive parts, for a thumbnail.
+
+    See Also
+    --------
+    recognise_columns : The roles of columns alone.
+    skhyst.records.inspect_recording : The overview of a file that contains these.
     """
 
     name: str
@@ -59,14 +64,14 @@ def inspect_columns(path, **reading):
     source, variables = opened(path, **layout)
     faults = []
     roles = _roles(source, variables, reading, faults)
-    own = next(iter(record_groups(variables, [column for column, _ in roles.values()]).values()))
+    group = next(iter(record_groups(variables, [column for column, _ in roles.values()]).values()))
     recognised = {
-        load_column(source, own, column).name: (role, reason)
+        load_column(source, group, column).name: (role, reason)
         for role, (column, reason) in roles.items()
     }
     columns, signals = [], {}
-    for place in long_columns(own)[:_MOST]:
-        values = load_column(source, own, place.position).values
+    for place in long_columns(group)[:_MOST]:
+        values = load_column(source, group, place.position).values
         known = recognised.get(place.name) or recognised.get(place.full_name)
         role, reason = known or ("", "not used")
         columns.append(_overview(source, place.name, role, reason, values))
@@ -81,11 +86,11 @@ def _roles(source, variables, reading, faults):
     given = {name: reading.get(name) for name in ROLES}
     timed, others = reading.get("sampling_rate") is not None, reading.get("auxiliary", ())
     known = {role: (column, "as given") for role, column in given.items() if column is not None}
-    found, questions = roles_and_questions(
+    recognised, questions = roles_and_questions(
         source, variables, given, as_columns(others), timed=timed
     )
     faults += questions
-    return known | {role: (one.column, one.reason) for role, one in found.items()}
+    return known | {role: (column.column, column.reason) for role, column in recognised.items()}
 
 
 def _overview(source, name, role, reason, values):
@@ -111,7 +116,7 @@ def _faults_of_columns(source, signals):
     for name, values in readings.items():
         role, known = signals[name][0], values[np.isfinite(values)]
         if 0 < known.size < values.size and role not in ("drive", "response"):
-            yield f"{name!r} misses {values.size - known.size} of {values.size} readings."
+            yield f"{name!r} lacks {values.size - known.size} of {values.size} readings."
         if known.size and not np.ptp(known):
             yield f"{name!r} does not move: it is {known[0]:g} throughout."
         elif role == "response":

@@ -62,12 +62,12 @@ def record_groups(variables, wanted):
     groups = {}
     for variable in variables:
         groups.setdefault(variable.group, []).append(variable)
-    holding = {group: own for group, own in groups.items() if _has_all(own, wanted)}
-    if len(holding) < 2:
-        return holding or {"": variables}
+    complete = {group: members for group, members in groups.items() if _has_all(members, wanted)}
+    if len(complete) < 2:
+        return complete or {"": variables}
     return {
-        group: [replace(variable, name=variable.bare, group="") for variable in own]
-        for group, own in holding.items()
+        group: [replace(variable, name=variable.bare, group="") for variable in members]
+        for group, members in complete.items()
     }
 
 
@@ -85,19 +85,21 @@ def as_columns(columns):
 def _named(path, variables, name):
     parts = [re.split(r"[/.]", v.name) for v in variables]
     bare = [re.split(r"[/.]", without_unit(v.name)) for v in variables]
-    found = [i for i, v in enumerate(variables) if v.name == name]
-    if not found and name:
-        found = [i for i, v in enumerate(variables) if v.label == name]
-        found = found or [i for i, own in enumerate(parts) if own[-1] == name]
-        found = found or [i for i, own in enumerate(parts) if own == re.split(r"[/.]", name)]
-        found = found or [i for i, own in enumerate(bare) if own[-1] == name]
-    if len(found) > 1:
+    matches = [i for i, v in enumerate(variables) if v.name == name]
+    if not matches and name:
+        matches = [i for i, v in enumerate(variables) if v.label == name]
+        matches = matches or [i for i, path_parts in enumerate(parts) if path_parts[-1] == name]
+        matches = matches or [
+            i for i, path_parts in enumerate(parts) if path_parts == re.split(r"[/.]", name)
+        ]
+        matches = matches or [i for i, path_parts in enumerate(bare) if path_parts[-1] == name]
+    if len(matches) > 1:
         raise RecordError(
-            f"{path.name} has {len(found)} columns that {name!r} may mean, at the positions "
-            f"{', '.join(map(str, found))}: give the full name or the position. "
+            f"{path.name} has {len(matches)} columns that {name!r} may mean, at the positions "
+            f"{', '.join(map(str, matches))}: give the full name or the position. "
             f"{listed_variables(variables)}"
         )
-    return variables[found[0]] if found else None
+    return variables[matches[0]] if matches else None
 
 
 def listed_variables(variables):
@@ -151,14 +153,14 @@ def _at_position(path, variables, position):
             f"counted from 0. {listed_variables(variables)}"
         )
     ends = list(accumulate(widths))
-    which = bisect_right(ends, position)
-    variable, column = usable[which], position - ends[which] + widths[which]
+    index = bisect_right(ends, position)
+    variable, column = usable[index], position - ends[index] + widths[index]
     if _is_vector(variable.shape):
         name = variable.label or str(position)
         return Column(name, _load(path, variable).reshape(-1), variable.interval)
     values = _load(path, variable)
-    own = values[column] if _has_rows(variable.shape) else values[:, column]
-    return Column(_part(variable, column), own, variable.interval)
+    signal = values[column] if _has_rows(variable.shape) else values[:, column]
+    return Column(_part(variable, column), signal, variable.interval)
 
 
 @dataclass(frozen=True)
@@ -181,21 +183,21 @@ def long_columns(variables):
     longest = max((_length(v.shape) for v in usable), default=0)
     sizes = Counter(v.group for v in usable)
     repeats = Counter(v.bare for v in usable if sizes[v.group] > 1)
-    found, position = {}, 0
+    places, position = {}, 0
     for variable in (v for v in usable if _length(v.shape) == longest):
         if _is_vector(variable.shape):
-            own = variable.bare if variable.group else position
-            address = own if repeats[variable.bare] > 1 else variable.name or position
-            shown = variable.bare_label if sizes[variable.group] > 1 else variable.label
-            names = (name or str(position) for name in (shown, variable.label))
-            found.setdefault(address, Place(position, address, *names))
+            key = variable.bare if variable.group else position
+            address = key if repeats[variable.bare] > 1 else variable.name or position
+            label = variable.bare_label if sizes[variable.group] > 1 else variable.label
+            names = (name or str(position) for name in (label, variable.label))
+            places.setdefault(address, Place(position, address, *names))
             position += 1
             continue
         width = variable.shape[not _has_rows(variable.shape)]
         for k in range(position, position + width if width <= _SHOWN else 0):
-            found[k] = Place(k, k, *[_part(variable, k - position)] * 2)
+            places[k] = Place(k, k, *[_part(variable, k - position)] * 2)
         position += width
-    return list(found.values())
+    return list(places.values())
 
 
 def _load(path, variable):
@@ -245,14 +247,14 @@ def numbers(path, name, values):
         return values.astype(float)
     if values.dtype.kind in "OUSTV":
         column = pd.Series(values, dtype=object)
-        found = coerced(path, name, column)
+        converted = coerced(path, name, column)
         text = column.notna() & ~is_blank(column)
-        wrong = np.flatnonzero(found.isna() & text)
-        if not len(wrong) and found.dtype.kind in "biuf":
-            return found.to_numpy(dtype=float)
+        wrong = np.flatnonzero(converted.isna() & text)
+        if not len(wrong) and converted.dtype.kind in "biuf":
+            return converted.to_numpy(dtype=float)
         row = int(wrong[0]) if len(wrong) else 0
         cell = str(column.iloc[row])
-        if cell.strip().lstrip("+-").isdigit():  # which pandas 2 takes for none
+        if cell.strip().lstrip("+-").isdigit():  # an integer too large, which pandas 2 coerces
             raise _beyond(path, name)
         raise RecordError(
             f"Column {name!r} of {path.name} must hold numbers. Got {cell[:40]!r} in row {row} "

@@ -58,8 +58,8 @@ class Variable:
     @property
     def label(self):
         """The name with its unit."""
-        said = self.unit and not unit_of(self.name)
-        return f"{self.name} [{self.unit}]" if said else self.name
+        is_separate = self.unit and not unit_of(self.name)
+        return f"{self.name} [{self.unit}]" if is_separate else self.name
 
     @property
     def bare(self):
@@ -73,7 +73,7 @@ class Variable:
 
 
 def _file_variables(path, layout):
-    """List the variables of a file by its suffix; ``layout`` holds options of a text."""
+    """List the variables of a file by its suffix; ``layout`` are options of delimited text."""
     if path.suffix.lower() not in _READERS:
         remedy = _ELSEWHERE.get(path.suffix.lower(), "")
         raise RecordError(
@@ -91,26 +91,26 @@ def _file_variables(path, layout):
 
 
 def _with_scalars(variables):
-    """Return variables with the information of single values next to them: a rate, a unit, a name.
+    """Return variables with the metadata in scalars next to them: a rate, a unit, a name.
 
-    They are those of the variable's own group or struct, else of one that contains it. A unit and a
-    name belong to the only array of a struct, and ``units.u`` to the array ``u``.
+    A rate applies to its group or struct and to those within it. A unit and a name belong to the
+    only array of a struct, and ``units.u`` to the array ``u``.
     """
-    said, long, kept = {}, {}, []
+    facts, arrays, kept = {}, {}, []
     for v in variables:
         kind = v.bare.lower()
         if v.refused or not _is_single(v):
-            long.setdefault(v.group, []).append(v.name)
+            arrays.setdefault(v.group, []).append(v.name)
             kept.append(v)
         elif v.group.lower().endswith(_UNIT_FIELDS):
-            said[re.split(r"[./]?\w+$", v.group)[0], "unit of", v.bare] = v.load()
+            facts[re.split(r"[./]?\w+$", v.group)[0], "unit of", v.bare] = v.load()
         elif kind in (*_UNIT_FIELDS, *_NAME_FIELDS):
-            said[v.group, kind] = v.load()
+            facts[v.group, kind] = v.load()
         else:
-            said |= {(v.group, kind): v.load()} if kind in (*_RATES, *_INTERVALS) else {}
+            facts |= {(v.group, kind): v.load()} if kind in (*_RATES, *_INTERVALS) else {}
             kept.append(v)
     return [
-        v if _is_single(v) else _with_file_facts(v, said, len(long.get(v.group, ())) == 1)
+        v if _is_single(v) else _with_file_facts(v, facts, len(arrays.get(v.group, ())) == 1)
         for v in kept
     ] or variables
 
@@ -119,25 +119,25 @@ def _is_single(variable):
     return math.prod(variable.shape) == 1
 
 
-def _with_file_facts(variable, said, alone):
+def _with_file_facts(variable, facts, is_only):
     """Return a variable with the interval, unit and name that the file gives for it."""
     group, changes = variable.group, {}
     while variable.interval is None and "interval" not in changes:
         for kind in (*_RATES, *_INTERVALS):
-            value = np.ravel(said.get((group, kind), np.nan))
+            value = np.ravel(facts.get((group, kind), np.nan))
             if value.dtype.kind in "iuf" and value[0] > 0.0:
                 interval = float(value[0] if kind in _INTERVALS else 1.0 / value[0])
                 changes.setdefault("interval", interval)
         if not group:
             break
         group = re.split(r"[./]?[^./]+$", group)[0]
-    own = [(variable.group, "unit of", variable.bare)]
-    own += [(variable.group, kind) for kind in _UNIT_FIELDS] if alone else []
-    unit = next((text for key in own if (text := _word(said.get(key)))), "")
+    keys = [(variable.group, "unit of", variable.bare)]
+    keys += [(variable.group, kind) for kind in _UNIT_FIELDS] if is_only else []
+    unit = next((text for key in keys if (text := _word(facts.get(key)))), "")
     if unit and not variable.unit:
         changes["unit"] = unit
-    names = [_word(said.get((variable.group, kind))) for kind in _NAME_FIELDS]
-    if alone and variable.group and any(names):
+    names = [_word(facts.get((variable.group, kind))) for kind in _NAME_FIELDS]
+    if is_only and variable.group and any(names):
         changes |= {"name": next(filter(None, names)), "group": ""}
     return replace(variable, **changes) if changes else variable
 
@@ -180,22 +180,22 @@ def _frame_variables(frame):
     if hasattr(frame, "column_names"):  # an Arrow table
         frame = frame.to_pandas()
     attributes = getattr(frame, "attrs", {})
-    said, interval = attributes.get("units", {}), attributes.get("interval")
+    units, interval = attributes.get("units", {}), attributes.get("interval")
     if hasattr(frame, "iloc") and not isinstance(frame.index, pd.RangeIndex):
         frame = frame.reset_index()
     columns = [
         frame.iloc[:, i] if hasattr(frame, "iloc") else frame[:, i] for i in range(frame.shape[1])
     ]
-    units = [getattr(c.dtype, "units", None) for c in columns]
+    pint_units = [getattr(c.dtype, "units", None) for c in columns]
     return [
         Variable(
             str(c.name),
             (len(c),),
             c.to_numpy if unit is None else partial(c.to_numpy, dtype=float),
-            unit=str(said.get(c.name, "")) if unit is None else f"{unit:~}",
+            unit=str(units.get(c.name, "")) if unit is None else f"{unit:~}",
             interval=interval,
         )
-        for c, unit in zip(columns, units, strict=True)
+        for c, unit in zip(columns, pint_units, strict=True)
     ]
 
 
@@ -281,12 +281,12 @@ def _read_workbook(path):
 
 def _table_variables(sheets):
     """Return the variables of tables by sheet; each of several tables is a group."""
-    found = []
+    variables = []
     for sheet, tables in sheets.items():
         for number, (names, units, columns, interval) in enumerate(tables, 1):
             parts = [sheet] * (len(sheets) > 1) + [str(number)] * (len(tables) > 1)
             group = "/".join(parts)
-            found += [
+            variables += [
                 Variable(
                     _join(group, name, "/"),
                     values.shape,
@@ -297,7 +297,7 @@ def _table_variables(sheets):
                 )
                 for name, unit, values in zip(names, units, columns, strict=True)
             ]
-    return found
+    return variables
 
 
 def _read_npy(path):
@@ -372,15 +372,17 @@ def _read_hdf5(path, matlab=False):
 
 def _hdf5_unit_and_interval(item):
     """Return the unit of a dataset, and the interval from its attributes or those of its groups."""
-    own = {key.lower(): value for key, value in item.attrs.items()}
-    unit = next((own[key] for key in ("unit", "units", "unit_string") if key in own), "")
+    attributes = {key.lower(): value for key, value in item.attrs.items()}
+    unit = next(
+        (attributes[key] for key in ("unit", "units", "unit_string") if key in attributes), ""
+    )
     unit = unit.decode("utf-8", "replace") if isinstance(unit, bytes) else unit
-    said, group = own, item
+    facts, group = attributes, item
     while group.name != "/":
         group = group.parent
-        said = {key.lower(): value for key, value in group.attrs.items()} | said
+        facts = {key.lower(): value for key, value in group.attrs.items()} | facts
     interval = None
-    for key, value in said.items():
+    for key, value in facts.items():
         if key in _RATES or key in _INTERVALS:
             value = np.ravel(value)
             if value.size == 1 and value.dtype.kind in "iuf" and value[0] > 0:
@@ -465,7 +467,7 @@ def _read_parquet(path):
 def _parquet_rows(file):
     """Return the declared contents of the row groups, and of each plain column's chunks."""
     groups = [file.metadata.row_group(i) for i in range(file.num_row_groups)]
-    plain = [j for j, own in enumerate(file.schema) if own.max_repetition_level == 0]
+    plain = [j for j, entry in enumerate(file.schema) if entry.max_repetition_level == 0]
     return [
         sum(group.num_rows for group in groups),
         *(sum(group.column(j).num_values for group in groups) for j in plain),
@@ -518,7 +520,10 @@ def _read_feather(path):
         rows = sum(file.get_batch(i).num_rows for i in range(file.num_record_batches))
     check_size("its table", rows * _arrow_width(fields), content.size)
     load = partial(_feather_values, ipc, content)
-    return [Variable(own.name, (rows,), partial(load, i, own.name)) for i, own in enumerate(fields)]
+    return [
+        Variable(field.name, (rows,), partial(load, i, field.name))
+        for i, field in enumerate(fields)
+    ]
 
 
 def _feather_columns(ipc, content, columns):
@@ -542,8 +547,8 @@ def _read_tdms(path):
         ]
     load = partial(_tdms_values, nptdms, path)
     return [
-        Variable(f"{g}/{c}", (length,), partial(load, g, c), "", *said, g)
-        for g, c, length, said in channels
+        Variable(f"{g}/{c}", (length,), partial(load, g, c), "", *facts, g)
+        for g, c, length, facts in channels
     ]
 
 

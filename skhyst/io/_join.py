@@ -1,4 +1,4 @@
-"""Columns of one recording that several files hold, side by side."""
+"""Join the columns of one recording that is stored in several files."""
 
 from pathlib import Path
 
@@ -23,14 +23,18 @@ def join_files(paths, *, delimiter=None, decimal=None) -> pd.DataFrame:
     Returns
     -------
     DataFrame of shape (n_samples, n_columns)
-        Names have their units in brackets. What files have in common, such as the time, is there
-        once; other names that repeat have the name of their file in front. ``attrs["interval"]`` is
-        the sampling interval in s, if a file gives it.
+        Names have their units in brackets. A column that is equal in all files, such as the time,
+        occurs once; other names that repeat are prefixed by the name of their file.
+        ``attrs["interval"]`` is the sampling interval in s, if a file gives it.
 
     Raises
     ------
     RecordError
         If a file cannot be read, or the files differ in their number of rows or their interval.
+
+    See Also
+    --------
+    skhyst.records.read_records : Read the columns, such as those of the joined frame, as records.
 
     Examples
     --------
@@ -48,20 +52,20 @@ def join_files(paths, *, delimiter=None, decimal=None) -> pd.DataFrame:
     for path in map(Path, paths):
         source, variables = opened(path, delimiter=delimiter, decimal=decimal)
         for place in long_columns(variables):
-            one = load_column(source, variables, place.position)
-            if one.interval is not None:
-                intervals[source.name] = one.interval
-            columns[source.name, place.full_name] = one.values
+            column = load_column(source, variables, place.position)
+            if column.interval is not None:
+                intervals[source.name] = column.interval
+            columns[source.name, place.full_name] = column.values
     sizes = {file: len(values) for (file, _), values in columns.items()}
-    for found, kind in ((sizes, "rows"), (intervals, "s from sample to sample")):
-        if len(set(found.values())) > 1:
-            shown = ", ".join(f"{file} {value:g}" for file, value in found.items())
-            raise RecordError(f"Files of one recording must agree. Got {shown} {kind} instead.")
+    for values_by_file, kind in ((sizes, "rows"), (intervals, "s from sample to sample")):
+        if len(set(values_by_file.values())) > 1:
+            listed = ", ".join(f"{file} {value:g}" for file, value in values_by_file.items())
+            raise RecordError(f"Files of one recording must agree. Got {listed} {kind} instead.")
     joined = {}
     for (file, name), values in columns.items():
-        same = [v for (_, own), v in columns.items() if own == name]
-        alike = all(np.array_equal(same[0], v) for v in same)
-        joined[name if alike else f"{Path(file).stem} {name}"] = values
+        same = [v for (_, column), v in columns.items() if column == name]
+        is_shared = all(np.array_equal(same[0], v) for v in same)
+        joined[name if is_shared else f"{Path(file).stem} {name}"] = values
     frame = pd.DataFrame(joined)
     if intervals:
         frame.attrs["interval"] = next(iter(intervals.values()))

@@ -104,8 +104,8 @@ class Layout:
             row = _uncommented(row, width)
             row = row[:known]
             while len(row) > width and row[-1].lower() in ("", "comment"):
-                row = row[:-1]  # of a column that no row has
-            if len(row) > width:  # values of the head are beside the units, their keys above
+                row = row[:-1]  # a name without a column
+            if len(row) > width:  # values of the preamble follow the units, below their keys
                 row = [*dropwhile(_is_number, reversed(row))][::-1]
                 known = len(row)
             if not width - 1 <= len(row) <= width or not any(map(_is_text, row)):
@@ -146,16 +146,18 @@ class Layout:
             blank = self.form[0] == "b"
             rows = [row for row in rows if len(row) == width + (not blank)]
             keyed = {row[0].lower(): [""] * blank + row[1:] for row in rows}
-        names = next((own for key, own in keyed.items() if _NAMES_OF.fullmatch(key)), None)
+        names = next((values for key, values in keyed.items() if _NAMES_OF.fullmatch(key)), None)
         if not names:
             return None
-        units = next((own for key, own in keyed.items() if _UNITS_OF.fullmatch(key)), [""] * width)
+        units = next(
+            (values for key, values in keyed.items() if _UNITS_OF.fullmatch(key)), [""] * width
+        )
         units = [_bare_unit(unit) for unit in units]
         if pairs:
             odd = range(0, width, 2)
             return [
-                [filler if i in odd else field for i, field in enumerate(own)]
-                for own, filler in ((names, "sample"), (units, ""))
+                [filler if i in odd else field for i, field in enumerate(values)]
+                for values, filler in ((names, "sample"), (units, ""))
             ]
         paths = keyed.get("path", [""] * width)
         names = [
@@ -179,14 +181,14 @@ class Layout:
         """Return the units in lines above the names, such as "Vertical Units,V,V"."""
         units = [""] * width
         for row in self.rows[: self.first]:
-            said = [field for field in row[1:] if field]
-            own = row[1:width] if len(row) >= width else said
-            if _UNIT_OF_TIME.fullmatch(row[0]) and said and _are_units(said[:1]):
-                units[0] = _bare_unit(said[0])
-            elif _UNITS_OF.fullmatch(row[0]) and len(said) == width and _are_units(said):
-                units = list(map(_bare_unit, said))
-            elif _UNITS_OF.fullmatch(row[0]) and len(own) == width - 1 and _are_units(own):
-                units[1:] = map(_bare_unit, own)
+            values = [field for field in row[1:] if field]
+            cells = row[1:width] if len(row) >= width else values
+            if _UNIT_OF_TIME.fullmatch(row[0]) and values and _are_units(values[:1]):
+                units[0] = _bare_unit(values[0])
+            elif _UNITS_OF.fullmatch(row[0]) and len(values) == width and _are_units(values):
+                units = list(map(_bare_unit, values))
+            elif _UNITS_OF.fullmatch(row[0]) and len(cells) == width - 1 and _are_units(cells):
+                units[1:] = map(_bare_unit, cells)
         return units
 
     @property
@@ -194,13 +196,15 @@ class Layout:
         """Sampling interval in s from the lines above the table, None if they do not contain it."""
         for row, below in pairwise([*self.rows[: self.first], []]):
             for i, field in enumerate([*row, _assignment(row)]):
-                own = _ASSIGNED.fullmatch(field)
-                name, value, said = own.groups() if own else (field.rstrip(" :="), "", None)
+                assignment = _ASSIGNED.fullmatch(field)
+                name, value, unit_in_field = (
+                    assignment.groups() if assignment else (field.rstrip(" :="), "", None)
+                )
                 for adjacent in (value, *row[i + 1 : i + 2], *below[i : i + 1]):
                     adjacent = adjacent.replace(",", ".") if self.commas else adjacent
                     if not re.fullmatch(_NUMBER, adjacent) or not float(adjacent) > 0.0:
                         continue
-                    unit = said or unit_of(name) or next(iter(row[i + 2 : i + 3]), "")
+                    unit = unit_in_field or unit_of(name) or next(iter(row[i + 2 : i + 3]), "")
                     if _INTERVAL.fullmatch(without_unit(name)):
                         return float(adjacent) * SECONDS.get(re.sub("[µμ]", "u", unit), 1.0)
                     if _RATE.fullmatch(without_unit(name)):
@@ -215,10 +219,10 @@ class Layout:
             if fits(self.form, self.form_of(row)) and _names_value(row) <= _names_value(rows[0])
         ]
         if not fitting:
-            raise RecordError("its last lines are no rows of the table that it begins with")
+            raise RecordError("its last lines are not rows of the table that it begins with")
         for row in rows[fitting[-1] + 1 :]:
             if not self._is_footer(row):
-                raise RecordError(f"{' '.join(row)[:40]!r} below the table is no row of it")
+                raise RecordError(f"{' '.join(row)[:40]!r} below the table is not a row of it")
         return fitting[-1] + 1
 
     def _is_footer(self, row):
@@ -235,24 +239,24 @@ class Layout:
 
 def find_layout(lines, delimiter, decimal):
     """Return the layout of a text, from its first lines or all of them."""
-    found = []
-    for one in _DELIMITERS if delimiter is None else (delimiter,):
-        layout = _under(lines, one, decimal)
+    layouts = []
+    for candidate in _DELIMITERS if delimiter is None else (delimiter,):
+        layout = _under(lines, candidate, decimal)
         # a comma cannot be both, unless numbers with decimal commas are in quotes
-        split = one == decimal == "," and layout and not layout.commas
+        split = candidate == decimal == "," and layout and not layout.commas
         if layout and (delimiter or not split):
-            found.append(layout)
-    if not found:
+            layouts.append(layout)
+    if not layouts:
         raise RecordError("it has no row of numbers")
-    most = max(layout.n_rows for layout in found)
-    found = [layout for layout in found if layout.n_rows == most]
-    found = [layout for layout in found if layout.delimiter in (";", "\t")] or found
-    found = [layout for layout in found if not layout.splits_numbers] or found
-    if len(found) > 1:
-        found = [layout for layout in found if _is_named(layout)]
-    if len(found) != 1:
+    most = max(layout.n_rows for layout in layouts)
+    layouts = [layout for layout in layouts if layout.n_rows == most]
+    layouts = [layout for layout in layouts if layout.delimiter in (";", "\t")] or layouts
+    layouts = [layout for layout in layouts if not layout.splits_numbers] or layouts
+    if len(layouts) > 1:
+        layouts = [layout for layout in layouts if _is_named(layout)]
+    if len(layouts) != 1:
         raise RecordError(f"its commas or blanks can be read in several ways: {_SETTLE}")
-    (layout,) = found
+    (layout,) = layouts
     _refuse_odd_rows(layout)
     if not decimal and delimiter != ",":
         _refuse_commas(layout)
@@ -272,7 +276,7 @@ def fields(line, delimiter):
     try:
         row = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
     except csv.Error as error:
-        raise RecordError(f"a line is no row of a table ({error})") from error
+        raise RecordError(f"a line is not a row of a table ({error})") from error
     return [field.strip() for field in row]
 
 
@@ -310,7 +314,7 @@ def _under(lines, delimiter, decimal):
     same = [i for i in range(first, start) if fits(form, forms[i])]
     same = [i for i in same if all(forms[i][k] == "b" for k in blank)]
     if first < start and 2 * len(same) < start - first:
-        # mostly no rows of the table: a head, if it contains names with a value for each column
+        # mostly other rows: a preamble, if it contains names or a value for each column
         below = Layout(delimiter, decimal, rows, form, start, last, n_rows)
         first = start if below._keyed_names or all(below.head[0]) else first
     while first and "n" in forms[first - 1] and not set(forms[first - 1]) & {"t", "x"}:
@@ -321,11 +325,11 @@ def _under(lines, delimiter, decimal):
 def _runs(form, forms):
     """Return the first row and the length of each run of rows that fit."""
     ends = [0]
-    found = []
-    for fit, run in groupby(forms, key=lambda kinds: fits(form, kinds)):
-        ends.append(ends[-1] + len(list(run)))
-        found += [(ends[-2], ends[-1] - ends[-2])] if fit else []
-    return found
+    runs = []
+    for fit, rows_of_run in groupby(forms, key=lambda kinds: fits(form, kinds)):
+        ends.append(ends[-1] + len(list(rows_of_run)))
+        runs += [(ends[-2], ends[-1] - ends[-2])] if fit else []
+    return runs
 
 
 def _longest(form, forms):
@@ -366,16 +370,16 @@ def _are_names(row):
 
 
 def _are_units(row):
-    said = [field for field in row if field.lower() not in _BLANK]
-    return all(_UNIT.fullmatch(field) or field.lower() in _SPELLED for field in said) or (
-        # numbers of the head beside them, as the start and the increment of the time
+    words = [field for field in row if field.lower() not in _BLANK]
+    return all(_UNIT.fullmatch(field) or field.lower() in _SPELLED for field in words) or (
+        # numbers of the preamble may follow them, such as the start and increment of the time
         _are_spelled(row)
     )
 
 
 def _are_spelled(row):
-    said = [field.lower() for field in row if _is_text(field)]
-    return len(said) > 1 and all(field in _SPELLED for field in said)
+    words = [field.lower() for field in row if _is_text(field)]
+    return len(words) > 1 and all(field in _SPELLED for field in words)
 
 
 def _bare_unit(field):
@@ -417,7 +421,7 @@ def _refuse_odd_rows(layout):
     width, table = len(layout.form), layout.table
     odd = next((row for row in table if len(row) != width), None)
     if odd:
-        raise RecordError(f"{' '.join(odd)[:40]!r} is no row of a table of {width} columns")
+        raise RecordError(f"{' '.join(odd)[:40]!r} is not a row of a table of {width} columns")
     first, *rest = table
     numbers = [[str(i) for i in range(start, start + width)] for start in (0, 1)]
     if any(layout.head[0]) or width == 1 or not rest or first not in numbers:

@@ -30,16 +30,16 @@ _NUMERIC = range(6, 16)
 def check_tags(data):
     """Raise a RecordError unless every element of a file of version 5 is of the type expected."""
     order = "<" if data[126:128] == b"IM" else ">"
-    file, left = _Elements(memoryview(data), order, _HEADER), largest_size(len(data))
+    file, remaining = _Elements(memoryview(data), order, _HEADER), largest_size(len(data))
     while file.position < len(data):
         start = file.position
         code, content = file.element()
         if code == _COMPRESSED:
-            content = _inflated(content, start, left)
-            left -= len(content)
+            content = _inflated(content, start, remaining)
+            remaining -= len(content)
             code, content = _Elements(content, order).element()
         if code != _MATRIX or not content:
-            raise RecordError(f"at byte {start} is no variable (type code {code})")
+            raise RecordError(f"at byte {start} is not a variable (type code {code})")
         try:
             _Elements(content, order).variable()
         except RecordError as error:
@@ -156,6 +156,6 @@ class _Elements:
             start = self.position
             code, length = self.unpack("II", self.take(8))
             if code != _MATRIX or length > len(self.data) - self.position:
-                raise RecordError(f"a cell or field is no variable (byte {start})")
+                raise RecordError(f"a cell or field is not a variable (byte {start})")
             if length:
                 self.variable(depth + 1)

@@ -19,25 +19,25 @@ def missing_rows(path, values, names, codes, stamps, labels, on_missing):
     interpolated: they are refused unless they are dropped.
     """
     values[~np.isfinite(values) | (values == codes)] = np.nan
-    lost = dict(zip(names, np.isnan(values).T, strict=True))
+    missing = dict(zip(names, np.isnan(values).T, strict=True))
     index = {}
     if stamps is not None:
         unclear = pd.isna(stamps)
         index["the time"] = unclear | np.isinf(stamps) if stamps.dtype.kind == "f" else unclear
     if labels is not None:
         index["the record"] = pd.isna(labels)
-    refused = {"raise": {**lost, **index}, "drop": {}, "interpolate": index}[on_missing]
+    refused = {"raise": {**missing, **index}, "drop": {}, "interpolate": index}[on_missing]
     refused = {name: mask for name, mask in refused.items() if mask.any()}
     if refused:
-        shown = "; ".join(f"{n}: {describe_rows(np.flatnonzero(m))}" for n, m in refused.items())
-        ways = "'drop'" if index.keys() & refused.keys() else "'drop' or 'interpolate'"
+        listed = "; ".join(f"{n}: {describe_rows(np.flatnonzero(m))}" for n, m in refused.items())
+        policies = "'drop'" if index.keys() & refused.keys() else "'drop' or 'interpolate'"
         raise RecordError(
-            f"{path.name}, of {len(values)} rows, misses values. {shown}. Pass on_missing={ways}, "
-            "or correct the file."
+            f"{path.name}, of {len(values)} rows, lacks values. {listed}. Pass "
+            f"on_missing={policies}, or correct the file."
         )
     keep = np.ones(len(values), dtype=bool)
     if on_missing == "drop":
-        keep = ~np.logical_or.reduce([*lost.values(), *index.values()])
+        keep = ~np.logical_or.reduce([*missing.values(), *index.values()])
         keep &= ~_alone(keep, stamps, labels)
     if not keep.any():
         raise RecordError(f"{path.name} has no two neighbouring rows without a missing value.")
@@ -54,9 +54,9 @@ def _alone(keep, stamps, labels):
         joined &= (np.diff(codes) == 0) | (codes[1:] < 0) | (codes[:-1] < 0)
     before, after = np.append(False, joined), np.append(joined, False)
     lost_before, lost_after = np.append(False, ~keep[:-1]), np.append(~keep[1:], False)
-    lost = before & lost_before | after & lost_after
-    kept = before & ~lost_before | after & ~lost_after
-    return lost & ~kept
+    next_to_lost = before & lost_before | after & lost_after
+    next_to_kept = before & ~lost_before | after & ~lost_after
+    return next_to_lost & ~next_to_kept
 
 
 def likely_codes(path, values, names, on_missing):

@@ -74,8 +74,8 @@ def read_columns(
     others = as_columns(auxiliary)
     roles = {"drive": drive, "response": response, "time": time, "record": record}
     if drive is None:
-        found = find_roles(path, variables, roles, others, timed=sampling_rate is not None)
-        roles |= {role: one.column for role, one in found.items()}
+        recognised = find_roles(path, variables, roles, others, timed=sampling_rate is not None)
+        roles |= {role: column.column for role, column in recognised.items()}
     inputs = [roles.pop("drive"), *others]
     request = _Request(
         inputs,
@@ -87,7 +87,7 @@ def read_columns(
         units=units,
     )
     groups = record_groups(variables, request.columns)
-    return {label: _read(path, own, request) for label, own in groups.items()}
+    return {label: _read(path, members, request) for label, members in groups.items()}
 
 
 @dataclass(frozen=True)

@@ -49,14 +49,14 @@ _LAST = {  # role of a column if no other role is left for it
     "drive": "reference|ref|target|setpoint|desired|soll|sollwert|consigne",
     "response": "velocity|vel|speed|acceleration|acc|temperature?|temp|humidity",
 }
-_NEITHER = "|".join(  # signals of a controller, of the environment, of book-keeping
+_NEITHER = "|".join(  # signals of a controller, of the environment, and counters
     (*_LAST.values(), "error|err|status|flag|mode|index|samples?|number|count|counter|ticks?|id")
 )
 _TIME = "t|times?|timestamp|elapsed|zeit|zeitstempel|temps|tiempo|tempo|时间|時間"
 _AT_PRESENT = re.compile(r"current(?=[ _]?(position|value|angle))", re.IGNORECASE)
 _CLOCK = re.compile(r"(\d+[./-]\d+[./-]\d+[T ])?\d+:\d\d(:\d\d([.,]\d+)?)?Z?( [AP]M)?")
 _RECORD = "record|run|recording|trial|segment"
-_MOST_RESTARTS = 0.1  # largest fraction of rows at which time restarts, or a record label changes
+_MOST_RESTARTS = 0.1  # largest fraction of rows at which time restarts or a record label changes
 _SHOWN = 20  # candidates that an error message lists
 _NAMED, _LEFT = "by its name", "the only other column that moves"
 
@@ -73,6 +73,10 @@ class RecognisedColumn:
         Name with its unit.
     reason : str
         Why the column has the role.
+
+    See Also
+    --------
+    recognise_columns : Find these columns.
     """
 
     column: str | int
@@ -119,6 +123,11 @@ def recognise_columns(
         If the file cannot be read, or no column or more than one may be the drive, the response or
         the time.
 
+    See Also
+    --------
+    skhyst.records.read_records : Read the columns that are found.
+    skhyst.records.inspect_recording : An overview that also lists what is unclear.
+
     Examples
     --------
     >>> import pandas as pd
@@ -148,16 +157,16 @@ def find_roles(path, variables, roles, others=(), *, timed):
 def roles_and_questions(path, variables, roles, others=(), *, timed):
     """Return the result of `find_roles`, and a question for each role that was not found."""
     given = [column for column in (*roles.values(), *others) if column is not None]
-    own = next(iter(record_groups(variables, given).values()))
-    taken = {load_column(path, own, column).name for column in given}
+    group = next(iter(record_groups(variables, given).values()))
+    given_names = {load_column(path, group, column).name for column in given}
     free = [
-        _Candidate(path, own, place)
-        for place in long_columns(own)
-        if not {place.name, place.full_name} & taken
+        _Candidate(path, group, place)
+        for place in long_columns(group)
+        if not {place.name, place.full_name} & given_names
     ]
-    found, open_, missing = {}, {}, [role for role in ROLES if roles[role] is None]
+    found, candidates, missing = {}, {}, [role for role in ROLES if roles[role] is None]
     if "time" in missing and not timed:
-        found["time"], open_["time"] = _time(free)
+        found["time"], candidates["time"] = _time(free)
     if "record" in missing:
         labels = [c for c in free if re.fullmatch(_RECORD, c.name.lower()) and c.changes_seldom]
         found["record"] = (labels[0], _NAMED) if len(labels) == 1 else None
@@ -166,17 +175,17 @@ def roles_and_questions(path, variables, roles, others=(), *, timed):
     signals = [c for c in free if not any(c is one for one in used)]
     asked = [role for role in ("drive", "response") if role in missing]
     for role in asked:
-        found[role], open_[role] = _named(role, signals, len(asked))
+        found[role], candidates[role] = _named(role, signals, len(asked))
     for role in asked:
-        if found[role] is None and not open_[role]:
-            found[role], open_[role] = _left_over(role, signals, found)
+        if found[role] is None and not candidates[role]:
+            found[role], candidates[role] = _left_over(role, signals, found)
             if found[role] is None:
-                open_.setdefault(role, [])
+                candidates.setdefault(role, [])
     questions = [
-        _question(path, own, role, open_[role])
-        for role in open_
+        _question(path, group, role, candidates[role])
+        for role in candidates
         if role not in found or found[role] is None
-        if role != "time" or open_["time"]
+        if role != "time" or candidates["time"]
     ]
     columns = {
         role: RecognisedColumn(choice[0].place.address, choice[0].name, choice[1])
@@ -184,7 +193,7 @@ def roles_and_questions(path, variables, roles, others=(), *, timed):
         if choice
     }
     if questions and columns:
-        known = ", ".join(f"{role} {one.name!r}" for role, one in columns.items())
+        known = ", ".join(f"{role} {column.name!r}" for role, column in columns.items())
         questions.append(f"Recognised: {known}.")
     return columns, questions
 
@@ -302,7 +311,8 @@ def _time(free):
     clock = [c for c in free if c.values is None and _CLOCK.fullmatch(str(c.stored[0]))]
     if len(clock) == 1:
         return (clock[0], "it alone holds times"), []
-    # of rows that are out of order, or repeated, and no recording at the rate of its rows
+    # a column called time that does not increase, since rows are shuffled or repeated: reported as
+    # a candidate, so that the rows are not taken for evenly sampled
     named = (c for c in free if re.fullmatch(_TIME, without_unit(c.name).lower()))
     return None, [c for c in named if c.varies]
 

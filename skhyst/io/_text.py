@@ -46,11 +46,11 @@ def parse_table(text, delimiter=None, decimal=None):
     begins = [found.start() for found in re.finditer(head, text, re.MULTILINE)] if head else []
     ends = [*begins[1:], len(text)]
     blocks = [text[start:end] for start, end in zip([0, *begins[1:]], ends, strict=True)]
-    found = []
+    tables = []
     for block in blocks:
         if block is blocks[0] or len(_lines(block, 0, _SAMPLE)) > 1:  # names without rows
-            found += _side_by_side(*_parsed(block, delimiter, decimal))
-    return found
+            tables += _side_by_side(*_parsed(block, delimiter, decimal))
+    return tables
 
 
 def _head_of(text, delimiter, decimal):
@@ -79,16 +79,16 @@ def _side_by_side(names, units, columns, interval):
         return [(*_without_copies(names, units, columns), interval)]
     tables = []
     for k in range(0, len(used), width):
-        own = used[k : k + width]
-        empty = np.logical_and.reduce([pd.isna(columns[i]) for i in own])
+        group = used[k : k + width]
+        empty = np.logical_and.reduce([pd.isna(columns[i]) for i in group])
         stop = len(empty) - int(np.argmin(empty[::-1])) if not empty.all() else 0
-        parts = ([part[i] for i in own] for part in (names, units))
-        tables.append((*parts, [columns[i][:stop] for i in own], interval))
+        parts = ([part[i] for i in group] for part in (names, units))
+        tables.append((*parts, [columns[i][:stop] for i in group], interval))
     return tables
 
 
 def _without_copies(names, units, columns):
-    """Return the columns but those of the name and the values of one before, as a time of each."""
+    """Return the columns without copies of the same name and values, such as repeated times."""
     kept = [
         i
         for i, name in enumerate(names)
@@ -99,7 +99,7 @@ def _without_copies(names, units, columns):
             for k in range(i)
         )
     ]
-    return tuple([own[i] for i in kept] for own in (names, units, columns))
+    return tuple([part[i] for i in kept] for part in (names, units, columns))
 
 
 def _parsed(text, delimiter, decimal):
@@ -117,8 +117,8 @@ def _parsed(text, delimiter, decimal):
     names, units = layout.head
     columns = [_ungrouped(frame[column], layout.commas).to_numpy() for column in frame.columns]
     while len(columns) > 1 and _is_unnamed(names[-1]) and pd.isna(columns[-1]).all():
-        for own in (names, units, columns):  # a delimiter at the end of every line
-            own.pop()
+        for part in (names, units, columns):  # a delimiter at the end of every line
+            part.pop()
     names = [name or str(i) for i, name in enumerate(names)]
     return names, units, columns, layout.interval
 
@@ -174,37 +174,37 @@ def _decode(data):
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
         head = data[:_SAMPLE].rsplit(b"\n", 1)[0]  # which ends with a whole character
-        found = next((c for c in _SCRIPTS if _is_written_in(head, c)), "")
-        found = found or ("cp1250" if _is_central_european(head) else "cp1252")
-        return data.decode(found, "replace")
+        encoding = next((c for c in _SCRIPTS if _is_written_in(head, c)), "")
+        encoding = encoding or ("cp1250" if _is_central_european(head) else "cp1252")
+        return data.decode(encoding, "replace")
 
 
 def _is_central_european(data):
-    """Whether a letter of Windows-1250 is within a word where Windows-1252 has a sign."""
+    """Whether Windows-1250 gives a letter within a word where Windows-1252 gives a symbol."""
     text, signs = data.decode("cp1250", "replace"), data.decode("cp1252", "replace")
     return any(
-        before.isalpha() and own.isalpha() and after.isalpha() and not sign.isalpha()
-        for before, own, after, sign in zip(text, text[1:], text[2:], signs[1:], strict=False)
+        before.isalpha() and letter.isalpha() and after.isalpha() and not sign.isalpha()
+        for before, letter, after, sign in zip(text, text[1:], text[2:], signs[1:], strict=False)
     )
 
 
 def _is_written_in(data, encoding):
-    """Whether a text is of the script of an encoding: all its letters are, next to one another.
+    """Whether all letters beyond ASCII belong to the script of an encoding, and form words.
 
-    In another encoding the same bytes are other letters, or single ones within words of ASCII, as
-    an é and what follows it are in Japanese.
+    Bytes of another encoding give other letters, or single ones within ASCII words: an é and the
+    letter after it decode as one Japanese character.
     """
     try:
         text = data.decode(encoding)
     except UnicodeDecodeError:
         return False
-    own, latin, least = f"[{_SCRIPTS[encoding]}]", "[A-Za-z]", 2
-    within = f"{latin}{own}+{latin}"
+    script, latin, fewest = f"[{_SCRIPTS[encoding]}]", "[A-Za-z]", 2
+    mixed = f"{latin}{script}+{latin}"
     if encoding == "cp1251":  # in which all bytes are letters
-        within, least = f"{latin}{own}|{own}{latin}", 4
+        mixed, fewest = f"{latin}{script}|{script}{latin}", 4
     letters = [c for c in text if not c.isascii() and c.isalpha()]
     return (
-        all(re.match(f"{own}|[\u00b5\u0370-\u03ff]", c) for c in letters)  # and Greek ones
-        and re.search(f"{own}{{{least}}}", text) is not None
-        and re.search(within, text) is None
+        all(re.match(f"{script}|[\u00b5\u0370-\u03ff]", c) for c in letters)  # and Greek ones
+        and re.search(f"{script}{{{fewest}}}", text) is not None
+        and re.search(mixed, text) is None
     )

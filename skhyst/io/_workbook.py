@@ -21,12 +21,12 @@ _NUMBER = re.compile(r"[-+.\d]")
 
 
 def read_workbook(path, openpyxl):
-    """Return the tables by the title of the sheet, for every sheet that holds one.
+    """Return the tables by the title of the sheet, for every sheet with a table.
 
-    Of formulas the saved values are read.
+    Formulas are not evaluated: their saved values are read.
     """
     budget = _declared(path)
-    found, reasons = {}, ["it has no sheet"]
+    tables_by_sheet, reasons = {}, ["it has no sheet"]
     with path.open("rb") as file, warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # about styles, charts and the like
         book = openpyxl.load_workbook(file, read_only=True, data_only=True, keep_links=False)
@@ -37,11 +37,11 @@ def read_workbook(path, openpyxl):
             except RecordError as error:  # a sheet of notes
                 reasons.append(f"in the sheet {sheet.title!r} {error}")
             else:
-                found[sheet.title] = tables
+                tables_by_sheet[sheet.title] = tables
         book.close()
-    if not found:
+    if not tables_by_sheet:
         raise RecordError(reasons[-1])
-    return found
+    return tables_by_sheet
 
 
 def _declared(path):

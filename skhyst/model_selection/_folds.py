@@ -107,9 +107,9 @@ def segment_folds(
         of a single record, whose past is unknown; none for several records, each from its own
         start.
     n_segments : int, default=32
-        Segments a record, at the most where the folds allow it.
+        Largest number of segments per record, where the folds allow it.
     shortest : int, default=16
-        Samples that a segment has at least, where the folds allow it.
+        Least number of samples of a segment, where the folds allow it.
 
     Returns
     -------
@@ -123,8 +123,13 @@ def segment_folds(
     Raises
     ------
     ValueError
-        If there are fewer than two folds, one trains on rows that it tests or lacks either, row
-        numbers are out of range, or rows are dealt one by one.
+        If there are fewer than two folds, a fold trains on rows that it tests or has no training or
+        test rows, row numbers are out of range, or rows are assigned one by one.
+
+    See Also
+    --------
+    RecordKFold : Folds of whole records, for scikit-learn.
+    BlockedTimeSeriesSplit : Folds of blocks of records, for scikit-learn.
 
     Examples
     --------
@@ -169,14 +174,14 @@ def segment_folds(
     segments = []
     for record, counted in zip(records, firsts, strict=True):
         start, stop = record.rows.start, record.rows.stop
-        own = cuts[(cuts >= counted) & (cuts < stop)].tolist()
-        counts = _shares(np.diff([*own, stop]), n_segments)
+        starts = cuts[(cuts >= counted) & (cuts < stop)].tolist()
+        counts = _shares(np.diff([*starts, stop]), n_segments)
         parts = [
             stretches(a - start, b - start, count, shortest)
-            for (a, b), count in zip(pairwise([*own, stop]), counts, strict=True)
+            for (a, b), count in zip(pairwise([*starts, stop]), counts, strict=True)
         ]
         segments.append(tuple(chain.from_iterable(parts)))
-    rows = [r.rows.start + a for r, own in zip(records, segments, strict=True) for a, _ in own]
+    rows = [r.rows.start + a for r, parts in zip(records, segments, strict=True) for a, _ in parts]
     masks = zip(train[:, rows], test[:, rows], strict=True)
     return tuple(segments), list(masks)
 
@@ -208,10 +213,10 @@ def _begins(records, washout, block):
 def _even_folds(records, cv, X, y, shortest, begins):
     """Return masks (n_folds, n_samples) of a block of every record, or of all of a short one."""
     fold_of = []
-    places = np.argsort(by_content(records, X, y))
+    order = np.argsort(by_content(records, X, y))
     if X is not None and y is not None:  # equal records are never on both sides of a fold
-        places = places[first_of_equals(records, X, y)]
-    for record, place, begin in zip(records, places, begins, strict=True):
+        order = order[first_of_equals(records, X, y)]
+    for record, position, begin in zip(records, order, begins, strict=True):
         n = record.n_samples - begin
         if len(records) == 1 and n < 2 * (cv + 1):
             raise ValueError(
@@ -222,7 +227,7 @@ def _even_folds(records, cv, X, y, shortest, begins):
         if n >= (cv + 1) * shortest or len(records) == 1:
             drive = np.empty(0) if X is None else np.asarray(X, dtype=float)[record.rows]
             block = _blocks(drive if drive.ndim == 1 else drive[:, 0], n, cv, shortest)
-        fold_of += [np.full(begin, -2), np.where(block < 0, -1, (place + block) % cv)]
+        fold_of += [np.full(begin, -2), np.where(block < 0, -1, (position + block) % cv)]
     fold_of = np.concatenate(fold_of)
     numbers = np.unique(fold_of[fold_of >= -1])
     test = fold_of == np.roll(numbers, -int(numbers[0] < 0))[:, None]
@@ -232,8 +237,8 @@ def _even_folds(records, cv, X, y, shortest, begins):
 def _blocks(drive, n, cv, shortest):
     """Return the number of the block of each of the last n samples, -1 for the first block.
 
-    Parts of a period count from its largest drive: if it goes up and down once, no part is the only
-    one to cover its range.
+    Blocks of a periodic drive are parts of the period, counted from its maximum, so that every
+    level is passed in two different parts: no part alone covers a part of the range.
     """
     period = near_period(drive)
     if not 2 * cv * shortest <= period <= n:
@@ -300,10 +305,10 @@ def _row_numbers(numbers, n_rows, where):
 
 def _shares(lengths, n_segments):
     """Return the number of segments of each part of a record: equal for parts of equal length."""
-    # multiples of the shortest, as the blocks of an even division differ by a sample
+    # in multiples of the shortest, since the blocks of an even division differ by one sample
     sizes = np.maximum(np.round(lengths / lengths.min()), 1.0)
     for size in np.unique(sizes / np.arange(1, n_segments + 1)[:, None]):
-        own = np.maximum(np.floor(sizes / size * (1.0 + 1e-12)), 1.0)
-        if own.sum() <= n_segments:
-            return own.astype(int).tolist()
+        counts = np.maximum(np.floor(sizes / size * (1.0 + 1e-12)), 1.0)
+        if counts.sum() <= n_segments:
+            return counts.astype(int).tolist()
     return [1] * len(lengths)

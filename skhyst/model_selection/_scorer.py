@@ -35,8 +35,8 @@ def washout_scorer(
     washout : int
         Samples at the start of each record that are left out, at least 0.
     greater_is_better : bool or None, default=None
-        Whether a high value of the metric is good; if not, the scorer returns it with its sign
-        changed. None: taken from the name of a metric of skhyst, and of one that ends in
+        Whether a high value of the metric is good; if not, the scorer returns its negative.
+        None: taken from the name of a metric of skhyst, and of one that ends in
         ``_score`` (high is good) or ``_error``, ``_loss``, ``_deviance`` (low is good).
     initial_state : {"estimate"} or None, default=None
         State before each record. None: that of ``predict``. "estimate": the input history of a
@@ -86,7 +86,7 @@ def washout_scorer(
     if not isinstance(greater_is_better, bool | np.bool_):
         raise ValueError(
             f"The 'greater_is_better' parameter of washout_scorer must be a bool, or None for a "
-            f"metric whose name says it. Got {greater_is_better!r} and the metric "
+            f"metric whose name shows it. Got {greater_is_better!r} and the metric "
             f"{getattr(metric, '__name__', metric)!r} instead."
         )
     if initial_state not in (None, "estimate"):
@@ -162,14 +162,14 @@ class _WashoutScorer:
         """Return the prediction from rest, or from the known part of the response."""
         if self.initial_state is None:
             return np.asarray(estimator.predict(X))
-        found = predicted_from(estimator, X, known)
-        if found is None:
+        prediction = predicted_from(estimator, X, known)
+        if prediction is None:
             raise ValueError(
                 "The 'initial_state' parameter of washout_scorer must be None for an estimator "
                 "whose predict does not take 'y_start'. Got 'estimate' and "
                 f"{estimator!r} instead."
             )
-        return found
+        return prediction
 
     def __repr__(self):
         state = f", initial_state={self.initial_state!r}" if self.initial_state else ""

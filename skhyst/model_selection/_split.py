@@ -37,7 +37,7 @@ class _RecordSplitter(BaseCrossValidator):
         X : DataFrame or array-like of shape (n_samples, n_inputs)
             The index carries records and time.
         y : array-like of shape (n_samples,), optional
-            Response; its index must not say more than that of ``X``.
+            Response; its index must not have records or times that the index of ``X`` lacks.
         groups : None
             Ignored, exists for compatibility.
 

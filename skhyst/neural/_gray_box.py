@@ -172,6 +172,10 @@ class GrayBoxOperator(Operator):
         If ``dynamics`` or ``degree`` is unknown, a number of lags is negative, or the number of
         weights is not that of the terms.
 
+    See Also
+    --------
+    GrayBoxHysteresis : Its estimator.
+
     Notes
     -----
     Lags are in samples: the weights hold for one sampling interval. The tangents of
@@ -274,11 +278,11 @@ class GrayBoxOperator(Operator):
         # with degree 1 the recursion is linear, so that what is linear in the static sub-model
         # stays linear in the output
         linear = self.degree == 1
-        found = [
+        static_entries = [
             (name, dataclasses.replace(spec, linear=spec.linear and linear))
             for name, spec in self.static.entries()
         ]
-        return found + [(f"theta[{name}]", ParameterSpec()) for name in self.term_names()]
+        return static_entries + [(f"theta[{name}]", ParameterSpec()) for name in self.term_names()]
 
     @cached_property
     def n_parameters(self):
@@ -371,10 +375,10 @@ class GrayBoxOperator(Operator):
 
     def compiled_step(self, dt, state):
         static, (_, w, y) = self.static.compiled_step(dt, state[0]), state
-        own = self.input_lags, self._constant, self.dynamics == "rate"
-        constants = *own, self._mix, self._terms, self.weights, *static.constants
-        room = np.zeros(len(self._mix))
-        state = np.concatenate([static.state, [0.0], w, [0.0], y, room])
+        options = self.input_lags, self._constant, self.dynamics == "rate"
+        constants = *options, self._mix, self._terms, self.weights, *static.constants
+        work_space = np.zeros(len(self._mix))
+        state = np.concatenate([static.state, [0.0], w, [0.0], y, work_space])
         return CompiledLaw(_compiled_step(static.step), constants, state)
 
     def regressors(self, u, y, dt, initial_state="rest"):
@@ -408,12 +412,12 @@ class GrayBoxOperator(Operator):
     def sensitivities(self, u, du, dt, initial_state="rest"):
         """Return the response and its tangents; see :meth:`Operator.sensitivities`."""
         u, du = as_signal(u), as_signal(du)
-        n, m, own = u.size, du.shape[1], du.shape[1] + self.static.n_parameters
+        n, m, n_known = u.size, du.shape[1], du.shape[1] + self.static.n_parameters
         level, dlevel = self.static.sensitivities(u, du, dt, initial_state)
         state = self.init(u[0] if n else 0.0, initial_state)
         y, _ = self.run(u, dt, state)
-        known = np.zeros((n, own + len(self._terms)))
-        known[:, :own] = dlevel
+        known = np.zeros((n, n_known + len(self._terms)))
+        known[:, :n_known] = dlevel
         rate = self.dynamics == "rate"
         if rate:
             constant = m + [name for name, _ in self.static.entries()].index("intercept")
@@ -428,15 +432,15 @@ class GrayBoxOperator(Operator):
             past_w[:] = driven[0]
             _, by_level, by_drive, by_weights = self._rest(u[0], level[0])
             past_y[:] = by_level * known[0] + by_drive * driven[0]
-            past_y[:, own:] += by_weights
+            past_y[:, n_known:] += by_weights
         dw, dy = np.concatenate([past_w, driven]), np.concatenate([past_y, np.zeros_like(known)])
         w, full = np.concatenate([state[1], w]), np.concatenate([state[2], y - self._constant])
-        good = 0  # number of samples whose tangents are finite
+        n_finite = 0  # number of samples whose tangents are finite
         if np.isfinite(y).all() and np.all(np.abs(self.poles()) < 1.0):
             model = self._mix, self._terms, as_signal(self.weights)
-            good = gray_box_tangents(w, *model, full, known, dw, dy)
+            n_finite = gray_box_tangents(w, *model, full, known, dw, dy)
         dy = np.ascontiguousarray(dy[self.output_lags :])
-        if good < n:
+        if n_finite < n:
             dy[:] = np.nan
         elif rate:
             dy[:, constant] = 1.0
@@ -681,10 +685,10 @@ class GrayBoxHysteresis(ParametricModel):
             for record in data
         ]
         columns = np.concatenate([part for part, _ in parts])
-        rest = np.concatenate([part for _, part in parts])
+        residual = np.concatenate([part for _, part in parts])
         scale = np.abs(columns).max(axis=0)
         scale[scale == 0.0] = 1.0
-        weights = np.linalg.lstsq(columns / scale, rest, rcond=None)[0] / scale
+        weights = np.linalg.lstsq(columns / scale, residual, rcond=None)[0] / scale
         start = dataclasses.replace(network, weights=weights)
         return [start] if np.all(np.abs(start.poles()) < 1.0) else []
 

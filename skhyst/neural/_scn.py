@@ -104,20 +104,20 @@ class LeastSquares:
 
     def add(self, g):
         k, length = self._size, np.linalg.norm(g)
-        basis, new, parts = self._q[:, :k], g / length, np.zeros(k)
+        basis, direction, coefficients = self._q[:, :k], g / length, np.zeros(k)
         for _ in range(2):
-            part = basis.T @ new
-            new -= basis @ part
-            parts += part
-        rest = np.linalg.norm(new)
-        column = solve_triangular(self._r[:k, :k], parts) if k else parts
+            projection = basis.T @ direction
+            direction -= basis @ projection
+            coefficients += projection
+        rest = np.linalg.norm(direction)
+        column = solve_triangular(self._r[:k, :k], coefficients) if k else coefficients
         # length of the new column of the inverse of r: how the node's weight amplifies errors
         if np.sqrt(1.0 + column @ column) > _AMPLIFICATION * rest:
             return False
-        new /= rest
-        self._q[:, k], self._r[:k, k], self._r[k, k] = new, parts, rest
-        self._z[k], self._length[k] = new @ self.residual, length
-        self.residual -= np.outer(new, self._z[k])
+        direction /= rest
+        self._q[:, k], self._r[:k, k], self._r[k, k] = direction, coefficients, rest
+        self._z[k], self._length[k] = direction @ self.residual, length
+        self.residual -= np.outer(direction, self._z[k])
         self._size = k + 1
         return True
 
@@ -472,12 +472,12 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
             candidates = self._candidates(
                 X, solver.residual, len(nodes) + 1, scopes, contraction, rng
             )
-            taken = (c for c in candidates if solver.add(activation(X, c[0][np.newaxis])[:, 0]))
-            found = next(taken, None)
-            if found is None:
+            accepted = (c for c in candidates if solver.add(activation(X, c[0][np.newaxis])[:, 0]))
+            next_node = next(accepted, None)
+            if next_node is None:
                 reason = "no_candidate"
                 break
-            node, scope, r, xi = found
+            node, scope, r, xi = next_node
             nodes.append(node)
             values = [scope, r, np.linalg.norm(solver.residual) / total, xi]
             if held_out:
@@ -534,8 +534,8 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
             first = np.where(admissible.any(axis=0), admissible.argmax(axis=0), len(bounds))
             order = np.lexsort((-gains.sum(axis=1), first))[:_TRIES]
             for best in order[first[order] < len(bounds)]:
-                at = first[best]
-                yield nodes[best], scope, contraction[at], gains[best] - bounds[at] * squares
+                level = first[best]
+                yield nodes[best], scope, contraction[level], gains[best] - bounds[level] * squares
 
     def predict(self, X, return_std=False) -> np.ndarray:
         """Return the output of the network.

@@ -1,12 +1,11 @@
 r"""Autoregressions: filters that make noise white, from its autocovariance.
 
-A filter of finite length whose order the Bayesian criterion [1]_ chooses is for what runs sample by
-sample. For the spectrum, Akaike's criterion, corrected for short samples [2]_, is efficient [3]_,
-and three families are tried: the coefficients of the first lags are free; those of the lags 1, 2,
-3-4, 5-8, 9-16, ... are equal within each octave (Corsi [4]_ has such averages), so that noise that
-remembers long takes a handful of numbers; or they are those of a fractional difference
-(Hosking [5]_), which has one, the power of the frequency that flicker noise falls with, and which
-remembers no longer than the record.
+For a filter that is applied sample by sample, the Bayesian criterion [1]_ chooses the order. For
+the spectrum, Akaike's criterion, corrected for short samples [2]_, is efficient [3]_, and three
+families are compared: the coefficients of the first lags are free; those of the lags 1, 2, 3-4,
+5-8, 9-16, ... are equal within each octave (as the averages of Corsi [4]_), so that long memory
+needs few parameters; or they are those of a fractional difference (Hosking [5]_), truncated at the
+length of the record, whose only parameter is the exponent of a power-law spectrum.
 
 References
 ----------
@@ -21,7 +20,7 @@ import numpy as np
 from scipy.fft import rfft
 from scipy.optimize import minimize_scalar
 
-_ROUNDING = 1e-12  # part of the power that counts as predicted without an error
+_ROUNDING = 1e-12  # relative error power below which a series counts as predicted exactly
 
 
 def levinson(covariance, longest):
@@ -36,17 +35,17 @@ def levinson(covariance, longest):
     ------
     weights : ndarray of shape (order,)
         Of the past samples, the last one first.
-    left : float
+    variance : float
         Variance of the prediction errors.
     """
-    weights, left = np.empty(0), covariance[0]
+    weights, variance = np.empty(0), covariance[0]
     for order in range(1, min(longest, len(covariance) - 1) + 1):
-        reflection = (covariance[order] - weights @ covariance[order - 1 : 0 : -1]) / left
+        reflection = (covariance[order] - weights @ covariance[order - 1 : 0 : -1]) / variance
         weights = np.append(weights - reflection * weights[::-1], reflection)
-        left *= 1.0 - reflection**2
-        if not left > _ROUNDING * covariance[0]:
+        variance *= 1.0 - reflection**2
+        if not variance > _ROUNDING * covariance[0]:
             return
-        yield weights, left
+        yield weights, variance
 
 
 def whitening_filter(series):
@@ -64,8 +63,8 @@ def whitening_filter(series):
     if covariance[0] == 0.0:
         return best
     least = n * np.log(covariance[0])
-    for weights, left in levinson(covariance, longest):
-        criterion = n * np.log(left) + len(weights) * np.log(n)
+    for weights, variance in levinson(covariance, longest):
+        criterion = n * np.log(variance) + len(weights) * np.log(n)
         if criterion < least:
             best, least = np.append(1.0, -weights), criterion
     return best
@@ -78,19 +77,19 @@ def autoregression(covariance, n):
     """
     best = np.ones(1), covariance[0]
     least = n * np.log(covariance[0])
-    for weights, left, count in _candidates(covariance, int(10.0 * np.log10(n))):
-        if not left > _ROUNDING * covariance[0] or count > n - 3:
+    for weights, variance, count in _candidates(covariance, int(10.0 * np.log10(n))):
+        if not variance > _ROUNDING * covariance[0] or count > n - 3:
             continue
-        criterion = n * np.log(left) + 2.0 * count * n / (n - count - 2.0)
+        criterion = n * np.log(variance) + 2.0 * count * n / (n - count - 2.0)
         if criterion < least:
-            best, least = (np.append(1.0, -weights), left), criterion
+            best, least = (np.append(1.0, -weights), variance), criterion
     return best
 
 
 def _candidates(covariance, longest):
     """Yield weights of the past, latest first, error power, and degrees of freedom."""
-    for weights, left in levinson(covariance, longest):
-        yield weights, left, len(weights)
+    for weights, variance in levinson(covariance, longest):
+        yield weights, variance, len(weights)
     # sums of the covariance over rectangles of lags from its second integral
     integral = np.cumsum(np.append(0.5 * covariance[0], covariance[1:]))
     integral = np.append(0.0, np.cumsum(integral))
@@ -98,10 +97,10 @@ def _candidates(covariance, longest):
     edges = [0, 1, 2]
     while 2 * edges[-1] < len(covariance):
         edges.append(2 * edges[-1])
-        at = integral[np.abs(np.subtract.outer(edges, edges))]
-        inner = at[1:, :-1] + at[:-1, 1:] - at[1:, 1:] - at[:-1, :-1]
+        values = integral[np.abs(np.subtract.outer(edges, edges))]
+        gram = values[1:, :-1] + values[:-1, 1:] - values[1:, 1:] - values[:-1, :-1]
         right = np.diff(sums[edges])
-        weights = np.linalg.lstsq(inner, right, rcond=None)[0]
+        weights = np.linalg.lstsq(gram, right, rcond=None)[0]
         yield np.repeat(weights, np.diff(edges)), covariance[0] - weights @ right, len(weights)
     yield _fractional(covariance)
 
@@ -113,9 +112,9 @@ def _fractional(covariance):
     power[0] *= 0.5
     factor = 2.0 * np.sin(np.pi * np.arange(len(power)) / size)
 
-    def left(order):
+    def error_power(order):
         return float(power @ factor ** (2.0 * order))
 
-    order = minimize_scalar(left, bounds=(0.0, 1.0), method="bounded").x
+    order = minimize_scalar(error_power, bounds=(0.0, 1.0), method="bounded").x
     lags = np.arange(1.0, len(covariance))
-    return -np.cumprod((lags - 1.0 - order) / lags), left(order), 1
+    return -np.cumprod((lags - 1.0 - order) / lags), error_power(order), 1

@@ -25,9 +25,10 @@ def block_p_value(total, chances):
     Parameters
     ----------
     total : float
-        Tested against values above zero.
+        Sum of the series. The test is one-sided: the alternative is a mean above zero.
     chances : sequence of ndarray
-        Stretches of a series whose sum varies by chance as the total does.
+        Contiguous parts of a series of zero mean, whose sum has the same distribution as the total
+        under the hypothesis.
 
     Returns
     -------
@@ -63,13 +64,13 @@ def block_length(series):
         return 1, 0.0
     rho = covariance / covariance[0]
     # the smallest lag after which a window of autocorrelations is insignificant
-    within = np.abs(rho[1:]) < 2.0 * np.sqrt(np.log10(n) / n)
-    within = np.append(within, np.ones(_WINDOW, dtype=bool))  # lags beyond count as zero
-    m = int(np.argmax(np.convolve(within, np.ones(_WINDOW), mode="valid") >= _WINDOW))
+    is_small = np.abs(rho[1:]) < 2.0 * np.sqrt(np.log10(n) / n)
+    is_small = np.append(is_small, np.ones(_WINDOW, dtype=bool))  # lags beyond count as zero
+    m = int(np.argmax(np.convolve(is_small, np.ones(_WINDOW), mode="valid") >= _WINDOW))
     lags = np.arange(min(2 * m, size) + 1)
     taper = np.clip(2.0 * (1.0 - lags / max(2 * m, 1)), 0.0, 1.0)  # flat, then falling to zero
-    own = taper * rho[: len(lags)]
-    g, moment = own[0] + 2.0 * own[1:].sum(), 2.0 * (lags * own).sum()
+    tapered = taper * rho[: len(lags)]
+    g, moment = tapered[0] + 2.0 * tapered[1:].sum(), 2.0 * (lags * tapered).sum()
     if g <= 0.0:  # an oscillation cancels: one block spans the range of correlation
         return min(2 * m + 1, longest), 0.0
     length = int(np.ceil((1.5 * (moment / g) ** 2 * n) ** (1.0 / 3.0)))

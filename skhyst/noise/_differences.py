@@ -1,4 +1,4 @@
-r"""The size of noise on a smooth signal, from differences of neighbouring samples.
+r"""Standard deviation of noise on a smooth signal, from differences of neighbouring samples.
 
 The difference of order p multiplies the variance of white noise by :math:`\binom{2p}{p}` and the
 amplitude of a sine of the period T by :math:`(2 \sin(\pi / T))^p`. Divided by the root of the
@@ -23,8 +23,9 @@ _ORDERS = (2, 3, 4)  # a straight line has no second difference; higher orders a
 def difference_noise(series):
     """Return the standard deviation of noise on smooth series, a lower bound for coloured noise.
 
-    The least of the second, third and fourth differences. An edge of the signal is in few
-    differences: those beyond the value that normal noise exceeds once in as many are excluded.
+    The smallest of the estimates from second, third and fourth differences. An edge of the signal
+    affects few differences: outliers, beyond the value that one of n normal variables is expected
+    to exceed, are excluded.
 
     Parameters
     ----------
@@ -34,27 +35,31 @@ def difference_noise(series):
     Returns
     -------
     float
-        Units of the series; NaN where no four neighbours are known.
+        Units of the series; NaN where no three neighbouring samples are known.
+
+    See Also
+    --------
+    fit_noise : Spectrum, quantisation and outliers of a series that is noise alone.
 
     Examples
     --------
     >>> import numpy as np
-    >>> from skhyst.noise._differences import difference_noise
+    >>> from skhyst.noise import difference_noise
     >>> noise = 0.1 * np.random.default_rng(0).standard_normal(4000)
     >>> round(difference_noise([np.sin(np.arange(4000) / 50.0) + noise]), 2)
     0.1
     """
-    parts = [own[rows] for own in series for rows in stretches(own)]
+    parts = [values[rows] for values in series for rows in stretches(values)]
     sizes = []
     for order in _ORDERS:
-        found = np.concatenate([np.zeros(0), *(np.diff(own, order) for own in parts)])
-        if len(found):
-            sizes.append(_without_edges(found) / np.sqrt(comb(2 * order, order)))
+        differences = np.concatenate([np.zeros(0), *(np.diff(part, order) for part in parts)])
+        if len(differences):
+            sizes.append(_without_edges(differences) / np.sqrt(comb(2 * order, order)))
     return float(min(sizes, default=np.nan))
 
 
 def _without_edges(values):
-    """Return the root mean square of values but those that stick out."""
+    """Return the root mean square of values without outliers."""
     most = norm.isf(0.5 / len(values))
     while True:
         size = np.sqrt(np.mean(np.square(values)))

@@ -1,16 +1,16 @@
-r"""What a sensor's noise is like: its colour, its converter, its outliers and lines.
+r"""Model of a sensor's noise: spectrum, quantisation, outliers.
 
-Of noise that is stationary the discrete cosine transform has about independent coefficients
-:math:`c_k`, of the variance :math:`S(f_k)`. Three spectra are compared, white noise, and white
-noise under a first-order process or under a power law, as flicker noise has,
+The discrete cosine transform of stationary noise has nearly independent coefficients :math:`c_k` of
+the variance :math:`S(f_k)`. Three spectra are compared: white noise, and white noise plus a
+first-order autoregressive process or a power law, as of flicker noise,
 
 .. math:: S = \sigma^2 \qquad
    S = \sigma^2 \left(1 - s + s \frac{1 - a^2}{1 - 2 a \cos 2 \pi f + a^2}\right) \qquad
    S = \sigma^2 (1 - s + s\, b f^{-\beta})
 
 by Whittle's likelihood [1]_, :math:`\sum_k \log S(f_k) + c_k^2 / S(f_k)`; the second and the third
-have to gain enough for two more parameters (Schwarz [2]_). A spectrum with a peak fits none of
-these: it shows a line, or an oscillation, and so structure.
+have two more parameters, which Schwarz's criterion [2]_ penalises. A spectrum with a peak fits none
+of them: an oscillation is structure, not noise.
 
 References
 ----------
@@ -28,7 +28,7 @@ from scipy.optimize import minimize
 from scipy.signal import lfilter
 from scipy.stats import norm
 
-STEEPEST = 4.0  # exponent of the spectrum: of white noise that is summed up twice
+STEEPEST = 4.0  # largest exponent of the spectrum: that of white noise integrated twice
 _MEMORY = 256  # past samples that predict the next
 _WIDTH = 0.05  # of a bin of the spectrum, relative to its frequency
 
@@ -40,19 +40,24 @@ class NoiseModel:
     Parameters
     ----------
     law : {"white", "autoregressive", "power_law"}
-        Of its spectrum: constant, of a first-order process, or a power of the frequency.
+        Spectrum: constant, of a first-order autoregressive process, or a power of the frequency.
     standard_deviation : float
         Units of the response.
     coefficient : float
-        Correlation of neighbouring samples of the first-order process, or the exponent of one over
-        the frequency (1 for flicker noise); 0 for white noise.
+        Correlation of neighbouring samples of the first-order process, or the exponent beta of the
+        spectrum f^-beta (1 for flicker noise); 0 for white noise.
     share : float
         Part of the variance that has this law; the rest is white.
     outliers : float
-        Fraction of the samples beyond the value that normal noise exceeds once in as many.
+        Fraction of the samples beyond the value that one of n normal variables is expected to
+        exceed.
     quantisation : float
-        Step of the converter, units of the response; 0 where readings show none. Of evenly spread
-        readings its square over 12 is in the variance.
+        Step of the converter, units of the response; 0 where readings show none. Its square over 12
+        is part of the variance, where readings spread over many steps.
+
+    See Also
+    --------
+    fit_noise : Estimate such a model from series of noise.
     """
 
     law: str
@@ -88,7 +93,7 @@ class NoiseModel:
     def correlation_length(self, n_samples):
         """Return the number of samples in which the correlation falls to 1/e; 0 for white noise.
 
-        It is that of the coloured part in a record of so many samples without its mean.
+        It is that of the coloured part, in a record of this length with its mean subtracted.
 
         Parameters
         ----------
@@ -123,18 +128,20 @@ class NoiseModel:
         """
         if self.law == "white":
             return list(series)
-        found = [np.full(len(own), np.nan) for own in series]
-        for new, own in zip(found, series, strict=True):
-            for rows in stretches(own):
-                new[rows] = lfilter(np.append(1.0, -self._forecast), 1.0, own[rows])
-        return found
+        innovations = [np.full(len(values), np.nan) for values in series]
+        for errors, values in zip(innovations, series, strict=True):
+            for rows in stretches(values):
+                errors[rows] = lfilter(np.append(1.0, -self._forecast), 1.0, values[rows])
+        return innovations
 
     def __str__(self):
         size = f"standard deviation {self.standard_deviation:.3g}"
         if self.law == "autoregressive":
-            text = f"first-order noise, correlation {self.coefficient:.2f} a sample"
+            text = (
+                f"first-order autoregressive noise, correlation {self.coefficient:.2f} per sample"
+            )
         elif self.law == "power_law":
-            text = f"noise as one over the frequency to the power of {self.coefficient:.2f}"
+            text = f"noise with the spectrum 1/f^{self.coefficient:.2f}"
         else:
             text = "white noise"
         parts = [f"{text}, {size}"]
@@ -143,7 +150,7 @@ class NoiseModel:
         if self.outliers:
             parts.append(f"{self.outliers:.2%} outliers")
         if self.quantisation:
-            parts.append(f"read in steps of {self.quantisation:.3g}")
+            parts.append(f"quantised in steps of {self.quantisation:.3g}")
         return "; ".join(parts)
 
 
@@ -155,19 +162,24 @@ def stretches(values):
 
 
 def fit_noise(series, readings=()):
-    """Return the noise model that series of noise have.
+    """Estimate the model of noise from series of it.
 
     Parameters
     ----------
     series : sequence of ndarray
         Noise, sample by sample, NaN where unknown.
     readings : sequence of ndarray, optional
-        What the sensor reads, for the step of its converter.
+        Readings of the sensor, units of the response, from which the step of its converter is
+        determined.
 
     Returns
     -------
     NoiseModel
         Of the law that Schwarz's criterion selects.
+
+    See Also
+    --------
+    difference_noise : Standard deviation of noise on a smooth signal.
 
     Examples
     --------
@@ -176,9 +188,9 @@ def fit_noise(series, readings=()):
     >>> fit_noise([np.random.default_rng(0).normal(size=1000)]).law
     'white'
     """
-    series = [own[rows] for own in series for rows in stretches(own)]
-    series = [own - own.mean() for own in series if len(own) > 1]
-    power = sum(own @ own for own in series) / max(sum(map(len, series)), 1)
+    series = [values[rows] for values in series for rows in stretches(values)]
+    series = [values - values.mean() for values in series if len(values) > 1]
+    power = sum(values @ values for values in series) / max(sum(map(len, series)), 1)
     size = float(np.sqrt(power))
     step = quantisation_step(readings)
     if not power > 0.0:
@@ -191,27 +203,27 @@ def fit_noise(series, readings=()):
         starts = [(0.5 * largest, 0.5), (0.9 * largest, 0.5), (0.25 * largest, 0.9)]
         start = min(starts, key=lambda x, law=law: _deviance(*bins, law, *x))
         bounds = [(0.0, largest * (1.0 - 1.0 / count)), (0.0, 1.0)]
-        found = minimize(lambda x, law=law: _deviance(*bins, law, *x) / count, start, bounds=bounds)
-        deviance = count * found.fun + 2.0 * np.log(count)
+        fit = minimize(lambda x, law=law: _deviance(*bins, law, *x) / count, start, bounds=bounds)
+        deviance = count * fit.fun + 2.0 * np.log(count)
         if deviance < least:
-            best, least = (law, *map(float, found.x)), deviance
+            best, least = (law, *map(float, fit.x)), deviance
     model = NoiseModel(best[0], size, *best[1:], quantisation=step)
     innovations = np.concatenate(model.innovations(series))
-    usual = norm.isf(0.5 / count) * np.median(np.abs(innovations)) / norm.ppf(0.75)
-    count = np.count_nonzero(np.abs(innovations) > usual) if usual > 0.0 else 0
-    # chance gives one; more than four in one case of 300
+    limit = norm.isf(0.5 / count) * np.median(np.abs(innovations)) / norm.ppf(0.75)
+    count = np.count_nonzero(np.abs(innovations) > limit) if limit > 0.0 else 0
+    # of normal noise, the expected number is one; more than four occur in one series of 300
     return replace(model, outliers=count / len(innovations) if count > 4 else 0.0)
 
 
 def quantisation_step(readings):
-    """Return the step of a converter, 0 where readings are no multiples of one."""
+    """Return the step of a converter, 0 where readings are not multiples of a common step."""
     levels = np.unique(np.concatenate([*readings, np.zeros(0)]))
     n = sum(map(len, readings))
     if len(levels) < 3 or 2 * len(levels) > n:
         return 0.0
     steps = np.diff(levels)
     step = steps.min()
-    # the numbers are rounded, too
+    # readings in a file are rounded decimals of the multiples
     near = np.abs(steps / step - np.round(steps / step)) < 0.05
     return float(steps.sum() / np.round(steps / step).sum()) if near.all() else 0.0
 
@@ -229,16 +241,18 @@ def _spectrum(law, frequency, coefficient, share=1.0, counts=None):
 
 
 def _binned(series, power):
-    """Return frequencies, mean squares and numbers of coefficients within a few per cent."""
-    frequency = np.concatenate([np.arange(1, len(own)) / (2.0 * len(own)) for own in series])
-    powers = np.concatenate([np.square(dct(own, norm="ortho")[1:]) for own in series]) / power
+    """Return frequency, mean square and number of coefficients in bins of a few per cent width."""
+    frequency = np.concatenate(
+        [np.arange(1, len(values)) / (2.0 * len(values)) for values in series]
+    )
+    powers = np.concatenate([np.square(dct(values, norm="ortho")[1:]) for values in series]) / power
     _, bins = np.unique(np.log(frequency) // _WIDTH, return_inverse=True)
     counts = np.bincount(bins)
     return np.bincount(bins, frequency) / counts, np.bincount(bins, powers) / counts, counts
 
 
 def _deviance(frequency, powers, counts, law, coefficient, share):
-    """Return minus twice Whittle's log likelihood up to a constant, the variance at its best."""
+    """Return minus twice Whittle's log likelihood up to a constant, maximised over the variance."""
     spectrum = _spectrum(law, frequency, coefficient, share, counts)
     mean = np.average(powers / spectrum, weights=counts)
     return counts.sum() * np.log(mean) + counts @ np.log(spectrum)

@@ -19,7 +19,7 @@ def whiteness_p_value(series):
     Parameters
     ----------
     series : sequence of ndarray
-        Residuals of zero mean together, each without a gap.
+        Residuals, each without a gap, with a common mean of zero.
 
     Returns
     -------
@@ -27,14 +27,14 @@ def whiteness_p_value(series):
         1 if there is nothing to test.
     """
     n = sum(map(len, series))
-    power = sum(float(own @ own) for own in series)
+    power = sum(float(values @ values) for values in series)
     if not power > 0.0:
         return 1.0
     longest = max(map(len, series)) // 4  # beyond it few products are left
     lags = 2 ** np.arange(max(longest, 1).bit_length()) if longest else np.empty(0, dtype=int)
     total = 0.0
     for lag in lags:
-        pairs = sum(max(len(own) - lag, 0) for own in series)
-        product = sum(float(own[lag:] @ own[:-lag]) for own in series if len(own) > lag)
+        pairs = sum(max(len(values) - lag, 0) for values in series)
+        product = sum(float(values[lag:] @ values[:-lag]) for values in series if len(values) > lag)
         total += n * (n + 2.0) * (product / power) ** 2 / pairs
     return float(chdtrc(len(lags), total)) if len(lags) else 1.0

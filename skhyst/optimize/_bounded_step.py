@@ -48,17 +48,17 @@ def bounded_step(hessian, gradient, lower, upper):
     s = -solve_definite(h, g)
     if ((low <= s) & (s <= high)).all():
         return s * inverse
-    at = _held(h, s, low, high)
+    active = _held(h, s, low, high)
     while True:
-        free = np.isnan(at)
-        s = np.where(free, 0.0, at)
+        free = np.isnan(active)
+        s = np.where(free, 0.0, active)
         s[free] = -solve_definite(h[free][:, free], (g + h @ s)[free])
         inside = np.minimum(np.maximum(s, low), high)
         # for collinear columns, rounding may make the wrong bounds active
         outside = free & (np.abs(inside - s) > _ROUNDING * np.abs(s).max())
         if not outside.any():
             return inside * inverse
-        at[outside] = inside[outside]
+        active[outside] = inside[outside]
 
 
 def _held(h, s0, low, high):
@@ -66,22 +66,22 @@ def _held(h, s0, low, high):
     factor, failed = dpotrf(h, clean=1)
     if failed:  # rounding has made it indefinite by more than the ridge
         factor, _ = dpotrf(h - 2.0 * eigvalsh(h)[0] * np.eye(len(h)), clean=1)
-    back, _ = dtrtri(factor)
+    inverse, _ = dtrtri(factor)
     beyond = np.concatenate([low - s0, s0 - high])
     finite = np.isfinite(beyond)
     if not finite.any():  # SciPy ends the process on a problem without unknowns
         return np.full(len(h), np.nan)
-    whole = factor @ s0
+    distance = factor @ s0
     rows = np.empty((len(finite), len(h) + 1))
-    rows[: len(h), :-1], rows[len(h) :, :-1] = back, -back
+    rows[: len(h), :-1], rows[len(h) :, :-1] = inverse, -inverse
     # relative to the distance of s0 from the feasible zero, so that |z| is at most 1
-    rows[:, -1] = beyond / np.sqrt(whole @ whole)
+    rows[:, -1] = beyond / np.sqrt(distance @ distance)
     rows = rows[finite]
     rows /= np.sqrt(np.einsum("ij,ij->i", rows, rows))[:, None]
-    unit = np.zeros(len(h) + 1)
-    unit[-1] = 1.0
+    target = np.zeros(len(h) + 1)
+    target[-1] = 1.0
     multipliers = np.zeros(len(finite))
-    multipliers[finite], _ = nnls(rows.T, unit, maxiter=10 * len(rows))
+    multipliers[finite], _ = nnls(rows.T, target, maxiter=10 * len(rows))
     below, above = multipliers.reshape(2, -1) > 0.0
     return np.where(below, low, np.where(above, high, np.nan))
 

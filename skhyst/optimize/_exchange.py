@@ -34,18 +34,19 @@ from ._variable_projection import damped_step, variable_projection
 
 _FOLDS = 5  # as scikit-learn's own default
 _SHORTEST = 16  # samples of a block
-_SETTLED = 0.1  # fraction of a parameter's chance gain at which positions have settled
+# tolerance of a slide, relative to the mean square that one more parameter removes by chance
+_SETTLED = 0.1
 _EVALUATIONS = 12  # of a slide
 _SLIDES = 3  # after each of which coinciding terms are merged
-_MET = 1e-6  # of the largest position: distance of coinciding terms
-_DEPENDENT = 1e-9  # part of a column's power that the others leave of one that tells nothing new
-_TOLD = 1e-14  # fraction of the sum of squares; a smaller gain is rounding
+_COINCIDENT = 1e-6  # distance of coinciding terms, relative to the largest position
+_DEPENDENT = 1e-9  # residual power of a column that depends linearly on the others, relative
+_ROUNDING = 1e-14  # fraction of the sum of squares; a smaller gain is rounding
 _LEAST = np.sqrt(np.finfo(float).tiny)  # smallest norm of a column that is not rounding
 
 
 @dataclass(frozen=True)
 class Alone:
-    """A part that is the whole model, with its records: where :func:`exchanged` finds a part.
+    """The place of a part that is the whole model: the interface that :func:`exchanged` needs.
 
     Attributes
     ----------
@@ -84,6 +85,8 @@ class Alone:
 def exchanged(place, folds):
     """Return a place whose part has the number of terms that predicts best out of fold.
 
+    See the head of this module for the steps.
+
     Parameters
     ----------
     place : Alone
@@ -96,24 +99,24 @@ def exchanged(place, folds):
     place
         The given one if no other resolution predicts better.
     """
-    least = _held_out(place, folds) if folds else np.inf
-    if least == np.inf:
+    best_cost = _held_out(place, folds) if folds else np.inf
+    if best_cost == np.inf:
         return place
-    best = found = place
+    best = current = place
     for candidate in filter(None, (_pursued(place, folds, anew=True), place)):
         candidate = _settled(candidate)
-        power = _held_out(candidate, folds)
-        if power < least:
-            best, least = candidate, power
+        cost = _held_out(candidate, folds)
+        if cost < best_cost:
+            best, best_cost = candidate, cost
             break
-    found = best if best is not place else _settled(place)
-    while (further := _pursued(found, folds)) is not None:
-        found = _settled(further)
-        power = _held_out(found, folds)
-        if not power < least:
+    current = best if best is not place else _settled(place)
+    while (further := _pursued(current, folds)) is not None:
+        current = _settled(further)
+        cost = _held_out(current, folds)
+        if not cost < best_cost:
             break
-        best, least = found, power
-    return best if best is place else _thinned(best, folds, least)
+        best, best_cost = current, cost
+    return best if best is place else _thinned(best, folds, best_cost)
 
 
 def block_folds(records):
@@ -167,16 +170,16 @@ def record_folds(records, count=_FOLDS):
         return []
     owner = np.repeat(np.arange(len(records)), [len(record.segments) for record in records])
     inputs = [np.column_stack([x for x in (r.u, r.auxiliary) if x is not None]) for r in records]
-    low, high = (np.array([end(own, axis=0) for own in inputs]) for end in (np.min, np.max))
+    low, high = (np.array([end(values, axis=0) for values in inputs]) for end in (np.min, np.max))
     # in an order that does not depend on their order in the data
     order = np.lexsort([[r.drive.mean() for r in records], [r.y.mean() for r in records]])
-    found = []
+    folds = []
     for group in np.array_split(order, min(len(records), max(count, 2))):
         lows, highs = (np.delete(ends, group, axis=0) for ends in (low, high))
-        known = (low[group] >= lows.min(axis=0)) & (high[group] <= highs.max(axis=0))
-        own = np.isin(owner, group[known.all(axis=1)])
-        found.append((~own, own))
-    return [(train, test) for train, test in found if test.any()]
+        within = (low[group] >= lows.min(axis=0)) & (high[group] <= highs.max(axis=0))
+        held_out = np.isin(owner, group[within.all(axis=1)])
+        folds.append((~held_out, held_out))
+    return [(train, test) for train, test in folds if test.any()]
 
 
 def whole_record_folds(records, folds):
@@ -196,9 +199,9 @@ def whole_record_folds(records, folds):
     """
     scored, whole = np.any([test for _, test in folds], axis=0), record_folds(records, len(folds))
     split = ~np.any([test for _, test in whole], axis=0) if whole else np.ones(len(scored), bool)
-    found = [(train, test & scored) for train, test in whole]
-    found += [(train, test & split) for train, test in folds]
-    return [(train, test) for train, test in found if test.any()]
+    merged = [(train, test & scored) for train, test in whole]
+    merged += [(train, test & split) for train, test in folds]
+    return [(train, test) for train, test in merged if test.any()]
 
 
 def merged_segments(records, folds):
@@ -219,10 +222,10 @@ def merged_segments(records, folds):
     marks = np.array([mask for fold in folds for mask in fold])
     merged, first, firsts = [], 0, []
     for record in records:
-        own = marks[:, first : first + len(record.segments)]
+        fold_marks = marks[:, first : first + len(record.segments)]
         gaps = np.array([a[1] != b[0] for a, b in pairwise(record.segments)], dtype=bool)
-        new = np.append(True, gaps | np.any(own[:, 1:] != own[:, :-1], axis=0))
-        starts = np.flatnonzero(new)
+        is_first = np.append(True, gaps | np.any(fold_marks[:, 1:] != fold_marks[:, :-1], axis=0))
+        starts = np.flatnonzero(is_first)
         ends = np.append(starts[1:], len(record.segments)) - 1
         pairs = zip(starts, ends, strict=True)
         segments = tuple((record.segments[a][0], record.segments[b][1]) for a, b in pairs)
@@ -249,21 +252,25 @@ class _Columns:
     """
 
     def __init__(self, place, problem, part):
-        kind = part.resolution
+        resolution = part.resolution
         numbers = {name: i for i, name in enumerate(problem.names)}
-        rows = range(kind.of(part))
-        fields = [name for name in (kind.weights, *kind.others) if np.size(getattr(part, name))]
-        found = [[numbers.get(place.name(f"{f}[{i}]"), -1) for f in fields] for i in rows]
-        self.groups = np.array(found, dtype=int)
+        rows = range(resolution.of(part))
+        fields = [
+            name
+            for name in (resolution.weights, *resolution.others)
+            if np.size(getattr(part, name))
+        ]
+        columns = [[numbers.get(place.name(f"{f}[{i}]"), -1) for f in fields] for i in rows]
+        self.groups = np.array(columns, dtype=int)
         if np.any(self.groups < 0):
             self.groups = np.empty((0, 0), dtype=int)
-        names = (place.name(f"{kind.positions}[{i}]") for i in rows)
+        names = (place.name(f"{resolution.positions}[{i}]") for i in rows)
         self.positions = np.array([numbers.get(name, -1) for name in names], dtype=int)
 
     def moving(self, terms):
         """Return the columns of the positions of those terms that move."""
-        own = self.positions[terms]
-        return own[own >= 0]
+        positions = self.positions[terms]
+        return positions[positions >= 0]
 
 
 def _held_out(place, folds):
@@ -275,7 +282,9 @@ def _held_out(place, folds):
     if not _Columns(place, problem, place.part).groups.size:
         return np.inf
     blocks = problem.evaluate(problem.x0)
-    steps = [damped_step(problem, problem.x0, problem.total(blocks, own))[0] for own, _ in folds]
+    steps = [
+        damped_step(problem, problem.x0, problem.total(blocks, train))[0] for train, _ in folds
+    ]
     return _scored(problem, blocks, steps, folds)
 
 
@@ -307,21 +316,21 @@ def _settled(place):
 
 def _merged(part):
     """Return a part without zero weights and with coinciding terms merged; None if unchanged."""
-    kind = part.resolution
-    kept = kind.stays(part) | has_weight(part)
-    weights = np.array(getattr(part, kind.weights), dtype=float)
-    if kind.positions is None:  # these have an order
+    resolution = part.resolution
+    kept = resolution.stays(part) | has_weight(part)
+    weights = np.array(getattr(part, resolution.weights), dtype=float)
+    if resolution.positions is None:  # ordered terms: only the last ones can be removed
         kept[: np.flatnonzero(kept).max(initial=-1) + 1] = True
     else:
-        places, stays = np.asarray(getattr(part, kind.positions)), kind.stays(part)
+        positions, stays = np.asarray(getattr(part, resolution.positions)), resolution.stays(part)
         for pair in pairwise(np.flatnonzero(kept)):
-            if np.ptp(places[list(pair)]) <= _MET * places[-1]:
-                gone, left = pair if not stays[pair[0]] else pair[::-1]
-                weights[left], weights[gone] = weights[left] + weights[gone], 0.0
-                kept[gone] = False
+            if np.ptp(positions[list(pair)]) <= _COINCIDENT * positions[-1]:
+                removed, survivor = pair if not stays[pair[0]] else pair[::-1]
+                weights[survivor], weights[removed] = weights[survivor] + weights[removed], 0.0
+                kept[removed] = False
     if kept.all() or not kept.any():
         return None
-    return select_terms(replace(part, **{kind.weights: weights}), kept)
+    return select_terms(replace(part, **{resolution.weights: weights}), kept)
 
 
 def _pursued(place, folds, *, anew=False):
@@ -329,43 +338,43 @@ def _pursued(place, folds, *, anew=False):
 
     With ``anew``, present terms are removed first, except fixed ones.
     """
-    kind = place.part.resolution
+    resolution = place.part.resolution
     grid = np.asarray(place.part.finer(place.inputs()), dtype=float)
-    if kind.positions is not None:
-        grid = grid[~np.isin(grid, getattr(place.part, kind.positions))]
+    if resolution.positions is not None:
+        grid = grid[~np.isin(grid, getattr(place.part, resolution.positions))]
     part, further = with_terms(place.part, grid)
-    loose = ~kind.stays(part) if anew else further
+    is_candidate = ~resolution.stays(part) if anew else further
     movable = part if anew else _movable(replace(place, part=part))
     problem = place.problem(movable)
     x, columns = problem.x0, _Columns(place, problem, part)
-    groups = columns.groups[loose]
+    groups = columns.groups[is_candidate]
     blocks = _without(problem.evaluate(x), x, groups.ravel())
-    taken = np.append(groups.ravel(), columns.moving(loose))
-    others = np.setdiff1d(np.arange(len(x)), taken)
-    pursuit = _Pursuit(problem, groups, others, ordered=kind.positions is None)
+    candidate_columns = np.append(groups.ravel(), columns.moving(is_candidate))
+    others = np.setdiff1d(np.arange(len(x)), candidate_columns)
+    pursuit = _Pursuit(problem, groups, others, ordered=resolution.positions is None)
     paths = [pursuit.steps(problem.total(blocks, train)) for train, _ in folds]
     powers, steps = [], [next(path) for path in paths]
     # up to twice the best number is tried: two terms may help where one does not
     while len(powers) <= 2 * np.argmin([np.inf, *powers]):
         powers.append(_scored(problem, blocks, steps, folds))
         following = [next(path, None) for path in paths]
-        if all(own is None for own in following):
+        if all(new is None for new in following):
             break
         steps = [old if new is None else new for old, new in zip(steps, following, strict=True)]
-    fewest = int(loose.all())  # a part has one term at least
+    fewest = int(is_candidate.all())  # a part has one term at least
     if len(powers) <= fewest:
         return None
-    wanted = fewest + int(np.argmin(powers[fewest:]))
-    if wanted == 0 and not anew:
+    best_count = fewest + int(np.argmin(powers[fewest:]))
+    if best_count == 0 and not anew:
         return None
-    *_, step = islice(pursuit.steps(problem.total(blocks)), wanted + 1)
-    of_terms = np.isin(np.arange(len(x)), groups)
+    *_, step = islice(pursuit.steps(problem.total(blocks)), best_count + 1)
+    is_weight = np.isin(np.arange(len(x)), groups)
     # nonlinear parameters are moved later, by damped steps
-    x = np.where(of_terms, step, x + step * problem.linear)
+    x = np.where(is_weight, step, x + step * problem.linear)
     place = place.at(problem, np.clip(x, problem.lower, problem.upper))
     part = place.part if movable is part else place.part.operator
-    kept = ~loose | has_weight(part)
-    if kind.positions is None:
+    kept = ~is_candidate | has_weight(part)
+    if resolution.positions is None:
         kept[: np.flatnonzero(kept).max(initial=-1) + 1] = True
         return replace(place, part=select_terms(part, kept))
     return replace(place, part=_gathered(select_terms(part, kept), grid))
@@ -376,17 +385,19 @@ def _gathered(part, grid):
 
     Two neighbours on a grid represent one term between them.
     """
-    kind = part.resolution
-    places = np.array(getattr(part, kind.positions), dtype=float)
-    weights = np.array(getattr(part, kind.weights), dtype=float)
-    cells, stays = np.searchsorted(grid, places), kind.stays(part)
-    kept = np.ones(len(places), dtype=bool)
-    for i in range(1, len(places)):
-        pair = cells[i] - cells[i - 1] <= 1 and not (stays[i] or stays[i - 1])
-        if pair and kept[i - 2 : i - 1].all() and weights[i] * weights[i - 1] > 0.0:
-            places[i] = np.average(places[i - 1 : i + 1], weights=weights[i - 1 : i + 1])
+    resolution = part.resolution
+    positions = np.array(getattr(part, resolution.positions), dtype=float)
+    weights = np.array(getattr(part, resolution.weights), dtype=float)
+    cells, stays = np.searchsorted(grid, positions), resolution.stays(part)
+    kept = np.ones(len(positions), dtype=bool)
+    for i in range(1, len(positions)):
+        is_pair = cells[i] - cells[i - 1] <= 1 and not (stays[i] or stays[i - 1])
+        if is_pair and kept[i - 2 : i - 1].all() and weights[i] * weights[i - 1] > 0.0:
+            positions[i] = np.average(positions[i - 1 : i + 1], weights=weights[i - 1 : i + 1])
             weights[i], kept[i - 1] = weights[i] + weights[i - 1], False
-    return select_terms(replace(part, **{kind.positions: places, kind.weights: weights}), kept)
+    return select_terms(
+        replace(part, **{resolution.positions: positions, resolution.weights: weights}), kept
+    )
 
 
 def _without(blocks, x, weights):
@@ -416,7 +427,7 @@ class _Pursuit:
 
     def steps(self, gram):
         """Yield the steps (n,) with 0, 1, 2, ... terms from a Gram matrix."""
-        scale = np.sqrt(np.diag(gram))
+        scale = np.sqrt(np.diag(gram))  # unit diagonal: thresholds then depend on no unit
         if scale[-1] <= _LEAST:  # the residual is zero
             yield np.zeros(len(gram) - 1)
             return
@@ -426,21 +437,23 @@ class _Pursuit:
             if swept[i, i] > _DEPENDENT:
                 _sweep(swept, i)
         columns, others = self.groups[:, 0], [i for i in self.others if swept[i, i] < 0.0]
-        chosen, number = [], 0
+        chosen, n_yielded = [], 0
         while True:
-            if len(chosen) >= number:
+            if len(chosen) >= n_yielded:
                 step = np.zeros(len(gram) - 1)
                 index = np.array([*others, *self.groups[chosen].ravel()], dtype=int)
                 step[index] = -swept[index, -1] * scale[-1] / scale[index]
                 yield step
-                number = len(chosen) + 1
-            left, slope = swept[columns, columns], swept[columns, -1]
-            room = np.where(slope < 0.0, self.high, -self.low)
-            gain = np.where((left > _DEPENDENT) & (room > 0.0), slope**2, 0.0)
-            gain /= np.where(left > 0.0, left, 1.0)
+                n_yielded = len(chosen) + 1
+            # a swept diagonal entry is the power of a column orthogonal to the chosen ones, so that
+            # slope^2 / power is the decrease of the sum of squares by that column alone
+            power, slope = swept[columns, columns], swept[columns, -1]
+            limit = np.where(slope < 0.0, self.high, -self.low)
+            gain = np.where((power > _DEPENDENT) & (limit > 0.0), slope**2, 0.0)
+            gain /= np.where(power > 0.0, power, 1.0)
             gain[chosen] = 0.0
             best = int(np.argmax(gain > 0.0) if self.ordered else np.argmax(gain))
-            if not gain[best] > _TOLD * swept[-1, -1]:
+            if not gain[best] > _ROUNDING * swept[-1, -1]:
                 return
             chosen.append(best)
             for i in self.groups[best]:
@@ -452,11 +465,11 @@ class _Pursuit:
                 worst = int(np.argmax(beyond))
                 if not beyond[worst] > 0.0:
                     break
-                gone = chosen.pop(worst)
-                for i in self.groups[gone]:
+                removed = chosen.pop(worst)
+                for i in self.groups[removed]:
                     if swept[i, i] < 0.0:
                         _sweep(swept, i)
-                if gone == best:
+                if removed == best:
                     return
 
     @staticmethod
@@ -473,19 +486,19 @@ def _sweep(gram, i):
     gram[i, i] = -1.0 / pivot
 
 
-def _thinned(place, folds, least):
+def _thinned(place, folds, lowest):
     """Return the place without those terms whose removal does not worsen the prediction."""
-    places = max(len(place.part.finer(place.inputs())), 2)
+    n_positions = max(len(place.part.finer(place.inputs())), 2)
     while True:
-        chance = 1.0 + 2.0 * np.log(places) / _n_scored(place, folds)
-        reduced = _reduced(place, folds, chance * least)
+        chance = 1.0 + 2.0 * np.log(n_positions) / _n_scored(place, folds)
+        reduced = _reduced(place, folds, chance * lowest)
         if reduced is None:
             return place
         reduced = _settled(reduced)
-        power = _held_out(reduced, folds)
-        if not power <= chance * least:
+        cost = _held_out(reduced, folds)
+        if not cost <= chance * lowest:
             return place
-        place, least = reduced, power
+        place, lowest = reduced, cost
 
 
 def _n_scored(place, folds):
@@ -493,14 +506,14 @@ def _n_scored(place, folds):
     return sum(weight[test].sum() for _, test in folds)
 
 
-def _reduced(place, folds, least):
+def _reduced(place, folds, largest):
     """Return the place without the term that costs least; None if folds predict worse then."""
-    part, kind = place.part, place.part.resolution
+    part, resolution = place.part, place.part.resolution
     problem = place.problem(_movable(place))
     columns, x = _Columns(place, problem, part), problem.x0
-    loose = np.flatnonzero(~kind.stays(part))
-    loose = loose[-1:] if kind.positions is None else loose
-    if kind.of(part) < 2 or not loose.size:
+    removable = np.flatnonzero(~resolution.stays(part))
+    removable = removable[-1:] if resolution.positions is None else removable
+    if resolution.of(part) < 2 or not removable.size:
         return None
     blocks = problem.evaluate(x)
 
@@ -511,15 +524,15 @@ def _reduced(place, folds, least):
         full = np.append(step, 1.0)
         return step, full @ gram @ full
 
-    found = []
-    for i in loose:
-        gone = np.append(columns.groups[i], columns.moving([i]))
-        index = np.setdiff1d(np.arange(len(x)), gone)
+    trials = []
+    for i in removable:
+        removed = np.append(columns.groups[i], columns.moving([i]))
+        index = np.setdiff1d(np.arange(len(x)), removed)
         cost = solved(problem.total(_without(blocks, x, columns.groups[i])), index)[1]
-        found.append((cost, int(i), index))
-    _, i, index = min(found, key=lambda own: own[0])
-    rest = _without(blocks, x, columns.groups[i])
-    steps = [solved(problem.total(rest, train), index)[0] for train, _ in folds]
-    if not _scored(problem, rest, steps, folds) <= least:
+        trials.append((cost, int(i), index))
+    _, i, index = min(trials, key=lambda trial: trial[0])
+    remaining = _without(blocks, x, columns.groups[i])
+    steps = [solved(problem.total(remaining, train), index)[0] for train, _ in folds]
+    if not _scored(problem, remaining, steps, folds) <= largest:
         return None
-    return replace(place, part=select_terms(part, np.arange(kind.of(part)) != i))
+    return replace(place, part=select_terms(part, np.arange(resolution.of(part)) != i))

@@ -16,11 +16,10 @@ from ._problem import OperatorProblem, record_with_history
 from ._variable_projection import random_starts, starts_near, variable_projection
 
 _TINY = np.finfo(float).tiny
-LEVEL = 1e-3  # of the whiteness test: the fraction of good fits that need further starts in vain
+LEVEL = 1e-3  # significance level: the fraction of converged fits that are started again in vain
 _ROUNDS = 5
-_RETURNS = (
-    3  # runs that lead back to the best, and none to a better one, after which it is the optimum
-)
+# runs that return to the best solution, while none finds a better one: it is then the optimum
+_RETURNS = 3
 _STARTS = 12  # per round
 _BUDGET = 4.0  # evaluations relative to those of the fit, after which no further strategy is tried
 _TRIAL_EVALUATIONS = 4
@@ -36,26 +35,31 @@ def _neighbours(problems, seed):
     """
     problem = problems[0]
     best = variable_projection(problem, problem.x0, max_evaluations=1)
-    own = [p.x0 for p in problems[1:] if p.names == problem.names]
-    drawn = random_starts(problems, [best.x, *own], _STARTS, seed)
-    # where a play or a limit passes a sample, the next optimum is close; that near starts lead back
-    # says nothing about the others
+    other_starts = [p.x0 for p in problems[1:] if p.names == problem.names]
+    drawn = random_starts(problems, [best.x, *other_starts], _STARTS, seed)
+    # where a threshold passes a sample, the next optimum is close; only returns of the random
+    # starts are counted, since near ones would return to any local optimum
     near = starts_near(problems, best.x, _STARTS // 2, seed)
-    evaluations, followed = 1, []  # the search box
-    for starts, most in ((drawn, _FULL_RUNS), (near, 1)):
+    evaluations, runs_of_kind = 1, []  # one evaluation for the search box
+    for starts, n_followed in ((drawn, _FULL_RUNS), (near, 1)):
         trials = [
             variable_projection(problem, x, max_evaluations=_TRIAL_EVALUATIONS) for x in starts
         ]
         trials.sort(key=lambda trial: trial.cost)
-        runs = [variable_projection(problem, own.x, tolerance=_TOLERANCE) for own in trials[:most]]
+        runs = [
+            variable_projection(problem, trial.x, tolerance=_TOLERANCE)
+            for trial in trials[:n_followed]
+        ]
         evaluations += sum(run.n_evaluations for run in [*trials, *runs])
-        followed.append(runs)
-    ends, nearest = followed
+        runs_of_kind.append(runs)
+    random_ends, near_ends = runs_of_kind
     evaluations += best.n_evaluations
-    least = min([best, *ends, *nearest], key=lambda run: run.cost)
-    found = least if least.cost < (1.0 - _NOTICEABLE) * best.cost else best
-    returns = sum(run.cost <= found.cost / (1.0 - _NOTICEABLE) for run in [best, *ends]) - 1
-    return found if found is not best else None, returns, evaluations
+    least = min([best, *random_ends, *near_ends], key=lambda run: run.cost)
+    best_end = least if least.cost < (1.0 - _NOTICEABLE) * best.cost else best
+    returns = (
+        sum(run.cost <= best_end.cost / (1.0 - _NOTICEABLE) for run in [best, *random_ends]) - 1
+    )
+    return best_end if best_end is not best else None, returns, evaluations
 
 
 def is_coloured(result, records, initial_state="rest"):
@@ -79,11 +83,11 @@ def is_coloured(result, records, initial_state="rest"):
 
 def _residuals(result, records, initial_state):
     """Return the residual of each segment of the records."""
-    outputs, series = result.outputs(records, initial_state), []
+    outputs, segments = result.outputs(records, initial_state), []
     for record, output in zip(records, outputs, strict=True):
         residual = np.sqrt(record.counts()) * (record.y - output)
-        series += [residual[start:stop] for start, stop in record.segments]
-    return series
+        segments += [residual[start:stop] for start, stop in record.segments]
+    return segments
 
 
 def _is_noise(series, records):
@@ -111,16 +115,18 @@ def has_start_misfit(result, records):
     series = _residuals(result, records, "rest")
     if not _is_noise(series, records):
         return False
-    squares = [np.square(own) for own in _whitened(series, whitening_filter(series))]
-    total, n = sum(own.sum() for own in squares), sum(map(len, squares))
+    squares = [np.square(residual) for residual in _whitened(series, whitening_filter(series))]
+    total, n = sum(residual.sum() for residual in squares), sum(map(len, squares))
     parts = [2.0**-k for k in range(2, max(map(len, squares)).bit_length())]
     p_values = []
     for part in parts:
-        stops = [int(np.ceil(part * len(own))) for own in squares]
+        stops = [int(np.ceil(part * len(residual))) for residual in squares]
         m = sum(stops)
-        early = sum(own[:stop].sum() for own, stop in zip(squares, stops, strict=True))
-        most = sum(own[:stop] @ own[:stop] for own, stop in zip(series, stops, strict=True))
-        if m < n and 2.0 * most > sum(own @ own for own in series):
+        early = sum(residual[:stop].sum() for residual, stop in zip(squares, stops, strict=True))
+        start_power = sum(
+            residual[:stop] @ residual[:stop] for residual, stop in zip(series, stops, strict=True)
+        )
+        if m < n and 2.0 * start_power > sum(residual @ residual for residual in series):
             p_values.append(fdtrc(m, n - m, (early / m) / max((total - early) / (n - m), _TINY)))
     return bool(p_values) and len(parts) * min(p_values) < LEVEL
 
@@ -151,23 +157,30 @@ def start_p_value(result, other, records, n_values, states=("rest", "rest")):
     -------
     float
     """
-    own = other.input_history
-    later = (
+    history = other.input_history
+    with_history = (
         records
-        if own is None
-        else [record_with_history(other.operator, *pair) for pair in zip(records, own, strict=True)]
+        if history is None
+        else [
+            record_with_history(other.operator, *pair)
+            for pair in zip(records, history, strict=True)
+        ]
     )
-    left = [
-        _residuals(one, given, state)
-        for one, given, state in zip((result, other), (records, later), states, strict=True)
+    residuals = [
+        _residuals(fit, data, state)
+        for fit, data, state in zip((result, other), (records, with_history), states, strict=True)
     ]
-    n = sum(map(len, left[1])) - len(other.params) - n_values
+    n = sum(map(len, residuals[1])) - len(other.params) - n_values
     p_values = []
-    for weights in (np.ones(1), whitening_filter(left[1])):
-        more, less = (sum(float(e @ e) for e in _whitened(own, weights)) for own in left)
-        if n <= 0 or more <= less:
+    for weights in (np.ones(1), whitening_filter(residuals[1])):
+        cost, other_cost = (
+            sum(float(e @ e) for e in _whitened(residual, weights)) for residual in residuals
+        )
+        if n <= 0 or cost <= other_cost:
             return 1.0
-        p_values.append(fdtrc(n_values, n, (more - less) / n_values * n / max(less, _TINY)))
+        p_values.append(
+            fdtrc(n_values, n, (cost - other_cost) / n_values * n / max(other_cost, _TINY))
+        )
     return float(max(p_values))
 
 
@@ -214,20 +227,20 @@ def with_further_starts(result, records, starts, others=(), *, fixed=(), initial
             return result
         if result.n_evaluations > most:
             break
-    given, how, returns = starts(), {"fixed": fixed, "initial_state": initial_state}, 0
+    given, options, returns = starts(), {"fixed": fixed, "initial_state": initial_state}, 0
     for seed in range(_ROUNDS):
-        problems = problems_of([(result.operator, result.disturbances), *given], records, **how)
-        found, back, evaluations = _neighbours(problems, seed)
+        problems = problems_of([(result.operator, result.disturbances), *given], records, **options)
+        better_start, n_returns, evaluations = _neighbours(problems, seed)
         before = result
         result = replace(result, n_evaluations=result.n_evaluations + evaluations)
-        if found is not None:
-            other = identify([problems[0].unpack(found.x)], records, **how)
+        if better_start is not None:
+            other = identify([problems[0].unpack(better_start.x)], records, **options)
             result = _better(result, other, records, initial_state)
         better = result.error < before.error
-        returns = 0 if better else returns + back
+        returns = 0 if better else returns + n_returns
         if (
             returns >= _RETURNS
-            or (back and result.n_evaluations > most)
+            or (n_returns and result.n_evaluations > most)
             or (better and is_enough(result))
         ):
             return result

@@ -89,6 +89,10 @@ class IdentificationResult:
         Drive 1, 2, 4, ... samples before each record, in its units, if it was estimated.
     is_local : bool, default=False
         Whether the residual is coloured and every further start has ended at another optimum.
+
+    See Also
+    --------
+    identify : Returns it.
     """
 
     operator: object
@@ -123,9 +127,9 @@ class IdentificationResult:
         if self.joint_covariance is None:
             return None
         unknown = ~np.isfinite([self.params_std[name] for name in self.params])
-        found = self.joint_covariance[: len(unknown), : len(unknown)].copy()
-        found[unknown], found[:, unknown] = np.nan, np.nan
-        return found
+        covariance = self.joint_covariance[: len(unknown), : len(unknown)].copy()
+        covariance[unknown], covariance[:, unknown] = np.nan, np.nan
+        return covariance
 
     def narrowed(self, wide):
         """Return the result with the standard errors of a result that has more parameters.
@@ -141,30 +145,39 @@ class IdentificationResult:
             With the parameters of this one.
         """
         names = list(wide.params)
-        at = [names.index(name) for name in self.params]
-        at += range(len(names), len(wide.joint_covariance))
+        indices = [names.index(name) for name in self.params]
+        indices += range(len(names), len(wide.joint_covariance))
         return replace(
             self,
             params_std={name: wide.params_std[name] for name in self.params},
             params_std_white={name: wide.params_std_white[name] for name in self.params},
-            joint_covariance=wide.joint_covariance[np.ix_(at, at)],
+            joint_covariance=wide.joint_covariance[np.ix_(indices, indices)],
         )
 
     def operator_covariance(self):
         """Return the covariance of all values of the operator with its disturbances, or None.
 
-        In the order of ``pack`` of their sum; zero for values that are held.
+        Returns
+        -------
+        ndarray of shape (n, n) or None
+            In the order of ``pack`` of their sum; zero for values that are held.
         """
         if self.joint_covariance is None:
             return None
         places, coefficients = _places(self.operator, self.disturbances)
-        at = [*(places[name] for name in self.params), *coefficients]
-        found = np.zeros((len(places) + len(coefficients),) * 2)
-        found[np.ix_(at, at)] = self.joint_covariance
-        return found
+        indices = [*(places[name] for name in self.params), *coefficients]
+        covariance = np.zeros((len(places) + len(coefficients),) * 2)
+        covariance[np.ix_(indices, indices)] = self.joint_covariance
+        return covariance
 
     def released(self):
-        """Return the result with operators that have no estimator and no held entries."""
+        """Return the result with operators that have no estimator and no held entries.
+
+        Returns
+        -------
+        IdentificationResult
+            A copy.
+        """
         additive = tuple(disturbance.released() for disturbance in self.disturbances)
         return replace(self, operator=self.operator.released(), disturbances=additive)
 
@@ -227,16 +240,18 @@ def calibrated(operator, record, covariance=None, noise_std=None):
         return operator, covariance
     problem = OperatorProblem(driven, [record], disturbances=additive)
     blocks = problem.evaluate(problem.x0, jacobian=covariance is not None)
-    places, at = _places(driven, additive)
+    places, coefficients = _places(driven, additive)
     values = operator.pack()
-    values[at] = problem.coefficients(blocks)[0]
+    values[coefficients] = problem.coefficients(blocks)[0]
     if covariance is not None:
-        follow = np.eye(len(values))
-        follow[at] = 0.0
+        propagation = np.eye(len(values))
+        propagation[coefficients] = 0.0
         slopes = problem.coefficient_slopes(blocks)[0] / _chain(problem, problem.x0)
-        follow[np.ix_(at, [places[name] for name in problem.names])] = -slopes
-        covariance = follow @ covariance @ follow.T
-        covariance[np.ix_(at, at)] += (noise_std or 0.0) ** 2 * _inverse(blocks, len(at))
+        propagation[np.ix_(coefficients, [places[name] for name in problem.names])] = -slopes
+        covariance = propagation @ covariance @ propagation.T
+        covariance[np.ix_(coefficients, coefficients)] += (noise_std or 0.0) ** 2 * _inverse(
+            blocks, len(coefficients)
+        )
     return operator.unpack(values), covariance
 
 
@@ -366,6 +381,11 @@ def identify(
     ValueError
         If the method is unknown, or no sample has a weight above zero.
 
+    See Also
+    --------
+    VariableProjection : The default method.
+    skhyst.base.ParametricModel : Estimators that call it.
+
     Examples
     --------
     >>> import numpy as np
@@ -412,8 +432,8 @@ def _without(constants, operator):
     """Return an operator with some of its entries at zero."""
     if not constants:
         return operator
-    held = [name in constants for name, _ in operator.entries()]
-    return operator.unpack(np.where(held, 0.0, operator.pack()))
+    is_zero = [name in constants for name, _ in operator.entries()]
+    return operator.unpack(np.where(is_zero, 0.0, operator.pack()))
 
 
 def solve(problems, method, with_errors=True):
@@ -421,10 +441,10 @@ def solve(problems, method, with_errors=True):
     begin = time.perf_counter()
     method = METHODS[method]() if isinstance(method, str) else method
     problem, solution, n_evaluations = method.solve(problems)
-    least = _least_norm(problem, solution)
-    if np.any(least != solution.x):
-        gram = problem.total(problem.evaluate(least))
-        solution, n_evaluations = replace(solution, x=least, gram=gram), n_evaluations + 1
+    minimum_norm = _least_norm(problem, solution)
+    if np.any(minimum_norm != solution.x):
+        gram = problem.total(problem.evaluate(minimum_norm))
+        solution, n_evaluations = replace(solution, x=minimum_norm, gram=gram), n_evaluations + 1
     seconds = time.perf_counter() - begin
     n_samples = problem.segment_weight.sum()  # a sample of weight 2 counts as two
     operator, disturbances = problem.unpack(solution.x)
@@ -437,9 +457,9 @@ def solve(problems, method, with_errors=True):
     start, filled = 0, []
     for disturbance in disturbances:
         size = np.size(disturbance.coefficients)
-        own = disturbance.pack()
-        own[:size] = coefficients[:, start : start + size].mean(axis=0)
-        filled.append(disturbance.unpack(own))
+        values = disturbance.pack()
+        values[:size] = coefficients[:, start : start + size].mean(axis=0)
+        filled.append(disturbance.unpack(values))
         start += size
     return IdentificationResult(
         operator=operator,
@@ -459,10 +479,10 @@ def solve(problems, method, with_errors=True):
 
 
 def as_of(result, operator, records, *, fixed=(), initial_state="rest"):
-    """Return a result as if it were that of another operator with the same response.
+    """Return a result with the parameters and errors of another operator of the same response.
 
-    Such as one whose positions of terms are parameters too: what the data have given besides makes
-    the errors larger.
+    Such as one whose positions of terms are free parameters too, which makes the standard errors of
+    the other parameters larger.
 
     Parameters
     ----------
@@ -475,7 +495,7 @@ def as_of(result, operator, records, *, fixed=(), initial_state="rest"):
     Returns
     -------
     IdentificationResult
-        With the parameters and the errors of the operator, nothing is fitted.
+        With the parameters and the errors of the operator. Nothing is fitted.
     """
     start = operator, result.disturbances
     (problem,) = problems_of([start], records, fixed=fixed, initial_state=initial_state)
@@ -500,28 +520,28 @@ def _uncertainty(problem, solution, blocks, coefficients):
     white = variance * root @ root.T
     covariance = coloured_covariance(lambda: problem.rows(x), root, n_samples)
     covariance = white if covariance is None else covariance
-    wide = problem.log & (marks == 0.0)
+    is_wide = problem.log & (marks == 0.0)
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    wide &= _QUANTILE * errors > np.log(max(n_samples, 2.0))
-    for i in np.flatnonzero(wide):
-        wide[i] = _is_open(problem, solution, i, errors[i], variance)
-    marks[wide] = np.inf
+    is_wide &= _QUANTILE * errors > np.log(max(n_samples, 2.0))
+    for i in np.flatnonzero(is_wide):
+        is_wide[i] = _is_open(problem, solution, i, errors[i], variance)
+    marks[is_wide] = np.inf
     names = np.array(problem.names)
-    few = (marks == 0.0) & (n_samples * np.diag(white) < FEWEST * np.diag(covariance))
-    few &= solution.cost > NOISELESS * problem.scale
+    is_short = (marks == 0.0) & (n_samples * np.diag(white) < FEWEST * np.diag(covariance))
+    is_short &= solution.cost > NOISELESS * problem.scale
     # the fit has absorbed the trace of H C of the noise, which for white noise is sigma^2 p
-    taken = np.sum(solution.gram[:-1, :-1] * covariance)
-    noise = (solution.cost + taken) / max(n_samples - coefficients.size, 1)
-    chain = _chain(problem, x)
-    units = np.outer(chain, chain)
-    covariance = covariance * units
+    absorbed = np.sum(solution.gram[:-1, :-1] * covariance)
+    noise = (solution.cost + absorbed) / max(n_samples - coefficients.size, 1)
+    scale = _chain(problem, x)
+    scale_products = np.outer(scale, scale)
+    covariance = covariance * scale_products
     return {
         "params_std": _errors(problem, covariance, marks),
-        "params_std_white": _errors(problem, white * units, marks),
-        "joint_covariance": _joint(problem, blocks, coefficients, covariance, chain, noise),
+        "params_std_white": _errors(problem, white * scale_products, marks),
+        "joint_covariance": _joint(problem, blocks, coefficients, covariance, scale, noise),
         "noise_std": float(np.sqrt(noise)),
-        "short": tuple(names[few].tolist()),
-        "undetermined": tuple(sorted({*undetermined, *names[wide].tolist()})),
+        "short": tuple(names[is_short].tolist()),
+        "undetermined": tuple(sorted({*undetermined, *names[is_wide].tolist()})),
         "silent": undetermined,
         "condition_number": condition,
     }
@@ -547,15 +567,17 @@ def _joint(problem, blocks, coefficients, covariance, chain, noise):
     """
     m, d = coefficients.shape
     # without those of parallel signals
-    kept = sum(np.size(own.coefficients) for own in problem.disturbances) if d else 0
-    if not kept:
+    n_kept = (
+        sum(np.size(disturbance.coefficients) for disturbance in problem.disturbances) if d else 0
+    )
+    if not n_kept:
         return covariance
-    follow = -problem.coefficient_slopes(blocks).mean(axis=0)[:kept] / chain
+    slopes = -problem.coefficient_slopes(blocks).mean(axis=0)[:n_kept] / chain
     if m > 1:
-        own = np.atleast_2d(np.cov(coefficients[:, :kept].T)) * (1.0 + 1.0 / m)
+        scatter = np.atleast_2d(np.cov(coefficients[:, :n_kept].T)) * (1.0 + 1.0 / m)
     else:
-        own = noise * _inverse(blocks, d)[:kept, :kept]
-    both = np.concatenate([np.eye(len(chain)), follow])
-    joint = both @ covariance @ both.T
-    joint[len(chain) :, len(chain) :] += own
+        scatter = noise * _inverse(blocks, d)[:n_kept, :n_kept]
+    propagation = np.concatenate([np.eye(len(chain)), slopes])
+    joint = propagation @ covariance @ propagation.T
+    joint[len(chain) :, len(chain) :] += scatter
     return joint

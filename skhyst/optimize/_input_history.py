@@ -77,7 +77,7 @@ def estimate_input_history(
     further : sequence of (Operator, sequence of DisturbanceOperator), default=()
         Further starts of the same structure, such as a fit to the later halves.
     which : sequence of bool, default=None
-        Records that begin otherwise than at ``initial_state``; by default all of them do.
+        Records that do not begin at ``initial_state``; by default all of them.
     initial_state : {"rest", "zero"}, default="rest"
         State before each of the other records.
 
@@ -94,30 +94,33 @@ def estimate_input_history(
     count, which = _count(records), [True] * len(records) if which is None else which
     records = [r if _is_known(r, count) else replace(r, before=None) for r in records]
     start = [(operator, disturbances)]
-    how = {"fixed": fixed, "method": method, "with_errors": with_errors}
-    how |= {"initial_state": initial_state}
-    best = identify(start, records, **how)
-    halves = zip(records, later_halves(records), which, strict=True)
-    late = [half if own else record for record, half, own in halves]
+    options = {"fixed": fixed, "method": method, "with_errors": with_errors}
+    options |= {"initial_state": initial_state}
+    best = identify(start, records, **options)
+    pairs = zip(records, later_halves(records), which, strict=True)
+    later = [half if is_estimated else record for record, half, is_estimated in pairs]
     n_values = sum(_rest(r, count).size for r in compress(records, which))
     chance = n_values / sum(r.counts().sum() for r in records)
-    rough = how | {"with_errors": False}
-    begins = [identify([*start, *further], late, **rough)]
+    without_errors = options | {"with_errors": False}
+    first_fits = [identify([*start, *further], later, **without_errors)]
     if operator.signal_linear:
         # the dynamics of least error while the linear parameters and the history are free
         rested = [
-            replace(r, before=_rest(r, count)) if own and r.before is None else r
-            for r, own in zip(records, which, strict=True)
+            replace(r, before=_rest(r, count)) if is_estimated and r.before is None else r
+            for r, is_estimated in zip(records, which, strict=True)
         ]
-        held = rough | {"method": VariableProjection(max_evaluations=1)}
-        free = [_loosened(*own, rested, which, held) for own in (*start, *further)]
-        begins.append(min(free, key=lambda own: own.error))
-    ends = [_in_turn(begin, best, records, which, chance, how) for begin in begins]
-    evaluations = sum(own.n_evaluations for own, _ in ends)
-    best, records = min(ends, key=lambda own: own[0].error)
+        one_step = without_errors | {"method": VariableProjection(max_evaluations=1)}
+        loosened = [_loosened(*guess, rested, which, one_step) for guess in (*start, *further)]
+        first_fits.append(min(loosened, key=lambda fit: fit.error))
+    fits = [_in_turn(begin, best, records, which, chance, options) for begin in first_fits]
+    evaluations = sum(fit.n_evaluations for fit, _ in fits)
+    best, records = min(fits, key=lambda fit: fit[0].error)
     input_history = [_rest(r, count) if r.before is None else r.before for r in records]
     input_history = np.array(
-        [h if own else np.full_like(h, np.nan) for h, own in zip(input_history, which, strict=True)]
+        [
+            h if is_estimated else np.full_like(h, np.nan)
+            for h, is_estimated in zip(input_history, which, strict=True)
+        ]
     )
     return replace(best, n_evaluations=evaluations), input_history
 
@@ -128,9 +131,10 @@ def _in_turn(result, best, records, which, chance, how):
     options = {"which": which, "initial_state": how["initial_state"]}
     while gain > chance:
         operator, disturbances = result.operator, result.disturbances
-        found, runs = input_history_of(operator, disturbances, records, **options)
+        histories, runs = input_history_of(operator, disturbances, records, **options)
         trial = [
-            record_with_history(operator, r, own) for r, own in zip(records, found, strict=True)
+            record_with_history(operator, r, history)
+            for r, history in zip(records, histories, strict=True)
         ]
         result = identify([(operator, disturbances)], trial, **how)
         evaluations += runs + result.n_evaluations
@@ -138,8 +142,8 @@ def _in_turn(result, best, records, which, chance, how):
         if gain > 0.0:
             records, best = trial, result
         if gain > chance:
-            rough = how | {"with_errors": False}
-            result = _loosened(best.operator, best.disturbances, records, which, rough)
+            without_errors = how | {"with_errors": False}
+            result = _loosened(best.operator, best.disturbances, records, which, without_errors)
     return replace(best, n_evaluations=evaluations), records
 
 
@@ -147,16 +151,16 @@ def _loosened(operator, disturbances, records, which, how):
     """Return a fit in which the response to small changes of the history is eliminated."""
     options = {"disturbances": disturbances, "initial_state": how["initial_state"]}
     problem, count = OperatorProblem(operator, records, **options), _count(records)
-    loose = [
+    loosened = [
         replace(
             r,
             eliminated=problem.history_sensitivities(operator, r)
-            if own
+            if is_estimated
             else np.zeros((len(r.u), _rest(r, count).size)),
         )
-        for r, own in zip(records, which, strict=True)
+        for r, is_estimated in zip(records, which, strict=True)
     ]
-    return identify([(operator, disturbances)], loose, **how)
+    return identify([(operator, disturbances)], loosened, **how)
 
 
 def later_halves(records):
@@ -167,15 +171,15 @@ def later_halves(records):
 
 
 def with_input_history(result, records, method="variable_projection", **options):
-    """Return what identification found, fitted again together with the drive before each record.
+    """Return a result, fitted again together with the drive before each record.
 
     Held parameters stay held; ``options`` are those of :func:`estimate_input_history`.
     """
     fixed = {name for name, _ in result.operator.entries()} - set(result.params)
     options |= {"fixed": fixed, "method": method}
-    found, drives = estimate_input_history(result.operator, result.disturbances, records, **options)
-    evaluations = result.n_evaluations + found.n_evaluations
-    return replace(found, n_evaluations=evaluations, input_history=drives)
+    fit, history = estimate_input_history(result.operator, result.disturbances, records, **options)
+    evaluations = result.n_evaluations + fit.n_evaluations
+    return replace(fit, n_evaluations=evaluations, input_history=history)
 
 
 def _count(records):
@@ -215,56 +219,56 @@ def input_history_of(
     options = {"disturbances": disturbances, "initial_state": initial_state}
     problem = OperatorProblem(operator, records, **options)
     which = [True] * len(records) if which is None else which
-    found = [
+    histories = [
         _history(problem, record, limits, count)
-        if own
+        if is_estimated
         else (np.full_like(_rest(record, count), np.nan, dtype=float), 0)
-        for record, own in zip(problem.records, which, strict=True)
+        for record, is_estimated in zip(problem.records, which, strict=True)
     ]
-    return np.array([own for own, _ in found]), max(runs for _, runs in found)
+    return np.array([history for history, _ in histories]), max(runs for _, runs in histories)
 
 
 def _history(problem, record, limits, count):
     """Return the input history of one record, and the number of runs."""
     low, high = limits
-    size = high - low
-    if not size.any():
+    width = high - low
+    if not width.any():
         return _rest(record, count), 0
-    misfit = _Misfit(problem, record, low, size)
+    misfit = _Misfit(problem, record, low, width)
     starts = _starts(misfit, record, count)
     if problem.operator.signal_linear:
         return misfit.before(misfit.solved(np.array(starts))), misfit.runs
-    left = misfit.screen_starts(starts)
+    costs = misfit.screen_starts(starts)
     starts = [start[: misfit.n_values] for start in starts]
     # many histories have the same residual: the penalty of their changes distinguishes them
-    left += [np.square(misfit.changes(start)).sum() for start in starts]
-    order = np.argsort(left)[: 1 if _is_known(record, count) else _STARTS]
-    chance = len(starts[0]) / max(record.counts().sum(), 1.0)
-    ends = [misfit.descended(*misfit.stepped(starts[i], left[i])) for i in order]
-    best = misfit.before(_searched(misfit, *min(ends, key=lambda own: own[1]), chance))
-    found = _rest(record, count)
-    found[: len(best)] = best
-    return found, misfit.runs
+    costs += [np.square(misfit.changes(start)).sum() for start in starts]
+    order = np.argsort(costs)[: 1 if _is_known(record, count) else _STARTS]
+    by_chance = len(starts[0]) / max(record.counts().sum(), 1.0)
+    minima = [misfit.descended(*misfit.stepped(starts[i], costs[i])) for i in order]
+    best = misfit.before(_searched(misfit, *min(minima, key=lambda minimum: minimum[1]), by_chance))
+    history = _rest(record, count)
+    history[: len(best)] = best
+    return history, misfit.runs
 
 
 def _starts(misfit, record, count):
     """Return candidates of the input history of a record, relative to the limits."""
-    back = ages(np.empty(count))
+    delays = ages(np.empty(count))
     starts = [_rest(record, count)]
     if _is_known(record, count):
         return [misfit.relative(start) for start in (*starts, record.before)]
     # sections of its own drive, as many as there are steps in all values
-    for now in np.linspace(back[-1], len(record.u), count * len(_STEPS)).astype(int):
-        starts.append(record.u[np.clip(now - back, 0, len(record.u) - 1)])
+    for row in np.linspace(delays[-1], len(record.u), count * len(_STEPS)).astype(int):
+        starts.append(record.u[np.clip(row - delays, 0, len(record.u) - 1)])
     return [misfit.relative(start) for start in starts]
 
 
-def _searched(misfit, values, least, chance):
+def _searched(misfit, values, cost, by_chance):
     """Return the minimum near the best start, whose sum of squares is ``least``."""
     while True:
-        before = least
-        values, least = misfit.descended(*misfit.stepped(values, least))
-        if not least < (1.0 - chance) * before:
+        previous = cost
+        values, cost = misfit.descended(*misfit.stepped(values, cost))
+        if not cost < (1.0 - by_chance) * previous:
             return values
 
 
@@ -315,12 +319,12 @@ class _Misfit:
         """
         rest, n = starts[0], len(self._root)
         columns, free = self._columns(rest), np.full(len(rest), np.inf)
-        left = columns[:, -1:] + columns[:, :-1] @ (starts - rest).T
+        residuals = columns[:, -1:] + columns[:, :-1] @ (starts - rest).T
         for _ in range(2):
-            self._stiffness = np.linalg.norm(left, axis=0).min() / np.sqrt(n)
+            self._stiffness = np.linalg.norm(residuals, axis=0).min() / np.sqrt(n)
             gram = self._gram(columns, rest)
             step = bounded_step(gram[:-1, :-1], gram[:-1, -1], -free, free)
-            left = np.column_stack([left, columns[:, -1] + columns[:, :-1] @ step])
+            residuals = np.column_stack([residuals, columns[:, -1] + columns[:, :-1] @ step])
         return rest + step
 
     def screen_starts(self, starts):
@@ -330,39 +334,39 @@ class _Misfit:
         part of the record, and to the values, that depend on each other noticeably.
         """
         n_inputs, rest = len(self._size), starts[0]
-        ends = [np.repeat(own, n_inputs) for own in _at_the_limits(len(rest) // n_inputs)]
+        ends = [np.repeat(history, n_inputs) for history in _at_the_limits(len(rest) // n_inputs)]
         outputs = np.array([self._simulate(values) for values in (rest, *ends)])
         with np.errstate(invalid="ignore"):  # diverged runs
             spread = np.ptp(outputs, axis=0)
         after = np.cumsum(self._change(spread)[::-1])[::-1]
-        self._settled, left = outputs[0], [self._squares(outputs[0])]
-        self._cut(after, left)
-        left += [self._squares(self._simulate(start)) for start in starts[1:]]
-        self._cut(after, left)
+        self._settled, costs = outputs[0], [self._squares(outputs[0])]
+        self._cut(after, costs)
+        costs += [self._squares(self._simulate(start)) for start in starts[1:]]
+        self._cut(after, costs)
         kept = len(rest)
         while kept > n_inputs and self._is_forgotten(rest, ends, kept - n_inputs):
             kept -= n_inputs
-        self.n_values, self._stiffness = kept, np.sqrt(min(left) / len(self._root))
-        return np.array(left)
+        self.n_values, self._stiffness = kept, np.sqrt(min(costs) / len(self._root))
+        return np.array(costs)
 
-    def _cut(self, after, left):
+    def _cut(self, after, costs):
         """Leave out the samples that no history affects; ``after`` is each one's change."""
-        self._faded = _FADED * min(left) / len(self._root)
+        self._faded = _FADED * min(costs) / len(self._root)
         self._part = self._record.first_part(max(int(np.sum(after > self._faded)), 1))
 
     def _is_forgotten(self, rest, ends, kept):
         """Whether nothing noticeable depends on the values before the ``kept`` latest ones."""
-        rested = self._simulate(rest)
-        trials = [self._simulate(np.append(rest[:kept], own[kept:])) for own in ends]
-        return all(self._change(trial - rested).sum() <= self._faded for trial in trials)
+        unchanged = self._simulate(rest)
+        trials = [self._simulate(np.append(rest[:kept], history[kept:])) for history in ends]
+        return all(self._change(trial - unchanged).sum() <= self._faded for trial in trials)
 
     def _change(self, part):
         """Return the squares of a change of the output, relative to the response, weighted."""
         return np.nan_to_num(np.square(part * self._root / self._scale), nan=_FAR, posinf=_FAR)
 
     def _squares(self, output):
-        left = np.nan_to_num(self._left(output - self._record.y), nan=_FAR, posinf=_FAR)
-        return left @ left
+        residual = np.nan_to_num(self._left(output - self._record.y), nan=_FAR, posinf=_FAR)
+        return residual @ residual
 
     def _simulate(self, values):
         """Return the output of the record."""

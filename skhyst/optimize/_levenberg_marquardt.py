@@ -40,6 +40,10 @@ class LevenbergMarquardt(Method):
     random_state : int or None, default=0
         Not used: nothing is random.
 
+    See Also
+    --------
+    VariableProjection : Solves the linear parameters exactly in each step.
+
     References
     ----------
     Hagan and Menhaj, *IEEE Transactions on Neural Networks*, 1994. Ahmed and Yan, *IEEE Access*,
@@ -73,9 +77,9 @@ class LevenbergMarquardt(Method):
             evaluations += sum(trial.n_evaluations for trial in trials)
             order = np.argsort([trial.cost for trial in trials], kind="stable")
             starts = [problems[i] for i in order[:_FULL_RUNS]]
-        found = [(p, self._train(p, self.max_epochs, self._report)) for p in starts]
-        evaluations += sum(solution.n_evaluations for _, solution in found)
-        return *min(found, key=lambda pair: pair[1].cost), evaluations
+        solutions = [(p, self._train(p, self.max_epochs, self._report)) for p in starts]
+        evaluations += sum(solution.n_evaluations for _, solution in solutions)
+        return *min(solutions, key=lambda pair: pair[1].cost), evaluations
 
     def _train(self, problem, max_epochs, callback=None):
         return variable_projection(

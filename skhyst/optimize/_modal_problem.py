@@ -43,21 +43,21 @@ class ModalProblem:
         self.n_first, self.n_second = len(parts[0]), len(parts[1])
         self.n_states, self.n_inputs = b.shape
         self.n_outputs = responses.shape[1]
-        own = self.n_outputs * (self.n_states + self.n_inputs)
-        self.x0 = np.concatenate([np.log(np.concatenate(parts)), b.ravel(), np.zeros(own)])
+        n_linear = self.n_outputs * (self.n_states + self.n_inputs)
+        self.x0 = np.concatenate([np.log(np.concatenate(parts)), b.ravel(), np.zeros(n_linear)])
         self.n_poles = self.n_first + 2 * self.n_second
         self.lower, self.upper = np.full(len(self.x0), -np.inf), np.full(len(self.x0), np.inf)
         self.log = np.arange(len(self.x0)) < self.n_poles
-        self.linear = np.arange(len(self.x0)) >= len(self.x0) - own
+        self.linear = np.arange(len(self.x0)) >= len(self.x0) - n_linear
         self.scale = float(np.sum(np.abs(weights * responses) ** 2))
 
     def split(self, x):
         """Return the parts, B (n_states, n_inputs), C (n_outputs, n_states) and D."""
         n, m, p = self.n_states, self.n_inputs, self.n_outputs
-        poles, b, own = np.split(x, [self.n_poles, self.n_poles + n * m])
-        own = own.reshape(p, n + m)
+        poles, b, linear = np.split(x, [self.n_poles, self.n_poles + n * m])
+        linear = linear.reshape(p, n + m)
         parts = np.split(np.exp(poles), [self.n_first, self.n_first + self.n_second])
-        return parts, b.reshape(n, m), own[:, :n], own[:, n:]
+        return parts, b.reshape(n, m), linear[:, :n], linear[:, n:]
 
     @staticmethod
     def matrix(parts):
@@ -80,21 +80,21 @@ class ModalProblem:
         n, m, k = self.n_states, self.n_inputs, self.n_poles
         gram = np.zeros((len(x) + 1, len(x) + 1))
         for o in range(self.n_outputs):
-            left = np.empty_like(forced)
+            adjoint = np.empty_like(forced)
             up, low = c[o, f::2], c[o, f + 1 :: 2]
-            left[:, :f] = first * c[o, :f]
-            left[:, f::2] = second * ((s + 2.0 * zeta * w) * up - w * low)
-            left[:, f + 1 :: 2] = second * (w * up + s * low)
+            adjoint[:, :f] = first * c[o, :f]
+            adjoint[:, f::2] = second * ((s + 2.0 * zeta * w) * up - w * low)
+            adjoint[:, f + 1 :: 2] = second * (w * up + s * low)
             columns = np.empty((len(s), k + n * m + n + m + 1), dtype=complex)
             # the logarithms' derivatives: A = -1 / tau, and [[0, w], [-w, -2 zeta w]]
-            columns[:, :f] = left[:, :f] * state[:, :f] / tau
-            left1, left2 = left[:, f::2], left[:, f + 1 :: 2]
+            columns[:, :f] = adjoint[:, :f] * state[:, :f] / tau
+            adjoint1, adjoint2 = adjoint[:, f::2], adjoint[:, f + 1 :: 2]
             state1, state2 = state[:, f::2], state[:, f + 1 :: 2]
-            turned = left2 * (2.0 * zeta * w * state2)
-            by_w = left1 * (w * state2) - left2 * (w * state1) - turned
+            turned = adjoint2 * (2.0 * zeta * w * state2)
+            by_w = adjoint1 * (w * state2) - adjoint2 * (w * state1) - turned
             columns[:, f : f + self.n_second] = by_w
             columns[:, f + self.n_second : k] = -turned
-            by_b = left[:, :, None] * self.drives[:, None, :]
+            by_b = adjoint[:, :, None] * self.drives[:, None, :]
             columns[:, k : k + n * m] = by_b.reshape(len(s), n * m)
             columns[:, k + n * m : -1 - m] = state
             columns[:, -1 - m : -1] = self.drives
@@ -102,9 +102,9 @@ class ModalProblem:
             columns *= self.weights[:, o, None]
             rows = np.concatenate([columns.real, columns.imag])
             product = rows.T @ rows
-            first_own = k + n * m + o * (n + m)
-            places = np.r_[: k + n * m, first_own : first_own + n + m, len(x)]
-            gram[np.ix_(places, places)] += product
+            first_linear = k + n * m + o * (n + m)
+            unknowns = np.r_[: k + n * m, first_linear : first_linear + n + m, len(x)]
+            gram[np.ix_(unknowns, unknowns)] += product
         return gram
 
     def total(self, blocks, select=None):
@@ -118,14 +118,14 @@ class ModalProblem:
         scale = np.sqrt(np.maximum(np.diag(hessian), np.finfo(float).tiny))
         hessian = hessian / np.outer(scale, scale)
         # factors that B and C can exchange are not determined, but do not affect the poles
-        rest = np.linalg.pinv(hessian[k:, k:], rcond=1e-10, hermitian=True)
-        own = hessian[:k, :k] - hessian[:k, k:] @ rest @ hessian[k:, :k]
+        inverse = np.linalg.pinv(hessian[k:, k:], rcond=1e-10, hermitian=True)
+        poles = hessian[:k, :k] - hessian[:k, k:] @ inverse @ hessian[k:, :k]
         n_unknowns = np.linalg.matrix_rank(hessian, tol=1e-10, hermitian=True)
         n_rows = 2 * self.responses.size
         variance = solution.cost / max(n_rows - n_unknowns, 1)
         chain = np.exp(solution.x[:k]) / scale[:k]
         with np.errstate(over="ignore", invalid="ignore"):  # of poles that are not determined
-            return variance * np.linalg.pinv(own, hermitian=True) * np.outer(chain, chain)
+            return variance * np.linalg.pinv(poles, hermitian=True) * np.outer(chain, chain)
 
 
 def modal_start(poles, residues, n_poles):
@@ -157,13 +157,14 @@ def modal_start(poles, residues, n_poles):
         a, b, c = _realize(poles, residues)
     unit = np.median(np.abs(poles))
     a = a / unit
-    reach = solve_continuous_lyapunov(a, -b @ b.T)
-    watch = solve_continuous_lyapunov(a.T, -c.T @ c)
-    reach_root, watch_root = _root(reach), _root(watch)
-    u, size, vh = np.linalg.svd(watch_root.T @ reach_root)
+    # Gramians of controllability and of observability
+    gram_c = solve_continuous_lyapunov(a, -b @ b.T)
+    gram_o = solve_continuous_lyapunov(a.T, -c.T @ c)
+    root_c, root_o = _root(gram_c), _root(gram_o)
+    u, size, vh = np.linalg.svd(root_o.T @ root_c)
     kept = size[:n_poles] > 1e-12 * size[0]
     scale = 1.0 / np.sqrt(np.where(kept, size[:n_poles], np.inf))
-    left, right = scale[:, None] * (u[:, :n_poles].T @ watch_root.T), reach_root @ vh[:n_poles].T
+    left, right = scale[:, None] * (u[:, :n_poles].T @ root_o.T), root_c @ vh[:n_poles].T
     small, b = left @ a @ (right * scale), left @ b
     small[~kept, ~kept] = -1.0  # a state that is not controllable or not observable
     values, vectors = np.linalg.eig(small)
@@ -212,7 +213,7 @@ def _sections_of(poles, b):
             rows.append(
                 np.real(np.outer(vectors[:, slow], b[i]) + np.outer(vectors[:, 1 - slow], b[j]))
             )
-    sizes = [np.linalg.norm(own) for own in rows]
+    sizes = [np.linalg.norm(row) for row in rows]
     return parts, np.concatenate(
-        [own / size if size > 0.0 else own + 1.0 for own, size in zip(rows, sizes, strict=True)]
+        [row / size if size > 0.0 else row + 1.0 for row, size in zip(rows, sizes, strict=True)]
     )

@@ -43,7 +43,7 @@ def pole_starts(records, n_poles):
 
 def _poles_at(interval, signals, n_poles):
     """Return the pole sets of records of one interval."""
-    found = []
+    pole_sets = []
     for q in _DECIMATIONS:
         parts = [np.stack([u[::q], y[::q]]) for u, y in signals]
         if sum(part.shape[1] for part in parts) < _MIN_SAMPLES * (2 * n_poles + 2):
@@ -63,8 +63,8 @@ def _poles_at(interval, signals, n_poles):
                 break
             scale = np.sqrt(np.diag(gram)[:-1])
             scale[scale == 0.0] = 1.0
-            own, right = gram[:-1, :-1] / np.outer(scale, scale), gram[:-1, -1] / scale
-            solution = np.linalg.lstsq(own, right, rcond=None)[0] / scale
+            matrix, target = gram[:-1, :-1] / np.outer(scale, scale), gram[:-1, -1] / scale
+            solution = np.linalg.lstsq(matrix, target, rcond=None)[0] / scale
             roots = np.roots(np.r_[1.0, solution[:n_poles]])
             if len(roots) < n_poles or not np.isfinite(roots).all():
                 break
@@ -77,8 +77,8 @@ def _poles_at(interval, signals, n_poles):
             fast = (np.abs(roots) < 1e-3) | ((np.abs(roots.imag) < 1e-12) & (roots.real <= 0.0))
             poles = np.where(fast, -_FASTEST / dt, np.log(np.where(fast, 0.5, roots)) / dt)
             if iteration in (1, _ITERATIONS - 1):
-                found.append(poles)
-    return found
+                pole_sets.append(poles)
+    return pole_sets
 
 
 def warp(s, dt):
@@ -167,31 +167,31 @@ def distribute_poles(stages, poles):
     while len(pairs) > n_pairs:
         frequency, _ = pairs.pop()
         rates += [frequency, frequency]
-    ways = []
+    assignments = []
     missing = n_pairs - len(pairs)
     for chosen in combinations(range(len(rates)), 2 * missing):
-        made = [
+        combined = [
             (
                 np.sqrt(rates[i] * rates[j]),
                 0.5 * (rates[i] + rates[j]) / np.sqrt(rates[i] * rates[j]),
             )
             for i, j in zip(chosen[::2], chosen[1::2], strict=True)
         ]
-        left = [rate for i, rate in enumerate(rates) if i not in chosen]
-        if len(left) != n_rates:
+        remaining = [rate for i, rate in enumerate(rates) if i not in chosen]
+        if len(remaining) != n_rates:
             continue
         for some_rates, some_pairs in product(
-            set(permutations(left)), set(permutations([*pairs, *made]))
+            set(permutations(remaining)), set(permutations([*pairs, *combined]))
         ):
-            own, first, second = [], 0, 0
+            assigned, first, second = [], 0, 0
             for stage in stages:
                 k, m = stage.n_poles
-                own.append(
+                assigned.append(
                     stage.with_poles(some_rates[first : first + k], some_pairs[second : second + m])
                 )
                 first, second = first + k, second + m
-            ways.append(tuple(own))
-    return ways
+            assignments.append(tuple(assigned))
+    return assignments
 
 
 def sections(poles):

@@ -146,6 +146,10 @@ class DifferentialEvolution(PopulationMethod):
         See :func:`scipy.optimize.differential_evolution`.
     tolerance : float, default=0.0
         Relative spread of the population at which the search ends; 0 uses all iterations.
+
+    See Also
+    --------
+    VariableProjection : The default method, by derivatives.
     """
 
     strategy: str = "best1bin"
@@ -185,6 +189,10 @@ class ParticleSwarm(PopulationMethod):
         At the first and at the last iteration; linear between.
     acceleration : float, default=1.5
         Towards the best position of the particle, and towards that of the swarm.
+
+    See Also
+    --------
+    VariableProjection : The default method, by derivatives.
     """
 
     inertia: tuple = (0.9, 0.1)
@@ -194,20 +202,20 @@ class ParticleSwarm(PopulationMethod):
         shape = self.population, len(lower)
         x = rng.uniform(lower, upper, shape)
         velocity = np.zeros(shape)
-        own, least = x.copy(), objective(x)
+        best_positions, best_costs = x.copy(), objective(x)
         for inertia in np.linspace(*self.inertia, self.max_iterations):
-            best = own[np.argmin(least)]
+            leader = best_positions[np.argmin(best_costs)]
             velocity = (
                 inertia * velocity
-                + self.acceleration * rng.random(shape) * (own - x)
-                + self.acceleration * rng.random(shape) * (best - x)
+                + self.acceleration * rng.random(shape) * (best_positions - x)
+                + self.acceleration * rng.random(shape) * (leader - x)
             )
             inside = np.clip(x + velocity, lower, upper)
             velocity[inside != x + velocity] = 0.0  # the boundary stops a particle
             x = inside
             cost = objective(x)
-            better = cost < least
-            own[better], least[better] = x[better], cost[better]
+            better = cost < best_costs
+            best_positions[better], best_costs[better] = x[better], cost[better]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -232,11 +240,11 @@ class _Cuckoos(PopulationMethod):
         nests = rng.uniform(lower, upper, shape)
         costs = objective(nests)
 
-        def settle(places):
-            places = np.clip(places, lower, upper)
-            found = objective(places)
-            better = found < costs
-            nests[better], costs[better] = places[better], found[better]
+        def settle(trials):
+            trials = np.clip(trials, lower, upper)
+            trial_costs = objective(trials)
+            better = trial_costs < costs
+            nests[better], costs[better] = trials[better], trial_costs[better]
 
         for iteration in range(self.max_iterations):
             discovery, step = self._schedule((iteration + 1) / self.max_iterations)
@@ -247,10 +255,10 @@ class _Cuckoos(PopulationMethod):
                 walk = nests[rng.permutation(len(nests))] - nests[rng.permutation(len(nests))]
                 settle(nests + discovered * rng.random((len(nests), 1)) * walk)
             else:
-                found = rng.random(len(nests)) < discovery
-                found[np.argmin(costs)] = False
-                nests[found] = rng.uniform(lower, upper, (found.sum(), len(lower)))
-                costs[found] = objective(nests[found])
+                is_discovered = rng.random(len(nests)) < discovery
+                is_discovered[np.argmin(costs)] = False
+                nests[is_discovered] = rng.uniform(lower, upper, (is_discovered.sum(), len(lower)))
+                costs[is_discovered] = objective(nests[is_discovered])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -281,6 +289,11 @@ class CuckooSearch(_Cuckoos):
     ------
     ValueError
         If ``renewal`` is invalid.
+
+    See Also
+    --------
+    ModifiedCuckooSearch : Discovery and step change while it runs.
+    VariableProjection : The default method, by derivatives.
     """
 
     discovery: float = 0.25
@@ -312,6 +325,10 @@ class ModifiedCuckooSearch(_Cuckoos):
     ------
     ValueError
         If ``renewal`` is invalid.
+
+    See Also
+    --------
+    CuckooSearch : Constant discovery and step.
     """
 
     renewal: str = "random"

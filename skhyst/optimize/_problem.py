@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-_COLLINEAR = 1e-6  # part of the largest that is left of a disturbance's columns; 1e-12 as a square
+_COLLINEAR = 1e-6  # singular value below which columns are collinear, relative; 1e-12 as a square
 _LARGE = 1 << 18  # values of a Jacobian above which copying it costs more than extra products
 
 
@@ -50,6 +50,10 @@ class RecordData:
     ValueError
         If the weights are not one finite value per sample, none below zero.
 
+    See Also
+    --------
+    identify : Fit an operator to such records.
+
     Examples
     --------
     >>> import numpy as np
@@ -81,7 +85,7 @@ class RecordData:
         weights = np.asarray(self.weights, dtype=float)
         if weights.shape != (len(self.u),) or not np.all((weights >= 0.0) & (weights < np.inf)):
             raise ValueError(
-                "The 'weights' parameter of RecordData must be one finite value a sample, none "
+                "The 'weights' parameter of RecordData must be one finite value per sample, none "
                 f"below zero. Got {self.weights!r} for {len(self.u)} samples instead."
             )
         object.__setattr__(self, "weights", weights)
@@ -132,25 +136,43 @@ class RecordData:
         stop = max(stop, begin + len(self.segments))
         edges = np.linspace(begin, stop, len(self.segments) + 1).astype(int)
         rows = ("u", "y", "auxiliary", "weights", "eliminated", "explained")
-        own = {name: getattr(self, name) for name in rows}
-        cut = {name: values[:stop] for name, values in own.items() if values is not None}
+        arrays = {name: getattr(self, name) for name in rows}
+        cut = {name: values[:stop] for name, values in arrays.items() if values is not None}
         return replace(self, segments=tuple(pairwise(edges.tolist())), **cut)
 
     def counts(self):
-        """Return the weight of each sample, zero outside of the segments, (n_samples,)."""
+        """Return the weight of each sample.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+            Zero outside of the segments; ones within if the record has no weights.
+        """
         counts = np.zeros(len(self.u))
         for start, stop in self.segments:
             counts[start:stop] = 1.0 if self.weights is None else self.weights[start:stop]
         return counts
 
     def segment_weights(self):
-        """Return the sum of the weights of each segment: its number of samples without weights."""
+        """Return the sum of the weights of each segment.
+
+        Returns
+        -------
+        ndarray of shape (n_segments,)
+            The numbers of samples if the record has no weights.
+        """
         if self.weights is None:
             return np.array([float(stop - start) for start, stop in self.segments])
         return np.array([self.weights[start:stop].sum() for start, stop in self.segments])
 
     def power(self):
-        """Return the weighted sum of squares of the response."""
+        """Return the weighted sum of squares of the response.
+
+        Returns
+        -------
+        float
+            Units of the response squared.
+        """
         power = np.square(self.y)
         return float(power.sum() if self.weights is None else self.weights @ power)
 
@@ -163,10 +185,12 @@ def ages(before):
 def path_of(before):
     """Return an input history sample by sample, straight between its values."""
     age, values = ages(before), np.atleast_1d(before)
-    now = np.arange(-age[-1], 0)
+    sample = np.arange(-age[-1], 0)
     if values.ndim > 1:
-        return np.stack([np.interp(now, -age[::-1], own) for own in values[::-1].T], axis=1)
-    return np.interp(now, -age[::-1], values[::-1])
+        return np.stack(
+            [np.interp(sample, -age[::-1], column) for column in values[::-1].T], axis=1
+        )
+    return np.interp(sample, -age[::-1], values[::-1])
 
 
 class Unknowns:
@@ -272,10 +296,10 @@ class OperatorProblem(Unknowns):
         start = len(self._free)
         disturbances = []
         for disturbance, size in zip(self.disturbances, self._moving, strict=True):
-            own = disturbance.pack()
+            pack = disturbance.pack()
             if size:
-                own[-size:] = values[start : start + size]
-            disturbances.append(disturbance.unpack(own))
+                pack[-size:] = values[start : start + size]
+            disturbances.append(disturbance.unpack(pack))
             start += size
         return self.operator.unpack(vector), tuple(disturbances)
 
@@ -304,18 +328,18 @@ class OperatorProblem(Unknowns):
         u, skip = record.with_history()
         du = np.zeros((*u.shape, np.size(record.before)))
         directions = np.eye(du.shape[-1]).reshape(-1, *np.shape(record.before))
-        du[:skip] = np.moveaxis([path_of(own) for own in directions], 0, -1)
+        du[:skip] = np.moveaxis([path_of(direction) for direction in directions], 0, -1)
         operator = scheduled(operator, record)
         y, dy = operator.propagate(u, du, record.dt, self.initial_state)
         return y[skip:], dy[skip:]
 
     def outputs(self, operator, disturbances, coefficients):
         """Return the output of each record, with its row of the disturbances' coefficients."""
-        found = []
-        for record, own in zip(self.records, coefficients, strict=True):
+        outputs = []
+        for record, values in zip(self.records, coefficients, strict=True):
             y = self.simulate(operator, record)
-            found.append(y + self.basis(disturbances, record) @ own if disturbances else y)
-        return found
+            outputs.append(y + self.basis(disturbances, record) @ values if disturbances else y)
+        return outputs
 
     @staticmethod
     def basis(disturbances, record):
@@ -368,14 +392,14 @@ class OperatorProblem(Unknowns):
 
     def _penalize(self, blocks, x):
         """Add penalties to the Gram matrices: rows ``sqrt(penalty)`` times an unknown."""
-        seen = np.where(blocks[:, -1, -1] > 0.0, self.segment_weight, 0.0)
-        blocks[:, -1, -1] += seen * (self.penalty @ np.square(x))
+        n_counted = np.where(blocks[:, -1, -1] > 0.0, self.segment_weight, 0.0)
+        blocks[:, -1, -1] += n_counted * (self.penalty @ np.square(x))
         n = blocks.shape[1] - 1 - self._n_eliminated
         if n:
-            at = self._n_eliminated + np.arange(n)
-            blocks[:, at, at] += seen[:, None] * self.penalty
-            blocks[:, at, -1] += seen[:, None] * (self.penalty * x)
-            blocks[:, -1, at] += seen[:, None] * (self.penalty * x)
+            diagonal = self._n_eliminated + np.arange(n)
+            blocks[:, diagonal, diagonal] += n_counted[:, None] * self.penalty
+            blocks[:, diagonal, -1] += n_counted[:, None] * (self.penalty * x)
+            blocks[:, -1, diagonal] += n_counted[:, None] * (self.penalty * x)
 
     def rows(self, x):
         """Yield the arguments of :func:`~skhyst.optimize.coloured_covariance` for each record.
@@ -409,8 +433,8 @@ class OperatorProblem(Unknowns):
             columns[:, :d] = self.basis(disturbances, record)
             if n > driven:
                 known = np.ones(len(record.segments), dtype=bool) if known is None else known
-                own = _calibrate(columns[:, :d], -columns[:, -1], record, known)
-                columns[:, d + driven : -1] = self._moving_columns(disturbances, record, own)
+                values = _calibrate(columns[:, :d], -columns[:, -1], record, known)
+                columns[:, d + driven : -1] = self._moving_columns(disturbances, record, values)
         return columns
 
     def _sensitivities(self, operator, record):
@@ -461,15 +485,15 @@ class OperatorProblem(Unknowns):
         A record without a selected segment has NaN.
         """
         d = self._n_eliminated
-        found = np.full((len(self.records), d), np.nan)
+        coefficients = np.full((len(self.records), d), np.nan)
         for number in range(len(self.records)):
             rows = self.segment_record == number
             if select is not None:
                 rows = rows & select
             if rows.any():
                 gram = blocks[rows].sum(axis=0)
-                found[number] = -_solve_basis(gram[:d, :d], gram[:d, -1])
-        return found
+                coefficients[number] = -_solve_basis(gram[:d, :d], gram[:d, -1])
+        return coefficients
 
     def coefficient_slopes(self, blocks):
         """Return the decrease of the coefficients per unknown, (n_records, d, n)."""
@@ -491,13 +515,16 @@ class OperatorProblem(Unknowns):
             return float(step @ blocks[wanted].sum(axis=0) @ step)
         odd = np.arange(len(blocks)) % 2 == 1
         for number in np.unique(self.segment_record[wanted]):
-            own = self.segment_record == number
-            known = own & select
-            pairs = [(known, own & wanted)]
+            of_record = self.segment_record == number
+            known = of_record & select
+            halves = [(known, of_record & wanted)]
             if not known.any():
-                pairs = [(own & odd, own & wanted & ~odd), (own & ~odd, own & wanted & odd)]
-            for seen, scored in pairs:
-                gram = blocks[seen].sum(axis=0)
+                halves = [
+                    (of_record & odd, of_record & wanted & ~odd),
+                    (of_record & ~odd, of_record & wanted & odd),
+                ]
+            for fitted, scored in halves:
+                gram = blocks[fitted].sum(axis=0)
                 coefficients = -_solve_basis(gram[:d, :d], gram[:d, d:] @ step)
                 full = np.append(coefficients, step)
                 total += full @ blocks[scored].sum(axis=0) @ full
@@ -512,10 +539,10 @@ class OperatorProblem(Unknowns):
         ``driven`` are the records with another drive, whose response is predicted.
         """
         operator, disturbances = self.unpack(x)
-        found = []
+        predictions = []
         for number, record in enumerate(self.records):
             if wanted is not None and number not in wanted:
-                found.append(None)
+                predictions.append(None)
                 continue
             y, part = self.simulate(operator, record), 0.0
             if disturbances:
@@ -524,8 +551,8 @@ class OperatorProblem(Unknowns):
                 part = _predicted_part(basis, record.y - y, record, known)
             if driven is not None:
                 y = self.simulate(operator, driven[number])
-            found.append(y + part)
-        return found
+            predictions.append(y + part)
+        return predictions
 
 
 def record_with_history(operator, record, history):
@@ -578,10 +605,10 @@ def _bordered_grams(columns, last, record, runs, grams):
         for other, place in runs:
             grams[:, target, place] = every[:, source, other]
     for gram, (start, stop) in zip(grams, record.segments, strict=True):
-        own, products = last[start:stop], last[start:stop] @ columns[start:stop]
+        residual, products = last[start:stop], last[start:stop] @ columns[start:stop]
         for source, target in runs:
             gram[target, -1] = gram[-1, target] = products[source]
-        gram[-1, -1] = own @ own
+        gram[-1, -1] = residual @ residual
 
 
 def _calibrate(basis, rest, record, known):
@@ -602,18 +629,18 @@ def _predicted_part(basis, rest, record, known):
     odd = np.arange(len(known)) % 2 == 1
     ends = [stop for _, stop in record.segments[:-1]]
     segment = np.searchsorted(ends, np.arange(len(rest)), side="right")
-    part = np.empty(len(rest))
+    disturbance = np.empty(len(rest))
     halves = (known, known), (odd & ~known, known | ~odd), (~odd & ~known, known | odd)
-    for rows, seen in halves:
-        if rows.any():
-            own = rows[segment]
-            part[own] = basis[own] @ _calibrate(basis, rest, record, seen)
-    return part
+    for predicted, fitted in halves:
+        if predicted.any():
+            samples = predicted[segment]
+            disturbance[samples] = basis[samples] @ _calibrate(basis, rest, record, fitted)
+    return disturbance
 
 
-def _solve_basis(gram, right):
+def _solve_basis(gram, rhs):
     scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
     # a ridge: columns may be collinear within a record
     scaled = gram * np.outer(scale, scale) + 1e-12 * np.eye(len(gram))
-    solution = np.linalg.solve(scaled, (right.T * scale).T)
+    solution = np.linalg.solve(scaled, (rhs.T * scale).T)
     return (solution.T * scale).T

@@ -16,7 +16,7 @@ def predicted_cost(problem, x):
 
 
 def start_descent_and_predict(problem, x):
-    """Return what a descent from ``x`` begins with, with its ``predicted_cost``; see there."""
+    """Return :func:`start_descent` at ``x`` with the attribute :func:`predicted_cost`."""
     solution = start_descent(problem, x)
     if np.isfinite(solution.gram).all():
         _, reduction = damped_step(problem, solution.x, solution.gram)

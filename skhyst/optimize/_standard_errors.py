@@ -66,10 +66,10 @@ def coloured_covariance(rows, root, n_samples):
     groups = {}
     for jacobian, residual, basis, counts, dt in rows():
         size = next_fast_len(2 * len(residual), real=True)
-        own = groups.setdefault(dt, _Residual()).powers(size, len(residual))
-        own[0] += _power(residual[:, None], size)
-        own[1] += _power(jacobian @ root, size) + _power(basis, size)
-        own[2] += _power(counts[:, None].astype(float), size)
+        sums = groups.setdefault(dt, _Residual()).powers(size, len(residual))
+        sums[0] += _power(residual[:, None], size)
+        sums[1] += _power(jacobian @ root, size) + _power(basis, size)
+        sums[2] += _power(counts[:, None].astype(float), size)
     weight = n_samples / max(sum(group.n_counted for group in groups.values()), 1.0)
     noises = {dt: group.spectrum(weight) for dt, group in groups.items()}
     if all(noise.is_white for noise in noises.values()):
@@ -108,8 +108,8 @@ class _Spectrum:
         """Return the spectrum at the frequencies of a transform of this size."""
         folded = np.zeros(-(-len(self.weights) // size) * size)
         folded[: len(self.weights)] = self.weights
-        seen = self.power / np.abs(rfft(folded.reshape(-1, size).sum(axis=0))) ** 2
-        return np.maximum(seen - self.extra, 0.0) / self.share
+        spectrum = self.power / np.abs(rfft(folded.reshape(-1, size).sum(axis=0))) ** 2
+        return np.maximum(spectrum - self.extra, 0.0) / self.share
 
 
 class _Residual:
@@ -126,29 +126,29 @@ class _Residual:
     @property
     def n_counted(self):
         """Number of valid samples."""
-        return sum(irfft(own[2], size)[0] for size, own in self._powers.items())
+        return sum(irfft(sums[2], size)[0] for size, sums in self._powers.items())
 
     def spectrum(self, weight):
         """Return the spectrum of the noise; ``weight`` is the mean weight of a sample."""
         lags = np.arange(max(*self._lengths, 2))
-        whole = np.maximum(np.array(self._lengths)[:, None] - lags, 0).sum(axis=0)
-        pairs = self._lags(2, 2) / np.maximum(whole[:2], 1)
-        found, taken = self._lags(0, len(lags)), self._lags(1, 1)[0]
+        n_products = np.maximum(np.array(self._lengths)[:, None] - lags, 0).sum(axis=0)
+        pairs = self._lags(2, 2) / np.maximum(n_products[:2], 1)
+        products, absorbed = self._lags(0, len(lags)), self._lags(1, 1)[0]
         n = weight * self.n_counted
-        noise = _Spectrum(np.ones(1), found[0] / max(n - taken, 1.0))
+        noise = _Spectrum(np.ones(1), products[0] / max(n - absorbed, 1.0))
         for _ in range(_STEPS if pairs[1] > 0.0 else 0):  # 0: no two neighbours are both valid
-            read = (found + self._lags(1, len(lags), noise)) / (weight * whole[0])
-            if not read[0] > 0.0:
+            covariance = (products + self._lags(1, len(lags), noise)) / (weight * n_products[0])
+            if not covariance[0] > 0.0:
                 break
-            filtered = autoregression(read, n)
-            noise = _Spectrum(*filtered, (1.0 - pairs[1] / pairs[0]) * read[0], pairs[1])
+            filtered = autoregression(covariance, n)
+            noise = _Spectrum(*filtered, (1.0 - pairs[1] / pairs[0]) * covariance[0], pairs[1])
         return noise
 
     def _lags(self, row, count, noise=None):
         """Return the autocovariances (count,) of a row of powers, times a spectrum if given."""
         total = np.zeros(count)
-        for size, own in self._powers.items():
-            power = own[row] if noise is None else own[row] * noise.at(size)
+        for size, sums in self._powers.items():
+            power = sums[row] if noise is None else sums[row] * noise.at(size)
             products = irfft(power, size)[:count]
             total[: len(products)] += products
         return total

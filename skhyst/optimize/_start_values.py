@@ -36,42 +36,42 @@ def start_values_of(operator, disturbances, records):
         Largest number of simulations of one record.
     """
     problem = OperatorProblem(operator, records, disturbances=disturbances)
-    found = [_start(problem, record) for record in problem.records]
-    return np.array([start for start, _ in found]), max(runs for _, runs in found)
+    starts = [_start(problem, record) for record in problem.records]
+    return np.array([start for start, _ in starts]), max(runs for _, runs in starts)
 
 
 def _start(problem, record):
     """Return the start values of a record, and the number of simulations."""
-    own, root = scheduled(problem.operator, record), np.sqrt(record.counts())
+    operator, root = scheduled(problem.operator, record), np.sqrt(record.counts())
     record = replace(record, schedule=None)
     basis = None
     if problem.disturbances:
         columns = root[:, None] * problem.basis(problem.disturbances, record)
         basis = np.linalg.qr(columns)[0]
 
-    def left(part):
+    def weighted(part):
         part = (part.T * root).T
         return part if basis is None else part - basis @ (basis.T @ part)
 
     def misfit(start):
-        rest = left(problem.simulate(own, replace(record, start=start)) - record.y)
-        return rest, float(rest @ rest) if np.isfinite(rest).all() else np.inf
+        residual = weighted(problem.simulate(operator, replace(record, start=start)) - record.y)
+        return residual, float(residual @ residual) if np.isfinite(residual).all() else np.inf
 
     known = np.flatnonzero(root)
     first = known[0] if len(known) else 0
-    starts = own.starts(record.u[first:], record.y[first:], record.dt)
+    starts = operator.starts(record.u[first:], record.y[first:], record.dt)
     if record.start is not None:
         starts.append(np.asarray(record.start, dtype=float))
-    tried = [(*misfit(start), start) for start in starts]
-    rest, least, start = min(tried, key=lambda one: one[1])
+    trials = [(*misfit(start), start) for start in starts]
+    residual, least, start = min(trials, key=lambda trial: trial[1])
     runs = len(starts)
     for _ in range(_STEPS):
-        columns = left(problem.history_sensitivities(own, replace(record, start=start)))
+        columns = weighted(problem.history_sensitivities(operator, replace(record, start=start)))
         scale = np.linalg.norm(columns, axis=0)
         scale[scale == 0.0] = 1.0
         if not np.isfinite(columns).all():
             break
-        step = -np.linalg.lstsq(columns / scale, rest, rcond=1e-10)[0] / scale
+        step = -np.linalg.lstsq(columns / scale, residual, rcond=1e-10)[0] / scale
         for _half in range(_HALVES):
             new, cost = misfit(start + step)
             runs += 1
@@ -81,7 +81,7 @@ def _start(problem, record):
         if not cost < least:
             break
         settled = cost > (1.0 - _SETTLED) * least
-        start, rest, least = start + step, new, cost
+        start, residual, least = start + step, new, cost
         if settled:
             break
     return start, runs
@@ -112,16 +112,16 @@ def estimate_start_values(
     start, runs = start_values_of(operator, disturbances, records)
     best, evaluations, count = None, runs, start.shape[1]
     for _ in range(_STEPS):
-        own = [replace(r, start=s, eliminated=None) for r, s in zip(records, start, strict=True)]
-        problem = OperatorProblem(operator, own, disturbances=disturbances)
-        loose = [replace(r, eliminated=problem.history_sensitivities(operator, r)) for r in own]
+        begun = [replace(r, start=s, eliminated=None) for r, s in zip(records, start, strict=True)]
+        problem = OperatorProblem(operator, begun, disturbances=disturbances)
+        loose = [replace(r, eliminated=problem.history_sensitivities(operator, r)) for r in begun]
         result = identify(
             [(operator, disturbances)], loose, fixed=fixed, method=method, with_errors=with_errors
         )
         evaluations += result.n_evaluations
-        moved, runs = start_values_of(result.operator, result.disturbances, own)
+        moved, runs = start_values_of(result.operator, result.disturbances, begun)
         evaluations += runs
-        error = _error(result.operator, result.disturbances, own, moved)
+        error = _error(result.operator, result.disturbances, begun, moved)
         if best is not None and not error < (1.0 - _SETTLED) * best[0].error:
             break
         own_part = result.record_coefficients[:, : result.record_coefficients.shape[1] - count]
@@ -150,18 +150,18 @@ def identify_from_own_starts(
     """
     chosen, evaluations = best_from_own_starts(starts, records)
     options = {"fixed": fixed, "method": method, "with_errors": with_errors}
-    found = [estimate_start_values(one, (), records, **options) for one in chosen]
-    evaluations += sum(result.n_evaluations for result, _ in found)
-    result, start = min(found, key=lambda own: own[0].error)
+    results = [estimate_start_values(start, (), records, **options) for start in chosen]
+    evaluations += sum(result.n_evaluations for result, _ in results)
+    result, start = min(results, key=lambda pair: pair[0].error)
     return replace(result, n_evaluations=evaluations, input_history=start)
 
 
 def best_from_own_starts(starts, records):
     """Return the few operators that fit best with their own start values, and the evaluations."""
     errors, evaluations = [], 0
-    for one in starts:
-        start, runs = start_values_of(one, (), records)
-        error = _error(one, (), records, start)
+    for candidate in starts:
+        start, runs = start_values_of(candidate, (), records)
+        error = _error(candidate, (), records, start)
         errors.append(error if np.isfinite(error) else np.inf)
         evaluations += runs
     return [starts[i] for i in np.argsort(errors, kind="stable")[:_FOLLOWED]], evaluations

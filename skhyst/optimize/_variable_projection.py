@@ -96,7 +96,7 @@ def variable_projection(
     blocks : ndarray, optional
         ``problem.evaluate(x0, select=select)`` where it is known already.
     begun : Solution, optional
-        What :func:`begin` returns for x0, where it is known already.
+        What :func:`start_descent` returns for x0, where it is known already.
     tolerance : float, default=1e-8
         Stops when a step is predicted to reduce, or has reduced, the sum of squares by less than
         this fraction.
@@ -133,7 +133,7 @@ def variable_projection(
 
 
 def start_descent(problem, x0, select=None, blocks=None):
-    """Return what a descent begins with: the linear parameters are solved; see there."""
+    """Return the solution that a descent starts from: ``x0`` with its linear parameters solved."""
     x = np.clip(np.asarray(x0, dtype=float), problem.lower, problem.upper)
     gram = problem.total(problem.evaluate(x, select=select) if blocks is None else blocks, select)
     solution = Solution(x, gram[-1, -1], gram, int(blocks is None), False, "")
@@ -157,6 +157,7 @@ def _descend(problem, solution, limits, callback, how, *, damping=None, max_step
     longest = np.inf
     while not solution.message:
         cost = solution.cost
+        # of a perfect fit, the sum of squares is rounding, which no step reduces by a fraction
         enough = tolerance * cost + 1e-28 * problem.scale
         if solution.n_evaluations >= max_evaluations or len(solution.history) > max_steps:
             solution.message = f"The budget of {min(max_evaluations, max_steps)} is used up."
@@ -171,6 +172,7 @@ def _descend(problem, solution, limits, callback, how, *, damping=None, max_step
                 solution.message = "No step reduces the sum of squares noticeably."
                 break
             length = np.sqrt(step @ (np.diag(solution.gram)[:-1] * step))
+            # a step about as long as a refused one costs an evaluation and is refused again
             if length > longest and damping.value <= damping.largest:
                 damping.refused()
                 continue
@@ -242,10 +244,10 @@ def solve_linear(problem, x, gram):
 
 
 def eliminate(problem, x, gram, part, select=None):
-    """Solve the linear parameters exactly; evaluate again if less than ``part`` is left.
+    """Solve the linear parameters exactly; evaluate again if the cost falls below ``part`` of it.
 
     At a distant start, such as a gain of 1 in other units, rounding errors may exceed the response:
-    then it is solved again.
+    then the linear parameters are solved again.
     """
     n_evaluations = 0
     while True:
@@ -274,6 +276,11 @@ class Method(ABC):
         true value ends the search, and the best solution so far is kept.
     verbose : int, default=0
         Above 0, improvements are written to the standard error stream.
+
+    See Also
+    --------
+    VariableProjection : The default method.
+    identify : Run a method.
     """
 
     bounds: Mapping | None = None
@@ -297,7 +304,7 @@ class Method(ABC):
         -------
         dict
         """
-        return {own.name: getattr(self, own.name) for own in fields(self)}
+        return {parameter.name: getattr(self, parameter.name) for parameter in fields(self)}
 
     def set_params(self, **params) -> Self:
         """Set parameters, as a search over ``method__max_evaluations`` does.
@@ -448,6 +455,11 @@ class VariableProjection(Method):
         Further starts around the best solution found from the data, with about half of the unknowns
         drawn at random within the bounds.
 
+    See Also
+    --------
+    LevenbergMarquardt : All parameters in one damped step.
+    DifferentialEvolution : A global method, for costs that are not smooth.
+
     References
     ----------
     Golub and Pereyra, *SIAM Journal on Numerical Analysis*, 1973; Ruhe and Wedin, *SIAM Review*,
@@ -477,9 +489,9 @@ class VariableProjection(Method):
         if not self.n_random_starts:
             return *found, evaluations
         problem, solution = found
-        others = [p for p in problems if p is not problem]
-        how = self.n_random_starts, self.random_state
-        drawn = random_starts([problem, *others], [solution.x], *how)
+        alternatives = [p for p in problems if p is not problem]
+        drawing = self.n_random_starts, self.random_state
+        drawn = random_starts([problem, *alternatives], [solution.x], *drawing)
         other, more = self._best_of([(problem, x) for x in drawn])
         best = min(found, other, key=lambda pair: pair[1].cost)
         return *best, evaluations + 1 + more

@@ -89,7 +89,7 @@ def rational_residues(s, blocks, poles, *, feedthrough=True):
         Weighted sum of squares of the residual.
     """
     basis = _basis(s, poles, feedthrough)
-    found, cost = [], 0.0
+    coefficients, cost = [], 0.0
     for block in blocks:
         rows = _real(block.weight[:, None] * _products(basis, block.regressors))
         target = _real(block.weight * block.target)
@@ -97,8 +97,8 @@ def rational_residues(s, blocks, poles, *, feedthrough=True):
         scale[scale == 0.0] = 1.0
         solution = np.linalg.lstsq(rows / scale, target, rcond=None)[0] / scale
         cost += float(np.sum((target - rows @ solution) ** 2))
-        found.append(solution.reshape(basis.shape[1], -1))
-    return found, cost
+        coefficients.append(solution.reshape(basis.shape[1], -1))
+    return coefficients, cost
 
 
 def _real(values):
@@ -125,17 +125,17 @@ def _basis(s, poles, feedthrough):
 def _relocate(s, blocks, poles, feedthrough):
     """Return the zeros of sigma."""
     n = len(poles)
-    left, right = _basis(s, poles, feedthrough), _basis(s, poles, True)
+    own_basis, common_basis = _basis(s, poles, feedthrough), _basis(s, poles, True)
     condensed, power = [], 0.0
     for block in blocks:
         weight = block.weight[:, None]
-        own = weight * _products(left, block.regressors)
-        common = -weight * block.target[:, None] * right
-        rows = _real(np.concatenate([own, common], axis=1))
-        condensed.append(np.linalg.qr(rows, mode="r")[own.shape[1] :, own.shape[1] :])
+        numerators = weight * _products(own_basis, block.regressors)
+        denominator = -weight * block.target[:, None] * common_basis
+        rows = _real(np.concatenate([numerators, denominator], axis=1))
+        condensed.append(np.linalg.qr(rows, mode="r")[numerators.shape[1] :, numerators.shape[1] :])
         power += float(np.sum(np.abs(block.weight * block.target) ** 2))
     # on average over the points, sigma is 1: this keeps it from vanishing
-    mean = np.sqrt(power) * right.real.mean(axis=0)
+    mean = np.sqrt(power) * common_basis.real.mean(axis=0)
     rows = np.concatenate([*condensed, mean[None]])
     target = np.r_[np.zeros(len(rows) - 1), np.sqrt(power)]
     scale = np.linalg.norm(rows, axis=0)

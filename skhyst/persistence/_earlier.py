@@ -1,7 +1,7 @@
-"""Files of earlier versions: classes and parameters with other names, or that there were not yet.
+"""Files of earlier versions, in which classes and parameters have other names or are missing.
 
-A class is looked up by its public name, wherever it is defined now. A parameter that an estimator
-did not have yet is at its default, which corresponds to the earlier behaviour.
+A class is looked up by its public name, wherever it is defined now. A missing parameter gets its
+default, which corresponds to the earlier behaviour.
 """
 
 import importlib
@@ -82,11 +82,13 @@ def is_own(name):
     if module.partition(".")[0] != _PACKAGE:
         return False
     try:
-        found = getattr(importlib.import_module(module), name, None)
+        member = getattr(importlib.import_module(module), name, None)
     except ImportError:
         return False
-    is_kind = inspect.isclass(found) or (inspect.isfunction(found) and in_package(module, _METRICS))
-    return is_kind and in_package(found.__module__, module)
+    is_class_or_metric = inspect.isclass(member) or (
+        inspect.isfunction(member) and in_package(module, _METRICS)
+    )
+    return is_class_or_metric and in_package(member.__module__, module)
 
 
 def in_package(module, package):
@@ -95,12 +97,12 @@ def in_package(module, package):
 
 
 def checked(value):
-    """Return an object whose estimators have all parameters, those that it lacks by default.
+    """Return an object after validation, with the defaults of missing parameters of estimators.
 
     Raises
     ------
     ValueError
-        If an operator, or a fitted attribute, has values that no fit finds.
+        If an operator, or a fitted attribute, has invalid values.
     """
     if isinstance(value, Operator):
         value.__post_init__()  # skops sets fields without it

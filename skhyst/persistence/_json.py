@@ -81,6 +81,11 @@ def to_json(model) -> str:
         If a part is not a public class of skhyst, such as an estimator of scikit-learn: skops can
         save these, see :func:`save_model`.
 
+    See Also
+    --------
+    from_json : The inverse.
+    save_model : Files of any fitted estimator.
+
     Examples
     --------
     >>> import numpy as np
@@ -114,6 +119,10 @@ def from_json(text) -> BaseEstimator:
         If the text is not such a model, has a later format, names a class that skhyst lacks, or
         contains parameters of invalid types, sizes or ranges.
 
+    See Also
+    --------
+    to_json : Write such a text.
+
     Examples
     --------
     >>> from skhyst.linear import Gain
@@ -128,7 +137,7 @@ def from_json(text) -> BaseEstimator:
         written = content["versions"]["skhyst"]
         known = name == "skhyst.model" and 1 <= int(number) <= FORMAT
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
-        raise ValueError(f"The text is no model of skhyst as JSON ({error!r}).") from error
+        raise ValueError(f"The text is not a model of skhyst as JSON ({error!r}).") from error
     if not known:
         raise ValueError(
             f"The model is of the format {content['format']!r}, written by skhyst {written}; "
@@ -146,33 +155,33 @@ def from_json(text) -> BaseEstimator:
 @cache
 def _classes():
     """Return the public estimators and dataclasses of skhyst by their public names."""
-    package, found = __package__.partition(".")[0], {}
+    package, classes = __package__.partition(".")[0], {}
     for module in pkgutil.iter_modules(importlib.import_module(package).__path__):
         if not module.name.startswith("_"):
             name = f"{package}.{module.name}"
             public = importlib.import_module(name)
-            for word in getattr(public, "__all__", ()):
-                member = getattr(public, word)
+            for public_name in getattr(public, "__all__", ()):
+                member = getattr(public, public_name)
                 if isinstance(member, type) and (
                     issubclass(member, BaseEstimator) or dataclasses.is_dataclass(member)
                 ):
-                    found[f"{name}.{word}"] = member
-    return found
+                    classes[f"{name}.{public_name}"] = member
+    return classes
 
 
 def class_named(name):
-    """Return the class of a public name, wherever it is and whatever its name now; else None."""
+    """Return the class of a present or earlier public name, None if there is none."""
     package, _, last = name.rpartition(".")
-    moved = {own.rpartition(".")[2]: kind for own, kind in _classes().items()}
+    moved = {public_name.rpartition(".")[2]: kind for public_name, kind in _classes().items()}
     is_own = package.partition(".")[0] == __package__.partition(".")[0]
     return _classes().get(name, moved.get(_RENAMED.get(last, last)) if is_own else None)
 
 
 def field_named(name, kind) -> str:
-    """Return the present name of a parameter or attribute of a class of skhyst, by its old one."""
-    if name == "rank":  # of an operator its stage order, of an estimator where it is placed
+    """Return the present name of a parameter or attribute of a class by its earlier name."""
+    if name == "rank":  # stage order of an operator, place of an estimator
         return "stage_order" if kind.endswith("Operator") else "place"
-    if name == "beside":  # of a record what is eliminated, of an effect whether it is added
+    if name == "beside":  # eliminated signals of a record, additivity of an effect
         return "eliminated" if kind == "RecordData" else "additive"
     return _FIELDS.get(name, name)
 
@@ -217,13 +226,13 @@ def _plain_object(value):
     if name is None:
         kind = type(value)
         raise TypeError(
-            f"{kind.__module__}.{kind.__qualname__} is no public class of skhyst, and cannot be "
+            f"{kind.__module__}.{kind.__qualname__} is not a public class of skhyst, and cannot be "
             "written as JSON: save the model as .skops."
         )
     if dataclasses.is_dataclass(value):
         fields = [f.name for f in dataclasses.fields(value) if f.compare]
-        own = {name: _plain(getattr(value, name)) for name in fields}
-        return {"class": name, "parameters": own, "fitted": {}}
+        values = {name: _plain(getattr(value, name)) for name in fields}
+        return {"class": name, "parameters": values, "fitted": {}}
     state = {k: v for k, v in value.__getstate__().items() if k != "_sklearn_version"}
     parameters = {k: _plain(state.pop(k)) for k in value.get_params(deep=False)}
     fitted = {k: _plain(v) for k, v in state.items()}
@@ -240,16 +249,18 @@ def _value(plain):
         return _object(plain)
     if "array" in plain:
         return _array(plain)
-    ((kind, own),) = plain.items()
+    ((kind, content),) = plain.items()
     if kind == "dict":
-        return {key: _value(item) for key, item in own.items()}
-    return {"float": float, "tuple": _tuple, "slice": lambda parts: slice(*parts)}[kind](own)
+        return {key: _value(item) for key, item in content.items()}
+    return {"float": float, "tuple": _tuple, "slice": lambda parts: slice(*parts)}[kind](content)
 
 
 def refuse_wrong(fitted, name):
-    """Refuse attributes, common to many estimators, that no fit could have made."""
+    """Refuse invalid values of fitted attributes that many estimators have in common."""
     known = {attribute: value for attribute, value in fitted.items() if attribute in _FITTED}
-    validate_parameter_constraints({own: _FITTED[own] for own in known}, known, name)
+    validate_parameter_constraints(
+        {attribute: _FITTED[attribute] for attribute in known}, known, name
+    )
     for attribute in _NUMBERS:
         if attribute in fitted:
             finite_numbers(fitted[attribute], name, attribute, "finite numbers")
@@ -257,18 +268,20 @@ def refuse_wrong(fitted, name):
         low, high = fitted.get(attribute, (0.0, 0.0))
         if not low <= high:
             raise ValueError(f"The '{attribute}' of {name} must ascend. Got {low}, {high} instead.")
-    own = {record.dt for record in fitted.get("records_", ())}
-    if own and "dt_" in fitted and fitted["dt_"] != (own.pop() if len(own) == 1 else None):
+    dts = {record.dt for record in fitted.get("records_", ())}
+    if dts and "dt_" in fitted and fitted["dt_"] != (dts.pop() if len(dts) == 1 else None):
         raise ValueError(
             f"The 'dt_' of {name} must be that of its records. Got {fitted['dt_']!r} instead."
         )
     n, operator = fitted.get("n_features_in_"), fitted.get("operator_")
-    own, columns = fitted.get("columns_", (0,)), {fitted.get("_drive_number", 0)}
+    positions, columns = fitted.get("columns_", (0,)), {fitted.get("_drive_number", 0)}
     columns |= operator.acting_columns if isinstance(operator, Operator) else set()
-    if n is not None and not (own and all(map(partial(_is_position, n), (*own, *columns)))):
+    if n is not None and not (
+        positions and all(map(partial(_is_position, n), (*positions, *columns)))
+    ):
         raise ValueError(
             f"{name} must read columns of an X that has {n}, as that of its fit. Got the column(s) "
-            f"{sorted({*own, *columns}, key=repr)} instead."
+            f"{sorted({*positions, *columns}, key=repr)} instead."
         )
 
 
@@ -277,14 +290,14 @@ def _is_position(n, column):
 
 
 def tried(model):
-    """Return a model, refused if it is fitted and raises for three rows of zeros.
+    """Return a model after a trial prediction of three rows of zeros.
 
-    What is in a file need not fit together. That rows are no records of the model's is another
-    matter.
+    The parts of a broken or manipulated file may be inconsistent, which shows when they are used. A
+    RecordError is ignored: it only says that three rows are no record for this model.
     """
     use = getattr(model, "predict", getattr(model, "transform", None))
     if use is None or getattr(model, "n_features_in_", 0) not in range(1, MOST_STEPS):
-        return model  # columns that nobody has may take all memory
+        return model  # a forged number of columns could exhaust the memory
     names = getattr(model, "feature_names_in_", None)
     X = np.zeros((3, model.n_features_in_))
     with warnings.catch_warnings(), np.errstate(all="ignore"), suppress(RecordError):
@@ -319,12 +332,12 @@ def _object(plain):
         {field_named(name, kind.__name__): _value(item) for name, item in plain[part].items()}
         for part in ("parameters", "fitted")
     )
-    made = kind(**parameters)  # a dataclass checks its fields
-    if isinstance(made, Operator):
-        made.check_values()
-    if hasattr(made, "_parameter_constraints"):
-        made._validate_params()  # as `fit` has done
+    instance = kind(**parameters)  # a dataclass checks its fields
+    if isinstance(instance, Operator):
+        instance.check_values()
+    if hasattr(instance, "_parameter_constraints"):
+        instance._validate_params()  # as `fit` has done
     if fitted:
         refuse_wrong(fitted, kind.__name__)
-        made.__setstate__(fitted)
-    return made
+        instance.__setstate__(fitted)
+    return instance

@@ -48,8 +48,13 @@ def save_model(model, path) -> None:
     Warns
     -----
     UserWarning
-        If :func:`load_model` will refuse the file without ``trust=True``, with the types which that
-        is for: trees and forests of scikit-learn, kernels, scorers, functions of your own, ...
+        If :func:`load_model` will refuse the file without ``trust=True``, because of types that can
+        run code: trees and forests of scikit-learn, kernels, scorers, functions of your own, ...
+
+    See Also
+    --------
+    load_model : Read the file.
+    to_json : Parametric models as readable text.
 
     Examples
     --------
@@ -70,13 +75,13 @@ def save_model(model, path) -> None:
             joblib.dump(model, part)
         else:
             skops.dump(model, part)
-            foreign = [own for own in skops.get_untrusted_types(file=part) if not is_own(own)]
+            foreign = [name for name in skops.get_untrusted_types(file=part) if not is_own(name)]
             with zipfile.ZipFile(part, "a") as file:
                 file.writestr(_MEMBER, _VERSION)
     if skops is not None and foreign:
         warnings.warn(
-            f"{path} holds {', '.join(foreign)}, which load_model trusts to run code only where it "
-            "is allowed to: by trust=True, on the command line --trust.",
+            f"{path} holds {', '.join(foreign)}, which can run code: load_model refuses the file "
+            "without trust=True (--trust on the command line).",
             UserWarning,
             stacklevel=2,
         )
@@ -111,6 +116,10 @@ def load_model(path, trust=False) -> BaseEstimator:
     UserWarning
         If another version of skhyst has written the file.
 
+    See Also
+    --------
+    save_model : Write such a file.
+
     Examples
     --------
     See :func:`save_model`.
@@ -121,7 +130,7 @@ def load_model(path, trust=False) -> BaseEstimator:
         safe = zipfile.is_zipfile(file)
     if not safe and not trust:
         raise ValueError(
-            f"{path} is no skops file, and any other may run code when it is loaded. Save the "
+            f"{path} is not a skops file, and any other may run code when it is loaded. Save the "
             "model as .skops; or, if it is a pickle and you trust whoever made it, add --trust (in "
             "Python trust=True)."
         )
@@ -134,7 +143,7 @@ def load_model(path, trust=False) -> BaseEstimator:
     except Exception as error:  # a broken file may raise an exception of any type
         by = f", written by skhyst {written}," if written else ""
         raise ValueError(
-            f"{path}{by} is broken, or nothing that skhyst {_VERSION} can read ({error!r})."
+            f"{path}{by} is broken, or cannot be read by skhyst {_VERSION} ({error!r})."
         ) from error
     if not (hasattr(model, "get_params") and _is_fitted(model)):
         raise ValueError(f"{path} holds {type(model).__name__}, not a fitted estimator.")

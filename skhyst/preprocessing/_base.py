@@ -99,8 +99,8 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
         X : DataFrame or array-like of shape (n_samples, n_inputs)
             Inputs; the index carries records and time.
         y : array-like of shape (n_samples,), optional
-            Not used, but its index must agree with that of ``X``, and it shows whether rows have
-            been drawn at random.
+            Not used for the features. Its index must agree with that of ``X``, and rows that have
+            been drawn at random are recognised by it.
 
         Returns
         -------
@@ -112,8 +112,8 @@ class RecordTransformer(TransformerMixin, BaseEstimator):
             If the rows are not a recording in the order of time.
         """
         array = as_floats(self, X, ensure_min_samples=2)
-        single = isinstance(self.columns, str | Integral)
-        given = [self.columns] if single else self.columns
+        is_single = isinstance(self.columns, str | Integral)
+        given = [self.columns] if is_single else self.columns
         self.columns_ = tuple(find_column(self, column, "columns") for column in given)
         if not self.columns_:
             raise ValueError(

@@ -136,18 +136,18 @@ class GeneralizedInputGradient(RecordTransformer):
             raise NotImplementedError(
                 "GeneralizedInputGradient cannot be stepped: with method='forward' it looks ahead."
             )
-        found = []
+        features = []
         for drive in self._drives(places):
-            found += [drive] if self.include_drive else []
-            found += [rules.slope(drive, dt)] if self.include_rate else []
-            found += [rules.direction(drive, from_zero=False)] if self.direction else []
+            features += [drive] if self.include_drive else []
+            features += [rules.slope(drive, dt)] if self.include_rate else []
+            features += [rules.direction(drive, from_zero=False)] if self.direction else []
             if self.turning_points:
                 direction = rules.direction(drive, from_zero=True)
                 extremes = [drive]
                 for _ in range(int(self.turning_points)):
                     extremes.append(rules.turn(extremes[-1], direction))
-                found += [extremes[1], rules.less(drive, extremes[1]), *extremes[2:]]
-        return [(place, 0) for place in found]
+                features += [extremes[1], rules.less(drive, extremes[1]), *extremes[2:]]
+        return [(place, 0) for place in features]
 
     def _names(self, names):
         suffixes = [""] * self.include_drive + ["_gradient"] * self.include_rate
@@ -180,12 +180,11 @@ def _direction(drive):
 def _last_extremes(drive, count):
     """Return the values of the last turning points (count, n_samples), the latest first.
 
-    The latest is the start of the sample's branch. On the first loading it is 0, as are all earlier
-    ones.
+    The latest is the start of the present branch. During the first loading, all are 0.
     """
     before = np.append(0.0, drive[:-1])
     direction = _held(np.sign(drive - before))
     turned = np.append(False, direction[1:] * direction[:-1] < 0.0)
     values = np.append(np.zeros(count), before[turned])
-    seen = np.cumsum(turned)
-    return np.stack([values[seen + count - 1 - k] for k in range(count)])
+    n_turns = np.cumsum(turned)
+    return np.stack([values[n_turns + count - 1 - k] for k in range(count)])

@@ -104,12 +104,12 @@ def read_lags(estimator, parameter, lags, first=0) -> list[int]:
     if isinstance(lags, Integral):
         lags = range(first, lags + 1)
     lags = list(lags)
-    whole = all(isinstance(lag, Integral) and lag >= first for lag in lags)
-    if not whole or (first == 0 and not lags):
-        least = "not negative" if first == 0 else "at least 1"
+    are_valid = all(isinstance(lag, Integral) and lag >= first for lag in lags)
+    if not are_valid or (first == 0 and not lags):
+        requirement = "not negative" if first == 0 else "at least 1"
         raise ValueError(
             f"The '{parameter}' parameter of {type(estimator).__name__} must be integer numbers of "
-            f"samples that are {least}. Got {getattr(estimator, parameter)!r} instead."
+            f"samples that are {requirement}. Got {getattr(estimator, parameter)!r} instead."
         )
     return [int(lag) for lag in lags]
 

@@ -64,12 +64,12 @@ class _OperatorBasis(RecordTransformer):
             self._kernel(drive, as_signal(thresholds), np.zeros(n_operators), basis)
 
     def sample_rules(self, rules, places, dt):
-        found = []
+        features = []
         for drive, thresholds in zip(self._drives(places), self.thresholds_, strict=True):
-            found += [drive] if self.include_drive else []
+            features += [drive] if self.include_drive else []
             plays = [rules.play(drive, threshold) for threshold in thresholds]
-            found += plays if self._label == "play" else [rules.less(drive, p) for p in plays]
-        return [(place, 0) for place in found]
+            features += plays if self._label == "play" else [rules.less(drive, p) for p in plays]
+        return [(place, 0) for place in features]
 
     def _names(self, names):
         result = []
@@ -101,7 +101,7 @@ class PlayOperators(_OperatorBasis):
 
     See Also
     --------
-    StopOperators : What the plays leave of the drive.
+    StopOperators : The complementary features, the drive minus its plays.
     skhyst.hysteresis.PrandtlIshlinskii : A linear model of these features.
 
     Examples
@@ -144,7 +144,7 @@ class StopOperators(_OperatorBasis):
 
     See Also
     --------
-    PlayOperators : The other part of the drive.
+    PlayOperators : The complementary features, the drive minus its stops.
     skhyst.hysteresis.MaxwellSlip : A linear model of these features.
 
     Examples

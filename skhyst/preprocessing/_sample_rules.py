@@ -85,16 +85,16 @@ def follow_rules(s, before, first, rules):
     """
     for i in range(rules.shape[0]):
         kind, a, b, value = rules[i, 0], int(rules[i, 1]), int(rules[i, 2]), rules[i, 3]
-        own, change = s[before + first + i], s[a] - s[before + a]
+        feature, change = s[before + first + i], s[a] - s[before + a]
         if kind == _PLAY:
-            own = max(s[a] - value, min(s[a] + value, own))
+            feature = max(s[a] - value, min(s[a] + value, feature))
         elif kind == _LESS:
-            own = s[a] - s[b]
+            feature = s[a] - s[b]
         elif kind == _SLOPE:
-            own = change / value
+            feature = change / value
         elif kind == _DIRECTION:
             if change != 0.0:
-                own = 1.0 if change > 0.0 else -1.0
+                feature = 1.0 if change > 0.0 else -1.0
         elif s[b] * s[before + b] < 0.0:
-            own = s[before + a]
-        s[first + i] = own
+            feature = s[before + a]
+        s[first + i] = feature

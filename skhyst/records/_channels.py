@@ -42,7 +42,7 @@ _ENOUGH = 10_000  # samples used at once: windows of 2 sqrt(n) lags of them take
 
 
 def noise_on_drive(u, y, alpha=0.001):
-    """Return the standard deviation of noise that only the recording of the drive has, else 0."""
+    """Return the standard deviation of measurement noise on the drive, 0 if none is detected."""
     u, y = u[:_ENOUGH], y[:_ENOUGH]
     floor = white_noise_floor(u)
     if not (floor > 0.0 and np.ptp(y) > 0.0) or _is_followed(u, y, floor):
@@ -51,7 +51,10 @@ def noise_on_drive(u, y, alpha=0.001):
 
 
 def _is_followed(u, y, floor, alpha=0.01):
-    """Whether the response follows the drive's noise in an octave, or this cannot be tested."""
+    """Whether the response follows the noise of the drive, or the record is too short to tell.
+
+    The phase between both is tested octave by octave above the band of the signal.
+    """
     length = int(np.sqrt(len(u)))
     omega = 2.0 * np.pi * np.arange((length + 1) // 2) / length
     window = np.hanning(length + 1)[:-1]
@@ -62,25 +65,28 @@ def _is_followed(u, y, floor, alpha=0.01):
     signal = np.flatnonzero(np.median(np.abs(a) ** 2, axis=0) > 2.0 * noise)
     first, stop = signal.max(initial=0) + 1, len(omega)
     slope = np.cov(u, y)[0, 1] / np.var(u) * floor / np.ptp(y)
-    shown = 0.0
+    expected_length = 0.0
     while first < stop:
-        own = slice(max(first, stop // 2), stop)
-        stop = own.start
-        products = a[:, own].conj() * b[:, own]
+        band = slice(max(first, stop // 2), stop)
+        stop = band.start
+        products = a[:, band].conj() * b[:, band]
         sizes = np.abs(products)
         m = sizes.size / 1.5  # the noise bandwidth of the window, in bins
         mean = np.mean(np.divide(products, sizes, out=0j * products, where=sizes > 0.0))
         if m * abs(mean) ** 2 > -np.log(alpha):
             return True
-        powers = [np.median(np.abs(part[:, own]) ** 2) for part in (a, b)]
+        powers = [np.median(np.abs(part[:, band]) ** 2) for part in (a, b)]
         # for a coherence c, the mean unit vector has the length sqrt(pi c) / 2, at most 1
         coherence = min(1.0, slope**2 * powers[0] / max(powers[1], np.finfo(float).tiny))
-        shown = np.sqrt(0.25 * np.pi * m * coherence)
-    return shown < np.sqrt(-np.log(alpha)) + norm.isf(alpha) * np.sqrt(0.5)
+        expected_length = np.sqrt(0.25 * np.pi * m * coherence)
+    return expected_length < np.sqrt(-np.log(alpha)) + norm.isf(alpha) * np.sqrt(0.5)
 
 
 def _spectra(signal, window):
-    """Return spectra of the second differences of stretches; slow parts do not leak into them."""
+    """Return spectra of the second differences of stretches.
+
+    Differencing attenuates slow parts, which would otherwise leak into high frequencies.
+    """
     differences = np.diff(signal, 2)
     count = len(differences) // len(window)
     return np.fft.rfft(differences[: count * len(window)].reshape(count, -1) * window, axis=1)
@@ -89,9 +95,9 @@ def _spectra(signal, window):
 def _predicted(u, y):
     """Return the p-value of Granger's test that the response's past does not predict the drive."""
     lags = int(np.sqrt(len(u)))
-    own, basis = _innovations(u, 2 * lags)
+    innovations, basis = _innovations(u, 2 * lags)
     past = sliding_window_view(y / np.ptp(y), lags + 1)[lags:, :-1]
-    return _p_value(own, _orthogonal(basis, past), 2 * lags + 1)
+    return _p_value(innovations, _orthogonal(basis, past), 2 * lags + 1)
 
 
 def reaction_p_value(u, noise):
@@ -114,8 +120,8 @@ def _innovations(signal, lags):
     windows = sliding_window_view((signal - signal.mean()) / np.ptp(signal), lags + 1)
     past = np.linalg.qr(np.column_stack([windows[:, :-1], np.ones(len(windows))]))[0]
     residual = _orthogonal(past, windows[:, -1])
-    most = 3.0 * np.median(np.abs(residual)) / norm.ppf(0.75)
-    return _orthogonal(past, np.clip(residual, -most, most)), past
+    limit = 3.0 * np.median(np.abs(residual)) / norm.ppf(0.75)
+    return _orthogonal(past, np.clip(residual, -limit, limit)), past
 
 
 def _orthogonal(basis, values):
@@ -154,21 +160,25 @@ def lost_samples(u, y, alpha=0.001):
     if not rows.size:
         return []
     ratios = np.array([drive.ratio(rows, lost) for lost in range(2 * side + 1)])
-    number, best = np.argmin(ratios, axis=0), np.min(ratios, axis=0)
+    n_lost, best = np.argmin(ratios, axis=0), np.min(ratios, axis=0)
     limit = fisher.isf(alpha, freedom, freedom)
     # none and the longest loss are left out: a kink of the drive looks like the latter
-    found = (number % (2 * side) > 0) & (best < limit)
-    for lost in np.unique(number[found]):
-        own = np.flatnonzero(found & (number == lost))
+    is_loss = (n_lost % (2 * side) > 0) & (best < limit)
+    for lost in np.unique(n_lost[is_loss]):
+        members = np.flatnonzero(is_loss & (n_lost == lost))
         # the response must agree: it too lies on a cubic with the loss, and better than without
-        gain = response.residual(rows[own], 0) - response.residual(rows[own], lost)
-        found[own] = response.ratio(rows[own], lost) < limit
-        found[own] &= drive.residual(rows[own], lost) < bound * drive.residual_around(rows[own])
-        found[own] &= gain > chi2.isf(alpha, 1) / freedom * response.residual_around(rows[own])
-    rows, number, best = rows[found], number[found], best[found]
+        gain = response.residual(rows[members], 0) - response.residual(rows[members], lost)
+        is_loss[members] = response.ratio(rows[members], lost) < limit
+        is_loss[members] &= drive.residual(rows[members], lost) < bound * drive.residual_around(
+            rows[members]
+        )
+        is_loss[members] &= gain > chi2.isf(alpha, 1) / freedom * response.residual_around(
+            rows[members]
+        )
+    rows, n_lost, best = rows[is_loss], n_lost[is_loss], best[is_loss]
     near = np.abs(rows[:, None] - rows) < side
     first = best == np.min(np.where(near, best, np.inf), axis=1, initial=np.inf)
-    return [(rows[first & (number == lost)], lost) for lost in np.unique(number[first])]
+    return [(rows[first & (n_lost == lost)], lost) for lost in np.unique(n_lost[first])]
 
 
 class _Stretches:
@@ -189,9 +199,9 @@ class _Stretches:
         basis = np.linalg.qr(np.vander(around + lost * after, 4))[0]
         squares = np.empty(len(rows))
         for start in range(0, len(rows), _ENOUGH):  # all windows of a long record exceed memory
-            own = slice(start, start + _ENOUGH)
-            windows = self.signal[rows[own, None] + around + gap * after]
-            squares[own] = np.sum((windows - windows @ basis @ basis.T) ** 2, axis=1)
+            part = slice(start, start + _ENOUGH)
+            windows = self.signal[rows[part, None] + around + gap * after]
+            squares[part] = np.sum((windows - windows @ basis @ basis.T) ** 2, axis=1)
         return squares
 
     def residual_around(self, rows):

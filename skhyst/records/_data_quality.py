@@ -9,13 +9,14 @@ For faults that show in the relation of drive and response see ``_channels``.
 
 import numpy as np
 import pandas as pd
+from scipy.stats import median_abs_deviation
 
 from ._channels import SIDE, are_exchanged, lost_samples, noise_on_drive, reaction_p_value
 from ._index import first_of_equals, record_names
 
 _ADVICE = {
-    "outlier": "take the rows out as missing readings, or use a robust loss",
-    "lost_reading": "read the file with missing= and on_missing='interpolate' or 'drop'",
+    "outlier": "treat the rows as missing readings, or use a robust loss",
+    "lost_reading": "read the file with missing_code= and on_missing='interpolate' or 'drop'",
     "stuck_sensor": "leave these rows out: the sensor gave one reading while the drive moved",
     "clipped_range": "choose a larger range of the converter, or leave these samples out",
     "wrapped_reading": "unwrap the reading, as np.unwrap(y, period=value) does",
@@ -26,13 +27,13 @@ _ADVICE = {
     "constant_drive": "drive the device: a constant signal does not determine its response",
     "same_signal": "check the columns: the drive is in another column, too",
     "swapped_channels": "check the columns: the drive looks like a response, and lags",
-    "noisy_drive": "give the drive as it was commanded, or average it over repetitions",
+    "noisy_drive": "use the commanded signal as the drive, or average it over repetitions",
     "closed_loop": "record what the controller follows, and search with it as the reference",
 }
 
 
 def data_quality(X, y, records) -> pd.DataFrame:
-    """Return the faults found in a recording.
+    """Return a table of the faults of a measurement.
 
     Parameters
     ----------
@@ -51,15 +52,20 @@ def data_quality(X, y, records) -> pd.DataFrame:
         ``stuck_sensor``, ``clipped_range``, ``wrapped_reading``, ``clock_jitter``,
         ``lost_samples``, ``lost_rows`` (gaps in the index), ``swapped_channels``,
         ``noisy_drive``, ``repeated_record``, and of all records ``constant_drive`` and
-        ``same_signal``), ``record``, ``n_samples``, ``rows`` (the first few;
-        of lost ones those behind), ``value`` (reading at which it was stuck, clipped or lost; jump
-        of a wrapped reading; relative standard deviation of the interval; number of samples lost
-        before each row; standard deviation of the drive's noise; NaN for others), ``advice``.
+        ``same_signal``), ``record``, ``n_samples``, ``rows`` (numbers of the first few rows; of
+        lost rows, those after the gap), ``value`` (reading at which the sensor was stuck, clipped
+        or lost; jump of a wrapped reading; relative standard deviation of the interval; number of
+        samples lost before each row; standard deviation of the drive's noise; NaN for others),
+        ``advice``.
+
+    See Also
+    --------
+    inspect_recording : Overview of a file before it is read, with such faults.
 
     Notes
     -----
-    Whether the drive reacts to the noise of the response shows in the residual of a model only:
-    ``data_quality_`` of a search whose residual is noise has ``closed_loop`` too, with the p-value.
+    Feedback from the response to the drive only shows in the residual of a model: ``data_quality_``
+    of a search whose residual is noise also contains ``closed_loop``, with the p-value.
 
     Examples
     --------
@@ -74,50 +80,50 @@ def data_quality(X, y, records) -> pd.DataFrame:
     """
     drive = np.asarray(X, dtype=float)[:, 0]
     y = np.asarray(y, dtype=float)
-    found, firsts = [], first_of_equals(records, X, y)
-    still = drive.size > 0 and not np.ptp(drive)
+    report, firsts = [], first_of_equals(records, X, y)
+    is_constant = drive.size > 0 and not np.ptp(drive)
     others = [y, *np.asarray(X, dtype=float).T[1:]]
-    same = not still and any(np.array_equal(drive, other) for other in others)
+    is_copied = not is_constant and any(np.array_equal(drive, other) for other in others)
     for number, (record, name) in enumerate(zip(records, record_names(records), strict=True)):
-        u, own = drive[record.rows], y[record.rows]
-        whole = np.arange(record.rows.start, record.rows.stop)
-        if still:
-            found.append(("constant_drive", name, whole, u[0]))
-        if same:
-            found.append(("same_signal", name, whole, np.nan))
+        u, response = drive[record.rows], y[record.rows]
+        all_rows = np.arange(record.rows.start, record.rows.stop)
+        if is_constant:
+            report.append(("constant_drive", name, all_rows, u[0]))
+        if is_copied:
+            report.append(("same_signal", name, all_rows, np.nan))
         if firsts[number] < number:
-            found.append(("repeated_record", name, whole, np.nan))
-        runs = _runs(own)
-        faults = list(_spikes(u, own, *runs))
+            report.append(("repeated_record", name, all_rows, np.nan))
+        runs = _runs(response)
+        faults = list(_spikes(u, response, *runs))
         codes = [value for fault, _, value in faults if fault == "lost_reading"]
-        faults += [] if faults else _wrapped(u, own)
+        faults += [] if faults else _wrapped(u, response)
         if _noisy(runs[1]):
-            step = np.min(np.diff(np.unique(own)), initial=np.inf)
-            faults += _clipped(own, *runs, codes, step)
-            # where noise is below a step of the converter, a resting device repeats a reading, too
-            if _scatter(own) > step:
-                faults += _stuck(u, own, *runs)
+            step = np.min(np.diff(np.unique(response)), initial=np.inf)
+            faults += _clipped(response, *runs, codes, step)
+            # with noise below a step of the converter, a device at rest repeats a reading, too
+            if _scatter(response) > step:
+                faults += _stuck(u, response, *runs)
         for fault, rows, value in faults:
-            found.append((fault, name, rows + record.rows.start, value))
+            report.append((fault, name, rows + record.rows.start, value))
         jitter = _jitter(X, record)
         if jitter > 0.05:  # rounding of the interval by a tenth gives 0.04
-            found.append(("clock_jitter", name, np.arange(record.n_samples), jitter))
-        noise = noise_on_drive(u, own)
-        if noise > 0.0 and are_exchanged(u, own):
-            found.append(("swapped_channels", name, whole, np.nan))
+            report.append(("clock_jitter", name, all_rows, jitter))
+        noise = noise_on_drive(u, response)
+        if noise > 0.0 and are_exchanged(u, response):
+            report.append(("swapped_channels", name, all_rows, np.nan))
         elif noise > 0.0:
-            found.append(("noisy_drive", name, whole, noise))
+            report.append(("noisy_drive", name, all_rows, noise))
         steps = np.diff(record.samples, prepend=-1) - 1
         if record.lost:
             rows = np.repeat(np.arange(record.n_samples), steps) + record.rows.start
-            found.append(("lost_rows", name, rows, np.nan))
-        for rows, number in lost_samples(u, own):
+            report.append(("lost_rows", name, rows, np.nan))
+        for rows, n_lost in lost_samples(u, response):
             # lost rows are reported already
             distance = np.abs(rows[:, None] - np.flatnonzero(steps)).min(axis=1, initial=len(u))
             rows = rows[distance >= SIDE]
             if rows.size:
-                found.append(("lost_samples", name, rows + record.rows.start, number))
-    return _table(found)
+                report.append(("lost_samples", name, rows + record.rows.start, n_lost))
+    return _table(report)
 
 
 def with_reactions(table, drive, residuals, records):
@@ -125,16 +131,16 @@ def with_reactions(table, drive, residuals, records):
 
     Records with noise on the drive are left out, since this noise is in the residual, too.
     """
-    found = []
+    reactions = []
     others = set(table["record"][table["fault"].isin(["noisy_drive", "swapped_channels"])])
     names = record_names(records)
-    for record, name, own in zip(records, names, residuals, strict=True):
-        start = int(np.argmax(np.isfinite(own)))
-        p_value = reaction_p_value(drive[record.rows][start:], np.nan_to_num(own[start:]))
+    for record, name, residual in zip(records, names, residuals, strict=True):
+        start = int(np.argmax(np.isfinite(residual)))
+        p_value = reaction_p_value(drive[record.rows][start:], np.nan_to_num(residual[start:]))
         if len(records) * p_value < 0.001 and name not in others:
             rows = np.arange(record.rows.start, record.rows.stop)
-            found.append(("closed_loop", name, rows, p_value))
-    tables = [own for own in (table, _table(found)) if len(own)]
+            reactions.append(("closed_loop", name, rows, p_value))
+    tables = [part for part in (table, _table(reactions)) if len(part)]
     return pd.concat(tables, ignore_index=True) if tables else table
 
 
@@ -148,14 +154,14 @@ def _table(found):
 
 def lost_readings(drive, y, records):
     """Return masks (n_record,), one per record, of samples that are lost readings or outliers."""
-    found = []
+    masks = []
     for record in records:
-        own = y[record.rows]
-        lost = np.zeros(len(own), dtype=bool)
-        for _, rows, _ in _spikes(drive[record.rows], own, *_runs(own)):
+        response = y[record.rows]
+        lost = np.zeros(len(response), dtype=bool)
+        for _, rows, _ in _spikes(drive[record.rows], response, *_runs(response)):
             lost[rows] = True
-        found.append(lost)
-    return found
+        masks.append(lost)
+    return masks
 
 
 def _runs(y):
@@ -169,34 +175,36 @@ def _spikes(u, y, starts, lengths):
     if not np.ptp(y) > 0.0:
         return
     # smallest height: 12 sigma of the second difference, and 2 % of the range
-    least = max(12.0 * _scatter(y), 0.02 * np.ptp(y))
+    lowest = max(12.0 * _scatter(y), 0.02 * np.ptp(y))
     inner = slice(1, -1)
     before, value, after = y[starts[inner] - 1], y[starts[inner]], y[(starts + lengths)[inner]]
     into, back = value - before, value - after
     height = np.minimum(np.abs(into), np.abs(back))
-    off = (into * back > 0.0) & (height > least) & (lengths[inner] <= 20)
-    off &= np.abs(after - before) < 0.5 * height
+    is_spike = (into * back > 0.0) & (height > lowest) & (lengths[inner] <= 20)
+    is_spike &= np.abs(after - before) < 0.5 * height
     # not where the drive jumps there and back
     first, last = starts[inner], (starts + lengths)[inner]
     moved = np.minimum(np.abs(u[first] - u[first - 1]), np.abs(u[last] - u[last - 1]))
-    off &= moved / (np.ptp(u) or 1.0) < 0.3 * height / np.ptp(y)
+    is_spike &= moved / (np.ptp(u) or 1.0) < 0.3 * height / np.ptp(y)
     # many spikes belong to the signal
-    if not off.any() or lengths[inner][off].sum() > 0.02 * len(y):
+    if not is_spike.any() or lengths[inner][is_spike].sum() > 0.02 * len(y):
         return
-    at = np.concatenate([np.arange(a, b) for a, b in zip(first[off], last[off], strict=True)])
-    rows = {code: at[y[at] == code] for code in np.unique(value[off])}
-    single = [own for own in rows.values() if own.size == 1]
+    at = np.concatenate(
+        [np.arange(a, b) for a, b in zip(first[is_spike], last[is_spike], strict=True)]
+    )
+    rows = {code: at[y[at] == code] for code in np.unique(value[is_spike])}
+    single = [code_rows for code_rows in rows.values() if code_rows.size == 1]
     if single:
         yield "outlier", np.sort(np.concatenate(single)), np.nan
-    for code, own in rows.items():
-        if own.size > 1:
-            yield "lost_reading", own, code
+    for code, code_rows in rows.items():
+        if code_rows.size > 1:
+            yield "lost_reading", code_rows, code
 
 
 def _scatter(y):
     """Return the robust standard deviation (MAD) of the distance from the mean of neighbours."""
     distance = y[1:-1] - 0.5 * (y[:-2] + y[2:])
-    return 1.4826 * np.median(np.abs(distance - np.median(distance))) if distance.size else 0.0
+    return median_abs_deviation(distance, scale="normal") if distance.size else 0.0
 
 
 def _wrapped(u, y):
@@ -250,7 +258,7 @@ def _clipped(y, starts, lengths, codes, step):
 
 
 def _jitter(X, record):
-    """Return the relative standard deviation of the interval, 0 without times."""
+    """Return the standard deviation of the interval relative to its mean, 0 without times."""
     index = X.index if hasattr(X, "iloc") else pd.RangeIndex(0)
     times = index.get_level_values("time") if index.nlevels > 1 else index
     if times.dtype.kind not in "fmM":

@@ -36,6 +36,11 @@ def iter_records(X, y=None, *, dt=None) -> Iterator[tuple]:
     RecordError
         If the rows do not form evenly sampled records, or ``y`` has another number of rows.
 
+    See Also
+    --------
+    stack_records : The inverse.
+    record_slices : Rows and sampling intervals of the records.
+
     Examples
     --------
     >>> import numpy as np
@@ -104,6 +109,11 @@ def stack_records(records, labels=None, *, dt=None):
         If there are no records, labels repeat, or the records differ in their columns, in the type
         of their times, or in the lengths of ``X`` and ``y``.
 
+    See Also
+    --------
+    iter_records : The inverse.
+    read_records : Records from files.
+
     Examples
     --------
     >>> import numpy as np
@@ -145,13 +155,13 @@ def stack_records(records, labels=None, *, dt=None):
         y = None if y is None else as_series(y)
         refuse_lengths(frame, y, f"record {label!r}")
         index = _stacked_index(frame, label, labels is not None, dt)
-        own = set(index.get_level_values("record").unique())
-        if seen & own:
+        new = set(index.get_level_values("record").unique())
+        if seen & new:
             raise RecordError(
-                f"The labels of the records must differ. Got {sorted(map(str, seen & own))} twice "
+                f"The labels of the records must differ. Got {sorted(map(str, seen & new))} twice "
                 f"instead; give the 'labels' parameter of stack_records."
             )
-        seen |= own
+        seen |= new
         parts.append((frame.set_axis(index), None if y is None else y.set_axis(index)))
     frames = [frame for frame, _ in parts]
     _refuse_differences(frames)
@@ -208,13 +218,13 @@ def _stacked_index(frame, label, relabel, dt):
     if isinstance(times, pd.MultiIndex):
         time_stamps(times)  # refuses rows without a label or a time
         level = time_level(times)
-        own = times.get_level_values(1 - level)
-        if relabel and own.nunique() > 1:
+        given = times.get_level_values(1 - level)
+        if relabel and given.nunique() > 1:
             raise RecordError(
                 f"The 'labels' parameter of stack_records must be left out for frames that hold "
-                f"several records. Got {label!r} for records {list(own.unique())} instead."
+                f"several records. Got {label!r} for records {list(given.unique())} instead."
             )
-        times, labels = times.get_level_values(level), labels if relabel else own
+        times, labels = times.get_level_values(level), labels if relabel else given
     if dt is not None and pd.api.types.is_integer_dtype(times.dtype):
         times = times.to_numpy() * float(dt)
     return pd.MultiIndex.from_arrays([labels, times], names=["record", "time"])

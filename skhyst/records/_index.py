@@ -65,6 +65,10 @@ class RecordSlice:
         "sample" where neither the index nor ``dt`` gives the interval; it is then 1.
     lost : tuple of int, default=()
         Samples, counted from the start of the record, that have no row.
+
+    See Also
+    --------
+    record_slices : Find the records of a recording.
     """
 
     label: Hashable
@@ -130,9 +134,9 @@ def record_slices(
     one_interval : bool, default=True
         Whether all records must share one sampling interval.
     bridge : bool, default=False
-        Whether gaps of a whole number of intervals, five at most, are lost rows of one record
-        (``RecordSlice.lost``) and not ends of records, as long as at most 5 % of the rows are lost.
-        For callers that handle missing samples.
+        Whether a gap of at most five whole intervals is counted as lost rows of one record
+        (``RecordSlice.lost``) instead of separating two, provided that at most 5 % of the rows are
+        lost. For callers that handle missing samples.
 
     Returns
     -------
@@ -145,6 +149,11 @@ def record_slices(
         If rows are shuffled or repeated, a record is sampled unevenly or has a single sample, the
         records differ in their interval where they must not, or ``y`` has an index with records
         that ``X`` lacks.
+
+    See Also
+    --------
+    iter_records : The parts of X and y themselves.
+    sampling_interval : The interval alone.
 
     Examples
     --------
@@ -171,13 +180,13 @@ def record_slices(
         return ()
     pieces = _pieces(stamps, bridge)
     intervals = _sampling_intervals(stamps, pieces, one_interval)
-    unit, found = counted if stamps.counts else "s", []
+    unit, slices = counted if stamps.counts else "s", []
     for (run, start, stop, lost), interval in zip(pieces, intervals, strict=True):
         label, start_time = stamps.label(start, run), float(stamps.values[start] * stamps.unit)
         rows = slice(start, stop)
         n_samples = stop - start
-        found.append(RecordSlice(label, rows, interval, start_time, n_samples, unit, lost))
-    return tuple(found)
+        slices.append(RecordSlice(label, rows, interval, start_time, n_samples, unit, lost))
+    return tuple(slices)
 
 
 def sampling_interval(X, *, dt=None) -> float:
@@ -199,6 +208,10 @@ def sampling_interval(X, *, dt=None) -> float:
     ------
     RecordError
         If ``X`` has no rows, or its rows do not form evenly sampled records.
+
+    See Also
+    --------
+    record_slices : Intervals and rows of all records.
 
     Examples
     --------
@@ -239,7 +252,7 @@ def by_interval(records) -> dict[float, list[int]]:
 
 
 def chosen_interval(records, dt, caller) -> float:
-    """Return the sampling interval at which a fitted model, or a controller, is used.
+    """Return the sampling interval for the use of a fitted model or a controller.
 
     Parameters
     ----------
@@ -248,7 +261,7 @@ def chosen_interval(records, dt, caller) -> float:
     dt : float or None
         Interval in s where one is given.
     caller : str
-        Function whose parameter ``dt`` is, for error messages.
+        Name of the function with the parameter ``dt``, for error messages.
 
     Returns
     -------
@@ -286,16 +299,16 @@ def refuse_lost_index(X, y, name="y"):
     ``name`` is the name of y in the message.
     """
     refuse_masked(name, y)
-    own, index = getattr(X, "index", None), getattr(y, "index", None)
-    if not isinstance(index, pd.Index) or _has_no_time(index):
+    X_index, y_index = getattr(X, "index", None), getattr(y, "index", None)
+    if not isinstance(y_index, pd.Index) or _has_no_time(y_index):
         return
-    if isinstance(own, pd.Index) and not isinstance(own, pd.RangeIndex):
-        if len(own) == len(index) and not own.equals(index):
+    if isinstance(X_index, pd.Index) and not isinstance(X_index, pd.RangeIndex):
+        if len(X_index) == len(y_index) and not X_index.equals(y_index):
             raise RecordError(
                 f"The index of X and that of {name} must be equal. Got rows in another order or "
                 f"of another recording instead; align them ({name}.loc[X.index])."
             )
-    elif not index.equals(own):
+    elif not y_index.equals(X_index):
         raise RecordError(
             f"The index of X must carry the records and times that the index of {name} carries. "
             "Got an X without them instead: a step before this one has returned an array. Call "
@@ -340,8 +353,8 @@ def _pieces(stamps, bridge):
     single = [start for _, start, stop, _ in pieces if stop - start == 1]
     if len(stamps.values) == 1:
         raise RecordError(
-            "A single row with a time does not tell a sampling interval. Give it together with its "
-            "neighbours; one sample after the other is what the 'stepper' of a model takes."
+            "A single row with a time does not determine the sampling interval. Give it together "
+            "with its neighbours; to predict sample by sample, use the 'stepper' of a model."
         )
     if single:
         counts = (
@@ -371,7 +384,7 @@ def _missing(values, cuts):
     if number[is_lost].sum() - is_lost.sum() > MOST_LOST * (stop - start):
         return {}
     rows = zip(inner, number, is_lost, strict=True)
-    return {row: int(n) - 1 for row, n, own in rows if own}
+    return {row: int(n) - 1 for row, n, is_gap in rows if is_gap}
 
 
 def _sampling_intervals(stamps, pieces, one_interval):
@@ -401,11 +414,11 @@ def _sampling_intervals(stamps, pieces, one_interval):
                 f"EffectSearchCV does with resample='auto'. If the rows are a random subset: "
                 f"{SPLITTERS}."
             )
-    # the longest piece has the most exact interval: it takes all that agree with it, and so on
+    # the longest remaining piece has the most accurate interval: pieces that agree with it share it
     allowed = MISMATCH + JITTER / intervals
-    found = np.zeros(len(pieces))
-    while not found.all():
-        remaining = found == 0.0
+    assigned = np.zeros(len(pieces))
+    while not assigned.all():
+        remaining = assigned == 0.0
         reference = means[np.argmax(np.where(remaining, intervals, 0))]
         same = remaining & (np.abs(means - reference) <= allowed * reference)
         differs = np.flatnonzero(~same)
@@ -418,8 +431,8 @@ def _sampling_intervals(stamps, pieces, one_interval):
                 f"If the rows have been shuffled: {SPLITTERS}."
             )
         # Nine digits: 0.001 s stays 0.001 s whatever rows a splitter picks.
-        found[same] = float(f"{spans[same].sum() / intervals[same].sum() * stamps.unit:.9g}")
-    return found.tolist()
+        assigned[same] = float(f"{spans[same].sum() / intervals[same].sum() * stamps.unit:.9g}")
+    return assigned.tolist()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -580,9 +593,9 @@ def record_names(records) -> list:
 
 
 def first_of_equals(records, *signals) -> np.ndarray:
-    """Return for each record the number of the first one that is equal to the last bit.
+    """Return for each record the number of the first record that equals it to the last bit.
 
-    No two recordings of a device are: such records were stored twice.
+    Two measurements of a device always differ: equal records are one that was stored twice.
 
     Parameters
     ----------
@@ -595,6 +608,6 @@ def first_of_equals(records, *signals) -> np.ndarray:
     ndarray of int of shape (n_records,)
     """
     first: dict[tuple, int] = {}
-    values = [np.asarray(own, dtype=float) for own in signals]
-    contents = [tuple(own[r.rows].tobytes() for own in values) for r in records]
-    return np.array([first.setdefault(own, i) for i, own in enumerate(contents)])
+    values = [np.asarray(signal, dtype=float) for signal in signals]
+    contents = [tuple(signal[r.rows].tobytes() for signal in values) for r in records]
+    return np.array([first.setdefault(content, i) for i, content in enumerate(contents)])

@@ -1,4 +1,4 @@
-"""Rows that a recording has lost, put back on the grid of their record."""
+"""Rows that a recording has lost, restored on the even grid of their record by interpolation."""
 
 from dataclasses import replace
 
@@ -9,10 +9,10 @@ from ._index import record_slices, time_level, time_stamps
 
 
 def with_lost_rows(slices, *signals):
-    """Return records and signals that have a row for each one that was lost.
+    """Return records and signals with lost rows restored.
 
     The values are interpolated linearly: unlike a smooth curve, a straight line adds no turning
-    point beyond the readings, which a hysteresis would remember.
+    point beyond the readings, which would stay in the memory of a hysteresis.
 
     Parameters
     ----------
@@ -49,22 +49,22 @@ def with_lost_rows(slices, *signals):
         even.append(replace(record, rows=rows, n_samples=n_samples, lost=()))
         samples.append(start + record.samples)
         start += n_samples
-    at = np.concatenate(samples)
+    positions = np.concatenate(samples)
     read = np.zeros(start, dtype=bool)
-    read[at] = True
+    read[positions] = True
     filled = []
     for signal in signals:
         columns = signal if signal.ndim > 1 else signal[:, None]
-        found = np.empty((start, columns.shape[1]))
-        for column, values in zip(found.T, columns.T, strict=True):
-            column[:] = np.interp(np.arange(start), at, values)
-        found[read] = columns
-        filled.append(found if signal.ndim > 1 else found[:, 0])
+        grid_values = np.empty((start, columns.shape[1]))
+        for column, values in zip(grid_values.T, columns.T, strict=True):
+            column[:] = np.interp(np.arange(start), positions, values)
+        grid_values[read] = columns
+        filled.append(grid_values if signal.ndim > 1 else grid_values[:, 0])
     return tuple(even), *filled, read
 
 
 def fill_lost_rows(X, y=None):
-    """Return frames that have a row for each one that was lost, and which rows were read.
+    """Return frames with lost rows restored, and a mask of the rows that were read.
 
     Parameters
     ----------
@@ -99,11 +99,11 @@ def fill_lost_rows(X, y=None):
     if not any(record.lost for record in slices):
         return X, y, None
     stamps = time_stamps(X.index)
-    first, own = stamps.values[0], stamps.values.dtype
+    first, dtype = stamps.values[0], stamps.values.dtype
     response = [] if y is None else [np.asarray(y, dtype=float)]
     signals = (stamps.values - first).astype(float), X.to_numpy(dtype=float)
     _, times, values, *response, read = with_lost_rows(slices, *signals, *response)
-    exact = first + (np.rint(times).astype(own) if own.kind == "i" else times)
+    exact = first + (np.rint(times).astype(dtype) if dtype.kind == "i" else times)
     exact[read] = stamps.values
     labels = pd.Index(exact).astype(stamps.dtype) if stamps.dtype.kind in "mM" else exact
     index = pd.Index(labels, name=X.index.name)

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-# as parts of the power of the difference to the shifted drive
-_AWAY = 0.2  # it has moved on
-_BACK = 0.05  # it is there again
+# power of the difference between the signal and the shifted signal, relative to that of both
+_AWAY = 0.2  # above it, the signal has left its initial course
+_BACK = 0.05  # below it, the signal repeats
 _PROBES = 64  # samples that rule out most lags
 _FINE = 4  # lags per sample: a parabola then has the depth of a period of three samples to 1e-3
 
@@ -44,44 +44,46 @@ def _autocorrelation(u, fine=1):
 
 
 def near_period(u):
-    """Return the period in samples after which a moving signal repeats itself roughly, or 0.
+    """Return the period in samples after which a moving signal repeats approximately, or 0.
 
-    As a motion does that is driven periodically. Before that time the signal has to have been away.
+    Such as the measured drive of a periodic motion. Within a period, the signal must differ from
+    its start, so that a slow start is not taken for a repetition.
     """
     n = len(u)
     if n < 6 or not np.ptp(u) > 0.0:
         return 0
     v, correlation = _autocorrelation(u, _FINE)
-    # two turns, and what tells that the second one is the end
+    # lags up to half of the signal, so that it contains two periods, and one more for the minimum
     lags = np.arange(_FINE * (n // 2 + 1) + 1) / _FINE
     correlation, rows = correlation[: len(lags)], np.arange(n + 1)
     power = np.concatenate([[0.0], np.cumsum(v * v)])
-    both = np.interp(n - lags, rows, power) + power[n] - np.interp(lags, rows, power)
-    difference = 1.0 - 2.0 * correlation / np.maximum(both, np.finfo(float).tiny)
-    low, least, high = difference[:-2], difference[1:-1], difference[2:]
-    back = np.maximum.accumulate(difference)[1:-1] > _AWAY
-    at = np.flatnonzero(back & (least < low) & (least <= high))
+    overlap_power = np.interp(n - lags, rows, power) + power[n] - np.interp(lags, rows, power)
+    difference = 1.0 - 2.0 * correlation / np.maximum(overlap_power, np.finfo(float).tiny)
+    low, middle, high = difference[:-2], difference[1:-1], difference[2:]
+    has_left = np.maximum.accumulate(difference)[1:-1] > _AWAY
+    candidates = np.flatnonzero(has_left & (middle < low) & (middle <= high))
     # the vertex of the parabola through three samples
-    low, least, high = low[at], least[at], high[at]
-    depths = least - (low - high) ** 2 / (8.0 * (low - 2.0 * least + high))
+    low, middle, high = low[candidates], middle[candidates], high[candidates]
+    depths = middle - (low - high) ** 2 / (8.0 * (low - 2.0 * middle + high))
     best = depths.min(initial=np.inf)
     if best > _BACK:
         return 0
-    # not a multiple of the period; an overlap that ends between samples is known but for these
-    lag = 1 + at[np.argmax(depths <= 2.0 * best + 2.0 / n)]
+    # the first of about equal minima: others are multiples of the period; 2 / n is the uncertainty
+    # of an overlap whose end lies between samples
+    lag = 1 + candidates[np.argmax(depths <= 2.0 * best + 2.0 / n)]
     return _between_samples(difference, int(lag)) / _FINE
 
 
 def _between_samples(difference, lag):
-    """Return the place of least difference near a lag, refined by means of its multiples."""
+    """Return the lag of the smallest difference near a lag, refined by its multiples."""
     period, multiple = float(lag), 1
     while True:
-        at = round(multiple * period)
-        if not 0 < at < len(difference) - 1:
+        centre = round(multiple * period)
+        if not 0 < centre < len(difference) - 1:
             return period
-        low, least, high = difference[at - 1 : at + 2]
-        bend = low - 2.0 * least + high
-        if not (bend > 0.0 and abs(low - high) <= 2.0 * bend):  # none near by
+        low, middle, high = difference[centre - 1 : centre + 2]
+        curvature = low - 2.0 * middle + high
+        if not (curvature > 0.0 and abs(low - high) <= 2.0 * curvature):  # none near by
             return period
-        period = (at + 0.5 * (low - high) / bend) / multiple
+        period = (centre + 0.5 * (low - high) / curvature) / multiple
         multiple *= 2

@@ -122,6 +122,12 @@ def read_records(
     TimeUnitWarning
         If the time column has no unit, and its values are integers or have steps of seconds.
 
+    See Also
+    --------
+    inspect_recording : Columns, records and faults of a file before it is read.
+    stack_records : The same index for arrays in memory.
+    skhyst.io.join_files : Columns of one recording in several files.
+
     Notes
     -----
     Nothing in a file is executed: pickled objects, MATLAB objects and function handles are
@@ -154,10 +160,10 @@ def _indexed(columns, on_missing):
     index = pd.MultiIndex.from_arrays([columns.records, columns.times], names=["record", "time"])
     values, names, n = columns.values, columns.names, columns.n_inputs
     if on_missing == "interpolate":
-        values, filled = _fill(values, time_stamps(index))
-        if not filled.any():
+        values, is_complete = _fill(values, time_stamps(index))
+        if not is_complete.any():
             raise RecordError(f"{columns.source} has no record with readings in every column.")
-        values, index = values[filled], index[filled]
+        values, index = values[is_complete], index[is_complete]
     X = pd.DataFrame(values[:, :n], index, columns=names[:n])
     if len(names) == n:
         return X, None
@@ -173,11 +179,11 @@ def _fill(values, stamps):
     values, clock = values.copy(), stamps.values.astype(float)
     stretches = (cut for run in pairwise(stamps.runs()) for cut in pairwise(stamps.cuts(*run)))
     for start, stop in stretches:
-        own = clock[start:stop]
+        times = clock[start:stop]
         for column in values[start:stop].T:
             known = np.isfinite(column)
             if known.any() and not known.all():
                 column[~known] = np.interp(
-                    own[~known], own[known], column[known], left=np.nan, right=np.nan
+                    times[~known], times[known], column[known], left=np.nan, right=np.nan
                 )
     return values, np.isfinite(values).all(axis=1)

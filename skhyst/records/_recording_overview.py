@@ -29,6 +29,10 @@ class RecordingOverview:
     X, y : DataFrame and Series, or None
         As :func:`read_records` returns them, with lost readings interpolated; None where drive or
         response are not known.
+
+    See Also
+    --------
+    inspect_recording : Returns it.
     """
 
     name: str
@@ -74,6 +78,11 @@ def inspect_recording(path, **reading):
     ------
     RecordError
         If the file cannot be read at all.
+
+    See Also
+    --------
+    read_records : Read the recording.
+    data_quality : Faults of the measurement as a table.
 
     Examples
     --------

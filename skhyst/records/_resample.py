@@ -70,6 +70,11 @@ def resample_records(X, y=None, *, dt, max_gap=None, anti_alias=True):
         samples of the old or the new interval, ``y`` has an index with records that ``X`` lacks, or
         ``dt`` is "auto" and the index consists of integers that count samples.
 
+    See Also
+    --------
+    resampling_error : The error of the interpolation.
+    resample_like : Back onto the original times.
+
     Examples
     --------
     >>> import pandas as pd
@@ -102,9 +107,9 @@ def resample_records(X, y=None, *, dt, max_gap=None, anti_alias=True):
     if dt == "auto" and _is_even(frame, stamps):
         return frame if series is None else (frame, series.set_axis(frame.index))
     labels, times, values = [], [], []
-    for label, start, stop, own in _resampled_pieces(stamps, dt, max_gap):
+    for label, start, stop, interval in _resampled_pieces(stamps, dt, max_gap):
         seconds = (stamps.values[start:stop] - stamps.values[start]) * stamps.unit
-        part = _regrid(seconds, table[start:stop], own, anti_alias and dt != "auto")
+        part = _regrid(seconds, table[start:stop], interval, anti_alias and dt != "auto")
         if len(part) < 2:
             raise RecordError(
                 f"The 'dt' parameter of resample_records must be at most the length of every "
@@ -112,7 +117,7 @@ def resample_records(X, y=None, *, dt, max_gap=None, anti_alias=True):
                 f"{stop - 1}, instead; drop this record or take a smaller 'dt'."
             )
         labels.extend([label] * len(part))
-        times.append(_labels_of_time(stamps, start, own * np.arange(len(part))))
+        times.append(_labels_of_time(stamps, start, interval * np.arange(len(part))))
         values.append(part)
     index = pd.MultiIndex.from_arrays([labels, np.concatenate(times)], names=["record", "time"])
     values = np.concatenate(values)
@@ -155,6 +160,10 @@ def resampling_error(X, y, *, dt="auto", max_gap=None) -> float:
         Root mean square error over the grid, units of the response; 0 if all its points are
         readings.
 
+    See Also
+    --------
+    resample_records : The interpolation.
+
     Notes
     -----
     The estimate tends to be too small if there are few readings per period, and more so if the
@@ -179,13 +188,13 @@ def resampling_error(X, y, *, dt="auto", max_gap=None) -> float:
     if dt == "auto" and _is_even(frame, stamps):
         return 0.0
     total, count = 0.0, 0
-    for _, start, stop, own in _resampled_pieces(stamps, dt, max_gap):
+    for _, start, stop, interval in _resampled_pieces(stamps, dt, max_gap):
         seconds = (stamps.values[start:stop] - stamps.values[start]) * stamps.unit
-        grid = _grid(seconds, own)
-        at = np.clip(np.searchsorted(seconds, grid) - 1, 0, len(seconds) - 2)
-        products = np.maximum((grid - seconds[at]) * (seconds[at + 1] - grid), 0.0)  # a b
+        grid = _grid(seconds, interval)
+        before = np.clip(np.searchsorted(seconds, grid) - 1, 0, len(seconds) - 2)
+        products = np.maximum((grid - seconds[before]) * (seconds[before + 1] - grid), 0.0)  # a b
         # distances of 1e-6 of an interval are rounding of the times
-        products[products < 1e-6 * own * own] = 0.0
+        products[products < 1e-6 * interval * interval] = 0.0
         total += 0.25 * _curvature(seconds, values[start:stop]) * np.sum(products**2)
         count += len(grid)
     return float(np.sqrt(total / count))
@@ -211,11 +220,11 @@ def _curvature(seconds, values):
         return 0.0
     rows = []
     for neighbours in (((1, 1),), ((1, 2), (2, 1))):
-        parts = [_left_out(seconds, values, *own) for own in neighbours]
-        rows.append([np.mean(np.concatenate(own)) for own in zip(*parts, strict=True)])
+        parts = [_left_out(seconds, values, *steps) for steps in neighbours]
+        rows.append([np.mean(np.concatenate(column)) for column in zip(*parts, strict=True)])
     (m1, k1, d1), (m2, k2, d2) = rows
-    noisy = (d2 * k1 - d1 * k2) / (m2 * k1 - m1 * k2)
-    return float(np.clip(noisy, 0.0, d1 / m1))
+    curvature = (d2 * k1 - d1 * k2) / (m2 * k1 - m1 * k2)
+    return float(np.clip(curvature, 0.0, d1 / m1))
 
 
 def _left_out(seconds, values, back, ahead):
@@ -246,6 +255,10 @@ def resample_like(y, X) -> np.ndarray:
     ndarray of shape (n_samples,)
         Beyond the ends of a record's grid, the value at its end.
 
+    See Also
+    --------
+    resample_records : Resample onto an even grid.
+
     Examples
     --------
     >>> import pandas as pd
@@ -256,11 +269,11 @@ def resample_like(y, X) -> np.ndarray:
     """
     stamps, grid = time_stamps(X.index), time_stamps(y.index)
     wanted, known = pairwise(stamps.runs()), pairwise(grid.runs())
-    values, found = y.to_numpy(dtype=float), []
+    values, interpolated = y.to_numpy(dtype=float), []
     for (a, b), (c, d) in zip(wanted, known, strict=True):
         times = grid.values[c:d] * grid.unit
-        found.append(np.interp(stamps.values[a:b] * stamps.unit, times, values[c:d]))
-    return np.concatenate(found)
+        interpolated.append(np.interp(stamps.values[a:b] * stamps.unit, times, values[c:d]))
+    return np.concatenate(interpolated)
 
 
 def _resampled_pieces(stamps, dt, max_gap):
@@ -274,16 +287,16 @@ def _resampled_pieces(stamps, dt, max_gap):
             )
     medians = [float(np.median(np.diff(stamps.values[a:b]))) * stamps.unit for a, b in runs]
     for run, (start, stop) in enumerate(runs):
-        own, longest = dt, max_gap
+        interval, limit = dt, max_gap
         if dt == "auto":  # medians that differ by rounding are equal
-            own = min(medians) * 2.0 ** np.floor(np.log2(medians[run] / min(medians) + 1e-6))
-        if longest is None:
-            longest = BRIDGED * medians[run]
-        for a, b in pairwise(stamps.cuts(start, stop, max(longest, GAP * own))):
+            interval = min(medians) * 2.0 ** np.floor(np.log2(medians[run] / min(medians) + 1e-6))
+        if limit is None:
+            limit = BRIDGED * medians[run]
+        for a, b in pairwise(stamps.cuts(start, stop, max(limit, GAP * interval))):
             span = (stamps.values[b - 1] - stamps.values[a]) * stamps.unit
             # a single row leaves nothing to interpolate
-            if b - a > 1 and not (dt == "auto" and span < own):
-                yield stamps.label(a, run), a, b, own
+            if b - a > 1 and not (dt == "auto" and span < interval):
+                yield stamps.label(a, run), a, b, interval
 
 
 def _regrid(seconds, table, dt, anti_alias):

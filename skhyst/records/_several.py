@@ -17,7 +17,9 @@ def labelled(sources):
     if not sources:
         raise RecordError("The 'path' parameter of read_records must name a file. Got [] instead.")
     is_frame = [hasattr(source, "columns") for source in sources]
-    paths = [None if own else Path(one) for one, own in zip(sources, is_frame, strict=True)]
+    paths = [
+        None if is_table else Path(one) for one, is_table in zip(sources, is_frame, strict=True)
+    ]
     stems = Counter(path.stem for path in paths if path)
     labels = [
         number if path is None else path.stem if stems[path.stem] == 1 else str(path)
@@ -29,27 +31,27 @@ def labelled(sources):
 
 
 def together(parts):
-    """Return X and y of all parts, a dict of (X, y) by label, with the labels in the index."""
+    """Stack parts, a dict of (X, y) by label; return X and y with the labels in the index."""
     if len(parts) == 1:
         return next(iter(parts.values()))
-    first, columns = None, None
+    first, known = None, None
     for label, (X, y) in parts.items():
-        own = [*map(str, X.columns), *([] if y is None else [y.name])]
-        first, columns = (first, columns) if columns else (label, own)
-        if own != columns:
+        names = [*map(str, X.columns), *([] if y is None else [y.name])]
+        first, known = (first, known) if known else (label, names)
+        if names != known:
             raise RecordError(
                 "Recordings that are read together must have the same columns in the same units. "
-                f"Got {', '.join(columns)} in {first!r} and {', '.join(own)} in {label!r} instead."
+                f"Got {', '.join(known)} in {first!r} and {', '.join(names)} in {label!r} instead."
             )
-    found = [_relabelled(label, X, y) for label, (X, y) in parts.items()]
-    if found[0][1] is None:
-        return stack_records([X for X, _ in found]), None
-    return stack_records(found)
+    relabelled = [_relabelled(label, X, y) for label, (X, y) in parts.items()]
+    if relabelled[0][1] is None:
+        return stack_records([X for X, _ in relabelled]), None
+    return stack_records(relabelled)
 
 
 def _relabelled(label, X, y):
     """Return X and y with the label of a part: ``label/record``, or ``label`` for one record."""
-    own, times = (X.index.get_level_values(level) for level in ("record", "time"))
-    labels = [label] * len(X) if own.nunique() == 1 else [f"{label}/{one}" for one in own]
+    given, times = (X.index.get_level_values(level) for level in ("record", "time"))
+    labels = [label] * len(X) if given.nunique() == 1 else [f"{label}/{name}" for name in given]
     index = pd.MultiIndex.from_arrays([labels, times], names=X.index.names)
     return X.set_axis(index), None if y is None else y.set_axis(index)

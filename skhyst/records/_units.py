@@ -22,6 +22,10 @@ class Units:
     time : {"s", "sample"}, default="s"
         "sample" where the sampling interval is not known: frequencies are then in cycles/sample.
 
+    See Also
+    --------
+    read_records : Puts the units of a file into the names of columns.
+
     Examples
     --------
     >>> from skhyst.records import Units

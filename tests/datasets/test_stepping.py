@@ -82,9 +82,9 @@ def test_a_wrong_drive_leaves_the_device_as_it_is(wrong):
     device = inchworm_motor_stepper(effects={"creep": 0.1})
     device.run(3.0 * DRIVE)
     other = device.copy()
-    with pytest.raises(ValueError, match="finite numbers, 1 a sample"):
+    with pytest.raises(ValueError, match="finite numbers, 1 per sample"):
         device.step(wrong)
-    with pytest.raises(ValueError, match="finite numbers, 1 a sample"):
+    with pytest.raises(ValueError, match="finite numbers, 1 per sample"):
         device.run([[1.0, 2.0]])
     assert device.step(1.0) == other.step(1.0)
 

@@ -193,7 +193,7 @@ def faults(table, **options):
         ({"y": np.full(N, 3.0)}, "'y' does not move: it is 3 throughout"),
         ({"y": np.where(T[9] == T, np.nan, Y)}, r"y: 1 row\(s\) \(9\)"),
         ({"y": np.where(T[9] == T, -9999.0, Y)}, "The reading -9999 of 'y'"),
-        ({"w": np.where(T[9] == T, np.nan, Y)}, "'w' misses 1 of 200"),
+        ({"w": np.where(T[9] == T, np.nan, Y)}, "'w' lacks 1 of 200"),
         ({"t": T + 4e-4 * U}, "must be even"),
         ({"u": ["on"] * N}, "Got 'on' in row 0"),
     ],

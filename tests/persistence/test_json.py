@@ -58,7 +58,7 @@ def test_it_follows_the_schema_and_predicts_the_same(model):
 
 
 def test_what_is_not_of_skhyst_is_refused():
-    with pytest.raises(TypeError, match=r"Ridge is no public class of skhyst.*\.skops"):
+    with pytest.raises(TypeError, match=r"Ridge is not a public class of skhyst.*\.skops"):
         to_json(Corrected(Ridge(), FirstOrderLag()))
 
 
@@ -67,7 +67,7 @@ def test_what_is_not_of_skhyst_is_refused():
     [
         ({"format": "skhyst.model/2"}, "reads skhyst.model/1"),
         ({"format": "other/1"}, "of the format"),
-        ({"versions": {}}, "no model of skhyst"),
+        ({"versions": {}}, "not a model of skhyst"),
         ({"model": {"class": "os.system", "parameters": {}, "fitted": {}}}, "os.system"),
         ({"model": {"class": "skhyst.linear.Gain", "parameters": {"a": 1}, "fitted": {}}}, "'a'"),
         ({"model": {"class": "skhyst.linear.Gain"}}, "cannot be read"),
@@ -79,7 +79,7 @@ def test_other_texts_are_refused(change, match):
     with pytest.raises(ValueError, match=match):
         from_json(json.dumps(content))
     for text in ("", "[]", "[" * 100_000):
-        with pytest.raises(ValueError, match="no model"):
+        with pytest.raises(ValueError, match="not a model"):
             from_json(text)
 
 

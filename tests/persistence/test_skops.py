@@ -57,7 +57,7 @@ def test_a_file_that_cannot_be_read_any_more_says_who_has_written_it(written, mo
         raise AttributeError("no class Amplifier")
 
     monkeypatch.setattr(_skops, "_load_skops", gone)
-    with pytest.raises(ValueError, match=r"written by skhyst 0\.0\.1, is broken, or nothing"):
+    with pytest.raises(ValueError, match=r"by skhyst 0\.0\.1, is broken, or cannot be read"):
         load_model(path)
 
 

@@ -111,11 +111,14 @@ def test_units_do_not_matter(signals, scale):
 
 def test_clock_jitter():
     rng = np.random.default_rng(0)
-    time = 0.01 * (np.arange(500) + 0.08 * rng.normal(size=500).clip(-1.2, 1.2))
+    jittered = 0.01 * (np.arange(500) + 0.08 * rng.normal(size=500).clip(-1.2, 1.2))
+    time = np.concatenate([0.01 * np.arange(400), jittered])  # the second record starts at row 400
     X = pd.DataFrame({"drive": np.sin(time)}, index=pd.Index(time, name="time"))
     table = data_quality(X, 2.0 * np.sin(time), record_slices(X))
-    assert table["fault"].tolist() == ["clock_jitter"]
-    assert table["value"].iloc[0] == pytest.approx(np.diff(time).std() / 0.01, rel=0.01)
+    assert table[["fault", "rows"]].to_numpy().tolist() == [
+        ["clock_jitter", tuple(range(400, 405))]
+    ]
+    assert table["value"].iloc[0] == pytest.approx(np.diff(jittered).std() / 0.01, rel=0.01)
 
 
 @pytest.mark.parametrize("effect", [*MATRIX["cascade"], "none"])

@@ -253,7 +253,7 @@ def test_nothing_is_dropped_where_nothing_is_missing(tmp_path, options):
     X, _ = read(tmp_path, single, on_missing="drop", **options)
     np.testing.assert_allclose(X["u"], U)
     assert len(read(tmp_path, "t,u\n0,1\n", on_missing="drop")[0]) == 1
-    with pytest.raises(RecordError, match="does not tell a sampling interval"):
+    with pytest.raises(RecordError, match="does not determine the sampling interval"):
         record_slices(read(tmp_path, "t,u\n0,1\n", time="t", on_missing="drop")[0])
 
 
@@ -444,7 +444,8 @@ def test_the_unit_of_time_is_that_of_the_line_below_the_names(tmp_path):
     text = "t,u\nms,V\n" + "".join(f"{2 * i},{u}\n" for i, u in enumerate(U))
     X, _ = read(tmp_path, text, time="t")
     assert record_slices(X)[0].dt == pytest.approx(0.002)
-    with pytest.raises(RecordError, match=r"in 'counts', which is no unit of time .* 'time_unit'"):
+    refused = r"in 'counts', which is not a known unit of time.* 'time_unit'"
+    with pytest.raises(RecordError, match=refused):
         read(tmp_path, TABLE.rename(columns={"t": "t [counts]"}), time=0)
 
 

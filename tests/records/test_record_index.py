@@ -197,7 +197,7 @@ REFUSED = [
     (TWO.sort_index(level="time"), "sort_index"),
     (single([0.0, 0.1, 0.1, 0.2]), "Rows 1 and 2 have the same time"),
     (frame(("a", TIMES), ("b", [0.0]), ("c", TIMES)), r"two samples. Got 1 row\(s\) \(9\)"),
-    (single([0.5]), "does not tell a sampling interval"),
+    (single([0.5]), "does not determine the sampling interval"),
     (single(np.arange(0, 40, 2)), "give times in seconds as floats"),
     *((single(times), "resample_records") for times in UNEVEN),
     *(
