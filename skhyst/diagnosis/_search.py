@@ -380,14 +380,14 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         (X, y, self._read), given = fill_lost_rows(even, response), (even, response)
         slices, drive, response = read_data(self, X, y, reset=True)
         if behind_gaps(slices):  # otherwise a drift or another model explains how they begin
-            effects = list({own.name: own for own in [*effects, EFFECTS["initial_state"]]}.values())
-        at, every = column_of(self), drive
+            effects = list({e.name: e for e in [*effects, EFFECTS["initial_state"]]}.values())
+        at, columns = column_of(self), drive
         X, drive = without_column(X, at), without_column(drive, at)
         segments, folds = segment_folds(slices, self.cv, X, response, washout=self.washout)
         self.folds_ = scoring_folds(slices, segments, folds)
-        refuse_no_experiment(every, response, slices)
+        refuse_no_experiment(columns, response, slices)
         self.data_quality_ = self._quality(given, (X, response, slices), at)
-        reference = self._reference = reference_of(self, every, slices)
+        reference = self._reference = reference_of(self, columns, slices)
         self.reference_share_ = None if at is None else reference.share
         declared = declare(declared, X, drive, response, slices, self.random_state, reference)
         self.response_name_ = str(getattr(y, "name", None) or "response")
@@ -403,26 +403,26 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
 
     def _fit_each(self, X, columns, on_progress):
         """Search each response separately."""
-        found = {}
+        searches = {}
         for name, y in columns.items():
-            own = clone(self)
+            search = clone(self)
             if self.checkpoint is not None:
-                own.set_params(checkpoint=f"{self.checkpoint}.{name}")
-            found[name] = own.fit(X, y, on_progress=on_progress)
-        first, *others = found.values()
+                search.set_params(checkpoint=f"{self.checkpoint}.{name}")
+            searches[name] = search.fit(X, y, on_progress=on_progress)
+        first, *others = searches.values()
         for name in ("n_features_in_", "feature_names_in_"):
             if hasattr(first, name):
                 setattr(self, name, getattr(first, name))
-        self.searches_, self.shared_ = found, shared_claims(found)
-        self.effects_ = [e for e in first.effects_ if all(e in own.effects_ for own in others)]
+        self.searches_, self.shared_ = searches, shared_claims(searches)
+        self.effects_ = [e for e in first.effects_ if all(e in other.effects_ for other in others)]
         return self
 
     def _even(self, X, y=None):
         """Return the data on even grids, if that is requested and they are uneven."""
         if self.resample is None or not hasattr(X, "iloc"):
             return X, y
-        found = resample_records(X, y, dt=self.resample)
-        return (found, None) if y is None else found
+        even = resample_records(X, y, dt=self.resample)
+        return (even, None) if y is None else even
 
     def _quality(self, given, filled, at):
         """Return the faults of the recording, numbered by its own rows if rows were lost."""
@@ -438,7 +438,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         lost = lost_readings(self.drive_, self.response_, slices)
         if self._read is None:
             return lost
-        return [own | ~self._read[s.rows] for own, s in zip(lost, slices, strict=True)]
+        return [mask | ~self._read[s.rows] for mask, s in zip(lost, slices, strict=True)]
 
     def _folds_of_records(self, slices, X, y):
         """Return segments and folds that hold out whole records; None for a single record."""
@@ -448,8 +448,8 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
             return None
         folds, count = [], min(self.cv, len(labels))
         for k in range(count):
-            own = set(labels[k::count])
-            test = [s for s, i in zip(slices, firsts, strict=True) if slices[i].label in own]
+            held = set(labels[k::count])
+            test = [s for s, i in zip(slices, firsts, strict=True) if slices[i].label in held]
             rows = np.concatenate([np.arange(s.rows.start, s.rows.stop) for s in test])
             folds.append((np.setdiff1d(np.arange(len(y)), rows), rows))
         return segment_folds(slices, folds, X, y, washout=self.washout)
@@ -460,14 +460,14 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
             return candidates
         segments, folds = self._whole
         self.folds_ = scoring_folds(slices, segments, folds)
-        records = [replace(r, segments=own) for r, own in zip(records, segments, strict=True)]
+        records = [replace(r, segments=spans) for r, spans in zip(records, segments, strict=True)]
         return tuple(held_out(c, records, folds) for c in candidates)
 
     def _search(self, declared, slices, effects, segments, folds, report_progress):
         begin = time.perf_counter()
         records = [
-            record_data(s, *self._inputs, self.response_, own, self._read)
-            for s, own in zip(slices, segments, strict=True)
+            record_data(s, *self._inputs, self.response_, spans, self._read)
+            for s, spans in zip(slices, segments, strict=True)
         ]
         if self._reference is not None:
             records = self._reference.explain(records)
@@ -503,10 +503,10 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         contest.declared = base.structure
         base, raised = contest.raised(base)
         while True:
-            found = contest.found(base)
-            if not contest.criterion.improves_enough(base, found):
+            better = contest.found(base)
+            if not contest.criterion.improves_enough(base, better):
                 break
-            base, _ = contest.raised(contest.weighed(found))
+            base, _ = contest.raised(contest.weighed(better))
         base, ambiguous = contest.named(base)
         history = contest.claims(base, ambiguous)
         self.resolution_ = [str(done) for done in raised]
@@ -516,7 +516,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         self._conclude(declared, slices, contest, first, base, history, result)
 
     def _conclude(
-        self, declared, slices, contest, first: Candidate, base: Candidate, history, found
+        self, declared, slices, contest, first: Candidate, base: Candidate, history, declared_fit
     ):
         """Store the results of a search: of the declared model, and of the final candidate."""
         records = contest.records_of(base)
@@ -530,18 +530,16 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         self.residual_after_: np.ndarray = np.concatenate(base.residuals)
         self.prediction_before_: np.ndarray = np.concatenate(first.predictions)
         self.prediction_after_: np.ndarray = np.concatenate(base.predictions)
-        ones = (np.ones(len(own)) for own in base.residuals)
-        weights = (o if w is None else w for o, w in zip(ones, base.weights, strict=True))
-        self.weights_ = np.concatenate(list(weights))
+        pairs = zip(base.residuals, base.weights, strict=True)
+        self.weights_ = np.concatenate([np.ones(len(e)) if w is None else w for e, w in pairs])
         ranking = contest.ranking
         self._judge(contest.judgement(decided), ranking)
         if self.verdict_ == "noise" and self._reference is None:
-            *_, left = fitted(base, records, (first_row(self, s) for s in slices))
-            self.data_quality_ = with_reactions(self.data_quality_, self.drive_, left, slices)
+            _, residuals = fitted(base, records, (first_row(self, s) for s in slices))
+            self.data_quality_ = with_reactions(self.data_quality_, self.drive_, residuals, slices)
         self.residual_location_ = locate(slices, self.drive_, self.residual_after_, self.units_)
         self.seconds_["noise floor"] = time.perf_counter() - begin
-        sought = self._unknown(declared, slices, contest, decided)
-        self.unknown_: Unknown | None = sought
+        self.unknown_: Unknown | None = self._unknown(declared, slices, contest, decided)
         self.explained_ = self._explained(contest.judgement(decided).unpredicted)
         begin = time.perf_counter()
         del self._inputs, self._reference, self._whole, self._read
@@ -551,19 +549,21 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
             self.best_estimator_, result = declared.augmented(base, records)
         self.parameters_without_ = pd.DataFrame(columns=PARAMETERS_WITHOUT)
         if self.verdict_ == "unexplained" and contest.renew is None:
-            own = slices, records, self.drive_, self.residual_location_, result or found
-            self.parameters_without_ = parameters_without(base.structure, *own, self.alpha)
+            data = slices, records, self.drive_, self.residual_location_
+            self.parameters_without_ = parameters_without(
+                base.structure, *data, result or declared_fit, self.alpha
+            )
         self._driver = declared.driver()
-        fits = (self.declared_estimator_, found), (self.best_estimator_, result)
+        fits = (self.declared_estimator_, declared_fit), (self.best_estimator_, result)
         self.warnings_ = self._warnings(first, fits, records)
         columns, self.evidence_ = list(getattr(self, "feature_names_in_", ())), {}
         if columns and self.reference is not None:
             del columns[column_of(self)]
         for row in history:
             effect = EFFECTS[row["effect"]]
-            own = base.structure, result, tuple(records), tuple(columns), self.units_
+            model = base.structure, result, tuple(records), tuple(columns), self.units_
             row["evidence"] = gather_evidence(
-                Claim(effect, *own), row["error_before"], row["error_after"]
+                Claim(effect, *model), row["error_before"], row["error_after"]
             )
             row["provisional"] = self.verdict_ == "unexplained"
             self.evidence_[effect.name] = row["evidence"]
@@ -583,14 +583,14 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         known = np.isfinite(self.residual_before_)
         y, weights = self.response_[known], self.weights_[known]
         whole = np.average(np.square(y - np.average(y, weights=weights)), weights=weights)
-        after, found = self.error_after_, self.unknown_
+        after, term = self.error_after_, self.unknown_
         ends = after, after * unpredicted**0.5
-        if found is not None:
-            last = found.second or found
+        if term is not None:
+            last = term.second or term
             ends = last.error_after, last.noise_ceiling
         power = np.append(whole, np.square([self.error_before_, after, *ends]))
-        left = np.append(np.minimum.accumulate(power) / (whole or 1.0), 0.0)
-        return dict(zip(EXPLAINED, (left[:-1] - left[1:]).tolist(), strict=True))
+        unexplained = np.append(np.minimum.accumulate(power) / (whole or 1.0), 0.0)
+        return dict(zip(EXPLAINED, (-np.diff(unexplained)).tolist(), strict=True))
 
     def _unknown(self, declared, slices, contest, base):
         """Return the term without a name that a candidate lacks, or None."""
@@ -602,16 +602,17 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         begin = time.perf_counter()
         data = contest.records_of(base), slices, contest.folds
         how = contest.criterion, contest.n_tried, self.n_jobs, contest.judgement
-        terms, found = find_unknown(base, data, *how), None
+        terms, unknown = find_unknown(base, data, *how), None
         for term in reversed(terms):
-            own = str(term.site), term.candidate.structure
-            self._undistinguished += [(*own, site, c.structure) for site, c in term.same]
-            found = self._term(term, data, contest, declared, found)
-        if found is not None and self.verdict_ == "undetermined":  # a significant term is structure
+            first = str(term.site), term.candidate.structure
+            self._undistinguished += [(*first, site, c.structure) for site, c in term.same]
+            unknown = self._term(term, data, contest, declared, unknown)
+        if unknown is not None and self.verdict_ == "undetermined":
+            # a significant term is structure
             self.verdict_, self.verdict_advice_ = "unexplained", ""
             self.verdict_reason_ = "a smooth function of a signal explains it"
         self.seconds_["unknown term"] = time.perf_counter() - begin
-        return found
+        return unknown
 
     def _term(self, term, data, contest, declared, second):
         """Return the description of a term, with that of the second one."""
@@ -639,25 +640,25 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
 
     def _warnings(self, first, fits, records):
         """Return the warnings of the fits that a user should know, each once."""
-        found = []
+        messages = []
         if not np.ptp(self.drive_):
-            found.append(
+            messages.append(
                 f"The drive does not move: it is {self.drive_[0]:g} in every sample. Of what "
                 "responds to it nothing can be missed or found."
             )
         # squared error of a straight line over the drive, on scored samples
         known = np.isfinite(self.residual_before_)
         line = np.stack([self.drive_, np.ones(len(self.drive_))], axis=1)[known]
-        left = np.linalg.lstsq(line, self.response_[known], rcond=None)[1]
-        if len(left) and first.error**2 * np.count_nonzero(known) > left[0]:
-            found.append(
+        power = np.linalg.lstsq(line, self.response_[known], rcond=None)[1]
+        if len(power) and first.error**2 * np.count_nonzero(known) > power[0]:
+            messages.append(
                 "The declared model explains less of the response than a straight line over the "
                 "drive does: see the page 'Which model should I declare?' of the documentation."
             )
         for model, result in fits:
             if result is not None and hasattr(model, "fit_warnings"):
-                found += [message for message, _ in model.fit_warnings(result, records)]
-        return list(dict.fromkeys(found))
+                messages += [message for message, _ in model.fit_warnings(result, records)]
+        return list(dict.fromkeys(messages))
 
     def _judge(self, judgement, ranking):
         """Set the verdict, the noise model, and the noise floor and ceiling."""
@@ -687,8 +688,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         rng = np.random.default_rng(check_random_state(self.random_state).randint(2**31 - 1))
         whole = record_folds(records) if base.box is None else []
         error = max(base.error, held_out(base, records, whole).error) if whole else base.error
-        own = {"error": error, "in_loop": in_loop}
-        return judge_residual(*seen, rng, contest.criterion, **own)
+        return judge_residual(*seen, rng, contest.criterion, error=error, in_loop=in_loop)
 
     @overload
     def predict(self, X, y_start=None, return_std: Literal[False] = False) -> np.ndarray: ...
@@ -729,12 +729,12 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         if hasattr(self, "searches_"):
             started = [{}] * len(self.searches_)
             if y_start is not None:
-                started = [{"y_start": own} for own in response_columns(y_start).values()]
+                started = [{"y_start": part} for part in response_columns(y_start).values()]
             searches = zip(self.searches_.values(), started, strict=True)
-            found = [own.predict(X, **start, **options) for own, start in searches]
-            found = np.moveaxis(found, 0, -1)
-            return (found[0], found[1]) if return_std else found
-        own = even = self._even(X)[0]
+            parts = [search.predict(X, **start, **options) for search, start in searches]
+            predicted = np.moveaxis(parts, 0, -1)
+            return (predicted[0], predicted[1]) if return_std else predicted
+        inputs = even = self._even(X)[0]
         if y_start is not None and even is not X:
             raise ValueError(
                 "The 'y_start' parameter of EffectSearchCV.predict must be None where 'resample' "
@@ -742,12 +742,12 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
             )
         if self.reference is not None:
             read_data(self, even, reset=False)
-            own = without_column(even, column_of(self))
+            inputs = without_column(even, column_of(self))
         options |= {} if y_start is None else {"y_start": y_start}
-        found = self.best_estimator_.predict(own, **options)
+        predicted = self.best_estimator_.predict(inputs, **options)
         if even is X:
-            return found
-        parts = [resample_like(pd.Series(y, even.index), X) for y in np.atleast_2d(found)]
+            return predicted
+        parts = [resample_like(pd.Series(y, even.index), X) for y in np.atleast_2d(predicted)]
         return tuple(parts) if return_std else parts[0]
 
     def held_out_error(self, X, y, *, declared=False) -> float:
