@@ -81,10 +81,10 @@ def screened(effect, structure, records):
         for start in variant:
             problem = start.problem(records)
             starts.append((start, problem, start_descent_and_predict(problem, problem.x0)))
-        start, problem, own = min(starts, key=lambda own: own[2].predicted_cost)
-        tree, n_parameters = start.at(problem, own.x), len(own.x) + start.n_further_estimates()
-        known = tree, np.inf, own.predicted_cost, n_parameters, own.x
-        found.append(Candidate((effect.name,), *known, solution=own))
+        start, problem, begun = min(starts, key=lambda begun: begun[2].predicted_cost)
+        tree, n_parameters = start.at(problem, begun.x), len(begun.x) + start.n_further_estimates()
+        known = tree, np.inf, begun.predicted_cost, n_parameters, begun.x
+        found.append(Candidate((effect.name,), *known, solution=begun))
     return found
 
 
@@ -136,32 +136,32 @@ def halve(groups, parallel):
     kept : list of int
         The numbers of the effects that stay.
     """
-    found = [own for own, *_ in groups]
+    found = [variants for variants, *_ in groups]
     kept, budget = range(len(groups)), RUNG
     while True:
         refined = _rung([found[i] for i in kept], [groups[i] for i in kept], budget, parallel)
-        for i, own in zip(kept, refined, strict=True):
-            found[i] = own
+        for i, variants in zip(kept, refined, strict=True):
+            found[i] = variants
         if budget > RUNG and len(kept) <= SEVERAL:
             break
         best = sorted(
             (min(c.predicted_cost for c in found[i]) / groups[i][2], i) for i in kept if found[i]
         )
         kept, budget = [i for _, i in best[: _last(len(best))]], RUNG * budget
-    for own in found:
-        own.sort(key=lambda c: c.predicted_cost)
+    for variants in found:
+        variants.sort(key=lambda c: c.predicted_cost)
     return found, kept
 
 
 def _rung(found, groups, budget, parallel):
-    jobs = [(c, group[1]) for own, group in zip(found, groups, strict=True) for c in own]
+    jobs = [(c, group[1]) for variants, group in zip(found, groups, strict=True) for c in variants]
     fitted = iter(
         parallel(
             delayed(refitted)(c, c.structure, records, budget, c.solution) for c, records in jobs
         )
     )
-    refined = [[next(fitted) for _ in own] for own in found]
-    return [[c for c in own if c is not None] for own in refined]
+    refined = [[next(fitted) for _ in variants] for variants in found]
+    return [[c for c in variants if c is not None] for variants in refined]
 
 
 def _last(count):
@@ -185,13 +185,13 @@ def held_out(candidate, records, folds):
     for train, test in folds:
         x = _fold_solution(problem, train, blocks, long)
         wanted = np.unique(problem.segment_record[test])
-        for own, driven in zip(predictions, drives, strict=True):
+        for predicted, driven in zip(predictions, drives, strict=True):
             parts = problem.predictions(x, train, wanted, driven)
             segment = 0
             for number, record in enumerate(records):
                 for start, stop in record.segments:
                     if test[segment]:
-                        own[number][start:stop] = parts[number][start:stop]
+                        predicted[number][start:stop] = parts[number][start:stop]
                     segment += 1
     residuals = held_out_residuals(problem, predictions[0])
     weights = tuple(record.weights for record in records)
@@ -238,7 +238,7 @@ def level_folds(records):
     owner = np.repeat(np.arange(len(records)), [len(record.segments) for record in records])
     near = NOTICEABLE * np.abs(levels).max()
     inner = levels[(levels > levels.min() + near) & (levels < levels.max() - near)]
-    return [(~own, own) for own in (np.abs(levels[owner] - level) <= near for level in inner)]
+    return [(~test, test) for test in (np.abs(levels[owner] - level) <= near for level in inner)]
 
 
 def extrapolated(records, folds):
@@ -264,13 +264,13 @@ def held_out_residuals(problem, predictions, starts=None):
     """
     residuals = []
     for number, (record, prediction) in enumerate(zip(problem.records, predictions, strict=True)):
-        own = record.y - prediction
+        residual = record.y - prediction
         if starts is not None:
-            own[: starts[number]] = np.nan
+            residual[: starts[number]] = np.nan
         if record.before is not None:
-            n, k = int(np.isfinite(own).sum()), np.size(record.before)
-            own *= np.sqrt((n + k) / max(n - k, 1))
-        residuals.append(own)
+            n, k = int(np.isfinite(residual).sum()), np.size(record.before)
+            residual *= np.sqrt((n + k) / max(n - k, 1))
+        residuals.append(residual)
     return residuals
 
 
@@ -290,9 +290,9 @@ def fold_errors(candidate, records, folds):
     spans = [(i, slice(*span)) for i, record in enumerate(records) for span in record.segments]
     errors = []
     for _, test in folds:
-        own = [spans[j] for j in np.flatnonzero(test)]
-        weights = [w if (w := candidate.weights[i]) is None else w[rows] for i, rows in own]
-        residuals = [candidate.residuals[i][rows] for i, rows in own]
+        scored = [spans[j] for j in np.flatnonzero(test)]
+        weights = [w if (w := candidate.weights[i]) is None else w[rows] for i, rows in scored]
+        residuals = [candidate.residuals[i][rows] for i, rows in scored]
         errors.append(root_mean_square(residuals, weights))
     return errors
 

@@ -159,8 +159,8 @@ class Contest:
         begin = time.perf_counter()
         finer, done = raised(base, self.records, self.folds)
         self._add_time("resolution", begin)
-        for what in done:
-            self._report_progress(f"{what}: held-out error {what.error_after:.4g}")
+        for change in done:
+            self._report_progress(f"{change}: held-out error {change.error_after:.4g}")
         return finer, done
 
     def _finer(self, candidate):
@@ -241,13 +241,13 @@ class Contest:
         for c in sorted(candidates, key=lambda c: c.error):
             least.setdefault(frozenset(c.structure.effects), c)
         claimed = {frozenset(c.structure.effects) for c in claims}
-        for sets in (least.keys(), [own for own in least if own in claimed]):
-            group = [least[own] for own in sets]
+        for sets in (least.keys(), [names for names in least if names in claimed]):
+            group = [least[names] for names in sets]
             if group:
                 best = group[0]
                 same = [c for c in group if not self.criterion.is_better(c, best)]
                 few += [best, min(same, key=lambda c: (c.n_parameters, c.error))]
-        return [c for c in least.values() if any(c is own for own in few)]
+        return [c for c in least.values() if any(c is chosen for chosen in few)]
 
     def _refreshed(self, base):
         """Return a candidate identified from scratch, with its best resolution.
@@ -268,7 +268,7 @@ class Contest:
         trees = [] if are_long(records) else [tree.identified(records)]
         # compared by size: a tree from a checkpoint is another object
         if self.declared is not None and tree.declared is not None:
-            sizes = {own.root.n_parameters for own in (tree.declared, self.declared)}
+            sizes = {t.root.n_parameters for t in (tree.declared, self.declared)}
             if len(sizes) > 1:
                 again = self.declared
                 for name in tree.effects:
@@ -332,9 +332,9 @@ class Contest:
             names = base.structure.effects
             reduced = {(name,): self.without(base, name) for name in names}
             needless = {
-                own: c
-                for own, c in reduced.items()
-                if not self._is_needed(base, *own, c)
+                gone: c
+                for gone, c in reduced.items()
+                if not self._is_needed(base, *gone, c)
                 and (self.criterion.improves_enough(c, base) or self._keeps_names(c, base))
             }
             if not needless:
@@ -344,23 +344,23 @@ class Contest:
                         both = self.without(both, second)
                     # each on its own; one may have gone with the other
                     alone = [
-                        (own, name)
-                        for own, name in ((reduced[first,], second), (reduced[second,], first))
-                        if name in own.structure.effects
+                        (c, name)
+                        for c, name in ((reduced[first,], second), (reduced[second,], first))
+                        if name in c.structure.effects
                     ]
                     needed = self.criterion.is_better(both, base, self.n_tried)
-                    if not needed and not any(self._is_needed(*own, both) for own in alone):
+                    if not needed and not any(self._is_needed(*pair, both) for pair in alone):
                         needless[first, second] = both
             if not needless:
                 break
-            own = min(needless, key=lambda own: needless[own].error)
-            fewer, rival = needless[own], None
+            gone = min(needless, key=lambda names: needless[names].error)
+            fewer, rival = needless[gone], None
             if self.criterion.is_better(fewer, base, self.n_tried):
-                rival, _ = self._contested(base, *own)
+                rival, _ = self._contested(base, *gone)
             self.dropped += [n for n in names if n not in fewer.structure.effects]
             base = rival or fewer
             self._report_progress(
-                f"{' and '.join(own)} not needed: held-out error {base.error:.4g}"
+                f"{' and '.join(gone)} not needed: held-out error {base.error:.4g}"
             )
         return base
 
@@ -422,7 +422,7 @@ class Contest:
             rival, others = self._contested(base, name)
             if rival is not None:  # names alternate in a cycle
                 others = dict.fromkeys((*rival.effects, *others))
-            ambiguous[name] = tuple(own for own in others if own != name)
+            ambiguous[name] = tuple(other for other in others if other != name)
         return base, ambiguous
 
     def _contested(self, base, name):
@@ -492,7 +492,7 @@ class Contest:
         problem = small.structure.problem(self.records_of(small))
         every = np.ones(len(problem.segment_record), dtype=bool)
         predictions = problem.predictions(problem.x0, every)
-        seen = [replace(r, y=own) for r, own in zip(records, predictions, strict=True)]
+        seen = [replace(r, y=y) for r, y in zip(records, predictions, strict=True)]
         follower = large.structure.problem(seen)
         solution = variable_projection(
             follower, follower.x0, tolerance=TOLERANCE, max_evaluations=USUAL
@@ -542,13 +542,13 @@ class Contest:
         errors = fold_errors(base, self.records_of(base), self.folds)
         rows = []
         for c in sorted(found, key=lambda c: c.error):
-            own = fold_errors(c, self.records_of(c), self.folds)
+            after = fold_errors(c, self.records_of(c), self.folds)
             rows.append(
                 {
                     "effect": c.effects[0],
                     "error_before": base.error,
                     "error_after": c.error,
-                    "folds_better": sum(a < b for a, b in zip(own, errors, strict=True)),
+                    "folds_better": sum(a < b for a, b in zip(after, errors, strict=True)),
                     "p_value": self._p_value(c, c.effects[0], base),
                 }
             )
@@ -597,7 +597,7 @@ class Contest:
             pairs = [(e, c) for c in best for e in effects if e.name not in c.effects]
             fitted = self._fitted([c for _, c in pairs], self._screened(base, pairs))
             names = [c.structure.effects[len(base.structure.effects) :] for c in fitted]
-            fitted = [replace(c, effects=own) for c, own in zip(fitted, names, strict=True)]
+            fitted = [replace(c, effects=added) for c, added in zip(fitted, names, strict=True)]
             found = self._held_out(base, fitted)
             self._add_time("pairs", begin)
             self._keep(key, found, n_tried=comb(len(effects), 2), in_pairs=True)
@@ -638,7 +638,7 @@ class Contest:
 
     def _done(self, jobs):
         """Return the results of those jobs that did not fail."""
-        return [own for own in self._parallel(jobs) if own is not None]
+        return [result for result in self._parallel(jobs) if result is not None]
 
     def _screened(self, base, pairs):
         """Return the variants that halving keeps of (effect, candidate) pairs, and their records.
@@ -661,10 +661,10 @@ class Contest:
             short = parts and suffices(effect, c.structure, records, parts)
             seen.append((parts, costs[id(c)]) if short else (records, c.cost))
         starts = self._parallel(
-            delayed(screened)(effect, c.structure, own)
-            for (effect, c), (own, _) in zip(pairs, seen, strict=True)
+            delayed(screened)(effect, c.structure, part)
+            for (effect, c), (part, _) in zip(pairs, seen, strict=True)
         )
-        groups = [(own or [], *what) for own, what in zip(starts, seen, strict=True)]
+        groups = [(begun or [], *data) for begun, data in zip(starts, seen, strict=True)]
         return *halve(groups, self._parallel), seen
 
     def _fitted(self, bases, screened):
@@ -684,8 +684,8 @@ class Contest:
         ]
         tried = self._parallel(delayed(held_out)(c, seen[i][0], self.folds) for i, c in jobs)
         tried = [(i, c) for (i, _), c in zip(jobs, tried, strict=True) if c is not None]
-        own = {i: [c for j, c in tried if j == i] for i, _ in tried}
-        best = [(i, self._variant(found)) for i, found in own.items()]
+        by_pair = {i: [c for j, c in tried if j == i] for i, _ in tried}
+        best = [(i, self._variant(found)) for i, found in by_pair.items()]
         # for long records, the fit of their first parts is close to the solution
         done = self._parallel(
             delayed(completed)(c, records, RUNG if are_long(records) else USUAL)
@@ -734,9 +734,9 @@ class Contest:
         """Yield one row per effect that was tried with a candidate."""
         tested = {c.effects[0]: c for c in tested}
         variants, _, seen = screened
-        for effect, own, (_, cost) in zip(effects, variants, seen, strict=True):
+        for effect, fits, (_, cost) in zip(effects, variants, seen, strict=True):
             c = tested.get(effect.name)
-            fit = own[0] if own else None
+            fit = fits[0] if fits else None
             added = (c or fit).n_parameters - base.n_parameters if c or fit else 0
             yield {
                 "round": number,
