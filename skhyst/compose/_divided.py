@@ -84,7 +84,7 @@ class Divisions:
 
 
 class _Score:
-    """The part of a response explained by columns besides a linear model's derivatives."""
+    """The part of a response that columns explain in addition to a linear model's derivatives."""
 
     def __init__(self, operators, records, state):
         self.records, self.state = records, state

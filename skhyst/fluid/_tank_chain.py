@@ -296,9 +296,7 @@ class TankChainOperator(HeldInput):
 
     def __post_init__(self):
         super().__post_init__()
-        n = self.n_substeps
-        is_right = isinstance(n, (int, np.integer)) and not isinstance(n, bool) and n > 0
-        self._require("n_substeps", is_right, "be an integer above 0")
+        self._require("n_substeps", self.n_substeps > 0, "be above 0")
         self._require("scale", self.scale > 0.0, "be above 0")
         for name in ("time_constants", "exponents", "ceilings", "shares"):
             value = getattr(self, name)

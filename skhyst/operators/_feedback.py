@@ -298,7 +298,7 @@ class FeedbackOperator(_Composition, HeldInput):
 
     def __post_init__(self):
         super().__post_init__()
-        self._require("n_substeps", self.n_substeps > 0, "be an integer above 0")
+        self._require("n_substeps", self.n_substeps > 0, "be above 0")
         is_right = len(self.stages) == 2
         is_right = is_right and (self.curve.of_rate if self._of_both else self.curve.memoryless)
         is_right = is_right and all(hasattr(self.linear, name) for name in ("discrete", "hold"))

@@ -87,8 +87,9 @@ class Part:
         The operator has a static gain and an intercept of its own, like a hysteresis; in a series
         every other stage then has unit gain and no intercept.
     stage_order : int
-        Place of the stage in a series: 0 limits of the drive, 10 hysteresis, 20 curves behind the
-        hysteresis, 30 linear dynamics, 40 sensor curves, 50 limits of the sensor.
+        Place of the stage in a series: 0 limits of the drive, 5 delays, 10 hysteresis, 20 curves
+        behind the hysteresis, 30 linear dynamics, 40 sensor curves, 50 limits of the sensor, 60
+        shifts between instruments, and additive disturbances.
     n_poles : (int, int)
         Number of real poles and of pairs of poles of a linear operator.
     memoryless : bool

@@ -469,7 +469,8 @@ MOST_STEPS = 4096
 
 
 def _is_integer(value):
-    return isinstance(value, Integral) and abs(value) <= MOST_STEPS
+    is_number = isinstance(value, Integral) and not isinstance(value, bool)
+    return is_number and abs(value) <= MOST_STEPS
 
 
 def _is_array(value):

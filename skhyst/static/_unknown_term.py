@@ -714,7 +714,7 @@ def smooth(operator, gram, columns, n_samples, independent=1.0):
     for ratio in _RATIOS if operator.second else [1.0]:
         bends = operator.bends(ratio)
         axes, unseen = vectors[:, has_power] / np.sqrt(power[has_power]), vectors[:, ~has_power]
-        # across a gap of the samples a function goes on as smoothly as it can
+        # where there are no samples, the functions continue as smoothly as the penalty allows
         axes = axes - unseen @ np.linalg.lstsq(bends @ unseen, bends @ axes, rcond=None)[0]
         part, turned = np.linalg.eigh(axes.T @ partial[:-1, :-1] @ axes)
         axes = axes @ turned[:, part > _DOABLE]
