@@ -222,7 +222,7 @@ def tank_tangents(
 
 _ITERATIONS = 60
 _CONVERGED = 1e-15
-_EXPONENT = 0.5  # Torricelli
+_EXPONENT = 0.5  # of Torricelli's law
 # starting values
 _OFFSETS = (0.02, 0.5)  # distance of the offset below the least drive, over the drive's range
 _FULL = (0.7, 0.95)  # quantiles of a level, in tanks before the last, that become its ceiling

@@ -19,7 +19,7 @@ from sklearn.base import clone
 from .._documentation import inherit_documentation
 
 JOIN = {}  # symbol -> function of two operands, filled where the nodes are defined
-_COMPOSE = f"{__package__.partition('.')[0]}.compose"  # which imports operators: found when asked
+_COMPOSE = f"{__package__.partition('.')[0]}.compose"  # imported on demand: it imports this
 
 
 def snake_case(name) -> str:

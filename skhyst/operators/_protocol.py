@@ -477,7 +477,7 @@ def _is_array(value):
     return isinstance(value, np.ndarray | list | tuple) and np.asarray(value).dtype.kind in "biuf"
 
 
-_KINDS = (  # of fields, by their annotation
+_KINDS = (  # (annotation of a field, check of its value, requirement)
     (bool, lambda value: isinstance(value, bool | np.bool_), "be True or False"),
     (int, _is_integer, f"be an integer of at most {MOST_STEPS}"),
     (float, lambda value: isinstance(value, Real), "be a number"),
