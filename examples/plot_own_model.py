@@ -26,14 +26,18 @@ from skhyst.operators import OneStateOperator, Operator, check_operator, paramet
 
 
 def valve(x, u0, u1, dt, values):
+    """Return the new state and the output, and the derivatives of each."""
     up, down, gain = values
-    tau = up if u1 > x else down
+    opens = u1 > x
+    tau = up if opens else down
     a = exp(-dt / tau)
-    way = (x - u1) * a
-    by_tau = way * dt / tau**2
-    by = (a, 0.0, 1.0 - a, by_tau if u1 > x else 0.0, 0.0 if u1 > x else by_tau)
-    x1 = u1 + way
-    return x1, gain * x1, by, (gain * by[0], 0.0, gain * by[2], gain * by[3], gain * by[4], x1)
+    gap = (x - u1) * a
+    x1 = u1 + gap
+    by_tau = gap * dt / tau**2
+    # by x, u0, u1, then by the parameters: the state depends on two of them, the output on three
+    x1_by = (a, 0.0, 1.0 - a, by_tau if opens else 0.0, 0.0 if opens else by_tau)
+    y_by = (gain * a, 0.0, gain * (1.0 - a), gain * x1_by[3], gain * x1_by[4], x1)
+    return x1, gain * x1, x1_by, y_by
 
 
 @dataclass(frozen=True)
@@ -94,8 +98,8 @@ class DerivativeOperator(Operator):
     def sensitivities(self, u, du, dt, initial_state="rest"):
         slope = np.diff(u, prepend=self.init(u[0], initial_state)) / dt
         before = du[:1] if initial_state == "rest" else 0.0 * du[:1]
-        carried = du + self.time_constant * np.diff(du, axis=0, prepend=before) / dt
-        return u + self.time_constant * slope, np.column_stack([carried, slope])
+        propagated = du + self.time_constant * np.diff(du, axis=0, prepend=before) / dt
+        return u + self.time_constant * slope, np.column_stack([propagated, slope])
 
 
 class Derivative(ParametricModel):

@@ -24,7 +24,7 @@ from .records import MISMATCH, chosen_interval, record_slices, refuse_lost_index
 # Largest value and, inverted, the smallest, unless an estimator has its own `largest_value`: the
 # squares of such values, of their gains and of the inverses of these are finite.
 EXTREME = 1e100
-_ROUNDING = 1e-9  # of a standard deviation
+_ROUNDING = 1e-9  # residual, relative to the standard deviation, that is rounding error
 _FEWEST = 64  # rows needed to test for an order: from there on 8 / sqrt(n) is 1 at most
 _UNLIKELY = 1e-3  # p-value below which the numbers of repeats are not those of a draw
 _OF_A_CLASS = 5.0  # least expected count in a class of Pearson's test

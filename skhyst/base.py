@@ -830,7 +830,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         if estimated and result.input_history is None:
             field_name = "start" if result.operator.n_start else "before"
             if any(getattr(record, field_name) is None for record in records):
-                # the fit from rest may be a local optimum of its own
+                # the fit from rest may have ended in another local optimum: start a second time
+                # from the later halves of the records, in which the start hardly matters
                 model, late = identified(self, later_halves(records))
                 further = [(late.operator, late.disturbances)]
                 if late.operator.signal_linear:
@@ -1192,7 +1193,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             wanted = "that of the fit: its response between samples is not exact"
             if old_dt is not None and hasattr(operator, "n_substeps"):
                 step = old_dt / operator.n_substeps
-                wanted = f"a multiple of {step:g} s, which its motion is integrated over at once"
+                wanted = f"a multiple of {step:g} s, its integration step"
             raise ValueError(
                 f"The 'dt' parameter of {caller} must be {wanted}. Got {dt:g} s instead: fit the "
                 "model at this interval, or give X its times, which 'predict' follows."

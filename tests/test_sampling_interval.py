@@ -492,7 +492,7 @@ def test_a_model_in_seconds_without_an_interval_asks_for_one(data):
     X, y = data
     model = TransferFunction.from_system(lti([1.0], [TIME_CONSTANT, 1.0]))
     np.testing.assert_allclose(model.predict(X), y, atol=1e-9)
-    with pytest.raises(RecordError, match="must have a time index, or 'dt' be given"):
+    with pytest.raises(RecordError, match="must have a time index, or 'dt' must be given"):
         model.predict(X.to_numpy())
     np.testing.assert_allclose(model.set_params(dt=DT).predict(X.to_numpy()), y, atol=1e-9)
 

@@ -416,7 +416,7 @@ _OPTIMISATION = [
     ),
     (
         "covariance without the chain rule",
-        "covariance = covariance * units",
+        "covariance = covariance * scale_products",
         "covariance = covariance * 1.0",
         "tests/optimize/test_identify.py -k 'covariance or straight_line'",
     ),
@@ -434,8 +434,8 @@ _OPTIMISATION = [
     ),
     (
         "missing samples are taken for noise",
-        "return np.maximum(seen - self.extra, 0.0) / self.share",
-        "return seen",
+        "return np.maximum(spectrum - self.extra, 0.0) / self.share",
+        "return spectrum",
         "tests/optimize/test_standard_errors.py -k jacobians",
     ),
     (
@@ -458,7 +458,7 @@ _OPTIMISATION = [
     ),
     (
         "the history before a record that was found is forgotten",
-        "    found[: len(best)] = best\n",
+        "    history[: len(best)] = best\n",
         "",
         "tests/optimize/test_input_history.py",
     ),
@@ -500,7 +500,7 @@ _OPTIMISATION = [
     ),
     (
         "cuckoo search: the best nest may be left too",
-        "found[np.argmin(costs)] = False",
+        "is_discovered[np.argmin(costs)] = False",
         "pass",
         "tests/optimize/test_methods.py -k left_for_a_new",
     ),

@@ -99,14 +99,15 @@ DIAGNOSIS = [
     ),
     (
         "spikes: a drive that jumps there and back is no excuse",
-        "off &= moved / (np.ptp(u) or 1.0) < 0.3 * height / np.ptp(y)",
-        "off &= height > 0.0",
+        "is_spike &= moved / (np.ptp(u) or 1.0) < 0.3 * height / np.ptp(y)",
+        "is_spike &= height > 0.0",
         "tests/records/test_data_quality.py -k 'physics or pulse'",
     ),
     (
         "lost samples: what moved sides leave need not be what stretches beside leave",
-        "found[own] &= drive.residual(rows[own], lost) < bound * drive.residual_around(rows[own])",
-        "found[own] &= True",
+        "is_loss[members] &= drive.residual(rows[members], lost) < bound * drive.residual_around(\n"
+        "            rows[members]\n        )",
+        "is_loss[members] &= True",
         "tests/records/test_data_quality.py -k rough",
     ),
     (

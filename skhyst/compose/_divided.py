@@ -22,7 +22,7 @@ import numpy as np
 
 from ..operators import Series, play_basis
 
-_DEGREE = 5  # of the curve by which divisions are compared: it may bend and saturate
+_DEGREE = 5  # degree of the curve by which divisions are compared: it may bend and saturate
 _PLAYS = np.array([0.03, 0.1])  # half gaps, relative to the range of the signal in between
 _DIVISIONS = 3  # number of divisions that are kept for a fit
 _ENOUGH = 10_000  # samples that suffice to compare divisions
@@ -84,7 +84,7 @@ class Divisions:
 
 
 class _Score:
-    """The part of a response explained by columns besides a linear model's derivatives."""
+    """The part of a response that columns explain in addition to a linear model's derivatives."""
 
     def __init__(self, operators, records, state):
         self.records, self.state = records, state

@@ -13,7 +13,7 @@ from ..exceptions import ConvergenceWarning
 from ..operators import FEEDBACK_ARGUMENTS, FeedbackOperator, has_velocity, split_disturbances
 
 _FINE = 0.1  # longest substep, in radians of the fastest motion
-_RESTS = 9  # over the range of the response, tested for stability
+_RESTS = 9  # responses at rest, over the range of the data, that are tested for stability
 _GROWS = 0.01  # relative growth of the range of q that requires another identification
 _ROUNDS = 8  # most such identifications; the gain and the range of q become consistent
 _NAMES = ("linear", "curve")

@@ -134,6 +134,11 @@ class SharedParameters(MetaEstimatorMixin, MultiOutputMixin, RegressorMixin, Bas
         Returns
         -------
         self
+
+        Raises
+        ------
+        TypeError, ValueError
+            As of the class.
         """
         if not isinstance(self.estimator, ParametricModel):
             raise TypeError(
@@ -154,6 +159,8 @@ class SharedParameters(MetaEstimatorMixin, MultiOutputMixin, RegressorMixin, Bas
         slices = read_slices(models[0], X, y, reset=False, bridge=True)
         slices, array, response, weights, read = with_lost_rows(slices, array, response, weights)
         weights = weights if read is None else np.where(read, weights, 0.0)
+        # scaled by its own error, each response has the same weight in the joint sum of squares; a
+        # response without noise would otherwise have all of it
         self.error_alone_ = np.array([model.fit_error_ for model in models])
         floor = np.sqrt(NOISELESS) * response[weights > 0.0].std(axis=0)
         scales = np.maximum(self.error_alone_, floor)
@@ -167,6 +174,7 @@ class SharedParameters(MetaEstimatorMixin, MultiOutputMixin, RegressorMixin, Bas
                     f"record. Got {self.estimator!r} instead."
                 )
             rows = [{} if weights.all() else {"weights": weights[s.rows]} for s in slices]
+            # the joint operator takes the number of the response as the schedule value
             data.append(
                 [
                     replace(r, schedule=float(k), **options)

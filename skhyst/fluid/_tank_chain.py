@@ -222,7 +222,7 @@ def tank_tangents(
 
 _ITERATIONS = 60
 _CONVERGED = 1e-15
-_EXPONENT = 0.5  # Torricelli
+_EXPONENT = 0.5  # of Torricelli's law
 # starting values
 _OFFSETS = (0.02, 0.5)  # distance of the offset below the least drive, over the drive's range
 _FULL = (0.7, 0.95)  # quantiles of a level, in tanks before the last, that become its ceiling
@@ -296,9 +296,7 @@ class TankChainOperator(HeldInput):
 
     def __post_init__(self):
         super().__post_init__()
-        n = self.n_substeps
-        is_right = isinstance(n, (int, np.integer)) and not isinstance(n, bool) and n > 0
-        self._require("n_substeps", is_right, "be an integer above 0")
+        self._require("n_substeps", self.n_substeps > 0, "be above 0")
         self._require("scale", self.scale > 0.0, "be above 0")
         for name in ("time_constants", "exponents", "ceilings", "shares"):
             value = getattr(self, name)

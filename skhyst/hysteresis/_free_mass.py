@@ -635,8 +635,7 @@ class FreeMassOperator(HeldInput):
     def __post_init__(self):
         super().__post_init__()
         self._require("mass", self.mass > 0.0, "be above 0")
-        n = self.n_substeps
-        self._require("n_substeps", not isinstance(n, bool) and n > 0, "be an integer above 0")
+        self._require("n_substeps", self.n_substeps > 0, "be above 0")
 
     def parameter_specs(self):
         specs = super().parameter_specs()
@@ -804,7 +803,7 @@ _SPEEDS = (0.05, 0.15, 0.5)  # starting Stribeck velocities over it
 _ENDS = (0.6, 0.75, 0.9, 0.97)  # starting stops, fractions of the response's half range
 _STIFF = 10.0  # starting stops: force at full depth over the half range of the drive
 _LITTLE = 0.05  # a new force of a start, relative to the root mean square of the drive
-_PIECES = (16, 4)  # of a record, each with a start of its own
+_PIECES = (16, 4)  # pieces per record in multiple shooting, many short ones first
 _FEWEST = 40  # least samples of a piece
 _N_STARTS = 12
 _MOST_COARSE, _MOST_FINE = 16, 64  # most substeps per sampling interval

@@ -30,7 +30,7 @@ from ..operators import OneStateOperator, parameter
 from ._common import in_direction, largest_drive
 
 _RESOLUTION = 0.1  # default of the largest step over the smaller of shape and pinning
-_MOST_STEPS = 10000.0  # per interval, so that a run ends even for an absurd drive
+_MOST_STEPS = 10000.0  # steps per sampling interval, so that a run ends for any drive
 # 2^(2n) B(2n) / (2n)!, the coefficients of x^(2n-1) in L(x); B are the Bernoulli numbers
 _L = (
     1 / 3,

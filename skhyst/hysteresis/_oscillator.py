@@ -215,8 +215,9 @@ def move_tangents(mode, mode_by, force, by, q, p, u0, u1, start, stop, step):
 
     ``by`` (3, 7 + n) are the derivatives of D, of the mean F (``force``) and of the new f by
     ``FREE_D``, ... and by the n parameters; B and B' are those of the force. ``mode`` is that of
-    :func:`scaled`, ``mode_by`` (2, 9) are the derivatives of what it was made of by the first two
-    parameters. The substep lasts from ``start`` to ``stop``, fractions of the sampling interval.
+    :func:`scaled`, ``mode_by`` (2, 9) are the derivatives of the ``mode`` given to it by the first
+    two parameters. The substep lasts from ``start`` to ``stop``, fractions of the sampling
+    interval.
     """
     bp = mode[3]
     # new q, p and f by the old ones: q1 = q + D, p1 = its value without F, less B' F
@@ -359,9 +360,7 @@ class OscillatorOperator(HeldInput):
 
     def __post_init__(self):
         super().__post_init__()
-        n = self.n_substeps
-        is_right = isinstance(n, (int, np.integer)) and not isinstance(n, bool) and n > 0
-        self._require("n_substeps", is_right, "be an integer above 0")
+        self._require("n_substeps", self.n_substeps > 0, "be above 0")
 
     @abstractmethod
     def _rest(self, u0):

@@ -110,7 +110,7 @@ _ENOUGH = 1e-12  # error over the range of the response at which the least squar
 # samples per block; with a zero at 1.1 an error at its end decays to 1e-8 in the first half
 _BLOCK = 400
 _DIFFERENCE = 1e-7  # finite difference over the drive's range: a few times the root of rounding
-_DAMPING = 1e-4  # over the root mean square slope
+_DAMPING = 1e-4  # least damping, over the root mean square slope
 _STEPS, _TRIALS = 20, 8  # most steps of the least squares; most dampings per step
 
 

@@ -33,8 +33,8 @@ from ._common import in_direction, show
 _BLOCK = 1024  # rows of the design matrix per block
 _BINS = 200  # bins of the drive in which changes of the response are measured
 _SILENT = 1e-13  # variance of a column (-1 to 1) below which it has not moved
-_RIDGE = 1e-12  # relative to the scaled diagonal; keeps exactly collinear columns solvable
-_SINGULAR = 1e-11  # relative eigenvalue of the scaled normal equations
+_RIDGE = 1e-12  # added to the unit diagonal: exactly collinear columns stay solvable
+_SINGULAR = 1e-11  # relative eigenvalue below which a direction is not determined
 
 
 def cell_indices(n_levels):

@@ -88,6 +88,7 @@ def system_level(u, du, values, dt, printed, turning, base, last, direction, dla
         value = u[k]
         step = value - last
         if step * direction < 0.0 and k > 0 and dy.size:
+            # a new branch starts at the last sample: so do the tangents of its start
             for q in range(m):
                 dturning[q] = dlast[q]
             for q in range(m + 3):

@@ -17,7 +17,7 @@ from ._linear import log_grid, time_span
 from ._shift_inverse import InverseShiftOperator
 from ._time_shift import LONGEST, TimeShiftOperator
 
-_ROUNDING = 1e-9  # of a number of samples
+_ROUNDING = 1e-9  # relative error of a delay in samples that counts as rounding
 
 
 def _delayed(signal, past, delay):

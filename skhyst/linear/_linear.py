@@ -40,7 +40,7 @@ from ..operators import (
 
 # norm above which `expm` scales and squares: Al-Mohy and Higham, SIAM J. Matrix Anal. Appl., 2009
 _SQUARED = 4.25
-_SERIES = 1.0 / factorial(np.arange(20, 1, -1))  # of (exp(z) - 1 - z) / z^2, to rounding at 1
+_SERIES = 1.0 / factorial(np.arange(20, 1, -1))  # coefficients of (exp(z) - 1 - z) / z^2
 _STEP = 1e-30  # complex step; far below rounding, far above underflow
 _BLOCK = 16  # samples that are advanced at once
 _LONG = 512  # number of samples above which a run in blocks saves more time than its table costs

@@ -22,7 +22,7 @@ from ..operators import CompiledLaw, HeldInput, parameter
 from ._gain import slope
 from ._linear import LinearModel, log_grid, refuse_open_hold, time_span
 
-_SPACING = 0.8  # between the logarithms of neighbouring rates
+_SPACING = 0.8  # difference of the logarithms of neighbouring rates
 _FASTEST = 12.0  # largest rate times the shortest time: such a unit has decayed to exp(-12) then
 _SLOWEST = 0.01  # smallest rate times the longest time
 # number of still faster units, lumped into the fastest one; the time constant of the last of them

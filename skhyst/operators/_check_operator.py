@@ -2,8 +2,8 @@
 
 import numpy as np
 
-_STEP = 1e-6  # of a difference, relative to the value
-_TOLERANCE = 1e-6  # relative to the largest derivative, or to 1
+_STEP = 1e-6  # step of a difference, relative to the value
+_TOLERANCE = 1e-6  # error of a derivative, relative to the largest one, or to 1
 _ROUNDING = 1e-9
 _PLACES = (1.0, 2.0, -1.0, -2.0)  # steps, and weights, of one-sided differences of second order
 _FORWARD = np.array([-1.5, 2.0, -0.5])

@@ -21,7 +21,7 @@ from ._protocol import as_constant, as_signal
 
 
 def step(u, c, s):
-    """Stand for the step of an operator, which ``bind`` puts here."""
+    """Placeholder of an operator's step, which ``bind`` puts in its place."""
     raise NotImplementedError
 
 
@@ -510,7 +510,7 @@ class Signal:
         return self.low - rounding, self.high + rounding, change * (1.0 + ROUNDING) + rounding
 
 
-ROUNDING = 1e-9  # of a range: what exceeds it by less has not left it
+ROUNDING = 1e-9  # relative to a range: a value beyond its end by less is still within
 
 
 class Stepper:

@@ -1311,8 +1311,8 @@ def split_disturbances(start):
     >>> from skhyst.linear import GainOperator
     >>> from skhyst.operators import SumOperator, split_disturbances
     >>> total = SumOperator(("gain", "offset"), (GainOperator(2.0), OffsetOperator(np.zeros(1))))
-    >>> driven, beside = split_disturbances(total)
-    >>> driven.names, len(beside)
+    >>> driven, disturbances = split_disturbances(total)
+    >>> driven.names, len(disturbances)
     (('gain',), 1)
     """
     if isinstance(start, tuple):

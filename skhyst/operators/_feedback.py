@@ -45,15 +45,15 @@ from ._protocol import as_signal
 from ._root_inverse import RootInverseOperator
 
 FEEDBACK_ARGUMENTS = ("displacement", "velocity", "both")
-_TRIALS = 30  # of the secant method, which needs two to five
+_TRIALS = 30  # most steps of the secant method, which needs two to five
 _ROUNDING = 1e-15
 _LARGEST = 1e60  # response of a diverged run: all later ones are NaN, no square overflows
 _STEEPEST = 1e100  # derivative of such a run
-_LEAST_SLOPE = 1e-3  # of the equation; below it the fixed-point iteration is used
+_LEAST_SLOPE = 1e-3  # least slope of a secant; below it a fixed-point iteration is made
 
 
 def step(u, c, s):
-    """Stand for the step of the curve, which ``bind`` puts here."""
+    """Placeholder of the curve's step, which ``bind`` puts in its place."""
     raise NotImplementedError
 
 
@@ -298,7 +298,7 @@ class FeedbackOperator(_Composition, HeldInput):
 
     def __post_init__(self):
         super().__post_init__()
-        self._require("n_substeps", self.n_substeps > 0, "be an integer above 0")
+        self._require("n_substeps", self.n_substeps > 0, "be above 0")
         is_right = len(self.stages) == 2
         is_right = is_right and (self.curve.of_rate if self._of_both else self.curve.memoryless)
         is_right = is_right and all(hasattr(self.linear, name) for name in ("discrete", "hold"))

@@ -30,12 +30,12 @@ from ._protocol import Operator
 
 BANDLIMITED = "bandlimited"
 _REACH = 32  # samples to either side from which a value between samples is interpolated
-_SHAPE = 7.86  # of the window, for 80 dB: 0.1102 (80 - 8.7)
-_FACTOR = {True: 4, False: 16}  # finer samples per sample, where an operator is strictly proper
-_NODES = 256  # of the integral over the frequency, whose integrand has 32 periods at most
+_SHAPE = 7.86  # beta of the Kaiser window for 80 dB: 0.1102 (80 - 8.7)
+_FACTOR = {True: 4, False: 16}  # finer samples per sample; True: of a strictly proper operator
+_NODES = 256  # nodes of the integral over frequency, whose integrand has 32 periods at most
 _KEPT = 1 << 15  # samples of a drive up to which its finer samples are cached: 4 MB
-_SAME = 1e-9  # relative difference of two substeps that is rounding
-_ENOUGH = 1e-3  # of the standard deviation of the drive: tolerated error of straight lines
+_SAME = 1e-9  # relative difference of two substeps that counts as rounding
+_ENOUGH = 1e-3  # tolerated error of straight lines, relative to the drive's standard deviation
 
 
 def is_straight(u):

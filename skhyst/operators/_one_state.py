@@ -13,7 +13,7 @@ from ._protocol import Operator, as_signal
 
 
 def step(x, u0, u1, dt, values):
-    """Stand for the step of a law that ``bind`` inserts here, see :class:`OneStateOperator`."""
+    """Placeholder of a law, which ``bind`` puts in its place; see :class:`OneStateOperator`."""
     raise NotImplementedError
 
 

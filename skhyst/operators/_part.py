@@ -19,7 +19,7 @@ from sklearn.base import clone
 from .._documentation import inherit_documentation
 
 JOIN = {}  # symbol -> function of two operands, filled where the nodes are defined
-_COMPOSE = f"{__package__.partition('.')[0]}.compose"  # which imports operators: found when asked
+_COMPOSE = f"{__package__.partition('.')[0]}.compose"  # imported on demand: it imports this
 
 
 def snake_case(name) -> str:
@@ -87,8 +87,9 @@ class Part:
         The operator has a static gain and an intercept of its own, like a hysteresis; in a series
         every other stage then has unit gain and no intercept.
     stage_order : int
-        Place of the stage in a series: 0 limits of the drive, 10 hysteresis, 20 curves behind the
-        hysteresis, 30 linear dynamics, 40 sensor curves, 50 limits of the sensor.
+        Place of the stage in a series: 0 limits of the drive, 5 delays, 10 hysteresis, 20 curves
+        behind the hysteresis, 30 linear dynamics, 40 sensor curves, 50 limits of the sensor, 60
+        shifts between instruments, and additive disturbances.
     n_poles : (int, int)
         Number of real poles and of pairs of poles of a linear operator.
     memoryless : bool

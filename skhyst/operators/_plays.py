@@ -80,7 +80,7 @@ def stop_basis(u, thresholds, plays, out):
 def play_tangents(u, du, thresholds, cumulative, plays, out):
     """Write the derivatives of ``sum_k w_k F_k[u]`` to ``out``, shape (n, m + K + 2).
 
-    The first ``m`` columns are the tangents ``du`` (n, m) carried through, then the K plays (the
+    The first ``m`` columns are the tangents ``du`` (n, m) propagated, then the K plays (the
     derivatives with respect to the weights), a one (intercept) and the derivative with respect to
     an offset of ``u``. ``thresholds`` (K,) ascend, ``cumulative`` (K + 1,) holds
     ``w_0 + ... + w_{k-1}``, and ``plays`` (K,) the state, updated.

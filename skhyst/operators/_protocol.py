@@ -469,14 +469,15 @@ MOST_STEPS = 4096
 
 
 def _is_integer(value):
-    return isinstance(value, Integral) and abs(value) <= MOST_STEPS
+    is_number = isinstance(value, Integral) and not isinstance(value, bool)
+    return is_number and abs(value) <= MOST_STEPS
 
 
 def _is_array(value):
     return isinstance(value, np.ndarray | list | tuple) and np.asarray(value).dtype.kind in "biuf"
 
 
-_KINDS = (  # of fields, by their annotation
+_KINDS = (  # (annotation of a field, check of its value, requirement)
     (bool, lambda value: isinstance(value, bool | np.bool_), "be True or False"),
     (int, _is_integer, f"be an integer of at most {MOST_STEPS}"),
     (float, lambda value: isinstance(value, Real), "be a number"),

@@ -15,7 +15,7 @@ from ._composition import split_disturbances
 
 _LARGEST = 1 << 24  # values of sensitivities in memory at once: 128 MB
 _CHUNK = 4096  # samples whose derivatives are multiplied by the root at once
-_STEP = 0.01  # of a standard error: the relative error of a difference is its square
+_STEP = 0.01  # step of a difference in standard errors; its relative error is the square of it
 
 
 def run_records(operator, signal, slices, initial_state="rest", schedules=None):

@@ -19,16 +19,16 @@ from .._jit import bind
 from ._compiled_step import CompiledLaw, CompiledStep
 from ._protocol import Operator, as_signal
 
-_DOUBLINGS = 12  # of a first step, at most, up to the range between the limits
+_DOUBLINGS = 12  # most doublings of the first step, up to the range between the limits
 _STEPS = 100  # search steps for a bracket without limits
 _SLACK = 3  # halvings by which a bracket may lag behind bisection
-_DIGITS = 53  # to which the ends of the first bracket are resolved
+_DIGITS = 53  # binary digits to which the ends of the first bracket are resolved
 _TRIALS = 1 + _STEPS + _SLACK + _DIGITS
 _LEAST = 2.0**-60  # least first step without limits
 
 
 def step(u, c, s):
-    """Stand for the step of the operator that is inverted, which ``bind`` puts here."""
+    """Placeholder of the inverted operator's step, which ``bind`` puts in its place."""
     raise NotImplementedError
 
 

@@ -160,7 +160,7 @@ def block_run(table, u, x, u_previous):
 
 
 def tangent_system(discrete, by, rest, rest_by, one_before):
-    """Return what :func:`state_space_tangents` takes of a system, whatever its input.
+    """Return the arguments of :func:`state_space_tangents` that do not depend on the input.
 
     ``discrete`` is the discrete form, ``by`` its derivatives by p parameters, ``dad``
     (p, n_states, n_states) to ``dd`` (p,). The state begins as ``rest`` (n_states,) times the first

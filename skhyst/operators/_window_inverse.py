@@ -34,7 +34,7 @@ _LONGEST = 64  # samples of a window: a zero at 4/3 reduces the error of its end
 
 
 def step(u, c, s):
-    """Stand for the step of the operator that is inverted, which ``bind`` puts here."""
+    """Placeholder of the inverted operator's step, which ``bind`` puts in its place."""
     raise NotImplementedError
 
 

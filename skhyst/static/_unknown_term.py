@@ -50,12 +50,12 @@ from ..operators import CompiledLaw, Operator, as_signal, parameter
 
 ARGUMENTS = ("input", "rate", "play", "turn")
 _DOABLE = 0.05**2  # fraction of a function's power below which the parameters reproduce it (5 %)
-_GRID = np.logspace(-8.0, 8.0, 161)  # of the penalty, relative to the median of d_j
-_RATIOS = np.logspace(-4.0, 4.0, 5)  # of the penalties of a surface
+_GRID = np.logspace(-8.0, 8.0, 161)  # penalties, times the median of d_j
+_RATIOS = np.logspace(-4.0, 4.0, 5)  # ratios rho of the two penalties
 _LEAST = 0.01  # smallest factor 1 / (1 + penalty) of a function that is kept
 _PLAY = 0.1  # half gap of a play, relative to the range of its input
 _MEMORY = 3  # state values of an argument, see `follow`
-_INTERVALS = {1: 40, 2: 7}  # by the number of arguments: 43 functions, or 100
+_INTERVALS = {1: 40, 2: 7}  # by number of arguments: 43 B-splines, or 100
 
 
 @jit
@@ -714,7 +714,7 @@ def smooth(operator, gram, columns, n_samples, independent=1.0):
     for ratio in _RATIOS if operator.second else [1.0]:
         bends = operator.bends(ratio)
         axes, unseen = vectors[:, has_power] / np.sqrt(power[has_power]), vectors[:, ~has_power]
-        # across a gap of the samples a function goes on as smoothly as it can
+        # where there are no samples, the functions continue as smoothly as the penalty allows
         axes = axes - unseen @ np.linalg.lstsq(bends @ unseen, bends @ axes, rcond=None)[0]
         part, turned = np.linalg.eigh(axes.T @ partial[:-1, :-1] @ axes)
         axes = axes @ turned[:, part > _DOABLE]
