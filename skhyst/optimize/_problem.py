@@ -372,7 +372,7 @@ class OperatorProblem(Unknowns):
             if jacobian:
                 y, dy = self._sensitivities(operator, record)
                 large = len(y) * n >= _LARGE and len(y) >= n * len(record.segments)
-                if large and not d:
+                if large and not d:  # joining columns would copy the whole Jacobian
                     _bordered_grams(dy, y - record.y, record, self._runs, blocks[first:last])
                     continue
             else:
