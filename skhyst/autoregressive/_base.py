@@ -257,7 +257,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         if horizon is None:
             parts, good = self._free_runs(starts)
         else:
-            if read is not None:
+            if read is not None:  # predictions stand in for lost measurements
                 lost = [~read[record.rows] for record in records]
                 starts = list(map(self._with_lost_outputs, starts, lost))
             parts, good = self._runs_ahead(starts, int(horizon))

@@ -9,6 +9,7 @@ _GRID = 33  # outputs between which an equilibrium is searched
 _ITERATIONS = 60  # bisections at most: to the last digit
 _SAMPLES = 20  # samples that initial outputs are fitted to, or ten per output if that is more
 _STEP = 1e-6  # step of a difference quotient, in ranges of the outputs
+_UNIQUE = 1e-8  # distance of an equilibrium, and of the gain of the feedback from 1
 
 
 def fit_line(X, y):
@@ -73,6 +74,16 @@ def _root(f, a, b, fa, fb):
         if not active.size:
             break
     return np.where(np.abs(fa) < np.abs(fb), a, b)
+
+
+def is_equilibrium(output, next_output, gain, span):
+    """Whether an output is at an equilibrium whose derivatives exist (implicit function theorem).
+
+    ``gain`` is the derivative of the next output by equal past outputs: it is 1 for an integrator,
+    which has no unique equilibrium. ``span`` is the range of the outputs.
+    """
+    excess = abs(next_output - output) > _UNIQUE * max(span, abs(output))
+    return not (abs(1.0 - gain) < _UNIQUE or excess)
 
 
 def estimate_history(free_runs, inputs, y, n_outputs, span):

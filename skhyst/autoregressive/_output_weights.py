@@ -17,9 +17,9 @@ import numpy as np
 from .._jit import jit
 from ..exceptions import ConvergenceWarning
 from ..preprocessing import lagged_columns
+from ._initial_outputs import is_equilibrium
 from ._structure import Descent
 
-_SPLIT = 1e-8  # least distance of the gain of the feedback from 1, that of an integrator
 _EVALUATIONS, _TOLERANCE = 150, 1e-8  # runs; least predicted relative decrease of the squares
 
 
@@ -78,11 +78,10 @@ class OutputWeightsProblem:
         level = start.history[-1]
         signals = np.append(first, np.full(len(step.lags.outputs), level))[None]
         columns, slopes = step.output_columns(signals)
-        gap = 1.0 - slopes[0, len(first) :].sum()
-        span = self.model._span()
-        if abs(gap) < _SPLIT or abs(step.rows(signals)[0] - level) > _SPLIT * max(span, abs(level)):
+        gain = slopes[0, len(first) :].sum()
+        if not is_equilibrium(level, step.rows(signals)[0], gain, self.model._span()):
             return 0.0
-        return columns[0] / gap
+        return columns[0] / (1.0 - gain)
 
 
 def fit_output_weights(model, starting_values):

@@ -18,7 +18,7 @@ of each record. All values are in scaled units.
 import numpy as np
 
 from ..preprocessing import lagged_columns
-from ._initial_outputs import rest_outputs
+from ._initial_outputs import is_equilibrium, rest_outputs
 from ._polynomial import (
     PolynomialStep,
     plan_polynomial,
@@ -27,8 +27,6 @@ from ._polynomial import (
     term_products,
 )
 from ._runs import bounded
-
-_SPLIT = 1e-8  # least distance of the gain of the feedback from 1, that of an integrator
 
 
 class InnovationProblem:
@@ -217,8 +215,7 @@ class FreeRunProblem:
         d_history[:, -1] = 1.0
         model = step.plan, step.coefficients
         y, dy, _ = polynomial_tangents(*model, start.inputs[:1], history, d_history)
-        gap = 1.0 - dy[0, -1]
-        span = self.limits[1] - self.limits[0]
-        if abs(gap) < _SPLIT or abs(y[0] - history[0]) > _SPLIT * max(span, abs(y[0])):
+        gain, span = dy[0, -1], self.limits[1] - self.limits[0]
+        if not is_equilibrium(history[0], y[0], gain, span):
             return 0.0
-        return dy[0, :-1] / gap
+        return dy[0, :-1] / (1.0 - gain)

@@ -212,6 +212,7 @@ class Search:
             path = path[: self._simplest(path, size)]
         if self.folds or n_terms is not None:
             return self.refine(path, sized=True)
+        # forward selection may keep a term that later ones make needless, backward elimination not
         starts = [path[:size], self._backward(path)]
         return min((self.refine(start) for start in starts), key=self.value)
 

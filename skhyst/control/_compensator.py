@@ -280,7 +280,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         X, _, read = fill_lost_rows(X)
         read = slice(None) if read is None else read
         slices, references = self._model_references(X) if return_residual else self._references(X)
-        if self.method == "learned":
+        if self.method == "learned":  # the limits are applied, but there is no model to iterate on
             learned = self.model_.predict(_indexed(references, X))
             learned = np.ravel(learned).astype(float)
             limits = self._limits()

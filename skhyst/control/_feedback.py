@@ -319,7 +319,7 @@ class FeedforwardPI:
         state[0] = inner - self.kp * (self.setpoint_weight - 1.0) * reference
         _, state[1:3] = _settled(notch, inner)
         state[6] = u0 if follows else min(max(u0, low), high)
-        state[9] = state[10] = 1.0
+        state[9] = state[10] = 1.0  # before the first sample, and the whole way of the start
         inputs = [Signal("reference"), Signal("reading")]
         inputs += [Signal("drive of the compensator")] * follows + [Signal("drive")] * tracks
         law = CompiledLaw(

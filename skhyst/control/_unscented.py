@@ -94,8 +94,9 @@ class Unscented(CompiledStep):
             drive = front(row[0] if is_signal else row)
             offset = disturbances(drive)
             values, vectors = np.linalg.eigh(covariance)
+            # sigma points only where there is variance: fewer runs of the step
             is_uncertain = values > _NOTHING * values[-1]
-            m = int(is_uncertain.sum()) + 1
+            m = int(is_uncertain.sum()) + 1  # with the noise of the input
             kappa = max(3.0 - m, 0.0)
             points, inputs = np.zeros((2 * m + 1, n)), np.zeros(2 * m + 1)
             offsets = (
@@ -116,7 +117,7 @@ class Unscented(CompiledStep):
             points -= middle
             y -= y_middle
             spread = points.T @ (weights[:, None] * points)
-            spread[-1, -1] += self.walk
+            spread[-1, -1] += self.walk  # exactly: the walk enters state and response linearly
             cross_covariance = points.T @ (weights * y)
             cross_covariance[-1] += self.walk
             response_variance = weights @ y**2 + self.walk

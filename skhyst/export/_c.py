@@ -675,6 +675,7 @@ def _in_reals(own, expected, common, dtype):
     }
     lists = ["".join(f"    {double(y)},\n" for y in one) for one in expected.outputs]
     if expected.rules is not None:
+        # a jump to another rest is no rate of the drive: the last values are unknown after it
         forgotten = ["state->extrapolated = 0u;"] * bool(condition)
         forgotten += [f"state->last[{k}] = {dialect.literal(math.nan)};" for k in range(len(lasts))]
         common["forgotten"] = "".join(f"        {line}\n" for line in forgotten)

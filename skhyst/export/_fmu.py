@@ -207,7 +207,7 @@ def _description(name, version, what, own, first, units):
     ]
     common = 'name="{}" valueReference="{}" {} variability="{}"'
     variables, dt = "", DIALECTS["float64"].literal(own.dt)
-    for k, (variable, role, of, start) in enumerate(rows):
+    for k, (variable, role, of, start) in enumerate(rows):  # fmu.c has the same value references
         variability = "tunable" if "parameter" in role else "continuous"
         attributes = common.format(variable, k, role, variability)
         variables += (

@@ -314,7 +314,7 @@ def explore(ranges, counts, units, spare, answers):
         rounded.restore(before[2])
         return False
 
-    for part in _PARTS:
+    for part in _PARTS:  # smaller jumps only if larger ones have missed a branch
         jumps = _jumps(low, high, part)
         # sizes may grow by twice the spare bits, which leaves 38
         if follow(jumps, 2 * spare, True)[1]:
@@ -322,10 +322,11 @@ def explore(ranges, counts, units, spare, answers):
         taken, there_are = ranges.branches
         if taken == there_are:
             break
+    # the widest limits of the input at which no number exceeds its spare bits
     for ends in (*wider, np.array([low, high])):
         jumps = _jumps(*ends)
         fits, is_tested = follow(jumps, spare, False)
-        if is_tested:
+        if is_tested:  # with the extreme integers, so that the test sees the input limited
             jumps = np.where(jumps == ends[0], -(2**31), jumps)
             jumps = np.where(jumps == ends[1], 2**31 - 1, jumps)
             counts = np.append(counts, jumps, axis=0)

@@ -248,6 +248,7 @@ class _Run:
             start, stop = (self._value(x, env, frame) for x in (loop.start, loop.stop))
             if start[0] == start[1] and stop[0] == stop[1]:
                 turns = range(int(start[0]), int(stop[0]), loop.step)
+                # one by one, intervals stay narrow; long loops would take too many operations
                 turns = turns if len(turns) <= _LONGEST else None
         for k in turns if turns is not None else count():
             begin = self._copied(env)
@@ -277,6 +278,7 @@ class _Run:
             if turns is not None:
                 env = new
                 continue
+            # to a fixed point; widening makes sure that it is reached
             grown = _merged(self._copied(env), new, _widened if k >= _PATIENCE else _joined)
             if grown == env:
                 env = env if isinstance(loop, For) else None

@@ -249,6 +249,7 @@ def derived(entries, step_for):
         return _flat(parts)
 
     n = len(entries)
+    # verified away from the points that determine the polynomials, at which they agree anyway
     checked = np.random.default_rng(0).uniform(-1.0, 1.0, (_N_CHECKED, n))
     expected = np.array([constants(x) for x in checked])
     ends = expected.min(axis=0), expected.max(axis=0)
@@ -270,6 +271,7 @@ def derived(entries, step_for):
                 own.quadratic.append((at, terms))
                 left.discard(at)
 
+    # linear functions first: most constants are linear, and need no pair of parameters
     middle = constants_of(np.zeros(n))
     ends = np.array([[constants_of(s * np.eye(n)[i]) for s in (-1.0, 1.0)] for i in range(n)])
     slope = 0.5 * (ends[:, 1] - ends[:, 0])

@@ -176,6 +176,7 @@ def roles_and_questions(path, variables, roles, others=(), *, timed):
     asked = [role for role in ("drive", "response") if role in missing]
     for role in asked:
         found[role], candidates[role] = _named(role, signals, len(asked))
+    # after all named roles: what they leave over is then unique more often
     for role in asked:
         if found[role] is None and not candidates[role]:
             found[role], candidates[role] = _left_over(role, signals, found)

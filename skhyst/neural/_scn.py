@@ -472,6 +472,7 @@ class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
             candidates = self._candidates(
                 X, solver.residual, len(nodes) + 1, scopes, contraction, rng
             )
+            # lazily: another candidate is only evaluated if the solver refuses the one before
             accepted = (c for c in candidates if solver.add(activation(X, c[0][np.newaxis])[:, 0]))
             next_node = next(accepted, None)
             if next_node is None:

@@ -51,9 +51,8 @@ class FrequencyProblem(Unknowns):
         g, dg = operator.frequency_tangents(self.frequency)
         residual = (self.weight * (g - self.response)).reshape(-1, 1)
         if jacobian:
-            chain = np.where(self.log, self.values(x), 1.0)
-            own = (dg[:, :, self._free] * chain) * self.weight[:, :, None]
-            residual = np.concatenate([own.reshape(len(residual), -1), residual], axis=1)
+            columns = (dg[:, :, self._free] * self.chain(x)) * self.weight[:, :, None]
+            residual = np.concatenate([columns.reshape(len(residual), -1), residual], axis=1)
         rows = np.concatenate([residual.real, residual.imag])
         return (rows.T @ rows)[None]
 

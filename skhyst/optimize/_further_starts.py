@@ -92,7 +92,7 @@ def _residuals(result, records, initial_state):
 
 def _is_noise(series, records):
     """Whether residuals exceed rounding."""
-    power = sum(float(own @ own) for own in series)
+    power = sum(float(residual @ residual) for residual in series)
     return power > NOISELESS * sum(record.power() for record in records)
 
 
@@ -132,7 +132,7 @@ def has_start_misfit(result, records):
 
 
 def _whitened(series, weights):
-    return [np.convolve(own, weights)[: len(own)] for own in series]
+    return [np.convolve(values, weights)[: len(values)] for values in series]
 
 
 def start_p_value(result, other, records, n_values, states=("rest", "rest")):

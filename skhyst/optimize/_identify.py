@@ -246,7 +246,7 @@ def calibrated(operator, record, covariance=None, noise_std=None):
     if covariance is not None:
         propagation = np.eye(len(values))
         propagation[coefficients] = 0.0
-        slopes = problem.coefficient_slopes(blocks)[0] / _chain(problem, problem.x0)
+        slopes = problem.coefficient_slopes(blocks)[0] / problem.chain(problem.x0)
         propagation[np.ix_(coefficients, [places[name] for name in problem.names])] = -slopes
         covariance = propagation @ covariance @ propagation.T
         covariance[np.ix_(coefficients, coefficients)] += (noise_std or 0.0) ** 2 * _inverse(
@@ -258,11 +258,6 @@ def calibrated(operator, record, covariance=None, noise_std=None):
 def _inverse(blocks, d):
     """Return the inverse of the Gram matrix of the columns of d coefficients."""
     return np.linalg.pinv(blocks.sum(axis=0)[:d, :d], hermitian=True)
-
-
-def _chain(problem, x):
-    """Return the derivatives of the values by the unknowns, up to their signs."""
-    return np.where(problem.log, np.abs(problem.values(x)), 1.0)
 
 
 def _determined(problem, solution, powers):
@@ -532,7 +527,7 @@ def _uncertainty(problem, solution, blocks, coefficients):
     # the fit has absorbed the trace of H C of the noise, which for white noise is sigma^2 p
     absorbed = np.sum(solution.gram[:-1, :-1] * covariance)
     noise = (solution.cost + absorbed) / max(n_samples - coefficients.size, 1)
-    scale = _chain(problem, x)
+    scale = problem.chain(x)
     scale_products = np.outer(scale, scale)
     covariance = covariance * scale_products
     return {

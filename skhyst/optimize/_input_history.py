@@ -301,14 +301,14 @@ class _Misfit:
 
     def relative(self, values):
         """Return inputs relative to the limits, clipped to them unless the operator is linear."""
-        own = np.reshape(values, (-1, len(self._size))) - self._low
-        own = (own / np.where(self._size > 0.0, self._size, 1.0)).ravel()
-        return own if self._operator.signal_linear else np.clip(own, 0.0, 1.0)
+        scaled = np.reshape(values, (-1, len(self._size))) - self._low
+        scaled = (scaled / np.where(self._size > 0.0, self._size, 1.0)).ravel()
+        return scaled if self._operator.signal_linear else np.clip(scaled, 0.0, 1.0)
 
     def before(self, values):
         """Return the input history in the form of a record."""
-        own = self._low + self._size * values.reshape(-1, len(self._size))
-        return own if self._record.u.ndim > 1 else own[:, 0]
+        inputs = self._low + self._size * values.reshape(-1, len(self._size))
+        return inputs if self._record.u.ndim > 1 else inputs[:, 0]
 
     def solved(self, starts):
         """Return the values of least residual and penalty, for a linear operator.
@@ -379,8 +379,8 @@ class _Misfit:
 
     def changes(self, values):
         """Return the penalties of changes between values, as residuals."""
-        own = values.reshape(-1, len(self._size))
-        return self._stiffness * np.diff(own, axis=0, prepend=self._last).ravel()
+        inputs = values.reshape(-1, len(self._size))
+        return self._stiffness * np.diff(inputs, axis=0, prepend=self._last).ravel()
 
     def _begun(self, values):
         """Return the record with this input history."""

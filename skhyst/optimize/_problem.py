@@ -216,6 +216,10 @@ class Unknowns:
         values[self._logs] = self._sign * np.exp(values[self._logs])
         return values
 
+    def chain(self, x):
+        """Return the derivatives of the values by the unknowns, negative for a negative value."""
+        return np.where(self.log, self.values(x), 1.0)
+
 
 class OperatorProblem(Unknowns):
     """Least squares of an operator's output, plus disturbances per record, against responses.
@@ -253,7 +257,7 @@ class OperatorProblem(Unknowns):
         entries = [entries[i] for i in self._free]
         self._packed = operator.pack()
         values = self._packed[self._free]
-        self._moving = []  # (disturbance, offset of its own nonlinear parameters in its pack)
+        self._moving = []  # number of nonlinear parameters of each disturbance, last in its pack
         for number, disturbance in enumerate(self.disturbances):
             skip = np.size(disturbance.coefficients)
             own = [(f"disturbance{number}__{name}", s) for name, s in disturbance.entries()[skip:]]
@@ -372,7 +376,7 @@ class OperatorProblem(Unknowns):
             if jacobian:
                 y, dy = self._sensitivities(operator, record)
                 large = len(y) * n >= _LARGE and len(y) >= n * len(record.segments)
-                if large and not d:
+                if large and not d:  # joining columns would copy the whole Jacobian
                     _bordered_grams(dy, y - record.y, record, self._runs, blocks[first:last])
                     continue
             else:
@@ -384,7 +388,7 @@ class OperatorProblem(Unknowns):
             _segment_grams(columns, record.segments, blocks[first:last])
         if n and len(self._logs):
             chain = np.ones(d + n + 1)
-            chain[d:-1] = self._chain(x)
+            chain[d:-1] = self.chain(x)
             blocks *= chain[:, None] * chain
         if self._penalised:
             self._penalize(blocks, x)
@@ -410,7 +414,7 @@ class OperatorProblem(Unknowns):
         d = self._n_eliminated
         for record in self.records:
             columns = self._columns(record, disturbances, *self._sensitivities(operator, record))
-            columns[:, d:-1] *= self._chain(x)
+            columns[:, d:-1] *= self.chain(x)
             counts = record.counts()
             columns *= np.sqrt(counts)[:, None]
             basis, size, _ = np.linalg.svd(columns[:, :d], full_matrices=False)
@@ -444,12 +448,6 @@ class OperatorProblem(Unknowns):
             u, np.empty((len(u), 0)), record.dt, self._begins(record)
         )
         return y[skip:], dy[skip:]
-
-    def _chain(self, x):
-        """Return the derivatives of the values by the unknowns, but for their signs."""
-        chain = np.ones(len(x))
-        chain[self._logs] = np.exp(x[self._logs])
-        return chain
 
     @staticmethod
     def _moving_columns(disturbances, record, coefficients):

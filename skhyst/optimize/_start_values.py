@@ -72,7 +72,7 @@ def _start(problem, record):
         if not np.isfinite(columns).all():
             break
         step = -np.linalg.lstsq(columns / scale, residual, rcond=1e-10)[0] / scale
-        for _half in range(_HALVES):
+        for _half in range(_HALVES):  # far from the solution, a Gauss-Newton step overshoots
             new, cost = misfit(start + step)
             runs += 1
             if cost < least:

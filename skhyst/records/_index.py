@@ -400,6 +400,8 @@ def _sampling_intervals(stamps, pieces, one_interval):
             f"The sampling interval must be between {1.0 / LONGEST:g} and {LONGEST:g} s. Got "
             f"{shortest:g} to {longest:g} s instead; choose another unit of time."
         )
+    # the clock's drift is tested apart from the jitter: over a long record it may add up to many
+    # intervals, although neighbouring ones hardly differ
     for (run, a, b, lost), mean, span in zip(pieces, means, spans, strict=True):
         times = stamps.values[a:b] - stamps.values[a]
         samples = np.delete(np.arange(b - a + len(lost)), lost) if lost else np.arange(b - a)

@@ -152,7 +152,7 @@ def read_records(
     if isinstance(path, list | tuple):
         return together({k: read_records(one, **options) for k, one in labelled(path).items()})
     groups = read_columns(path, **options)
-    return together({label: _indexed(own, on_missing) for label, own in groups.items()})
+    return together({label: _indexed(columns, on_missing) for label, columns in groups.items()})
 
 
 def _indexed(columns, on_missing):

@@ -108,6 +108,7 @@ def resample_records(X, y=None, *, dt, max_gap=None, anti_alias=True):
         return frame if series is None else (frame, series.set_axis(frame.index))
     labels, times, values = [], [], []
     for label, start, stop, interval in _resampled_pieces(stamps, dt, max_gap):
+        # relative to the first sample: as floats, times since 1970 are only exact to 2e-7 s
         seconds = (stamps.values[start:stop] - stamps.values[start]) * stamps.unit
         part = _regrid(seconds, table[start:stop], interval, anti_alias and dt != "auto")
         if len(part) < 2:

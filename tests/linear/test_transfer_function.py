@@ -298,6 +298,21 @@ def test_unstable_poles_are_kept_on_request():
     assert TransferFunction(2, dt=DT).fit_frequency_response(response).poles_.real.max() < 0.0
 
 
+def test_the_covariance_of_unstable_poles_mirrors_that_of_stable_ones():
+    frequency = np.linspace(0.1, 1.0, 60)  # one side of the resonance: both parts are correlated
+    s, rng = 2j * np.pi * frequency, np.random.default_rng(0)
+    g = 40.0 / (s * s + 4.0 * s + 40.0) + 0.05 * np.exp(2j * np.pi * rng.uniform(size=60))
+    stable, unstable = (
+        TransferFunction(2, n_zeros=0, stable=False).fit_frequency_response(
+            FrequencyResponse(frequency, values, np.full(60, 0.05))
+        )
+        for values in (g, g.conj())
+    )
+    np.testing.assert_allclose(np.sort(unstable.poles_), np.sort(-stable.poles_), rtol=1e-6)
+    upper, mirrored = (m.poles_covariance_[np.argmax(m.poles_.imag)] for m in (stable, unstable))
+    np.testing.assert_allclose(mirrored, upper * [[1.0, -1.0], [-1.0, 1.0]], rtol=1e-4)
+
+
 def test_wrong_frequency_responses():
     two = response_of(two_inputs(), 0)
     with pytest.raises(ValueError, match="'inputs' parameter of TransferFunction must be 'all'"):
