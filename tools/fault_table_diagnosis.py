@@ -3,7 +3,7 @@
 DIAGNOSIS = [
     (
         "an effect stays although the model predicts as well without it",
-        "if not self._is_needed(base, *own, c)\n",
+        "if not self._is_needed(base, *gone, c)\n",
         "if False\n",
         "tests/diagnosis/test_decision.py -k stood_in",
     ),
@@ -265,8 +265,8 @@ CRITERION = [  # of this way to decide
     ),
     (
         "what was estimated from a held-out record counts as predicted",
-        "own *= np.sqrt((n + k) / max(n - k, 1))",
-        "own *= 1.0",
+        "residual *= np.sqrt((n + k) / max(n - k, 1))",
+        "residual *= 1.0",
         "tests/diagnosis/test_candidates.py -k estimated",
     ),
     (
