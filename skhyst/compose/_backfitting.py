@@ -241,8 +241,8 @@ def _derivative(operator, u, change, dt, state, adjoint=False):
             return np.zeros_like(change)
         drive = np.ascontiguousarray(u[:, 0])
         return _derivative(operator.operator, drive, change, dt, state, adjoint)
-    if isinstance(operator, Scaled):
-        factor = 1.0 + operator.sensitivity * (u[:, operator.column] - operator.reference)
+    if isinstance(operator, Scaled) and not operator.scales and operator.column != 0:
+        factor = operator.factor(u, dt)
         if adjoint:
             return _derivative(operator.operator, u, factor * change, dt, state, True)
         return factor * _derivative(operator.operator, u, change, dt, state)

@@ -455,14 +455,31 @@ class Scaled(WrappedOperator):
             y = y * factor
         return y, inner if self.lag is None else (inner, lag)
 
-    def by_start(self, u, dt, start):
+    def factor(self, u, dt):
+        """Return the factor at each sample of a record.
+
+        Parameters
+        ----------
+        u : ndarray of shape (n_samples, n_inputs)
+            Input.
+        dt : float
+            Sampling interval in s.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+            No unit.
+        """
         a = _one(u, self.column)
-        a = a if self.lag is None else self.lag.run(a, dt)[0]
+        return self._factor(a if self.lag is None else self.lag.run(a, dt)[0])
+
+    def by_start(self, u, dt, start):
+        factor = self.factor(u, dt)
         if self._is_within:
-            return bare(self.operator).scaled_by_start(_one(u, 0), self._factor(a), dt, start)
+            return bare(self.operator).scaled_by_start(_one(u, 0), factor, dt, start)
         dy = self.operator.by_start(u, dt, start)
         rest = self._others.by_start(u, dt, start) if self.scales else 0.0
-        return rest + (dy - rest) * self._factor(a)[:, None]
+        return rest + (dy - rest) * factor[:, None]
 
     def compiled_step(self, dt, state):
         inner, lag = (state, None) if self.lag is None else state

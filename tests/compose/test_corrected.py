@@ -29,7 +29,7 @@ from skhyst.linear import (
     SecondOrderMode,
     SecondOrderModeOperator,
 )
-from skhyst.operators import Series
+from skhyst.operators import OnColumnOperator, Scaled, Series
 from skhyst.optimize import OperatorProblem, RecordData
 from skhyst.preprocessing import PlayOperators
 from skhyst.records import record_slices, stack_records
@@ -225,6 +225,9 @@ def test_folds():
         FirstOrderLagOperator(0.03),
         SecondOrderModeOperator(60.0, 0.1),
         Series(("gain", "lag"), (GainOperator(0.5), FirstOrderLagOperator(0.02))),
+        Scaled(
+            OnColumnOperator(GainOperator(2.0), 0), 1, 0.3, 0.1, FirstOrderLagOperator(0.05), (1.0,)
+        ),
     ],
 )
 def test_the_change_is_that_of_damped_least_squares(operator):
@@ -232,10 +235,13 @@ def test_the_change_is_that_of_damped_least_squares(operator):
     rng = np.random.default_rng(0)
     n = 60
     u, residual = rng.normal(size=n), np.r_[np.zeros(5), rng.normal(size=n - 5)]
-    u[0] = 0.0
+    u[0], units = 0.0, np.eye(n)
+    if operator.reads_columns:
+        u = np.column_stack([u, rng.normal(size=n)])
+        units = np.stack([units, np.zeros((n, n))], axis=-1)
     base = operator.run(u, DT)[0]
     start = operator.init(u[0])
-    L = np.stack([operator.run(u + one, DT, start)[0] - base for one in np.eye(n)], axis=1)
+    L = np.stack([operator.run(u + one, DT, start)[0] - base for one in units], axis=1)
     expected = np.linalg.solve(L.T @ L + 0.1 * np.eye(n), L.T @ residual)
     found = explained_change(operator, RecordData(u, base, DT), residual)
 
