@@ -15,7 +15,7 @@ from ._content import Source, answers, legend, watched_ends
 from ._fixed import MARGIN, Fixed, FixedPrinter, boundary
 from ._model import model_step
 from ._printer import Dialect, Printer
-from ._ranges import Ranges, explore, limits
+from ._ranges import Ranges, check_fast, explore, limits
 from ._reach import reachable
 from ._tunable import configuration
 from ._values import TAKEN
@@ -330,8 +330,9 @@ def to_c(
         the fixed point of each number is chosen so that it can hold 4096 times the largest value
         under this drive and under jumps between its ends. Input is limited to up to 16 times its
         largest value, as far as numbers can hold the response to jumps from there. The test
-        continues with these jumps, with rests and with limited input, where responses do not depend
-        on rounding, and prints how many branches of the law it takes.
+        begins with a sample at ``u0`` and continues with these jumps, with rests and with limited
+        input, where responses do not depend on rounding, and prints how many branches of the law
+        it takes.
     input_unit, output_unit : float or str, optional
         For ``"int32"`` numbers: the input (the same for all inputs) and the output that correspond
         to the integer 1. Else names of units, such as ``"V"``, for the header; of several inputs
@@ -368,7 +369,8 @@ def to_c(
     ValueError
         If the model's law is outside the part of Python that can be written in C, with file and
         line; see :class:`~skhyst.operators.CompiledStep`. If it cannot be written in integers, or
-        single precision is not sufficient: if its error in the test exceeds the tolerance. If a
+        its numbers have too few digits for fast drives, or single precision is not sufficient: if
+        its error in the test exceeds the tolerance. If a
         tunable parameter is none, or changes the structure of the program.
 
     See Also
@@ -494,7 +496,7 @@ def program(
     lines = [f"{place}: {signal}" for place, signal in zip(places, signals, strict=True)]
     if is_whole:
         units = _units(drive, *units)
-        drive, begins_at = own.inputs(drive), False
+        drive, begins_at = np.append(own.rest, own.inputs(drive), axis=0), False
     else:
         expected = own.tested(drive)
         drive, begins_at = expected.drive, expected.rules is not None
@@ -729,7 +731,9 @@ def _in_integers(stepper, common, drive, units):
     step = model_step(stepper.compiled_step, with_numbers=True)
     step = reachable(step, stepper.state, limits(counts)[0] * units[0])
     ranges = Ranges(step, stepper.state, counts * units[0])
-    counts, ends = explore(ranges, counts, units, MARGIN, lambda u: answers(stepper, u))
+    own, more = counts, (units, MARGIN, lambda u: answers(stepper, u))
+    counts, ends = explore(ranges, own, *more)
+    check_fast(ranges, own, *more)
     printer = _reserve(FixedPrinter(common["name"], Fixed(), ranges=ranges))
     body, first = boundary(printer, step, stepper, ends, units)
     n_inputs = stepper.compiled_step.n_inputs
