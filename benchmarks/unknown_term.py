@@ -40,7 +40,8 @@ from skhyst.diagnosis import EffectSearchCV
 from skhyst.linear import SecondOrderMode
 
 N, DT, SUBSTEPS = 2000, 2e-3, 8
-MOTION = "motion of second_order_mode"
+MOTION, DAMPING = "motion of second_order_mode", "damping of second_order_mode"
+PARAMETERS = ("gain", "stiffness", "damping")
 KINDS = {
     # place, argument, second argument, law
     "notch in the drive": ("drive", "drive", "", None),
@@ -50,19 +51,15 @@ KINDS = {
     "dead band in the drive": ("drive", "drive", "", "dead band"),
     "asymmetric spring": (MOTION, "displacement", "", None),
     "quadratic damping": (MOTION, "velocity", "", "quadratic with sign"),
-    "product of drive and rate": (
-        "drive",
-        "drive",
-        "rate of the drive",
-        "proportional times proportional",
-    ),
-    "damping that depends on the displacement": (
+    "product of drive and rate": ("gain of the drive", "rate of the drive", "", "proportional"),
+    "damping that depends on the displacement": (DAMPING, "displacement", "", "square"),
+    "gain that depends on a play": ("gain of the drive", "play of the drive", "", None),
+    "drag that depends on the displacement": (
         MOTION,
         "displacement",
         "velocity",
-        "square times proportional",
+        "square times quadratic with sign",
     ),
-    "gain that depends on a play": ("drive", "drive", "play of the drive", None),
 }
 
 
@@ -87,14 +84,14 @@ def creep(u, size, time_constant):
     return size * lfilter([1.0 - pole], [1.0, -pole], u)
 
 
-def mode(u, frequency, damping, spring=0.0, drag=0.0, cubic=0.0, bent=0.0):
-    """Integrate ``x'' + (2 d w + drag |x'| + bent x^2) x' + w^2 s(x) = w^2 u``.
+def mode(u, frequency, damping, spring=0.0, drag=0.0, cubic=0.0, bent=0.0, both=0.0):
+    """Integrate ``x'' + (2 d w + drag |x'| + bent x^2 + both x^2 |x'|) x' + w^2 s(x) = w^2 u``.
 
     ``s(x) = x + spring max(x, 0)^2 + cubic x^3``.
     """
 
     def slope(x, v, force):
-        own = -(2.0 * damping * frequency + drag * abs(v) + bent * x**2) * v
+        own = -(2.0 * damping * frequency + drag * abs(v) + (bent + both * abs(v)) * x**2) * v
         return v, own + frequency**2 * (force - x - spring * max(x, 0.0) ** 2 - cubic * x**3)
 
     x, v, out, h = float(u[0]), 0.0, np.empty(len(u)), DT / SUBSTEPS
@@ -152,23 +149,29 @@ def plant(kind, rng):
     if kind == "product of drive and rate":
         c = size / 60.0
 
-        def curve(v, rate):
-            return c * v * rate
+        def curve(rate):
+            return c * rate
 
-        respond[kind] = lambda u: mode(u + curve(u, np.diff(u, prepend=u[0]) / DT), w, d)
+        respond[kind] = lambda u: mode(u * (1.0 + curve(np.diff(u, prepend=u[0]) / DT)), w, d)
     if kind == "damping that depends on the displacement":
 
-        def curve(v, rate):
-            return 2.0 * size / w * v**2 * rate
+        def curve(v):
+            return 2.0 * size / w * v**2
 
         respond[kind] = lambda u: mode(u, w, d, bent=2.0 * size * w)
     if kind == "gain that depends on a play":
         gap = 0.1 * 6.0
 
-        def curve(v, p):
-            return size * v * np.tanh(p)
+        def curve(p):
+            return size * np.tanh(p)
 
-        respond[kind] = lambda u: mode(u + curve(u, play(u, gap)), w, d)
+        respond[kind] = lambda u: mode(u * (1.0 + curve(play(u, gap))), w, d)
+    if kind == "drag that depends on the displacement":
+
+        def curve(v, rate):
+            return 2.0 * size / w**2 * v**2 * np.abs(rate) * rate
+
+        respond[kind] = lambda u: mode(u, w, d, both=2.0 * size)
     if kind == "dead band in the drive":
         gap = rng.uniform(0.3, 0.7)
 
@@ -212,9 +215,10 @@ def study(kind, seed):
         own = found.curve
         v, weight = own["argument"].to_numpy(), own["density"].to_numpy()
         at = [v] + ([own["second"].to_numpy()] if second else [])
-        linear = at if place == MOTION else [v]  # a spring and a damper, or a gain
+        # a spring and a damper, a gain, or of a parameter its value
+        linear = at if place == MOTION else [] if place.startswith(PARAMETERS) else [v]
         truth, line = curve(*at), np.stack([*linear, np.ones_like(v)], axis=1)
-        if place == "drive":  # gain times (u + curve) is what is known
+        if place.endswith("drive"):  # gain times (u + curve) is what is known
             truth = truth / gain
         elif argument.startswith("output"):  # which is scaled by the gain, and so is x + curve
             x = (v - offset) / gain
@@ -228,6 +232,8 @@ def study(kind, seed):
             values = {"natural_frequency": w / np.sqrt(gain), "damping_ratio": d * np.sqrt(gain)}
         if "velocity" in (argument, second):
             values["damping_ratio"] += 0.5 * w * straight[-2]
+        if place == DAMPING:
+            values["damping_ratio"] += 0.5 * w * straight[-1]
         half = 0.5 * (own["high"] - own["low"]).to_numpy()
         row["band"] = bool(weight[np.abs(left) <= half].sum() >= 0.9 * weight.sum())
         if law is not None:

@@ -140,8 +140,8 @@ class Feedback(ParametricModel):
                     f"one input. Got {model!r} instead."
                 )
             model._validate_params()  # its `fit`, which would validate, is not called
-        # True: an operator whose class says so; for others it depends on their values
-        if self.argument != "both" and self.curve.operator_class.memoryless is not True:
+        # of some classes it depends on their values: then the operator refuses
+        if self.argument != "both" and self.curve.operator_class.memoryless is False:
             raise TypeError(
                 "The 'curve' parameter of Feedback must be a memoryless model. Got "
                 f"{self.curve!r} instead."

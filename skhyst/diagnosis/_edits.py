@@ -11,11 +11,12 @@ from itertools import count
 import numpy as np
 from sklearn.base import clone
 
-from ..compose import Modulated, OnColumn, Sum
+from ..compose import Cascade, Modulated, OnColumn, Sum
 from ..linear import Gain, GainOperator
 from ..operators import (
     OnColumnOperator,
     Scaled,
+    Series,
     Stage,
     SumOperator,
     add_parallel,
@@ -24,6 +25,7 @@ from ..operators import (
     on_column,
     scheduled,
 )
+from ._traits import elastic_and_memory
 
 _KEPT = {
     "drive",
@@ -69,6 +71,26 @@ class InsertAt:
         at = 0 if self.place is None else tree.names.index(self.place) + 1
         stages.insert(at, Stage(name, self.model.tree(self.operator)))
         return tree.with_stages(stages)
+
+
+@dataclass(frozen=True)
+class BehindMemory:
+    """One more stage behind the internal memory of a hysteresis, beside its elastic part."""
+
+    place: str
+    model: object
+    operator: object
+    kind = "memory"
+
+    def __call__(self, tree, name):
+        at = tree.names.index(self.place)
+        gain, memory = elastic_and_memory(tree.operators[at])
+        inner = clone(tree.models[at]).set_params(fit_gain=False)
+        parts = inner.tree(memory), self.model.tree(self.operator)
+        behind = Series((self.place, name), parts, model=Cascade([]))
+        elastic = Stage("elastic", Gain(fit_intercept=False).tree(GainOperator(gain)))
+        parts = [elastic, Stage("memory", behind)]
+        return tree.with_stage(at, SumOperator.of_parts(parts, Sum([])).normalized())
 
 
 @dataclass(frozen=True)

@@ -622,7 +622,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         estimator, _ = declared.augmented(term.candidate, records)
         rng = np.random.default_rng(check_random_state(self.random_state).randint(2**31 - 1))
         return Unknown(
-            term.site.place,
+            term.site.where,
             term.site.argument,
             curve_of(term.site, term.candidate.structure, records, rng),
             before.error,

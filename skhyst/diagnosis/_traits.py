@@ -23,6 +23,13 @@ def presliding_displacement(operator):
     return next((displacement for displacement in found if displacement is not None), None)
 
 
+def elastic_and_memory(operator):
+    """Return the gain of what passes a hysteresis at once and the operator without, or None."""
+    if not hasattr(operator, "elastic_and_memory"):
+        return None
+    return operator.elastic_and_memory()
+
+
 def characteristics(operator, seen):
     """Return characteristics of a part in addition to its parameters, such as engineers use.
 

@@ -2,19 +2,24 @@ r"""A term without a name, for a residual that no effect explains.
 
 It is sought after a verdict other than ``noise``. A smooth function of one signal, of unknown form
 (:class:`~skhyst.static.UnknownTerm`), is tried at every place of the model: at each joint of the
-series, as a function of the signal there, its rate, its plays or the time since it has turned; as a
-force in the equation of motion of linear dynamics, as a function of the displacement or the
-velocity (:class:`~skhyst.compose.Feedback`); and added to the drive, as a function of a further
-column of X, or to the response, as a function of the drive or such a column, in the same ways. At
-each place the functions are restricted to those that the model's parameters cannot reproduce, as
-smooth as restricted maximum likelihood makes them. The whole model is refitted jointly and held
-out. The term of least held-out error is tested against the model without it by the criterion of the
-search, corrected for all that the search and this step have tried. Terms that the criterion does
-not distinguish from it are ``ambiguous_with``. If structure may remain, a second term is sought in
-the same way, of functions that neither the parameters nor the first term can reproduce: the model
-is then the sum of two smooth functions. Its rivals are surfaces of two signals at one place, such
-as the product of a drive and its rate. A surface replaces a sum that it contains only where it is
-better by the criterion, and any other sum where its held-out error is less.
+series, as a function of the signal there, its rate, its plays or the time since it has turned, and
+in the same ways of the input of the stage before the joint, or of the memory of a Bouc-Wen
+hysteresis there; as a force in the equation of motion of linear dynamics, as a function of the
+displacement or the velocity (:class:`~skhyst.compose.Feedback`); as a parameter that depends on a
+signal, which is the gain at a joint, the stiffness or the damping; and added to the drive, as a
+function of a further column of X, or to the response, as a function of the drive or such a column,
+in the same ways. At each place the functions are restricted to those that the model's parameters
+cannot reproduce, as smooth as restricted maximum likelihood makes them. One evaluation of the model
+with all splines predicts what each function would do (partial residuals); the promising ones are
+refitted jointly with the whole model and held out. The term of least held-out error is tested
+against the model without it by the criterion of the search, corrected for all that the search and
+this step have tried. Terms that the criterion does not distinguish from it are ``ambiguous_with``.
+If structure may remain, a second term is sought in the same way, of functions that neither the
+parameters nor the first term can reproduce: the model is then the sum of two smooth functions, each
+of which is needed: the first is tested again beside the second (a forward and backward selection of
+groups of functions). Its rivals are surfaces of two signals at one place, such as the product of a
+drive and its rate. A surface replaces a sum that it contains only where it is better by the
+criterion, and any other sum where its held-out error is less.
 
 **The band.** Let C be the covariance of the weights in the joint fit under coloured noise, plus
 that of the bias of the penalty: under the prior that the penalty represents, the weights have a
@@ -42,17 +47,18 @@ from scipy.optimize import minimize_scalar
 from sklearn.base import clone
 
 from ..compose import Feedback
-from ..operators import FEEDBACK_ARGUMENTS, has_velocity
-from ..optimize import coloured_covariance, predicted_cost
+from ..operators import has_velocity
+from ..optimize import coloured_covariance, damped_step, predicted_cost
 from ..static import ARGUMENTS, UnknownTerm, UnknownTermOperator, smooth
 from ._candidates import Candidate, completed, held_out
 from ._changes import moves
 from ._constants import RUNG, SETTLING, USUAL, WORSE
-from ._edits import Bias, Drive, Enrich, InsertAt
+from ._edits import AddForce, BehindMemory, Bias, Drive, Enrich, InsertAt
 from ._jobs import side_by_side
 from ._pictures import Picture
 from ._shortened import are_long
 from ._starts import Scene
+from ._traits import elastic_and_memory
 
 NAME, SECOND = "unknown_term", "second_unknown_term"
 _HALF_GAPS = (0.03, 0.1, 0.3)  # of plays, relative to the range of their input
@@ -63,6 +69,8 @@ _DRAWS = 2000  # of the simultaneous band: its quantile is then known to about 1
 _LEVEL = 0.95
 _SEEN = (0.005, 0.995)  # quantiles of the argument between which the curve is shown
 LAW_COLUMNS = ["law", "formula", "c", "c_std", "s", "error", "p_value"]
+_ENDS = ("drive", "response")  # places that are no stage's
+_PARAMETERS = ("gain", "stiffness", "damping")
 _SCALES = np.geomspace(0.03, 1.0, 12)  # of laws, relative to the largest argument
 
 # name -> formula, function of the argument over its scale, and whether it has a scale
@@ -105,7 +113,8 @@ class Site:
     Attributes
     ----------
     place, argument, second : str
-        Description in words; ``second`` is "" if there is one argument.
+        Description in words; ``second`` is "" if there is one argument. The place of a parameter
+        is that where it stands, such as the drive of a gain.
     model : UnknownTerm
     make : callable
         Returns the edit that inserts the model with an operator. Its ``part(tree)`` is the operator
@@ -121,13 +130,23 @@ class Site:
     make: Any
     records: list = field(repr=False)
     second: str = ""
+    parameter: str = ""  # "gain", "stiffness" or "damping" if it is the function of the argument
+    scales: str = ""  # the signal that it multiplies
 
     def __str__(self):
-        return f"{self.place}: a function of the {_both(self.argument, self.second)}"
+        return f"{self.where}: a function of the {_both(self.argument, self.second)}"
+
+    @property
+    def where(self):
+        """The place in words, with that of a parameter."""
+        if not self.parameter:
+            return self.place
+        place = self.place.removeprefix("motion ")
+        return f"{self.parameter} {f'of the {place}' if place in _ENDS else place}"
 
     def signals(self):
-        """Return place and argument of each term of one argument that it contains."""
-        return [(self.place, own) for own in (self.argument, self.second) if own]
+        """Return place and argument of each function of one signal that it is made of."""
+        return [(self.place, own) for own in (self.argument, self.second, self.scales) if own]
 
     def put(self, tree, operator, model=None):
         """Return a tree with an operator of the term, of the site's model or another."""
@@ -135,7 +154,11 @@ class Site:
         return tree.edited(self.make.name, edit)
 
     def seen(self, term):
-        """Return the values of a term's arguments, (n_samples, n_arguments)."""
+        """Return the values of a term's free arguments, (n_samples, n_free)."""
+        return self.all_seen(term)[:, term.free]
+
+    def all_seen(self, term):
+        """Return the values of all arguments of a term, (n_samples, n_arguments)."""
         seen = np.concatenate([term.arguments(r.u, r.dt)[0] for r in self.records])
         return seen.reshape(-1, len(term.names))
 
@@ -157,7 +180,9 @@ class Unknown:
     place : str
         Where its output is added: ``"drive"``, ``"behind <stage>"`` or ``"response"``; or ``"motion
         of <stage>"``, where it is a force that acts against that of the drive in the equation of
-        motion.
+        motion. Of a parameter that depends on a signal ``"gain of the drive"``, ``"gain behind
+        <stage>"``, ``"gain of the response"``, ``"stiffness of <stage>"`` or ``"damping of
+        <stage>"``.
     argument : str
         What it is a function of, such as ``"rate of the drive"``; for a force ``"displacement"`` or
         ``"velocity"``, from rest, in the direction of the drive.
@@ -165,7 +190,8 @@ class Unknown:
         The function over the observed range of its argument: ``argument`` (in its own units, those
         of the stage's output for a displacement, rates per s), ``value``, ``low`` and ``high``, the
         simultaneous 95 % band, all in the units of the place (for a force, those of the stage's
-        input), and ``density``, the fraction of samples nearby. Components that the model's
+        input; for a change of a gain or a stiffness, relative to that of the model, for one of a
+        damping, s), and ``density``, the fraction of samples nearby. Components that the model's
         parameters can reproduce are left to them, such as the linear part in the drive to a gain,
         or in the velocity to a damping ratio. A surface has a column ``second``, too, and rows near
         samples only.
@@ -244,7 +270,9 @@ class Unknown:
         """Line of code that registers the simplest law as an effect for later searches, or ""."""
         if not len(self.laws):
             return ""
-        first, place = self.laws.iloc[0], self.place.split(" of ")[0]
+        first, place = self.laws.iloc[0], self.place
+        if not place.startswith("gain"):
+            place = place.split(" of ")[0]  # of any stage
         arguments = [own for own in (self.argument, self.second_argument) if own]
         name = "_".join([*first["law"].lower().split(), "of", *" and ".join(arguments).split()])
         variant = f"LawAt({', '.join(map(repr, (first['law'], place, *arguments)))})"
@@ -255,6 +283,8 @@ class Unknown:
 
     @property
     def _added(self):
+        if self.place.split()[0] in _PARAMETERS:
+            return f"change of the {self.place}"
         if self.place.startswith("motion"):
             return f"force in the equation of {self.place}"
         return f"term added {'' if self.place.startswith('behind') else 'to the '}{self.place}"
@@ -310,7 +340,7 @@ class Unknown:
         curves = ("curve", v, f, "line"), ("95 % band", v, low, "dashed"), band
         share = ("", v, 100.0 * density, "line")
         below = Picture("", self.argument, "samples (%)", (share,))
-        added = "force" if self.place.startswith("motion") else self._added.removeprefix("term ")
+        added = self._added.removeprefix("term ").split(" in the equation")[0]
         return Picture("Unexplained", self.argument, added, curves, below=below)
 
     def to_dict(self):
@@ -364,7 +394,7 @@ def find_unknown(base, data, criterion, n_tried, n_jobs, judgement):
     terms = [] if first is None else [first]
     if terms:
         second, _ = _sought(first.candidate, *how, n_tried, n_jobs)
-        terms += [] if second is None else [second]
+        terms = terms if second is None else _needed(first, second, data, criterion, n_tried)
     if surface is None or not terms:
         return terms if surface is None else [surface]
     rivals, last = [terms, [surface]], terms[-1].candidate
@@ -378,6 +408,21 @@ def find_unknown(base, data, criterion, n_tried, n_jobs, judgement):
         return best
     same = ", and ".join(str(term.site) for term in other), other[-1].candidate
     return [replace(best[0], same=[*best[0].same, same]), *best[1:]]
+
+
+def _needed(first, second, data, criterion, n_tried):
+    """Return those of two terms that are needed: the first may have stood for the second."""
+    records, _, folds = data
+    alone = second.candidate.structure.without(NAME)
+    alone = completed(_candidate(alone, records), records, _budget(records))
+    alone = held_out(alone, records, folds)
+    base = first.base
+    if criterion.is_better(alone, second.candidate, 1):
+        return [first, second]
+    if not criterion.is_better(base, alone, n_tried):
+        return [first]
+    p_value = criterion.p_value(base, alone, n_tried)
+    return [replace(second, candidate=alone, base=base, p_value=p_value, same=[])]
 
 
 @dataclass(frozen=True)
@@ -439,8 +484,10 @@ def _sites(scene, n_arguments=1):
     """Yield all places and arguments of a model."""
     yield from _motions(scene, n_arguments)
     own = [(name,) for name in ARGUMENTS]
-    if n_arguments == 2:  # the signal itself with one of the features computed from it
-        own = [(*own[0], *other) for other in own[1:]]
+    pairs = [
+        (*own[0], *other) for other in own[1:]
+    ]  # the signal itself with one of the features computed from it
+    own = pairs if n_arguments == 2 else own
     tree, records, name = scene.tree, scene.records, _name(scene.tree)
     term = tree.label(NAME) if NAME in tree.effects else None
     last = len(tree.stages)
@@ -456,6 +503,13 @@ def _sites(scene, n_arguments=1):
             model = UnknownTerm(names[0], second=names[1] if names[1:] else None, passes=True)
             first, second = _in_words(names, signal)
             yield Site(place, first, model, make, seen, second)
+        for names in pairs if n_arguments == 1 else []:
+            model = UnknownTerm(*names[:1], second=names[1], passes=True, linear_in="argument")
+            scaled, argument = _in_words(names, signal)
+            own_words = {"parameter": "gain", "scales": scaled}
+            yield Site(place, argument, model, make, seen, **own_words)
+    if n_arguments == 1:
+        yield from _inner(scene, own, term)
     further = records[0].auxiliary
     for column in range(1 + (0 if further is None else further.shape[1])):
         seen = records
@@ -471,9 +525,51 @@ def _sites(scene, n_arguments=1):
             yield Site(place, first, model, make, seen, second)
 
 
+def _inner(scene, own, term):
+    """Yield the sites of functions of a stage's input or memory, added to its output."""
+    tree, name = scene.tree, _name(scene.tree)
+    for at, (place, operator) in enumerate(tree.stages):
+        if place == term or (not at and tree.multi_input):
+            continue
+        before = tree.names[at - 1] if at else None
+        is_last = all(name == term for name in tree.names[at + 1 :])
+        where, seen = "response" if is_last else f"behind {place}", scene.records_at(at)
+        signal = f"output of {before}" if at else "drive"
+        parallel = _Within(AddForce, place, name)
+        # a function of the drive at the response is one of a column
+        for names in own if at or not is_last else []:
+            yield Site(where, _in_words(names, signal)[0], UnknownTerm(*names), parallel, seen)
+        both = elastic_and_memory(operator)
+        if both is None or not both[0]:
+            continue
+        seen = [replace(r, u=both[1].run(r.u, r.dt)[0], before=None) for r in seen]
+        make, model = _Within(BehindMemory, place, name), UnknownTerm(passes=True)
+        yield Site(where, f"memory of {place}", model, make, seen)
+
+
 def _name(tree):
     """Return the name of the next term in a tree."""
     return SECOND if NAME in tree.effects else NAME
+
+
+# of a loop: what its curve is a function of, and of how many arguments; parameters of the term; and
+# argument, second argument, parameter and the signal that it multiplies, in words
+_BOTH = {"second": "rate"}
+_FORCES = [
+    (("displacement", 1), {}, ("displacement",)),
+    (("velocity", 1), {}, ("velocity",)),
+    (
+        ("both", 1),
+        _BOTH | {"linear_in": "argument"},
+        ("velocity", "", "stiffness", "displacement"),
+    ),
+    (
+        ("both", 1),
+        _BOTH | {"linear_in": "second"},
+        ("displacement", "", "damping", "velocity"),
+    ),
+    (("both", 2), _BOTH, ("displacement", "velocity")),
+]
 
 
 def _motions(scene, n_arguments):
@@ -481,20 +577,18 @@ def _motions(scene, n_arguments):
     for at, (place, linear) in enumerate(scene.tree.stages):
         if not moves(linear):
             continue
-        first, *others = FEEDBACK_ARGUMENTS if has_velocity(linear) else FEEDBACK_ARGUMENTS[:1]
-        for argument in [first, *others[:1]] if n_arguments == 1 else others[1:]:
-            both = argument == "both"
-            words = ("displacement", "velocity") if both else (argument, "")
-            own = {"second": "rate"} if both else {}
+        for (argument, n), own, words in _FORCES if has_velocity(linear) else _FORCES[:1]:
+            if n != n_arguments:
+                continue
             model = UnknownTerm(passes=argument != "velocity", **own)
             loop = Feedback(scene.tree.models[at], model, argument=argument)
-            n = 4 ** (1 + both)
-            own |= {"passed": float(model.passes)}
-            nothing = UnknownTermOperator(np.zeros(1), np.zeros((n, 1)), 0.0, 1.0, **own)
+            own = own | {"passed": float(model.passes)}
+            n_splines = 4 ** (1 + ("second" in own))
+            nothing = UnknownTermOperator(np.zeros(1), np.zeros((n_splines, 1)), 0.0, 1.0, **own)
             around = loop.divided(linear, nothing, scene.records_at(at))
             motion = _Motion(place, loop, around, _name(scene.tree))
             driven = motion.driven(motion.around, scene.records_at(at))
-            yield Site(f"motion of {place}", words[0], model, motion, driven, words[1])
+            yield Site(f"motion of {place}", words[0], model, motion, driven, *words[1:])
 
 
 def _in_words(names, signal):
@@ -539,6 +633,29 @@ class _Joint(_Part):
 
     def __call__(self, model, operator):
         return InsertAt(self.behind, model, operator)
+
+
+@dataclass(frozen=True)
+class _Within(_Part):
+    """Makes the edit of one stage, which then contains the term."""
+
+    edit: type
+    place: str
+    name: str
+
+    def __call__(self, model, operator):
+        return self.edit(self.place, model, operator)
+
+    def part(self, tree):
+        label, inside = tree.label(self.name), [tree.operators[tree.names.index(self.place)]]
+        while inside:
+            operator = inside.pop()
+            if hasattr(operator, "members"):
+                inside += [part for name, part in operator.members() if name != label]
+                found = [part for name, part in operator.members() if name == label]
+                if found:
+                    return found[0]
+        raise KeyError(label)
 
 
 @dataclass(frozen=True)
@@ -597,7 +714,7 @@ class _Motion:
         gram[:, -1] -= gram[:, own] @ flexible.weights
         gram[-1] -= flexible.weights @ gram[own]
         term = smooth(flexible, gram, own, problem.segment_weight.sum(), independent)
-        return site, closed(at_value(term, np.histogramdd(site.seen(term), n)[0]))
+        return site, closed(at_value(term, np.histogramdd(site.all_seen(term), n)[0]))
 
 
 @dataclass(frozen=True)
@@ -638,11 +755,66 @@ def _started(site, tree, records):
     """Return the candidates of a site at their starting values, with all weights zero."""
     found = []
     for model in _models(site):
-        flexible = model.flexible(site.records)
-        operator = _smoothed(site, model, flexible, tree, records)
+        splines = _Splines.of(site, model, model.flexible(site.records), tree, records)
+        operator = splines.smoothed()
         if operator.weights.size:
-            found.append(_candidate(site.put(tree, operator, model), records))
+            found.append(splines.candidate(operator))
     return found
+
+
+@dataclass(frozen=True)
+class _Splines:
+    """A tree with all functions of a term at zero, of which others are linear combinations.
+
+    One evaluation gives the Gram matrix of every such combination (partial residuals), and so the
+    cost that each is predicted to reach.
+    """
+
+    site: Site
+    model: Any
+    operator: Any
+    tree: Any
+    records: list
+    gram: np.ndarray
+    own: np.ndarray
+    n_samples: float
+
+    @classmethod
+    def of(cls, site, model, operator, tree, records):
+        """Return them for an operator with all functions."""
+        problem = site.put(tree, operator, model).problem(records)
+        gram = problem.total(problem.evaluate(problem.x0))
+        own = np.array(site.weights(problem.names, tree))
+        known = gram, own, problem.segment_weight.sum()
+        return cls(site, model, operator, tree, records, *known)
+
+    def smoothed(self, independent=1.0):
+        """Return the operator restricted to functions that the tree's parameters cannot do."""
+        return smooth(self.operator, self.gram, self.own, self.n_samples, independent)
+
+    def candidate(self, operator, combined=None):
+        """Return the candidate of an operator with combinations of the functions, at zero."""
+        if combined is None:
+            combined = np.linalg.lstsq(self.operator.basis, operator.basis, rcond=None)[0]
+        tree = self.site.put(self.tree, operator, self.model)
+        problem = tree.problem(self.records)
+        cost, size = self.cost(problem, combined), len(problem.x0) + tree.n_further_estimates()
+        return Candidate(tree.effects[-1:], tree, np.inf, cost, size, problem.x0)
+
+    def cost(self, problem, combined):
+        """Return the predicted cost of such a candidate's problem."""
+        own, n = np.array(self.site.weights(problem.names, self.tree)), len(self.gram)
+        every = np.zeros((n, len(problem.x0) + 1))
+        every[np.ix_(self.own, own)] = combined
+        rest = (
+            np.setdiff1d(np.arange(size), at)
+            for size, at in zip(every.shape, (self.own, own), strict=True)
+        )
+        every[tuple(rest)] = 1.0
+        gram = every.T @ self.gram @ every
+        gram[own, own] += self.n_samples * problem.penalty[own]
+        _, reduction = damped_step(problem, problem.x0, gram)
+        return max(gram[-1, -1] - reduction, 0.0)
 
 
 def _with_gap(candidate, site, tree, records):
@@ -666,15 +838,6 @@ def _with_gap(candidate, site, tree, records):
 def _minimized(cost, bounds):
     options = {"xatol": 0.01, "maxiter": _TRIALS}
     return minimize_scalar(cost, bounds=bounds, method="bounded", options=options).x
-
-
-def _smoothed(site, model, flexible, tree, records, independent=1.0):
-    """Return an operator restricted to functions that a tree's parameters cannot reproduce."""
-    full = site.put(tree, flexible, model)
-    problem = full.problem(records)
-    gram = problem.total(problem.evaluate(problem.x0))
-    own = np.array(site.weights(problem.names, tree))
-    return smooth(flexible, gram, own, problem.segment_weight.sum(), independent)
 
 
 def _candidate(tree, records):
@@ -706,7 +869,7 @@ def _settled(candidate, site, base, records, folds):
             if _follows_play(model):
                 model.set_params(half_gap=before.half_gap)
             own = model.flexible(site.records)
-            own = _smoothed(site, model, own, base, records, independent)
+            own = _Splines.of(site, model, own, base, records).smoothed(independent)
             tree = site.put(base, own, model)
         after = site.make.part(tree)
         if not after.weights.size:
@@ -746,15 +909,25 @@ def _errors(site, tree, records):
     return (covariance + bias / independent)[np.ix_(own, own)], independent
 
 
-def _of_law(term, law, scales):
-    """Return an operator with a law as its single function, at zero weight."""
-    n = _FINE[len(term.names)]
-    knots = [low + (np.arange(n + 3) - 1.0) * (high - low) / n for low, high in term.ranges]
+def _table(term, law, scales):
+    """Return the coefficients of a law's splines of the free arguments, and the largest of them."""
     # the value at a knot is the coefficient of a spline close to the function
+    knots = [term.knots()[i] for i in term.free]
     relative = [own / scale for own, scale in zip(knots, scales, strict=True)]
-    basis = law(*np.meshgrid(*relative, indexing="ij")).reshape(-1, 1)
-    size = np.abs(basis).max() or 1.0  # a dead band may be wider than the whole range
-    return replace(term, weights=np.zeros(1), basis=basis / size, penalty=0.0), size
+    table = law(*np.meshgrid(*relative, indexing="ij")).reshape(-1, 1)
+    size = np.abs(table).max() or 1.0  # a dead band may be wider than the whole range
+    return table / size, size
+
+
+def _fine(term):
+    """Return an operator with splines that are fine enough for the corners of a law."""
+    n = (_FINE[len(term.names)] + 3) ** len(term.names)
+    return replace(term, weights=np.zeros(1), basis=np.zeros((n, 1)), penalty=0.0)
+
+
+def _with(term, table):
+    """Return an operator with other functions, at zero weights."""
+    return replace(term, weights=np.zeros(table.shape[1]), basis=term.spread(table))
 
 
 @dataclass(frozen=True)
@@ -769,7 +942,8 @@ class LawAt:
         ``"Stribeck"``, ``"exponential"`` or ``"notch"``; of two arguments two of the first six,
         such as ``"proportional times sign"``.
     place, argument : str
-        As :class:`Unknown` has them; the place of a force is ``"motion"``, of any stage.
+        As :class:`Unknown` has them; the place of a force is ``"motion"``, of any stage, as
+        ``"stiffness"``, ``"damping"`` and ``"gain"`` are of any.
     second_argument : str, default=""
         As :class:`Unknown` has it.
 
@@ -817,16 +991,17 @@ class LawAt:
         _, law, scaled = _laws_of(self.second_argument)[self.law]
         found = []
         for site in _sites(scene, 1 + bool(self.second_argument)):
-            places = {site.place, site.place.split(" of ")[0]}
+            places = {site.where, site.where.split(" of ")[0]}
             own = site.argument, site.second
             if self.place not in places or own != (self.argument, self.second_argument):
                 continue
             for model in _models(site):
-                term = model.flexible(site.records)
+                term = _fine(model.flexible(site.records))
                 largest = _largest(site, term)
                 for part in _SCALES if scaled and np.all(largest) else [1.0]:
-                    operator, _ = _of_law(term, law, part * np.where(largest, largest, 1.0))
-                    found.append(scene.tree.edited(name, site.make(model, operator)))
+                    table, _ = _table(term, law, part * np.where(largest, largest, 1.0))
+                    edit = site.make(model, _with(term, table))
+                    found.append(scene.tree.edited(name, edit))
         return found
 
 
@@ -835,35 +1010,33 @@ def _laws_of(second):
 
 
 def _largest(site, term):
-    """Return the largest size of each argument, (n_arguments,)."""
+    """Return the largest size of each free argument, (n_free,)."""
     return np.abs(site.seen(term)).max(axis=0)
 
 
 def laws_of(term, data, criterion):
     """Return laws that the function is not better than, as rows of ``Unknown.laws``."""
     (records, slices, folds), site, chosen, base = data, term.site, term.candidate, term.base
-    term, tree, rows = site.make.part(chosen.structure), base.structure, []
+    term, tree, rows = _fine(site.make.part(chosen.structure)), base.structure, []
     largest = _largest(site, term)
     if not np.all(largest > 0.0):
         return []
-
-    def started(law, scale):
-        operator, _ = _of_law(term, law, scale * largest)
-        return _candidate(site.put(tree, operator), records)
+    laws = _laws_of(site.second)
+    if site.second:  # no law has a scale: together they are all functions that are wanted
+        every = np.hstack([_table(term, law, largest)[0] for _, law, _ in laws.values()])
+    else:
+        every = np.eye(_FINE[len(term.names)] + 3)
+    splines = _Splines.of(site, site.model, _with(term, every), tree, records)
 
     most = (1.0 - criterion.min_improvement) ** 2 * base.cost
     budget = _budget(records)
-    for name, (formula, law, scaled) in _laws_of(site.second).items():
+    for number, (name, (formula, law, scaled)) in enumerate(laws.items()):
         scale = 1.0
         if scaled:
-            costs = [started(law, s).predicted_cost for s in _SCALES]
-            i = int(np.argmin(costs))
-            ends = np.log(_SCALES[[max(i - 1, 0), min(i + 1, len(_SCALES) - 1)]])
-            scale = _minimized(
-                lambda s, law=law: started(law, np.exp(s)).predicted_cost, bounds=ends
-            )
-            scale = float(np.exp(scale))
-        start = started(law, scale)
+            scale = _best_scale(splines, term, law, largest)
+        table, size = _table(term, law, scale * largest)
+        combined = np.eye(len(laws))[:, [number]] if site.second else table
+        start = splines.candidate(_with(term, table), combined)
         if start.predicted_cost >= most:
             continue
         c = completed(start, records, budget)
@@ -875,7 +1048,7 @@ def laws_of(term, data, criterion):
             continue
         own = site.make.unit(c.structure)
         unit = 1.0 if scaled else float(law(*(1.0 / (own * largest))))
-        unit /= _of_law(term, law, scale * largest)[1]
+        unit /= size
         _, result = c.structure.fitted(records, slices)
         names = list(result.params)
         weight = names[site.weights(names, tree)[0]]
@@ -893,10 +1066,23 @@ def laws_of(term, data, criterion):
     return sorted(rows, key=lambda row: (np.isfinite(row["s"]), row["error"]))
 
 
+def _best_scale(splines, term, law, largest):
+    """Return the scale of a law, relative to the largest argument, of least predicted cost."""
+    operator = _with(term, np.zeros((len(splines.own), 1)))
+    problem = splines.site.put(splines.tree, operator, splines.model).problem(splines.records)
+
+    def cost(scale):
+        return splines.cost(problem, _table(term, law, scale * largest)[0])
+
+    i = int(np.argmin([cost(scale) for scale in _SCALES]))
+    ends = np.log(_SCALES[[max(i - 1, 0), min(i + 1, len(_SCALES) - 1)]])
+    return float(np.exp(_minimized(lambda log_scale: cost(np.exp(log_scale)), bounds=ends)))
+
+
 def curve_of(site, tree, records, rng):
     """Return the curve of the term with its simultaneous band, see :class:`Unknown`."""
     term = site.make.part(tree)
-    seen, n = site.seen(term), _GRID[len(term.names)]
+    seen, n = site.seen(term), _GRID[len(term.free)]
     sides = [np.linspace(*ends, n) for ends in np.quantile(seen, _SEEN, axis=0).T]
     edges = [np.append(v, 2.0 * v[-1] - v[-2]) - 0.5 * (v[1] - v[0]) for v in sides]
     density = np.histogramdd(seen, edges)[0].ravel() / len(seen)
@@ -904,7 +1090,7 @@ def curve_of(site, tree, records, rng):
     if site.second:  # where samples are, or next to them
         near = maximum_filter(density.reshape(n, n), 3).ravel() > 0.0
         v, density = v[near], density[near]
-    functions = term.functions(v)
+    functions = _per_unit(term, v)
     covariance, _ = _errors(site, tree, records)
     size = np.sqrt(np.einsum("ij,jk,ik->i", functions, covariance, functions))
     mean, spread = np.zeros(len(covariance)), np.where(size > 0.0, size, 1.0)
@@ -915,3 +1101,15 @@ def curve_of(site, tree, records, rng):
     own = {"argument": unit * v[:, 0]} | ({"second": unit * v[:, 1]} if site.second else {})
     own |= {"value": value, "low": value - half, "high": value + half, "density": density}
     return pd.DataFrame(own)
+
+
+def _per_unit(term, v):
+    """Return the functions at values of the free arguments, for one unit of the other one."""
+    if term.linear_in is None:
+        return term.functions(v)
+    (free,) = term.free
+    low, high = term.ranges[1 - free]
+    largest = high if high > -low else low
+    at = np.full((len(v), 2), largest)
+    at[:, free] = v[:, 0]
+    return term.functions(at) / largest

@@ -22,7 +22,7 @@ curve evenly and give, for a position, the first cell that may hold it.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from numbers import Real
@@ -566,6 +566,10 @@ class BoucWenOperator(Operator):
 
     def __reduce__(self):  # without the cached tables
         return by_fields(self)
+
+    def elastic_and_memory(self):
+        """Return the gain of the elastic part, and the operator of the hysteretic part alone."""
+        return self.gain, replace(self, gain=0.0)
 
     @classmethod
     def from_coefficients(cls, alpha, beta, gamma, exponent=1.0, *, gain=0.0, intercept=0.0):

@@ -51,6 +51,7 @@ from ._start_values import best_from_own_starts as best_from_own_starts
 from ._start_values import estimate_start_values as estimate_start_values
 from ._start_values import identify_from_own_starts as identify_from_own_starts
 from ._variable_projection import Method, VariableProjection
+from ._variable_projection import damped_step as damped_step
 from ._variable_projection import solve_linear as solve_linear
 from ._variable_projection import variable_projection as variable_projection
 from ._vector_fitting import RationalBlock as RationalBlock

@@ -10,6 +10,10 @@ is a surface,
 .. math:: f(a, b) = \sum_{kl} c_{kl} B_k(a) B_l(b), \qquad
    \lambda \sum (\Delta_k^2 c_{kl})^2 + \lambda \rho \sum (\Delta_l^2 c_{kl})^2 .
 
+A coefficient that depends on a signal, :math:`f(a, b) = a\,g(b)` (Hastie and Tibshirani [4]_), is a
+surface that is a straight line through zero in the other one, such as a gain, a stiffness or a
+damping: :math:`c_{kl} = a_k g_l`, with :math:`a_k` at the knots, which a straight line needs.
+
 **Smoothness.** Let :math:`G` be the Gram matrix of the derivatives of the response by the spline
 coefficients, after everything that the other parameters of the model can reproduce has been
 projected out (partial regression, Frisch and Waugh [2]_), and :math:`S` the matrix of the penalty.
@@ -34,6 +38,7 @@ References
 .. [2] Frisch and Waugh, *Econometrica*, 1933.
 .. [3] Demmler and Reinsch, *Numerische Mathematik*, 1975; Wood, *Journal of the Royal Statistical
    Society B*, 2011, of the restricted maximum likelihood.
+.. [4] Hastie and Tibshirani, *Journal of the Royal Statistical Society B*, 1993.
 """
 
 import math
@@ -56,6 +61,8 @@ _LEAST = 0.01  # smallest factor 1 / (1 + penalty) of a function that is kept
 _PLAY = 0.1  # half gap of a play, relative to the range of its input
 _MEMORY = 3  # state values of an argument, see `follow`
 _INTERVALS = {1: 40, 2: 7}  # by number of arguments: 43 B-splines, or 100
+_COEFFICIENT = 20  # of a coefficient: 23 functions, but a table of 529 numbers
+_LINEAR_IN = ("argument", "second")
 
 
 @jit
@@ -242,6 +249,8 @@ class UnknownTermOperator(Operator):
     fade : float, default=inf
         Distance from the range over which the function fades to 1/e, as a part of the range of the
         argument; above 0. Fixed structure.
+    linear_in : {"argument", "second"} or None, default=None
+        The argument in which each function is a straight line through zero. Fixed structure.
 
     Raises
     ------
@@ -276,6 +285,7 @@ class UnknownTermOperator(Operator):
     second_low: float = 0.0
     second_high: float = 1.0
     fade: float = math.inf
+    linear_in: str | None = None
 
     stage_order = 40
 
@@ -290,6 +300,9 @@ class UnknownTermOperator(Operator):
             low, high = getattr(self, f"{prefix}low"), getattr(self, f"{prefix}high")
             wanted = f"be finite, and above '{prefix}low'"
             self._require(f"{prefix}high", low < high < np.inf, wanted)
+        is_straight = self.linear_in in (None, *_LINEAR_IN[: 2 * len(self.names) - 2])
+        wanted = "be None, or of two arguments " + " or ".join(map(repr, _LINEAR_IN))
+        self._require("linear_in", is_straight, wanted)
         self._require("half_gap", self.half_gap >= 0.0, "not be negative")
         self._require("fade", self.fade > 0.0, "be above 0")
         is_table = self.n_intervals > 0
@@ -300,6 +313,12 @@ class UnknownTermOperator(Operator):
     def names(self):
         """The arguments."""
         return (self.argument,) if self.second is None else (self.argument, self.second)
+
+    @property
+    def free(self):
+        """Numbers of the arguments in which the functions are no straight lines."""
+        numbers = range(len(self.names))
+        return [i for i in numbers if _LINEAR_IN[i] != self.linear_in]
 
     @property
     def n_intervals(self):
@@ -356,6 +375,37 @@ class UnknownTermOperator(Operator):
     def widths(self):
         """Distances of the knots of each argument, (n_arguments,)."""
         return np.diff(self.ranges)[:, 0] / self.n_intervals
+
+    def knots(self):
+        """Return the knots in the middle of the splines of each argument.
+
+        Splines with a straight line's values at these knots as coefficients are this line.
+
+        Returns
+        -------
+        list of ndarray of shape (n_intervals + 3,)
+        """
+        places = np.arange(self.n_intervals + 3) - 1.0
+        return [
+            low + places * width for low, width in zip(self.ranges[:, 0], self.widths, strict=True)
+        ]
+
+    def spread(self, basis):
+        """Return coefficients of the splines, of functions of the free arguments.
+
+        Parameters
+        ----------
+        basis : ndarray of shape (n_coefficients, n_functions)
+            Coefficients of the splines of the free arguments.
+
+        Returns
+        -------
+        ndarray of shape (n_splines, n_functions)
+        """
+        if self.linear_in is None:
+            return basis
+        line = self.knots()[_LINEAR_IN.index(self.linear_in)][:, None]
+        return np.kron(line, basis) if self.free == [1] else np.kron(basis, line)
 
     @property
     def _fading(self):
@@ -536,7 +586,8 @@ class UnknownTerm(ParametricModel):
     r"""A term whose law is not known: a smooth function of one or two signals of its input.
 
     .. math:: y = p\,u + \sum_k c_k B_k(a) \qquad \text{or} \qquad
-       y = p\,u + \sum_{kl} c_{kl} B_k(a) B_l(b)
+       y = p\,u + \sum_{kl} c_{kl} B_k(a) B_l(b) \qquad \text{or} \qquad
+       y = p\,u + a \sum_l c_l B_l(b)
 
     with cubic B-splines of the arguments :math:`a` and :math:`b`, whose smoothness is found by
     restricted maximum likelihood, and p = 1 where the input passes. Beyond the range that it has
@@ -555,10 +606,14 @@ class UnknownTerm(ParametricModel):
         Whether the input itself is added, as at a joint of a series.
     n_intervals : int or None, default=None
         Intervals of the knots of each argument, evenly spaced. The smoothness hardly depends on
-        their number, where it is large enough. None: 40, or 7 of two arguments.
+        their number, where it is large enough. None: 40, or 7 of two arguments, 20 with
+        ``linear_in``.
     fade : float or None, default=None
         Distance over which the function fades to 1/e beyond the range of the fit, as a fraction
         of that range. None: it is held constant.
+    linear_in : {"argument", "second"} or None, default=None
+        Of two arguments, the one that a coefficient multiplies, which is a function of the other
+        one: a gain that depends on the rate with ``second="rate", linear_in="argument"``.
 
     Attributes
     ----------
@@ -594,6 +649,7 @@ class UnknownTerm(ParametricModel):
         "second": [StrOptions(set(ARGUMENTS[1:])), None],
         "n_intervals": [Interval(Integral, 1, None, closed="left"), None],
         "fade": [Interval(Real, 0, None, closed="neither"), None],
+        "linear_in": [StrOptions(set(_LINEAR_IN)), None],
     }
 
     operator_class = UnknownTermOperator
@@ -607,6 +663,7 @@ class UnknownTerm(ParametricModel):
         passes=False,
         n_intervals=None,
         fade=None,
+        linear_in=None,
         initial_state="rest",
         dt=None,
         drive=None,
@@ -619,6 +676,7 @@ class UnknownTerm(ParametricModel):
         self.passes = passes
         self.n_intervals = n_intervals
         self.fade = fade
+        self.linear_in = linear_in
 
     def flexible(self, records):
         """Return the operator with all B-splines, at zero, over the range of its argument.
@@ -636,12 +694,13 @@ class UnknownTerm(ParametricModel):
         if "play" in names:
             drives = np.concatenate([record.u for record in records])
             half_gap = _PLAY * np.ptp(drives) if self.half_gap is None else self.half_gap
-        n = _INTERVALS[len(names)] if self.n_intervals is None else self.n_intervals
-        n = (n + 3) ** len(names)
+        n = _INTERVALS[len(names)] if self.linear_in is None else _COEFFICIENT
+        n = (n if self.n_intervals is None else self.n_intervals) + 3
+        n = n ** len(names)
         longest = max(len(record.u) * record.dt for record in records)
         operator = UnknownTermOperator(
-            np.zeros(n),
-            np.eye(n),
+            np.zeros(1),
+            np.zeros((n, 1)),
             0.0,
             longest,
             self.argument,
@@ -650,6 +709,7 @@ class UnknownTerm(ParametricModel):
             second=self.second,
             second_high=longest,
             fade=np.inf if self.fade is None else float(self.fade),
+            linear_in=self.linear_in,
         )
         seen, ends = [operator.arguments(record.u, record.dt)[0] for record in records], []
         for name, values in zip(names, np.concatenate(seen).reshape(-1, len(names)).T, strict=True):
@@ -661,7 +721,9 @@ class UnknownTerm(ParametricModel):
             still = not high - low > np.spacing(max(abs(low), abs(high)))
             ends += [low - 0.5, low + 0.5] if still else [low, high]
         names = "low", "high", "second_low", "second_high"
-        return replace(operator, **dict(zip(names, ends, strict=False)))
+        operator = replace(operator, **dict(zip(names, ends, strict=False)))
+        basis = operator.spread(np.eye((operator.n_intervals + 3) ** len(operator.free)))
+        return replace(operator, basis=basis, weights=np.zeros(basis.shape[1]))
 
     def starting_values(self, records):
         operator, total = self.flexible(records), 0.0
@@ -711,7 +773,7 @@ def smooth(operator, gram, columns, n_samples, independent=1.0):
     power, vectors = np.linalg.eigh(splines)
     has_power = power > 1e-10 * power.max(initial=0.0)
     n_left, fits = n_samples - rest.size, []
-    for ratio in _RATIOS if operator.second else [1.0]:
+    for ratio in _RATIOS if len(operator.free) > 1 else [1.0]:
         bends = operator.bends(ratio)
         axes, unseen = vectors[:, has_power] / np.sqrt(power[has_power]), vectors[:, ~has_power]
         # where there are no samples, the functions continue as smoothly as the penalty allows

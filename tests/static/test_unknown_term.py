@@ -34,15 +34,27 @@ def test_functions_are_cubic_b_splines():
 
 
 @pytest.mark.parametrize(
-    ("argument", "second"),
-    [("input", None), ("rate", None), ("play", None), ("turn", None), ("input", "rate")],
+    ("argument", "second", "linear_in"),
+    [
+        ("input", None, None),
+        ("rate", None, None),
+        ("play", None, None),
+        ("turn", None, None),
+        ("input", "rate", None),
+        ("input", "play", "argument"),
+        ("input", "rate", "second"),
+    ],
 )
-def test_finds_the_function(argument, second):
-    model = UnknownTerm(argument, second=second, half_gap=0.3, dt=0.01)
+def test_finds_the_function(argument, second, linear_in):
+    model = UnknownTerm(argument, second=second, half_gap=0.3, linear_in=linear_in, dt=0.01)
     alone = model.flexible([_record(U, U)])
     a = alone.arguments(U, 0.01)[0].reshape(N, -1)
     a = a / np.abs(a).max(axis=0)
-    truth = np.exp(a[:, 0]) * np.sin(2.0 * a[:, -1])
+    factors = [np.exp(a[:, 0]), np.sin(2.0 * a[:, -1])]
+    if linear_in is not None:
+        at = int(linear_in == "second")
+        factors[at] = a[:, at]
+    truth = factors[0] * factors[1]
     y = truth + 0.1 * RNG.normal(size=N)
     model.fit(U[:, None], y)
     # least squares of q functions has a variance of q / n of the noise's
