@@ -82,7 +82,7 @@ def _sentences(ends=True):
         warnings.simplefilter("always", UserWarning)
         try:
             yield
-        except (ValueError, TypeError, OSError, ImportError, NotImplementedError) as error:
+        except (ValueError, OSError, ImportError, NotImplementedError) as error:
             st.session_state.pop("running", None)
             st.error(_told(error))
             if ends:
@@ -367,11 +367,7 @@ def _search(files, reading, model, options, X, y):
     st.button("Stop")
     comparison = None
     with st.status("Searching", expanded=True) as status:
-        bar = st.progress(0.0, "comparing models" if declared is None else "declared model")
-        if declared is None:
-            comparison = compare_models(X, y)
-            model, declared = comparison.taken, parse_model(comparison.taken)
-            status.write(_plain(comparison.reason))
+        bar = st.progress(0.0, "declared model")
 
         def show(progress):
             if progress.text:
@@ -380,6 +376,10 @@ def _search(files, reading, model, options, X, y):
                 about = _plain(f"{progress}; {progress.seconds:.0f} s so far")
                 bar.progress(progress.done / progress.total, about)
 
+        if declared is None:
+            comparison = compare_models(X, y, on_progress=show)
+            model, declared = comparison.taken, parse_model(comparison.taken)
+            status.write(_plain(comparison.reason))
         n_jobs = -1 if len(X) > _LONG else 1
         search = EffectSearchCV(declared, n_jobs=n_jobs, unknown=True, **options)
         with own_processes():

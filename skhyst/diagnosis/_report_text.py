@@ -83,7 +83,7 @@ def percent(value, whole):
     >>> percent(0.0231, 1.0), percent(1.0, 0.0)
     ('2.31 %', '–')
     """
-    return f"{number(100.0 * value / whole)} %" if whole else "–"
+    return f"{number(100.0 * value / whole)} %" if whole and value is not None else "–"
 
 
 def change(before, after):

@@ -620,7 +620,8 @@ def test_what_to_beware_of_comes_first(report):
 
 def test_a_model_that_explains_far_more_is_told_first(search, report):
     """Three times is far, and what was found may make up for it."""
-    names, errors = ["gain", "stage"], [report.error_before, 0.5 * report.error_after]
+    names = ["gain", "stage", "broken"]  # the fit of the last one has failed
+    errors = [report.error_before, 0.5 * report.error_after, math.nan]
     rows = {"about": "a device", "single": True, "error": errors, "n_parameters": 3}
     table = pd.DataFrame(rows, index=names)
     comparison = ModelComparisonDisplay(table, "stage", None, report.response_range)
