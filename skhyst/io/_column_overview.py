@@ -51,7 +51,9 @@ class ColumnOverview:
 
     def __str__(self):
         span = f"{self.low:g} to {self.high:g}" if self.low <= self.high else "no numbers"
-        return f"{self.role or '-':10s}{self.name!r}: {span} ({self.kind}; {self.reason})"
+        span = "dates or clock times" if self.role == "time" and span == "no numbers" else span
+        kind = "text" if self.kind == "object" else self.kind
+        return f"{self.role or '-':10s}{self.name!r}: {span} ({kind}; {self.reason})"
 
 
 def inspect_columns(path, **reading):
