@@ -43,7 +43,8 @@ from ._reference import column_of
 from ._report_text import chance, change, listed, number, percent, plus_minus, share
 
 _NO_SETTINGS = ("estimator", "effects", "n_jobs", "verbose")
-_WIDTH = 6.2  # inches, width of a picture
+_WIDTH = 4.8  # inches, width of a picture: letters of 9 points are as many pixels on a telephone
+_WIDE = 6.2  # inches, width of a picture with a line of text for each row, which is scrolled
 _MOVED = 3  # parameters that are said to move, those that move most
 _LOOPS = 24  # loops of the recording in the report, those with the most cycles
 _PICTURES = {  # height in inches, caption, and shape of axes
@@ -55,6 +56,12 @@ _LEFT = {
     "noise": "noise",
     "undetermined": "noise or structure, which this recording does not determine",
     "unexplained": "structure that no effect explains",
+}
+_EXPLAINED = {  # words for the entries of `explained`
+    "effects": "the effects found",
+    "unknown term": "the term without a name",
+    "black box": "only a black box",
+    "nothing": "nothing",
 }
 _REST = {
     "noise": "The residual is noise.",
@@ -272,10 +279,12 @@ class Report:
             lines.append(f"unexplained: {self.unknown['text']}; with {them} the error is {less}")
             lines += [f"  {self.unknown['code']}"] if self.unknown["code"] else []
         errors = [_error(self, value) for value in (self.error_before, self.error_after)]
-        parts = ", ".join(f"{name} {share(value)}" for name, value in _parts(self).items())
+        parts = ", ".join(
+            f"{_EXPLAINED[name]} {share(value)}" for name, value in _parts(self).items()
+        )
         lines += [
             f"held-out error: {' -> '.join(errors)}; noise floor {_error(self, self.noise_floor)}",
-            *([f"of the declared model's, in power: {parts}"] if parts else []),
+            *([f"explained of the declared model's error, in power: by {parts}"] if parts else []),
             f"residual: {_LEFT[self.verdict]}",
             f"noise of the residual: {self.noise_model['text']}",
             *([_unused_data(self)] if self.held_out else []),
@@ -960,6 +969,7 @@ def _displays(search, comparison=None, experiment=None):
 def _drawn(name, display):
     """Return a picture as SVG text for a page."""
     height, label, shape = _PICTURES.get(name, (3.4, name.capitalize(), (1, 1)))
+    width = _WIDE if name == "models" or name.startswith("round") else _WIDTH
     if name.startswith("round"):
         height = 0.95 + 0.24 * len(display.ranking)
     elif name == "models":
@@ -983,7 +993,7 @@ def _drawn(name, display):
         for ax in axes[0]:
             ax.set_xlabel("")
 
-    return svg_text(draw, (_WIDTH, height), label)
+    return svg_text(draw, (width, height), label)
 
 
 @cache
@@ -1037,6 +1047,7 @@ def _rendered(report, form):
             provisional=_PROVISIONAL,
             known=_known(report),
             parts=_parts(report),
+            explained_by=_EXPLAINED,
             kept=_unused_data(report) if report.held_out else "",
             is_full=_is_full(report.claims, report.settings),
             change=change,
