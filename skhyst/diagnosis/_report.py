@@ -58,7 +58,7 @@ _LEFT = {
     "unexplained": "structure that no effect explains",
 }
 _EXPLAINED = {  # words for the entries of `explained`
-    "effects": "the effects found",
+    "effects": "what was found",
     "unknown term": "the term without a name",
     "black box": "only a black box",
     "nothing": "nothing",
@@ -71,7 +71,7 @@ _REST = {
 _ALONE = {
     "noise": "No missing effect was found: the residual is noise.",
     "undetermined": "This recording does not show whether an effect is missing.",
-    "unexplained": "The residual has structure that no effect on the list explains.",
+    "unexplained": "Something is missing, but none of the effects that were tried explains it.",
 }
 _PROVISIONAL = (
     "Provisional: the residual has structure that no effect explains, so this name may stand for "
@@ -606,7 +606,12 @@ def _versions():
 
 def next_steps(claims, not_it, location, verdict, faults, settings, advice="", experiment=None):
     """Return what to measure next, a list of sentences."""
-    steps = [
+    steps = []
+    if wrong := _to_correct(faults):
+        steps.append(
+            f"Correct the faults of the recording ({wrong}), listed under Data, and search again."
+        )
+    steps += [
         f"To distinguish {claim['effect']} from {listed(claim['ambiguous_with'])}: "
         f"{claim['experiment']}"
         for claim in claims
@@ -650,17 +655,22 @@ def next_steps(claims, not_it, location, verdict, faults, settings, advice="", e
     if experiment is not None:
         steps.append(
             f"Record next, within the range and the rate of the drive so far: {experiment.reason} "
-            "On the command line skhyst next, in Python skhyst.diagnosis.next_experiment, writes "
-            "it as a file, from rest to rest, for these limits or others."
+            "As a file, for these limits or others: skhyst next on the command line, "
+            "skhyst.diagnosis.next_experiment in Python."
         )
     elif verdict != "noise" or any(claim["ambiguous_with"] for claim in claims):
         steps.append(
-            "Record next, as a file: skhyst.diagnosis.next_experiment, or skhyst next on the "
-            "command line, proposes the most informative drive within your limits."
+            "Let the search propose the most informative drive within your limits, as a file: "
+            "skhyst next on the command line, skhyst.diagnosis.next_experiment in Python."
         )
-    if any(fault["fault"] != "lost_rows" for fault in faults):
-        steps.append("Correct the faults of the recording listed under Data, and search again.")
     return steps
+
+
+def _to_correct(faults):
+    """Return the faults of a measurement that are in the data of the fit, in words, or ""."""
+    kinds = dict.fromkeys(fault["fault"].replace("_", " ") for fault in faults)
+    kinds.pop("lost rows", None)  # which are left out of the fit
+    return listed(kinds) if kinds else ""
 
 
 # ------------------------------------------------------------------------------------------ words
@@ -733,6 +743,8 @@ def _summary(report):
         else:
             yield f"Significant at alpha = {report.settings['alpha']}."
     yield _REST[report.verdict] if report.effects else _ALONE[report.verdict]
+    if wrong := _to_correct(report.data["faults"]):
+        yield f"But the recording has faults, which may be the cause: {wrong}."
     count = len(report.next_steps)
     steps = {0: "nothing more to record", 1: "one step, below"}.get(count, f"{count} steps, below")
     yield f"Next: {steps}."
@@ -794,7 +806,7 @@ def _remarks(report):
             f"{_error(report, row['error_after'])}, p = {number(row['p_value'], 2)})"
             for row in report.suspects[:2]
         )
-        yield f"Most likely missing, but not sure: {most}."
+        yield f"Would lower the error most, but is not significant: {most}."
     for place in dict.fromkeys(map(_place, report.parameters_without)):
         rows = [row for row in report.parameters_without if _place(row) == place]
         rows.sort(key=lambda row: -abs(row["value_without"] - row["value"]) / row["std_without"])
@@ -1026,6 +1038,7 @@ def _template(form):
     environment.filters |= {
         "escaped": escaped,
         "location_text": _location_text,
+        "place": _place,
         "certainty": _certainty,
         "ambiguity": _ambiguity,
     }

@@ -562,11 +562,14 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         columns, self.evidence_ = list(getattr(self, "feature_names_in_", ())), {}
         if columns and self.reference is not None:
             del columns[column_of(self)]
-        for row in history:
+        for number, row in enumerate(history, 1):
             effect = EFFECTS[row["effect"]]
             model = base.structure, result, tuple(records), tuple(columns), self.units_
             row["evidence"] = gather_evidence(
-                Claim(effect, *model), row["error_before"], row["error_after"]
+                Claim(effect, *model),
+                row["error_before"],
+                row["error_after"],
+                self.effects_[number:],
             )
             row["provisional"] = self.verdict_ == "unexplained"
             self.evidence_[effect.name] = row["evidence"]

@@ -341,14 +341,16 @@ def test_what_to_measure_next():
     assert told == "To distinguish lag from delay: Sweep."
     assert "skhyst next" in proposal
     (proposal,) = steps(experiment=Experiment(None, "", "Triangle of 2 Hz: it tells.", 1.0))
-    assert "so far: Triangle of 2 Hz: it tells. On the command line" in proposal
+    assert "so far: Triangle of 2 Hz: it tells. As a file" in proposal
     assert steps([claim | {"ambiguous_with": []}]) == []
     (step,) = steps(not_it=[miss, miss | {"change": -0.01}, miss | {"p_value": np.nan}])
     assert step.startswith("creep would reduce the error by 10 %")
     assert "Step and rest" in step
     assert "from 1.00 to 2.00 Hz" in steps(location=[place], verdict="unexplained")[0]
     assert "repeat one record" in steps(verdict="unexplained")[0]
-    assert len(steps([claim], [miss], [place], "unexplained", [{"fault": "outliers"}])) == 5
+    found = steps([claim], [miss], [place], "unexplained", [{"fault": "lost_reading"}])
+    assert len(found) == 5
+    assert found[0].startswith("Correct the faults of the recording (lost reading)")
     assert "max_effects = 3" in steps(3 * [claim], verdict="unexplained")[3]
 
 
@@ -657,6 +659,9 @@ def test_the_summary_says_what_is_missing_how_sure_and_what_next(report, nothing
     assert nothing.summary.startswith("No missing effect was found")
     lost = changed(nothing, verdict="undetermined", error_before=0.0, error_after=0.0)
     assert lost.summary.startswith("This recording does not show whether an effect is missing.")
+    faults = [{"fault": kind} for kind in ("outlier", "lost_rows", "outlier")]
+    wrong = changed(nothing, data=nothing.data | {"faults": faults})
+    assert "faults, which may be the cause: outlier. " in wrong.summary
 
 
 def test_the_noise_is_told(report):
