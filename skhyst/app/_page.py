@@ -265,12 +265,12 @@ def _choose(files, name, key, roles):
 def _little_picture(outline):
     """Return a curve as SVG: from the smallest to the largest reading of each part."""
     low, high = outline.min(), outline.max()
-    x = np.linspace(1.0, 199.0, len(outline))
-    least, most = 29.0 - 28.0 * (outline.T - low) / ((high - low) or 1.0)
+    x = np.linspace(1.0, 399.0, len(outline))
+    least, most = 59.0 - 58.0 * (outline.T - low) / ((high - low) or 1.0)
     around = zip([*x, *x[::-1]], [*least, *most[::-1]], strict=True)
     points = " ".join(f"{a:.1f},{b:.1f}" for a, b in around)
     return (
-        '<svg xmlns="http://www.w3.org/2000/svg" width="200" height="30" viewBox="0 0 200 30">'
+        '<svg xmlns="http://www.w3.org/2000/svg" width="400" height="60" viewBox="0 0 400 60">'
         f'<polygon points="{points}" fill="#2a85c4" stroke="#2a85c4" stroke-width="1"/></svg>'
     )
 
@@ -300,7 +300,7 @@ def _draw(files, reading, even):
     chart = alt.Chart(part).mark_line(strokeWidth=1).properties(height=376)
     chart = chart.encode(across.scale(zero=False), up.scale(zero=False), color, order="order")
     loop.altair_chart(chart.interactive())
-    every = ", ".join(f"{dt:g} s" for dt in sorted({s.dt for s in slices}))
+    every = ", ".join(f"{dt:g} s ({1.0 / dt:g} Hz)" for dt in sorted({s.dt for s in slices}))
     known = f"one every {every}" if unit == "s" else "sampling rate unknown: time is in samples"
     many = "1 record" if len(slices) == 1 else f"{len(slices)} records"
     st.caption(f"{len(table)} samples in {many}, {known}")
@@ -486,7 +486,7 @@ def _next(found, number):
         unit = search.units_.drive or "units of the drive"
         ends = np.min(search.drive_), np.max(search.drive_)
         low, high = (
-            place.number_input(f"{name} drive ({unit})", value=float(end), format="%g")
+            place.number_input(f"{name} drive ({unit})", value=float(f"{end:.6g}"), format="%g")
             for place, name, end in zip((low, high), ("Lowest", "Highest"), ends, strict=True)
         )
         per = search.units_.time

@@ -554,7 +554,7 @@ def test_every_view_tells_the_same(report):
     views = other.to_text(), other.to_markdown().replace("\\", ""), Page(other.to_html()).text
     assert len(other.remarks) == 4
     assert "A mode is at a bound." in other.remarks
-    assert any("not sure: lag" in remark for remark in other.remarks)
+    assert any("not significant: lag" in remark for remark in other.remarks)
     for view in views:
         assert [own for own in said if own not in view.replace("\N{NO-BREAK SPACE}", " ")] == []
     summary, resolution, missing, law = other.to_text().splitlines()[:4]
