@@ -110,7 +110,9 @@ def _recording():
     upload, sample = st.columns([2, 1])
     about = "csv, txt, lvm, xlsx, mat, npy, json, hdf5, parquet, feather, tdms, wav"
     uploaded = upload.file_uploader("Files", accept_multiple_files=True, help=about)
-    device = sample.selectbox("Or a recording to try", SAMPLES, None, placeholder="none")
+    device = sample.selectbox(
+        "Or a recording to try", SAMPLES, None, placeholder="none", disabled=bool(uploaded)
+    )
     if "folder" not in st.session_state:
         st.session_state.folder = mkdtemp()
     if uploaded:
