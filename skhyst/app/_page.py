@@ -82,7 +82,7 @@ def _sentences(ends=True):
         warnings.simplefilter("always", UserWarning)
         try:
             yield
-        except (ValueError, TypeError, OSError, ImportError, NotImplementedError) as error:
+        except (ValueError, OSError, ImportError, NotImplementedError) as error:
             st.session_state.pop("running", None)
             st.error(_told(error))
             if ends:
@@ -110,7 +110,9 @@ def _recording():
     upload, sample = st.columns([2, 1])
     about = "csv, txt, lvm, xlsx, mat, npy, json, hdf5, parquet, feather, tdms, wav"
     uploaded = upload.file_uploader("Files", accept_multiple_files=True, help=about)
-    device = sample.selectbox("Or a recording to try", SAMPLES, None, placeholder="none")
+    device = sample.selectbox(
+        "Or a recording to try", SAMPLES, None, placeholder="none", disabled=bool(uploaded)
+    )
     if "folder" not in st.session_state:
         st.session_state.folder = mkdtemp()
     if uploaded:
@@ -265,12 +267,12 @@ def _choose(files, name, key, roles):
 def _little_picture(outline):
     """Return a curve as SVG: from the smallest to the largest reading of each part."""
     low, high = outline.min(), outline.max()
-    x = np.linspace(1.0, 199.0, len(outline))
-    least, most = 29.0 - 28.0 * (outline.T - low) / ((high - low) or 1.0)
+    x = np.linspace(1.0, 399.0, len(outline))
+    least, most = 59.0 - 58.0 * (outline.T - low) / ((high - low) or 1.0)
     around = zip([*x, *x[::-1]], [*least, *most[::-1]], strict=True)
     points = " ".join(f"{a:.1f},{b:.1f}" for a, b in around)
     return (
-        '<svg xmlns="http://www.w3.org/2000/svg" width="200" height="30" viewBox="0 0 200 30">'
+        '<svg xmlns="http://www.w3.org/2000/svg" width="400" height="60" viewBox="0 0 400 60">'
         f'<polygon points="{points}" fill="#2a85c4" stroke="#2a85c4" stroke-width="1"/></svg>'
     )
 
@@ -300,7 +302,7 @@ def _draw(files, reading, even):
     chart = alt.Chart(part).mark_line(strokeWidth=1).properties(height=376)
     chart = chart.encode(across.scale(zero=False), up.scale(zero=False), color, order="order")
     loop.altair_chart(chart.interactive())
-    every = ", ".join(f"{dt:g} s" for dt in sorted({s.dt for s in slices}))
+    every = ", ".join(f"{dt:g} s ({1.0 / dt:g} Hz)" for dt in sorted({s.dt for s in slices}))
     known = f"one every {every}" if unit == "s" else "sampling rate unknown: time is in samples"
     many = "1 record" if len(slices) == 1 else f"{len(slices)} records"
     st.caption(f"{len(table)} samples in {many}, {known}")
@@ -367,11 +369,7 @@ def _search(files, reading, model, options, X, y):
     st.button("Stop")
     comparison = None
     with st.status("Searching", expanded=True) as status:
-        bar = st.progress(0.0, "comparing models" if declared is None else "declared model")
-        if declared is None:
-            comparison = compare_models(X, y)
-            model, declared = comparison.taken, parse_model(comparison.taken)
-            status.write(_plain(comparison.reason))
+        bar = st.progress(0.0, "declared model")
 
         def show(progress):
             if progress.text:
@@ -380,6 +378,10 @@ def _search(files, reading, model, options, X, y):
                 about = _plain(f"{progress}; {progress.seconds:.0f} s so far")
                 bar.progress(progress.done / progress.total, about)
 
+        if declared is None:
+            comparison = compare_models(X, y, on_progress=show)
+            model, declared = comparison.taken, parse_model(comparison.taken)
+            status.write(_plain(comparison.reason))
         n_jobs = -1 if len(X) > _LONG else 1
         search = EffectSearchCV(declared, n_jobs=n_jobs, unknown=True, **options)
         with own_processes():
@@ -486,7 +488,7 @@ def _next(found, number):
         unit = search.units_.drive or "units of the drive"
         ends = np.min(search.drive_), np.max(search.drive_)
         low, high = (
-            place.number_input(f"{name} drive ({unit})", value=float(end), format="%g")
+            place.number_input(f"{name} drive ({unit})", value=float(f"{end:.6g}"), format="%g")
             for place, name, end in zip((low, high), ("Lowest", "Highest"), ends, strict=True)
         )
         per = search.units_.time

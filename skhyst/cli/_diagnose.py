@@ -94,7 +94,7 @@ def _choose(options, X, y):
 def _compared(options, X, y):
     if options.resample is not None:
         X, y = resample_records(X, y, dt=options.resample)
-    return compare_models(X, y)
+    return compare_models(X, y, verbose=int(not options.quiet))
 
 
 def _may_have_better_model(search):

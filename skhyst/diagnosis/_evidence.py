@@ -48,8 +48,12 @@ class Evidence:
     picture: Picture = field(repr=False)
 
 
-def gather_evidence(claim, before, after):
-    """Return the evidence of a claim; before and after are held-out errors without and with it."""
+def gather_evidence(claim, before, after, later):
+    """Return the evidence of a claim.
+
+    ``before`` and ``after`` are the held-out errors without and with it, both without the effects
+    that are ``later`` in the sequence of models.
+    """
     found, words = _tried("numbers", _numbers, claim, {}), replace(claim.words, time="s")
     numbers = {
         name: (float(value), float(std), words.of(unit))
@@ -62,10 +66,14 @@ def gather_evidence(claim, before, after):
     ]
     shown = f"Identified: {listed(shown)}. " if shown else ""
     share = 100.0 * (1.0 - (after / before) ** 2) if before > 0.0 else 0.0
-    statement = (
-        f"{claim.effect.law} {shown}It removes {share:.1f} % of the power of the held-out residual "
-        "of the model without it."
+    without = f" or {listed(later)}" if later else ""
+    removes = (
+        f"It removes {share:.1f} % of the power of the held-out residual of the model without it"
+        f"{without}."
     )
+    if later and share < 0.1:
+        removes = f"It lowers the held-out error only together with {listed(later)}."
+    statement = f"{claim.effect.law} {shown}{removes}"
     picture = _tried("picture", draw, claim, Picture(claim.effect.name, "", "", ()))
     return Evidence(claim.effect.name, statement.strip(), numbers, picture)
 

@@ -43,7 +43,8 @@ from ._reference import column_of
 from ._report_text import chance, change, listed, number, percent, plus_minus, share
 
 _NO_SETTINGS = ("estimator", "effects", "n_jobs", "verbose")
-_WIDTH = 6.2  # inches, width of a picture
+_WIDTH = 4.8  # inches, width of a picture: letters of 9 points are as many pixels on a telephone
+_WIDE = 6.2  # inches, width of a picture with a line of text for each row, which is scrolled
 _MOVED = 3  # parameters that are said to move, those that move most
 _LOOPS = 24  # loops of the recording in the report, those with the most cycles
 _PICTURES = {  # height in inches, caption, and shape of axes
@@ -56,6 +57,12 @@ _LEFT = {
     "undetermined": "noise or structure, which this recording does not determine",
     "unexplained": "structure that no effect explains",
 }
+_EXPLAINED = {  # words for the entries of `explained`
+    "effects": "what was found",
+    "unknown term": "the term without a name",
+    "black box": "only a black box",
+    "nothing": "nothing",
+}
 _REST = {
     "noise": "The residual is noise.",
     "undetermined": "This recording does not show whether more is missing.",
@@ -64,7 +71,7 @@ _REST = {
 _ALONE = {
     "noise": "No missing effect was found: the residual is noise.",
     "undetermined": "This recording does not show whether an effect is missing.",
-    "unexplained": "The residual has structure that no effect on the list explains.",
+    "unexplained": "Something is missing, but none of the effects that were tried explains it.",
 }
 _PROVISIONAL = (
     "Provisional: the residual has structure that no effect explains, so this name may stand for "
@@ -272,10 +279,12 @@ class Report:
             lines.append(f"unexplained: {self.unknown['text']}; with {them} the error is {less}")
             lines += [f"  {self.unknown['code']}"] if self.unknown["code"] else []
         errors = [_error(self, value) for value in (self.error_before, self.error_after)]
-        parts = ", ".join(f"{name} {share(value)}" for name, value in _parts(self).items())
+        parts = ", ".join(
+            f"{_EXPLAINED[name]} {share(value)}" for name, value in _parts(self).items()
+        )
         lines += [
             f"held-out error: {' -> '.join(errors)}; noise floor {_error(self, self.noise_floor)}",
-            *([f"of the declared model's, in power: {parts}"] if parts else []),
+            *([f"explained of the declared model's error, in power: by {parts}"] if parts else []),
             f"residual: {_LEFT[self.verdict]}",
             f"noise of the residual: {self.noise_model['text']}",
             *([_unused_data(self)] if self.held_out else []),
@@ -597,7 +606,12 @@ def _versions():
 
 def next_steps(claims, not_it, location, verdict, faults, settings, advice="", experiment=None):
     """Return what to measure next, a list of sentences."""
-    steps = [
+    steps = []
+    if wrong := _to_correct(faults):
+        steps.append(
+            f"Correct the faults of the recording ({wrong}), listed under Data, and search again."
+        )
+    steps += [
         f"To distinguish {claim['effect']} from {listed(claim['ambiguous_with'])}: "
         f"{claim['experiment']}"
         for claim in claims
@@ -641,17 +655,22 @@ def next_steps(claims, not_it, location, verdict, faults, settings, advice="", e
     if experiment is not None:
         steps.append(
             f"Record next, within the range and the rate of the drive so far: {experiment.reason} "
-            "On the command line skhyst next, in Python skhyst.diagnosis.next_experiment, writes "
-            "it as a file, from rest to rest, for these limits or others."
+            "As a file, for these limits or others: skhyst next on the command line, "
+            "skhyst.diagnosis.next_experiment in Python."
         )
     elif verdict != "noise" or any(claim["ambiguous_with"] for claim in claims):
         steps.append(
-            "Record next, as a file: skhyst.diagnosis.next_experiment, or skhyst next on the "
-            "command line, proposes the most informative drive within your limits."
+            "Let the search propose the most informative drive within your limits, as a file: "
+            "skhyst next on the command line, skhyst.diagnosis.next_experiment in Python."
         )
-    if any(fault["fault"] != "lost_rows" for fault in faults):
-        steps.append("Correct the faults of the recording listed under Data, and search again.")
     return steps
+
+
+def _to_correct(faults):
+    """Return the faults of a measurement that are in the data of the fit, in words, or ""."""
+    kinds = dict.fromkeys(fault["fault"].replace("_", " ") for fault in faults)
+    kinds.pop("lost rows", None)  # which are left out of the fit
+    return listed(kinds) if kinds else ""
 
 
 # ------------------------------------------------------------------------------------------ words
@@ -724,6 +743,8 @@ def _summary(report):
         else:
             yield f"Significant at alpha = {report.settings['alpha']}."
     yield _REST[report.verdict] if report.effects else _ALONE[report.verdict]
+    if wrong := _to_correct(report.data["faults"]):
+        yield f"But the recording has faults, which may be the cause: {wrong}."
     count = len(report.next_steps)
     steps = {0: "nothing more to record", 1: "one step, below"}.get(count, f"{count} steps, below")
     yield f"Next: {steps}."
@@ -785,7 +806,7 @@ def _remarks(report):
             f"{_error(report, row['error_after'])}, p = {number(row['p_value'], 2)})"
             for row in report.suspects[:2]
         )
-        yield f"Most likely missing, but not sure: {most}."
+        yield f"Would lower the error most, but is not significant: {most}."
     for place in dict.fromkeys(map(_place, report.parameters_without)):
         rows = [row for row in report.parameters_without if _place(row) == place]
         rows.sort(key=lambda row: -abs(row["value_without"] - row["value"]) / row["std_without"])
@@ -960,6 +981,7 @@ def _displays(search, comparison=None, experiment=None):
 def _drawn(name, display):
     """Return a picture as SVG text for a page."""
     height, label, shape = _PICTURES.get(name, (3.4, name.capitalize(), (1, 1)))
+    width = _WIDE if name == "models" or name.startswith("round") else _WIDTH
     if name.startswith("round"):
         height = 0.95 + 0.24 * len(display.ranking)
     elif name == "models":
@@ -983,7 +1005,7 @@ def _drawn(name, display):
         for ax in axes[0]:
             ax.set_xlabel("")
 
-    return svg_text(draw, (_WIDTH, height), label)
+    return svg_text(draw, (width, height), label)
 
 
 @cache
@@ -1016,6 +1038,7 @@ def _template(form):
     environment.filters |= {
         "escaped": escaped,
         "location_text": _location_text,
+        "place": _place,
         "certainty": _certainty,
         "ambiguity": _ambiguity,
     }
@@ -1037,6 +1060,7 @@ def _rendered(report, form):
             provisional=_PROVISIONAL,
             known=_known(report),
             parts=_parts(report),
+            explained_by=_EXPLAINED,
             kept=_unused_data(report) if report.held_out else "",
             is_full=_is_full(report.claims, report.settings),
             change=change,

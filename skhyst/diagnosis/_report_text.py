@@ -27,12 +27,14 @@ def number(value, digits=3):
 
 
 def plus_minus(value, std):
-    """Write a value with its standard error, two significant digits of the error.
+    """Write a value with its standard error, two significant digits of the smaller of both.
 
     Examples
     --------
     >>> plus_minus(0.60132, 0.0041), plus_minus(1234.5, 21.0), plus_minus(2.0, float("nan"))
     ('0.6013 ± 0.0041', '1234 ± 21', '2.000')
+    >>> plus_minus(0.0842, 20.3)
+    '0.084 ± 20'
     >>> plus_minus(3.14159e-7, 2.1e-9)
     '(3.142 ± 0.021) × 10⁻⁷'
     """
@@ -43,9 +45,14 @@ def plus_minus(value, std):
     exponent = math.floor(math.log10(max(abs(value), std)))
     scale = exponent if not -4 <= exponent < 7 else 0
     value, std = value / 10.0**scale, std / 10.0**scale
-    decimals = min(max(0, 1 - math.floor(math.log10(std))), 12)
-    text = f"{_signed(f'{value:.{decimals}f}')} ± {std:.{decimals}f}"
+    smaller = min(max(abs(value), 1e-3 * std), std)
+    decimals = min(max(0, 1 - math.floor(math.log10(smaller))), 12)
+    text = f"{_signed(f'{value:.{decimals}f}')} ± {_rounded(std)}"
     return f"({text}){_powers(scale)}" if scale else text
+
+
+def _rounded(std):
+    return f"{std:.{min(max(0, 1 - math.floor(math.log10(std))), 12)}f}"
 
 
 def _signed(text):
@@ -58,9 +65,11 @@ def share(value):
 
     Examples
     --------
-    >>> share(0.9234), share(0.0341), share(2e-9)
-    ('92 %', '3.4 %', '< 0.1 %')
+    >>> share(0.9234), share(0.0341), share(2e-9), share(0.9961), share(0.99997)
+    ('92 %', '3.4 %', '< 0.1 %', '99.6 %', '> 99.9 %')
     """
+    if 0.995 <= value < 1.0:
+        return "> 99.9 %" if value > 0.999 else f"{100.0 * value:.1f} %"
     return f"{number(100.0 * value, 2)} %" if value >= 0.001 else "< 0.1 %"
 
 
@@ -83,7 +92,7 @@ def percent(value, whole):
     >>> percent(0.0231, 1.0), percent(1.0, 0.0)
     ('2.31 %', '–')
     """
-    return f"{number(100.0 * value / whole)} %" if whole else "–"
+    return f"{number(100.0 * value / whole)} %" if whole and value is not None else "–"
 
 
 def change(before, after):

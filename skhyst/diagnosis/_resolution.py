@@ -45,7 +45,7 @@ class Raised:
     def __str__(self):
         if self.after == self.before:
             return f"{self.before} {self.name}, thresholds refitted"
-        return f"{self.before} {self.name}, refined to {self.after}"
+        return f"{self.before} {self.name}, changed to {self.after}"
 
 
 def raised(candidate, records, folds):

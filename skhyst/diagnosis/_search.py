@@ -14,6 +14,7 @@ from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted
 from threadpoolctl import threadpool_limits
 
+from .._progress import watched
 from .._sklearn import HasMethods, Interval, StrOptions, fit_context
 from .._validation import refuse_no_experiment
 from ..base import behind_gaps, read_data
@@ -49,7 +50,6 @@ from ._inputs import (
 )
 from ._location import locate, parameters_without
 from ._outputs import response_columns, shared_claims
-from ._progress import watched
 from ._reference import column_of, reference_of, without_column
 from ._report import Report
 from ._tables import (
@@ -397,7 +397,10 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         self._inputs = with_others(declared.drive(), drive)
         self.seconds_ = {}
         # the loops below run in parallel; nested threads would only cost time
-        with threadpool_limits(limits=1), watched(self.verbose, on_progress) as report_progress:
+        with (
+            threadpool_limits(limits=1),
+            watched(type(self).__name__, self.verbose, on_progress) as report_progress,
+        ):
             self._search(declared, slices, effects, segments, folds, report_progress)
         return self
 
@@ -559,11 +562,14 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         columns, self.evidence_ = list(getattr(self, "feature_names_in_", ())), {}
         if columns and self.reference is not None:
             del columns[column_of(self)]
-        for row in history:
+        for number, row in enumerate(history, 1):
             effect = EFFECTS[row["effect"]]
             model = base.structure, result, tuple(records), tuple(columns), self.units_
             row["evidence"] = gather_evidence(
-                Claim(effect, *model), row["error_before"], row["error_after"]
+                Claim(effect, *model),
+                row["error_before"],
+                row["error_after"],
+                self.effects_[number:],
             )
             row["provisional"] = self.verdict_ == "unexplained"
             self.evidence_[effect.name] = row["evidence"]

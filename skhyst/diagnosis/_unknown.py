@@ -253,7 +253,7 @@ class Unknown:
         text = f"a {self._added} that depends on the {arguments}, {self.shape}"
         if len(self.laws):
             first = self.laws.iloc[0]
-            text += f", which can be {first['formula']}"
+            text += f", such as {first['formula']}"
         text += f"; it explains {100.0 * self.share:.0f} % of the power of the residual"
         if self.ambiguous_with:
             text += (
@@ -262,7 +262,9 @@ class Unknown:
         if self.second is not None:
             return f"{text}; in addition, {self.second}"
         if self.structure_left:
-            text += "; the residual with it may not be noise, so that its place is uncertain"
+            text += (
+                "; what is left with it need not be noise, so its place in the model is uncertain"
+            )
         return text
 
     @property

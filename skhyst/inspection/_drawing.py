@@ -15,6 +15,8 @@ MUTED = "#868e96"
 MEASURED = "#9aa1a9"
 FLOOR = "#1f9e77"
 COLORS = ("#d55e00", "#2a85c4", "#b5679f", "#a88400")
+_LONGEST = 18  # characters of a line of a legend beside the data
+_NARROW = 5.0  # inches, below which such a legend takes a third of the figure
 
 
 def import_matplotlib(module, caller):
@@ -60,14 +62,29 @@ def plain(text, width=48):
 
 
 def legend_right(ax, handles=None, labels=None):
-    """Put the legend to the right of the data if the layout of the figure makes room for it."""
+    """Put the legend to the right of the data if the layout of the figure makes room for it.
+
+    A narrow figure has one legend for all axes, below them.
+    """
     if handles is None:
         handles, labels = ax.get_legend_handles_labels()
-    style = {"fontsize": "small", "handlelength": 1.4}
-    if ax.figure.get_layout_engine() is None:
+    figure, style = ax.figure, {"handlelength": 1.4}
+    if figure.get_layout_engine() is None:
         ax.legend(handles, labels, loc="best", framealpha=0.7, **style)
         return
-    labels = [textwrap.fill(label, 18) for label in labels]
+    if figure.get_figwidth() < _NARROW:
+        for other in list(figure.legends):
+            handles = [*other.legend_handles, *handles]
+            labels = [*(text.get_text() for text in other.get_texts()), *labels]
+            other.remove()
+        shown = dict(zip(labels, handles, strict=True))
+        em = import_matplotlib("font_manager", "A legend").FontProperties().get_size() / 72.0
+        entry = (4.0 + 0.55 * max(map(len, shown), default=0)) * em  # handle, gaps, mean letters
+        columns = max(int(figure.get_figwidth() / entry), 1)
+        style |= {"loc": "outside lower left", "ncols": columns, "frameon": False}
+        figure.legend(list(shown.values()), list(shown), **style)
+        return
+    labels = [textwrap.fill(label, _LONGEST) for label in labels]
     placement = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0), "frameon": False}
     ax.legend(handles, labels, **placement, **style)
 

@@ -109,7 +109,7 @@ class EvidenceDisplay(Display):
             shades = np.nan_to_num(density) / np.nanmax(density)
             axes.pcolormesh(x, y, shades, cmap="Greys", vmax=2.0, shading="nearest")
             lines = axes.contour(x, y, np.ma.masked_invalid(values), levels=9, linewidths=1.2)
-            axes.clabel(lines, fontsize="small")
+            axes.clabel(lines, fontsize="medium")
         axes.set_xscale("log" if picture.x_log else "linear")
         axes.set_yscale("log" if picture.y_log else "linear")
         tidy(axes, title=picture.title, x_label=picture.x_label, y_label=picture.y_label)

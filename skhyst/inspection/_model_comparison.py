@@ -26,6 +26,7 @@ import pandas as pd
 from sklearn.base import clone
 
 from .._documentation import documented_like
+from .._progress import watched
 from .._validation import read_data, refuse_no_experiment, refuse_still
 from ..base import ParametricModel, identified, refine, scored_where
 from ..compose import Cascade
@@ -99,7 +100,9 @@ _PARTS = {  # parts of the joined models that may be declared
 }
 
 
-def compare_models(X, y, models=None, *, cv=5, max_samples=5000) -> "ModelComparisonDisplay":
+def compare_models(
+    X, y, models=None, *, cv=5, max_samples=5000, verbose=0, on_progress=None
+) -> "ModelComparisonDisplay":
     """Compare models on held-out samples, and return which one to declare.
 
     Parameters
@@ -120,6 +123,11 @@ def compare_models(X, y, models=None, *, cv=5, max_samples=5000) -> "ModelCompar
     max_samples : int or None, default=5000
         Number of samples in the comparison: of longer data, the first part of each record. None:
         all.
+    verbose : int, default=0
+        Above 0, progress on standard error: a bar with the time left on a terminal, else lines.
+    on_progress : callable or None, default=None
+        Called with a :class:`~skhyst.diagnosis.Progress` before each model. An exception in it ends
+        the comparison.
 
     Returns
     -------
@@ -171,12 +179,16 @@ def compare_models(X, y, models=None, *, cv=5, max_samples=5000) -> "ModelCompar
     ]
     masks = [[_rows(spans, part, len(rows)) & read for part in fold] for fold in folds]
     score = partial(_scored, X=X, y=y, read=read, masks=masks)
-    found = {name: score(model) for name, (model, _) in known.items()}
-    if models is None:
-        rested = [own.error for name, own in found.items() if name.startswith("second_order_mode")]
-        if _MATTERS * score(_IN_MOTION[_MODE_IN_MOTION][0]).error < np.nanmin(rested):
-            found |= {name: score(model) for name, (model, _) in _IN_MOTION.items()}
-        known = _SINGLE | _FROM_ZERO | _IN_MOTION | _JOINED
+    with watched("compare_models", verbose, on_progress) as report_progress:
+        score = partial(_each_scored, score=score, report_progress=report_progress)
+        found = score(known)
+        if models is None:
+            modes = [own.error for n, own in found.items() if n.startswith("second_order_mode")]
+            others = dict(_IN_MOTION)
+            moving = score({_MODE_IN_MOTION: others.pop(_MODE_IN_MOTION)})
+            if _MATTERS * moving[_MODE_IN_MOTION].error < np.nanmin(modes):
+                found |= moving | score(others)
+            known = _SINGLE | _FROM_ZERO | _IN_MOTION | _JOINED
     table = pd.DataFrame.from_dict(
         {
             name: (about, name not in _JOINED or models is not None, own.error, own.n_parameters)
@@ -201,6 +213,16 @@ class _Score(NamedTuple):
     squares: list  # mean squared error of each fold
     n_parameters: int
     failure: Exception | None = None
+
+
+def _each_scored(models, score, report_progress):
+    """Return the scores by name. The last models take longest: they begin, for the time left."""
+    found = {}
+    for done, (name, (model, _)) in enumerate(reversed(models.items())):
+        report_progress("", None, name, done, len(models))
+        found[name] = score(model)
+    report_progress("", None, "", len(models), len(models))
+    return {name: found[name] for name in models}
 
 
 def _scored(model, X, y, read, masks):
@@ -376,10 +398,13 @@ class ModelComparisonDisplay(Display):
         head = f"{'':2s}{'model':{width}s}  {'error':>8s}  what it is"
         rows = [
             f"{'>' if name == self.taken else '':2s}{name:{width}s}  "
-            f"{100.0 * row.error / self.response_range:6.3g} %  {row.about}".rstrip()
+            f"{self._share(row.error):>8s}  {row.about}".rstrip()
             for name, row in zip(self.table.index, self.table.itertuples(), strict=True)
         ]
         return [head, *rows]
+
+    def _share(self, error):
+        return f"{100.0 * error / self.response_range:.3g} %" if error >= 0.0 else "failed"
 
     def __str__(self):
         return "\n".join([*self.lines(), self.reason])

@@ -129,7 +129,7 @@ class EffectRankingDisplay(Display):
 
         def label(error, text, side, color):
             place = {"xytext": (3 if side == "left" else -3, 0), "textcoords": "offset points"}
-            style = {"color": color, "fontsize": "small", "ha": side, "va": "bottom"}
+            style = {"color": color, "ha": side, "va": "bottom"}
             axes.annotate(text, (error, top), **place, **style)
 
         axes.axvline(baseline, color=INK, linewidth=1.0)
@@ -143,7 +143,7 @@ class EffectRankingDisplay(Display):
     def _draw_row(self, axes, height, row, baseline, right):
         """Draw the mark of one candidate and the numbers at the end of its row."""
         share = f"{100.0 * row.screen:.0f} %" if row.screen >= 0.01 else "< 1 %"
-        note = {"fontsize": "small", "va": "center", "transform": axes.get_yaxis_transform()}
+        note = {"va": "center", "transform": axes.get_yaxis_transform()}
         if not np.isfinite(row.error_after):
             axes.text(1.02, height, f"explains {share}, not contested", color=MUTED, **note)
             return

@@ -13,7 +13,7 @@ from ._recognise import ROLES, roles_and_questions
 _MOST = 100  # largest number of columns that are inspected
 _STANDS = 0.01  # fraction of rows at an extreme value, above which the signal may be clipped
 _OFTEN = 5  # smallest ratio of the number of rows there to that at the next value
-_PARTS = 80  # largest number of parts of an outline
+_PARTS = 200  # largest number of parts of an outline
 _FINE = 50  # number of different values, below which a signal is a staircase
 
 
@@ -51,7 +51,9 @@ class ColumnOverview:
 
     def __str__(self):
         span = f"{self.low:g} to {self.high:g}" if self.low <= self.high else "no numbers"
-        return f"{self.role or '-':10s}{self.name!r}: {span} ({self.kind}; {self.reason})"
+        span = "dates or clock times" if self.role == "time" and span == "no numbers" else span
+        kind = "text" if self.kind == "object" else self.kind
+        return f"{self.role or '-':10s}{self.name!r}: {span} ({kind}; {self.reason})"
 
 
 def inspect_columns(path, **reading):

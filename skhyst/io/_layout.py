@@ -16,6 +16,7 @@ from ..exceptions import RecordError
 from ._column_names import SECONDS, SYMBOLS, unit_of, without_unit
 
 _DELIMITERS = (";", "\t", ",", " ", None)  # " ": any white space; None: there is one column
+_SHOWN = 40  # characters of a line that a message shows
 _FORMS = 20  # forms of rows that are tried, the most frequent ones
 _POINT = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
 _COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
@@ -247,7 +248,8 @@ def find_layout(lines, delimiter, decimal):
         if layout and (delimiter or not split):
             layouts.append(layout)
     if not layouts:
-        raise RecordError("it has no row of numbers")
+        first = lines[0].strip()[:_SHOWN] if lines else ""
+        raise RecordError(f"it has no row of numbers between separators. It begins with {first!r}")
     most = max(layout.n_rows for layout in layouts)
     layouts = [layout for layout in layouts if layout.n_rows == most]
     layouts = [layout for layout in layouts if layout.delimiter in (";", "\t")] or layouts

@@ -45,6 +45,7 @@ _WORDS = (  # words for the role of a column, and for its quantity; the former h
     },
 )
 _UNITS = {"drive": "[mk]?V|m?A|[kM]?A/m|k?Oe", "response": "[munpµμ]?m|[muµμ]?rad|deg|°|[muµμ]?T"}
+_CHANNEL = "A"  # or a phase: without brackets no unit
 _LAST = {  # role of a column if no other role is left for it
     "drive": "reference|ref|target|setpoint|desired|soll|sollwert|consigne",
     "response": "velocity|vel|speed|acceleration|acc|temperature?|temp|humidity",
@@ -172,7 +173,13 @@ def roles_and_questions(path, variables, roles, others=(), *, timed):
         found["record"] = (labels[0], _NAMED) if len(labels) == 1 else None
     found = {role: choice for role, choice in found.items() if choice}
     used = [column for column, _ in found.values()]
-    signals = [c for c in free if not any(c is one for one in used)]
+    times = [found["time"][0].stored] if "time" in found else []
+    signals = [
+        c
+        for c in free
+        if not any(c is one for one in used)
+        and not any(np.array_equal(c.stored, own) for own in times)
+    ]
     asked = [role for role in ("drive", "response") if role in missing]
     for role in asked:
         found[role], candidates[role] = _named(role, signals, len(asked))
@@ -214,8 +221,8 @@ class _Candidate:
 
     @cached_property
     def unit(self):
-        """Unit in brackets, or a possible unit at the end of the name."""
-        return unit_of(self.name) or re.split(r"[\s_/]", self.name)[-1]
+        """Unit in brackets, or a possible unit at the end of the name, where A may be a channel."""
+        return unit_of(self.name) or re.split(r"[\s_/]", self.name)[-1].removesuffix(_CHANNEL)
 
     def has(self, words):
         """Whether one of the words is in the name."""

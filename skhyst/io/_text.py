@@ -168,6 +168,9 @@ def _lines(text, start, end):
 def _decode(data):
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return data.decode("utf-16")
+    for zero, encoding in ((1, "utf-16-le"), (0, "utf-16-be")):  # without a byte order mark
+        if not any(data[zero:_SAMPLE:2]) and all(data[1 - zero : _SAMPLE : 2]):
+            return data.decode(encoding)
     if _BINARY.search(data):
         raise RecordError("it is binary, not text")
     try:

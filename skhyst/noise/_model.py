@@ -146,9 +146,9 @@ class NoiseModel:
             text = "white noise"
         parts = [f"{text}, {size}"]
         if 0.0 < self.share < 0.95:
-            parts.append(f"{1.0 - self.share:.0%} of its power white")
+            parts.append(f"{100.0 * (1.0 - self.share):.0f} % of its power white")
         if self.outliers:
-            parts.append(f"{self.outliers:.2%} outliers")
+            parts.append(f"{100.0 * self.outliers:.2f} % outliers")
         if self.quantisation:
             parts.append(f"quantised in steps of {self.quantisation:.3g}")
         return "; ".join(parts)

@@ -131,7 +131,9 @@ def search(page, *effects):
 def test_from_a_file_to_the_effect_the_next_drive_and_a_board(page, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     upload(page, recording(top=8.0))
-    assert "600 samples in 1 record, one every 0.002 s" in [own.value for own in page.caption]
+    assert "600 samples in 1 record, one every 0.002 s (500 Hz)" in [
+        own.value for own in page.caption
+    ]
     found = search(page, "output_saturation")
     assert shown(page.header)[-1] == "Missing: output_saturation"
     Path("stage.csv").write_bytes(recording(top=8.0))
@@ -182,7 +184,9 @@ def test_roles_units_and_rates_are_picked(page):
     role_of(page, "c").select("").run()
     labelled(page.number_input, "Sampling rate (Hz)").set_value(500.0)
     labelled(page.text_input, "Unit of b").set_value("mV").run()
-    assert "600 samples in 1 record, one every 0.002 s" in [own.value for own in page.caption]
+    assert "600 samples in 1 record, one every 0.002 s (500 Hz)" in [
+        own.value for own in page.caption
+    ]
     role_of(page, "c").select("drive").run()
     assert "counts the time" in page.error[0].value  # at once, not when it is searched
     assert not page.button
@@ -192,11 +196,15 @@ def test_several_files_are_records_or_columns(page):
     uploader = page.file_uploader[0]
     files = {"slow.csv": recording(), "fast.csv": recording(top=8.0)}
     uploader.set_value([(name, content, "text/csv") for name, content in files.items()]).run()
-    assert "1200 samples in 2 records, one every 0.002 s" in [own.value for own in page.caption]
+    assert "1200 samples in 2 records, one every 0.002 s (500 Hz)" in [
+        own.value for own in page.caption
+    ]
     page.radio[0].set_value("columns of one recording").run()
     assert page.info[0].value == "Pick the response in the table."
     role_of(page, "fast position [um]").select("response").run()
-    assert "600 samples in 1 record, one every 0.002 s" in [own.value for own in page.caption]
+    assert "600 samples in 1 record, one every 0.002 s (500 Hz)" in [
+        own.value for own in page.caption
+    ]
 
 
 def test_a_model_that_is_none_is_told_in_a_sentence(page):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from joblib import Parallel, delayed, parallel_config
 
+from skhyst._progress import _is_interactive
 from skhyst.diagnosis import EffectSearchCV
-from skhyst.diagnosis._progress import _is_interactive
 from skhyst.hysteresis import PrandtlIshlinskii
 
 EFFECTS = ["output_saturation", "offset"]

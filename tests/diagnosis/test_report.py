@@ -341,14 +341,16 @@ def test_what_to_measure_next():
     assert told == "To distinguish lag from delay: Sweep."
     assert "skhyst next" in proposal
     (proposal,) = steps(experiment=Experiment(None, "", "Triangle of 2 Hz: it tells.", 1.0))
-    assert "so far: Triangle of 2 Hz: it tells. On the command line" in proposal
+    assert "so far: Triangle of 2 Hz: it tells. As a file" in proposal
     assert steps([claim | {"ambiguous_with": []}]) == []
     (step,) = steps(not_it=[miss, miss | {"change": -0.01}, miss | {"p_value": np.nan}])
     assert step.startswith("creep would reduce the error by 10 %")
     assert "Step and rest" in step
     assert "from 1.00 to 2.00 Hz" in steps(location=[place], verdict="unexplained")[0]
     assert "repeat one record" in steps(verdict="unexplained")[0]
-    assert len(steps([claim], [miss], [place], "unexplained", [{"fault": "outliers"}])) == 5
+    found = steps([claim], [miss], [place], "unexplained", [{"fault": "lost_reading"}])
+    assert len(found) == 5
+    assert found[0].startswith("Correct the faults of the recording (lost reading)")
     assert "max_effects = 3" in steps(3 * [claim], verdict="unexplained")[3]
 
 
@@ -552,7 +554,7 @@ def test_every_view_tells_the_same(report):
     views = other.to_text(), other.to_markdown().replace("\\", ""), Page(other.to_html()).text
     assert len(other.remarks) == 4
     assert "A mode is at a bound." in other.remarks
-    assert any("not sure: lag" in remark for remark in other.remarks)
+    assert any("not significant: lag" in remark for remark in other.remarks)
     for view in views:
         assert [own for own in said if own not in view.replace("\N{NO-BREAK SPACE}", " ")] == []
     summary, resolution, missing, law = other.to_text().splitlines()[:4]
@@ -620,7 +622,8 @@ def test_what_to_beware_of_comes_first(report):
 
 def test_a_model_that_explains_far_more_is_told_first(search, report):
     """Three times is far, and what was found may make up for it."""
-    names, errors = ["gain", "stage"], [report.error_before, 0.5 * report.error_after]
+    names = ["gain", "stage", "broken"]  # the fit of the last one has failed
+    errors = [report.error_before, 0.5 * report.error_after, math.nan]
     rows = {"about": "a device", "single": True, "error": errors, "n_parameters": 3}
     table = pd.DataFrame(rows, index=names)
     comparison = ModelComparisonDisplay(table, "stage", None, report.response_range)
@@ -656,6 +659,9 @@ def test_the_summary_says_what_is_missing_how_sure_and_what_next(report, nothing
     assert nothing.summary.startswith("No missing effect was found")
     lost = changed(nothing, verdict="undetermined", error_before=0.0, error_after=0.0)
     assert lost.summary.startswith("This recording does not show whether an effect is missing.")
+    faults = [{"fault": kind} for kind in ("outlier", "lost_rows", "outlier")]
+    wrong = changed(nothing, data=nothing.data | {"faults": faults})
+    assert "faults, which may be the cause: outlier. " in wrong.summary
 
 
 def test_the_noise_is_told(report):

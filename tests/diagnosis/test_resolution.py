@@ -61,7 +61,7 @@ def test_a_damper_of_one_speed_needs_no_physics():
         found, (done,) = raised(candidate, records, folds)
         assert found.error == pytest.approx(0.1, rel=0.06)
         assert found.structure.operator.thresholds == pytest.approx([0.0, 1.5], abs=0.01)
-        assert str(done) == f"{model.n_operators} plays, refined to 2"
+        assert str(done) == f"{model.n_operators} plays, changed to 2"
         assert (done.error_before, done.error_after) == (candidate.error, found.error)
         # fitted from nothing, the model is as fine
         anew = found.structure.identified(records).operator

@@ -128,9 +128,17 @@ def test_a_model_that_cannot_be_fitted_has_no_error():
         def identify(self, data):
             raise RecordError("no")
 
-    found = compare_models(*recording("gain"), {"broken": Broken(), "gain": Gain()})
+    seen, models = [], {"broken": Broken(), "gain": Gain()}
+    found = compare_models(*recording("gain"), models, on_progress=seen.append)
     assert found.taken == "gain"
     assert np.isnan(found.table.loc["broken", "error"])
+    assert str(found).splitlines()[1].split() == ["broken", "failed"]
+    assert [(step.trying, step.done, step.total) for step in seen] == [
+        ("gain", 0, 2),
+        ("broken", 1, 2),
+        ("", 2, 2),
+    ]
+    assert str(seen[0]) == "comparing models: gain (0 of 2)"
     with pytest.raises(RecordError, match="no"):
         compare_models(*recording("gain"), {"broken": Broken()})
 

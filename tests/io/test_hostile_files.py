@@ -386,7 +386,10 @@ def test_json_that_is_no_recording(tmp_path, text):
     ("text", "message"),
     [
         ("u,y\n1,2\n3,oops\n5,6\n7,8\n9,1\n2,2\n", "Got 'oops' in row 1"),
-        ("only words\nand more words\n", "no row of numbers"),
+        (
+            "only words\nand more words\n",
+            "no row of numbers between separators. It begins with 'only",
+        ),
         ("\n\n \n", ""),
         ("u,u\n1,2\n3,4\n", "2 columns that 'u' may mean, at the positions 0, 1"),
         ('u,y\n1,"2\n3,4\n', ""),
@@ -404,8 +407,9 @@ def test_texts_that_are_no_table(tmp_path, text, message):
     [
         (b"u,u\n0.5,1.25\n1.5,2.25\n", 0, 1),
         ("V (°);µm\n0,5;1,25\n1,5;2,25\n".encode("latin-1"), "V (°)", "µm"),
+        ("u,y\n0.5,1.25\n1.5,2.25\n".encode("utf-16-le"), "u", "y"),
     ],
-    ids=["repeated", "not UTF-8"],
+    ids=["repeated", "not UTF-8", "no byte order mark"],
 )
 def test_unusual_names(tmp_path, content, drive, response):
     X, y = read_records(written(tmp_path, ".csv", content), drive=drive, response=response)

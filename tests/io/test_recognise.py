@@ -61,7 +61,9 @@ def test_what_names_and_values_tell(table, names):
 @pytest.mark.parametrize(
     ("table", "message"),
     [
-        ({"a": T, "b": U, "c": Y}, "the drive: .* Candidates: 'b', 'c'"),
+        ({"A": T, "B": U, "C": Y}, "the drive: .* Candidates: 'B', 'C'"),
+        ({"t": T, "Channel A": U, "Channel B": Y}, "the drive: .* 'Channel A', 'Channel B'"),
+        ({"t": T, "log.t": T, "b": U, "c": Y}, "the drive: .* Candidates: 'b', 'c'"),
         ({"t": T, "voltage": U, "current": Z, "x": Y}, "the drive: .* 'voltage', 'current'"),
         ({"t": T, "voltage": U, "b": Y, "c": Z}, "the response: .* 'b', 'c'"),
         ({"t": T, "time": 2.0 * T, "voltage": U, "position": Y}, "the time: .* 't', 'time'"),

@@ -149,7 +149,7 @@ def test_nothing_has_no_law():
 
 def test_it_is_put_into_words():
     model = NoiseModel("power_law", 0.2, 1.1, 0.7, 0.01, 0.05)
-    for part in ("1.10", "0.2", "30%", "1.00% outliers", "steps of 0.05"):
+    for part in ("1.10", "0.2", "30 %", "1.00 % outliers", "steps of 0.05"):
         assert part in str(model)
 
 

@@ -1,6 +1,6 @@
-"""The progress of a search, shown as a bar, as lines, or by an application.
+"""The progress of a search or a comparison of models: a bar, lines, or what an application draws.
 
-A search calls each observer with a :class:`Progress` in the thread of `fit`, never in a worker. An
+Each observer is called with a :class:`Progress` in the thread of the caller, never in a worker. An
 exception in an observer ends the search.
 """
 
@@ -17,14 +17,14 @@ _SILENT = 10.0  # s without a line, after which one says what is being tried
 
 @dataclass(frozen=True)
 class Progress:
-    """The progress of a search.
+    """The progress of a search or a comparison of models.
 
     Parameters
     ----------
-    round : int
-        Number of the round, 0 before the first.
+    round : int or None
+        Number of the round, 0 before the first; None in a comparison of models.
     trying : str
-        The effect or effects of the current candidate; "" between steps.
+        The effect or effects of the current candidate, or its model; "" between steps.
     done, total : int
         Candidates of the current step; a round has several steps.
     seconds : float
@@ -59,19 +59,18 @@ class Progress:
 
     def __str__(self):
         left = "" if self.remaining is None else f", about {self.remaining:.0f} s left in this step"
-        return (
-            f"round {self.round}: {self.trying or 'step done'} ({self.done} of {self.total}){left}"
-        )
+        step = "comparing models" if self.round is None else f"round {self.round}"
+        return f"{step}: {self.trying or 'step done'} ({self.done} of {self.total}){left}"
 
 
 @contextmanager
-def watched(verbose, on_progress):
-    """Yield the function by which a search reports text, round, trying, done and total."""
+def watched(name, verbose, on_progress):
+    """Yield the function to report text, round, trying, done and total; lines begin with name."""
     begin = step = time.perf_counter()
     with ExitStack() as stack:
         observers = [] if on_progress is None else [on_progress]
         if verbose:
-            observers.append(stack.enter_context(_bar()) if _is_interactive() else _lines())
+            observers.append(stack.enter_context(_bar()) if _is_interactive() else _lines(name))
 
         def report_progress(text, round=0, trying="", done=0, total=0):
             nonlocal step
@@ -84,7 +83,7 @@ def watched(verbose, on_progress):
         yield report_progress
 
 
-def _lines():
+def _lines(name):
     """Return an observer that prints each text, and after a silence what is being tried."""
     written = 0.0
 
@@ -92,7 +91,7 @@ def _lines():
         nonlocal written
         if progress.text or (progress.trying and progress.seconds - written > _SILENT):
             written = progress.seconds
-            print(f"[EffectSearchCV] {progress.text or progress}", file=sys.stderr, flush=True)
+            print(f"[{name}] {progress.text or progress}", file=sys.stderr, flush=True)
 
     return write
 
@@ -127,7 +126,7 @@ def _bar():
     )
     console = Console(stderr=True, highlight=False)
     with bars.Progress(*columns, console=console, redirect_stdout=False, transient=True) as bar:
-        task = bar.add_task("declared model", total=None)
+        task = bar.add_task("starting", total=None)
 
         def draw(progress):
             if progress.text:
