@@ -1,4 +1,4 @@
-"""Simulated plants with effects in them: of the devices, of the demo and of the blind study.
+"""Simulated plants with known effects: for the devices, the demo and the blind study.
 
 A :class:`Plant` is a signal path; a :class:`PlantEffect` is a change of it, or a signal added to
 its response. Stages of a path are called with a signal of shape (n_samples,) and the interval
@@ -50,6 +50,11 @@ class Plant:
     ----------
     places : dict of str to tuple of callable
         The stages at each place, in the order of the path.
+
+    See Also
+    --------
+    PlantEffect : A change of it.
+    skhyst.datasets.DeviceStepper : A device sample by sample, in a loop.
 
     Examples
     --------
@@ -174,6 +179,10 @@ class PlantEffect:
         Name and values, record by record, of a further column of X.
     truth : dict, default={}
         True parameters of the effect, by name.
+
+    See Also
+    --------
+    Plant : What it changes.
     """
 
     place: str = ""
@@ -205,7 +214,7 @@ class PlantEffect:
 
 
 def remembers(stage):
-    """Return a stage with a memory of its own, if its law has one."""
+    """Return a stage that keeps its state between signals, if its law takes a ``memory``."""
     return partial(stage, memory={}) if "memory" in signature(stage).parameters else stage
 
 
@@ -227,7 +236,13 @@ def refine(drive, substeps, memory=None):
     Returns
     -------
     ndarray of shape ((n_samples - 1) * substeps + 1,)
-        Drive at the finer samples; ``n_samples * substeps`` of them behind an earlier signal.
+        Drive at the finer samples; ``n_samples * substeps`` of them if it continues an earlier
+        signal.
+
+    See Also
+    --------
+    Plant.respond : Response at such finer steps.
+    skhyst.records.resample_records : Other rates for recordings.
 
     Examples
     --------
@@ -272,6 +287,11 @@ def plays(signal, step, thresholds, weights, stretch=0.0, widening=0.0, memory=N
     ndarray of shape (n_samples,)
         Output at the samples.
 
+    See Also
+    --------
+    reversal_curves : Curves that bend from every turning point.
+    skhyst.hysteresis.PrandtlIshlinskii : The model with such operators.
+
     Examples
     --------
     >>> import numpy as np
@@ -313,15 +333,20 @@ def reversal_curves(signal, step, slope, curvature, decay, memory=None):
     Parameters
     ----------
     slope : float
-        At the turning point.
+        Slope at the turning point.
     curvature : float
         Derivative of the slope there.
     decay : float
-        Of the curvature, one over the unit of the signal.
+        Rate at which the curvature decays, one over the unit of the signal.
+
+    See Also
+    --------
+    plays : Hysteresis with piecewise linear branches.
+    skhyst.hysteresis.SystemLevelHysteresis : The model of such curves.
 
     References
     ----------
-    Ahmed and Yan 2021, equations (15) to (17).
+    Ahmed and Yan, *IEEE Access*, 2021, equations (15) to (17).
 
     Examples
     --------
@@ -354,12 +379,17 @@ def _reversal_curves(signal, slope, curvature, decay, state):
 
 @documented_like(plays)
 def slew_limited(signal, step, rate, memory=None):
-    """Follow the signal, at a rate that is limited.
+    """Limit the rate of the signal: the output follows it no faster than ``rate``.
 
     Parameters
     ----------
     rate : float
         Largest rate of the output, units of the signal over the unit of time.
+
+    See Also
+    --------
+    clip : Limit the values.
+    skhyst.hysteresis.SlewLimit : The model.
 
     Examples
     --------
@@ -375,10 +405,10 @@ def slew_limited(signal, step, rate, memory=None):
 
 
 @jit
-def _slew_limited(signal, most, last):
+def _slew_limited(signal, largest_change, last):
     out = np.empty(signal.size)
     for i in range(signal.size):
-        last += max(-most, min(most, signal[i] - last))
+        last += max(-largest_change, min(largest_change, signal[i] - last))
         out[i] = last
     return out
 
@@ -391,6 +421,10 @@ def clip(signal, step, low, high):
     ----------
     low, high : float
         Limits, units of the signal.
+
+    See Also
+    --------
+    slew_limited : Limit the rate.
 
     Examples
     --------
@@ -409,7 +443,11 @@ def dead_band(signal, step, center, half_width):
     Parameters
     ----------
     center, half_width : float
-        Of the band, units of the signal.
+        Centre and half width of the band, units of the signal.
+
+    See Also
+    --------
+    dead_zones : One-sided, several, and added to the signal.
 
     Examples
     --------
@@ -429,9 +467,14 @@ def dead_zones(signal, step, side, thresholds, weights):
     Parameters
     ----------
     side : {1, -1}
-        The side.
+        The side: 1 positive, -1 negative.
     thresholds, weights : array-like of shape (n_zones,)
         Distances from zero where the zones begin, units of the signal, and their slopes.
+
+    See Also
+    --------
+    dead_band : Zero within a band.
+    skhyst.hysteresis.ModifiedPrandtlIshlinskii : The model with dead zones.
 
     Examples
     --------
@@ -453,6 +496,11 @@ def pure_delay(signal, step, delay, memory=None):
     delay : float
         In the unit of time; between samples the signal is a straight line.
 
+    See Also
+    --------
+    first_order : A lag.
+    skhyst.linear.Delay : The model.
+
     Examples
     --------
     >>> import numpy as np
@@ -461,10 +509,10 @@ def pure_delay(signal, step, delay, memory=None):
     array([0. , 0.5, 0.5])
     """
     memory = {} if memory is None else memory
-    back = int(np.ceil(delay / step))
-    line = np.concatenate([memory.get("past", np.full(back, signal[0])), signal])
+    n_past = int(np.ceil(delay / step))
+    line = np.concatenate([memory.get("past", np.full(n_past, signal[0])), signal])
     memory["past"] = line[signal.size :]
-    return np.interp(np.arange(signal.size) + (back - delay / step), np.arange(line.size), line)
+    return np.interp(np.arange(signal.size) + (n_past - delay / step), np.arange(line.size), line)
 
 
 @documented_like(plays)
@@ -476,6 +524,11 @@ def first_order(signal, step, tau, memory=None):
     tau : float
         Time constant, in the unit of time.
 
+    See Also
+    --------
+    kelvin_voigt : Creep by several lags.
+    skhyst.linear.FirstOrderLag : The model.
+
     Examples
     --------
     >>> import numpy as np
@@ -486,6 +539,7 @@ def first_order(signal, step, tau, memory=None):
     memory = {} if memory is None else memory
     p = step / tau
     settled = -np.expm1(-p)
+    # the difference loses digits at small p: there the first terms of its Taylor series
     ramp = 1.0 - settled / p if p > 1e-4 else 0.5 * p - p * p / 6.0
     start, state = memory.get("start", signal[0]), memory.get("filter", np.zeros(1))
     output, state = lfilter([ramp, settled - ramp], [1.0, settled - 1.0], signal - start, zi=state)
@@ -495,7 +549,7 @@ def first_order(signal, step, tau, memory=None):
 
 @documented_like(plays)
 def kelvin_voigt(signal, step, taus, compliances, relax=first_order, memory=None):
-    """Add the outputs of relaxing units to the signal that loads them: creep.
+    """Add creep: the outputs of Kelvin-Voigt units, which relax towards the signal.
 
     Parameters
     ----------
@@ -503,6 +557,11 @@ def kelvin_voigt(signal, step, taus, compliances, relax=first_order, memory=None
         Time constants, in the unit of time, and gains of the units.
     relax : callable, default=first_order
         Law of one unit, called as ``relax(signal, step, tau)``.
+
+    See Also
+    --------
+    first_order : One unit.
+    skhyst.linear.KelvinVoigt : The model.
 
     Examples
     --------
@@ -538,7 +597,12 @@ def bouc_wen(h, du, limit, shape):
     Returns
     -------
     float
-        The force behind the step.
+        The force after the step.
+
+    See Also
+    --------
+    oscillate : A mode with this force.
+    skhyst.hysteresis.BoucWen : The model.
 
     Examples
     --------
@@ -563,7 +627,7 @@ def bouc_wen(h, du, limit, shape):
 
 @lru_cache
 def _flow(w, c, base, step):
-    """Return the matrix that maps (x, v, u, u') to x and v one step later."""
+    """Return the matrix that maps (x, v, u, u') to x and v one step later, with u' constant."""
     law = np.zeros((4, 4))
     law[0, 1] = law[2, 3] = 1.0
     law[1] = [-w * w, -c, w * w, c * base]
@@ -620,8 +684,9 @@ def oscillate(
     ``static`` before it slides, the excess fading over a velocity of ``stribeck`` w Y, builds up
     over the displacement ``presliding`` Y, the Bouc-Wen force h over ``width`` Y.
 
-    Without f the motion is exact, by the exponential of the matrix; f acts as half a kick before
-    and half a kick after each step (Strang splitting), and is of second order in the step.
+    Without f the motion is exact, by the exponential of the matrix; f enters as half
+    an impulse before and half an impulse after each step (Strang splitting), with an error of
+    second order in the step.
 
     Parameters
     ----------
@@ -644,7 +709,13 @@ def oscillate(
     hysteretic : float, default=0.0
         Factor of the Bouc-Wen force.
     width : float, default=1.0
-        Displacement over which it builds up, a fraction of Y.
+        Displacement over which the Bouc-Wen force builds up, a fraction of Y.
+
+    See Also
+    --------
+    bouc_wen : The hysteretic force.
+    skhyst.linear.SecondOrderMode : The linear model.
+    skhyst.hysteresis.RestoringForce : The model with such forces.
 
     Examples
     --------

@@ -41,8 +41,8 @@ def unit_of(name) -> str:
     >>> unit_of("voltage (V)"), unit_of("x / um"), unit_of("speed"), unit_of("gauge[0]")
     ('V', 'um', '', '')
     """
-    found = _BRACKETED.search(str(name)) or _BEHIND.search(str(name))
-    return found.group(1).strip() if found else ""
+    match = _BRACKETED.search(str(name)) or _BEHIND.search(str(name))
+    return match.group(1).strip() if match else ""
 
 
 def without_unit(name):

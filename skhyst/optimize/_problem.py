@@ -260,10 +260,10 @@ class OperatorProblem(Unknowns):
         self._moving = []  # number of nonlinear parameters of each disturbance, last in its pack
         for number, disturbance in enumerate(self.disturbances):
             skip = np.size(disturbance.coefficients)
-            own = [(f"disturbance{number}__{name}", s) for name, s in disturbance.entries()[skip:]]
-            entries += own
+            moving = disturbance.entries()[skip:]
+            entries += [(f"disturbance{number}__{name}", s) for name, s in moving]
             values = np.concatenate([values, disturbance.pack()[skip:]])
-            self._moving.append(len(own))
+            self._moving.append(len(moving))
         super().__init__(entries, values)
         self._n_eliminated = sum(np.size(d.coefficients) for d in self.disturbances)
         if self.records[0].eliminated is not None:
