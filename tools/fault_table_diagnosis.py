@@ -51,8 +51,8 @@ DIAGNOSIS = [
     ),
     (
         "the difference of two repetitions is taken for the noise of one",
-        "power += 0.5 * own",
-        "power += own",
+        "power += 0.5 * squares",
+        "power += squares",
         "tests/diagnosis/test_noise.py -k repeated",
     ),
     (
@@ -271,7 +271,7 @@ CRITERION = [  # of this way to decide
     ),
     (
         "a drift's constant counts as a drift",
-        "if disturbance.has_constant and len(own) > 1:",
+        "if disturbance.has_constant and len(tested) > 1:",
         "if disturbance.has_constant and len(own) > 99:",
         "tests/diagnosis/test_course.py -k constant",
     ),
