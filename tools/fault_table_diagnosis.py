@@ -175,14 +175,14 @@ CRITERION = [  # of this way to decide
     ),
     (
         "of two tests the smaller p-value counts once",
-        "p = 2.0 * min(p, paired_p_value(*_rescaled(*map(better.noise.innovations, own))))",
-        "p = min(p, paired_p_value(*_rescaled(*map(better.noise.innovations, own))))",
+        "p = 2.0 * min(p, paired_p_value(*_rescaled(*map(better.noise.innovations, series))))",
+        "p = min(p, paired_p_value(*_rescaled(*map(better.noise.innovations, series))))",
         "",
     ),
     (
         "a record counts by the size of its noise",
-        "[e / size for e, size in zip(own, sizes, strict=True)]",
-        "[e for e, size in zip(own, sizes, strict=True)]",
+        "[e / size for e, size in zip(group, sizes, strict=True)]",
+        "[e for e, size in zip(group, sizes, strict=True)]",
         "",
     ),
     (
