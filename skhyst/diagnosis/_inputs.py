@@ -89,16 +89,12 @@ def held_out_error(search, X, y, declared):
     slices, columns, response = read_data(search, X, y, reset=False)
     X, columns = (without_column(table, column_of(search)) for table in (X, columns))
     driver = search.declared_estimator_ if declared else search._driver
-    continues, past_response = _continues_fit(search, slices), np.full(len(response), np.nan)
+    continues, past = _continues_fit(search, slices), np.full(len(response), np.nan)
     for s, continued in zip(slices, continues, strict=True):
         # a model that continues the response may see it before the first scored row
         counted = s.rows.start + first_row(search, s)
-        past_response[s.rows.start : counted] = (
-            response[s.rows.start : counted] if continued else np.nan
-        )
-    drive = drive_of(
-        driver, X, columns, past_response if np.isfinite(past_response).any() else None
-    )
+        past[s.rows.start : counted] = response[s.rows.start : counted] if continued else np.nan
+    drive = drive_of(driver, X, columns, past if np.isfinite(past).any() else None)
     inputs, records = with_others(drive, columns), []
     for s in slices:
         segments = stretches(first_row(search, s), s.n_samples)

@@ -125,12 +125,8 @@ def _rivals(search):
 
 def _places(search):
     """Yield two places of an unknown term, and the models with it at either place."""
-    for place, tree, other_place, other_tree in search._undistinguished[:FEW]:
-        yield (
-            place,
-            other_place,
-            tuple([Fitted(model, search._records)] for model in (tree, other_tree)),
-        )
+    for place, tree, other, rival in search._undistinguished[:FEW]:
+        yield place, other, tuple([Fitted(model, search._records)] for model in (tree, rival))
 
 
 def _near_claims(search):

@@ -297,15 +297,10 @@ def _time(title, claim):
         curves = (*_styled(time, *signals), ("without it", time, without[number][rows], "dashed"))
         return Picture(title, "time (s)", "response", curves)
     curves = []
-    for i, (record, residual, course) in enumerate(
-        zip(claim.records, *_additive(claim), strict=True)
-    ):
+    for i, (record, r, course) in enumerate(zip(claim.records, *_additive(claim), strict=True)):
         rows = slice(0, None, max(len(course) // 400, 1))
         time = (record.dt * np.arange(len(course)))[rows]
-        curves += [
-            (f"record {i}", time, residual[rows], "points"),
-            ("", time, course[rows], "line"),
-        ]
+        curves += [(f"record {i}", time, r[rows], "points"), ("", time, course[rows], "line")]
     x_label, y_label = "time since the record's start (s)", "residual (response)"
     # with more than four records the colours would repeat
     return Picture(f"{title}, identified as lines", x_label, y_label, tuple(curves[:8]))

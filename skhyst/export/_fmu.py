@@ -262,11 +262,8 @@ def _binaries(name, version, folder):
         place = f"{machine}-{system}" if version == "3.0" else f"{system.removesuffix('dows')}64"
         library = Path(folder, name + ending)
         flags = ["-std=c99", "-O2", "-shared", "-fvisibility=hidden"]
-        windows_flags = [
-            "-static",
-            "-s",
-            "-Wl,--no-insert-timestamp",
-        ]  # equal models give equal files
+        # without the date: equal models give equal files
+        windows_flags = ["-static", "-s", "-Wl,--no-insert-timestamp"]
         flags += windows_flags if system == "windows" else ["-fPIC"]
         sources = [f"{name}.c", f"{name}_fmu.c"]
         result = subprocess.run(

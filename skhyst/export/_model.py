@@ -45,7 +45,7 @@ def composed(compiled_step, with_numbers=False, tuned=None, rules=None):
     def binding(step, constants, places):
         part = len(parts)
         parts.append(step)
-        part_state = Array("s", (len(places),), offset=constant(places[0] if len(places) else 0))
+        states = Array("s", (len(places),), offset=constant(places[0] if len(places) else 0))
         part_constants = tuple(
             _tuned(c, places_of_tuned[part, k]) if (part, k) in places_of_tuned else _constant(c, k)
             for k, c in enumerate(constants)
@@ -57,17 +57,17 @@ def composed(compiled_step, with_numbers=False, tuned=None, rules=None):
             slope = [None] * len(places) if rule.slope is None else rule.slope
             for k, (first, by_u) in enumerate(zip(rule.first, slope, strict=True)):
                 body.append(
-                    Store(part_state, part_state.at([constant(k)]).args[1], _affine(first, by_u, u))
+                    Store(states, states.at([constant(k)]).args[1], _affine(first, by_u, u))
                 )
 
         def called(u):
             if rules is not None:
                 rest_part(u)
-            kinds_of = (signature(x, with_numbers) for x in (u, part_constants, part_state))
+            kinds_of = (signature(x, with_numbers) for x in (u, part_constants, states))
             function = read(step.py_func, *kinds_of, with_numbers=with_numbers)
             name = f"y{len(body)}"
             kinds[name] = "real"
-            args = zip(leaves((u, part_constants, part_state)), function.params, strict=True)
+            args = zip(leaves((u, part_constants, states)), function.params, strict=True)
             args = (x if isinstance(x, Array) else converted(x, p.kind) for x, p in args)
             body.append(Call(function, tuple(args), (name,)))
             # a step at rest moves an affine state by rounding, which is undone

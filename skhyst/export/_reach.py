@@ -130,15 +130,9 @@ class _Pruning:
     def _statement(self, statement, frame, k):
         match statement:
             case If(test, body, orelse):
-                reachable_sides = [
-                    x for x in (False, True) if (frame, id(statement), x) in self._places
-                ]
-                if len(reachable_sides) < 2:
-                    return (
-                        self._block((orelse, body)[reachable_sides[0]], frame)
-                        if reachable_sides
-                        else ()
-                    )
+                reached = [x for x in (False, True) if (frame, id(statement), x) in self._places]
+                if len(reached) < 2:
+                    return self._block((orelse, body)[reached[0]], frame) if reached else ()
                 sides = (self._block(side, frame) for side in (body, orelse))
                 return (If(self._value(test, frame), *sides),)
             case Call(_, args, outs):

@@ -630,11 +630,8 @@ class _Function:
             return self._assigned_temporary(x)
         if op in _SYMBOLS:
             symbol, binding = _SYMBOLS[op]
-            least = (max(binding, 5), max(binding, 4) + 1)  # conditions are put in parentheses
-            a, b = (
-                self._tight(arg, least_binding)
-                for arg, least_binding in zip(args, least, strict=True)
-            )
+            leasts = (max(binding, 5), max(binding, 4) + 1)  # conditions are put in parentheses
+            a, b = (self._tight(arg, least) for arg, least in zip(args, leasts, strict=True))
             b = f"({b})" if b.startswith("-") else b
             return f"{a} {symbol} {b}", binding
         match op:
@@ -667,17 +664,14 @@ class _Function:
 
     def _cast(self, x):
         """Return a conversion; from a real number towards zero, as Python's ``int``."""
-        operand = x.args[0]
-        if operand.kind == "real":
-            if operand.op in ("math.floor", "math.ceil"):
-                return (
-                    f"{self._printer.helper(operand.op)}(a := {self._text(operand.args[0])})",
-                    _ATOM,
-                )
-            operand = operand.args[0] if operand.op == "math.trunc" else operand
-            return f"TRUNC({self._text(operand)})", _ATOM
-        types = self._printer.type_of(operand.kind), self._printer.type_of(x.kind)
-        return f"{types[0]}_TO_{types[1]}({self._text(operand)})", _ATOM
+        arg = x.args[0]
+        if arg.kind == "real":
+            if arg.op in ("math.floor", "math.ceil"):
+                return f"{self._printer.helper(arg.op)}(a := {self._text(arg.args[0])})", _ATOM
+            arg = arg.args[0] if arg.op == "math.trunc" else arg
+            return f"TRUNC({self._text(arg)})", _ATOM
+        types = self._printer.type_of(arg.kind), self._printer.type_of(x.kind)
+        return f"{types[0]}_TO_{types[1]}({self._text(arg)})", _ATOM
 
     def _at_infinity(self, x):
         """Return a comparison with an infinite number, which the largest number stands for."""
@@ -843,11 +837,9 @@ class _Block:
             if isinstance(p, Array):
                 memories.append((_array(p.shape[0], printer.type), True))
         function = printer.function(step, *memories)
-        memory_names = {"u": "row" if source.by_row and u == "u" else u, "s": "state"}
+        names = {"u": "row" if source.by_row and u == "u" else u, "s": "state"}
         for p, (name, _) in zip(step.args(step.function.params), function.params, strict=True):
-            assignments.append(
-                f"{name} := {memory_names[p.name if isinstance(p, Array) else p.args[0]]}"
-            )
+            assignments.append(f"{name} := {names[p.name if isinstance(p, Array) else p.args[0]]}")
         assignments += [f"{name} := {name}" for name in function.tables]
         return f"{function.name}({', '.join(assignments)})", dict(function.tables)
 

@@ -24,11 +24,11 @@ from skhyst.diagnosis._starts import starting_trees
 from skhyst.diagnosis._structure import (
     N_PRESENT,
     Trial,
+    _black_box_data,
     _black_box_residuals,
     _by_black_box,
     _drive_features,
     _past_features,
-    _black_box_data,
     _settled,
     _wiped,
     by_black_boxes,
@@ -570,7 +570,8 @@ def test_records_with_gaps_and_columns_that_say_nothing_new_change_nothing():
 def test_too_few_samples_follow_no_drive(n):
     """Twice as many samples as features are asked for, in the middle half of the record."""
     u = np.random.default_rng(0).normal(size=n)
-    features = np.array(list(next(_drive_features([RecordData(u, u, 0.01)], [u]))))[:, n // 4 : n - n // 4]
+    features = np.array(list(next(_drive_features([RecordData(u, u, 0.01)], [u]))))
+    features = features[:, n // 4 : n - n // 4]
     features -= features.mean(axis=1, keepdims=True)
     features /= np.maximum(features.std(axis=1, keepdims=True), 1e-300)
     rank = np.linalg.matrix_rank(features, rtol=1e-6)
