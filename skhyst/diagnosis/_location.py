@@ -57,7 +57,7 @@ def locate(slices, drive, residual, units):
         return pd.DataFrame(columns=_COLUMNS)
     length, _ = block_length([p - total / count for p in power if p.size])
     blocks, n_blocks = [], 0
-    for p in power:
+    for p in power:  # no block spans two records
         blocks.append(n_blocks + np.arange(p.size) // length)
         n_blocks += -(-p.size // length)
     power, blocks, rows = np.concatenate(power), np.concatenate(blocks), []

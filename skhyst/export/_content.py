@@ -60,6 +60,7 @@ class Source:
                     f"{tunable!r} instead."
                 )
             self.entries, self._with_values = entries_of(model, tunable)
+            # as for other values: zeros become tiny, which keeps the structure of the step the same
             model = self._with_values([entry.value for entry in self.entries])
         self._model = model
         self.stepper, self.dt = self._made(model, u0)

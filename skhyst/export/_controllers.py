@@ -322,6 +322,7 @@ class EmulatedController:
         number_type, arguments = re.search(rf"^(\w+) {name}_step\((.*)\);", header, re.M).groups()
         n_inputs = int(re.search(rf"{name}_N_INPUTS (\d+)", header)[1])
         self._number, self._shape = np.dtype(_NUMBERS[number_type]), (n_inputs,)
+        # a step takes several inputs as an array, a single one as a number
         text = _FIRMWARE.substitute(
             name=name, number=number_type, input="u" if "*u" in arguments else "u[0]", sync=_SYNC[0]
         )
@@ -344,7 +345,7 @@ class EmulatedController:
             [*emulated.runs, str(build_folder / "firmware")],
             cwd=build_folder,
             **dict.fromkeys(("stdin", "stdout"), subprocess.PIPE),
-            stderr=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,  # a pipe that nobody reads would fill up and block
             bufsize=0,
         )
         self._process.stdin.write(_SYNC)

@@ -77,6 +77,7 @@ def composed(compiled_step, with_numbers=False, tuned=None, rules=None):
 
         return called
 
+    # the indices of the state are bound in place of its numbers: each part gets its own indices
     y = compiled_step.bound(range(len(compiled_step.state)), binding)(u)
     body.append(Return((y,)))
     params, writes = (u, state), frozenset({"s"})

@@ -131,7 +131,7 @@ class _Pruning:
         match statement:
             case If(test, body, orelse):
                 reached = [x for x in (False, True) if (frame, id(statement), x) in self._places]
-                if len(reached) < 2:
+                if len(reached) < 2:  # the condition itself is left out, too
                     return self._block((orelse, body)[reached[0]], frame) if reached else ()
                 sides = (self._block(side, frame) for side in (body, orelse))
                 return (If(self._value(test, frame), *sides),)
@@ -497,7 +497,7 @@ def _result(op, kind, values):
         case "math.copysign":
             high = max(map(abs, a))
             return -high if b[0] < 0 else 0.0, high if b[1] >= 0 else 0.0
-        case "math.floor" | "math.ceil" | "math.trunc":
+        case "math.floor" | "math.ceil" | "math.trunc":  # rounding may reach the next integer
             return _called(getattr(math, op[5:]), (a[0] - _ROUNDING, a[1] + _ROUNDING))
         case "cast":
             low, high = (math.trunc(x) if abs(x) < _WHOLE else x for x in a)
@@ -517,8 +517,10 @@ def _result(op, kind, values):
         case "powi":
             n = b[0]
             ends = _called(pow, a, n)
+            # an even power is least at zero
             pair = 0.0 if n % 2 == 0 and a[0] < 0 < a[1] else min(ends), max(ends)
         case "**" | "math.pow" if a[0] >= 0:
+            # monotone in either operand: the extremes are at the corners
             corners = [_power(x, y) for x in a for y in b]
             pair = min(corners), max(corners)
         case "//" if b[0] == b[1] > 0:

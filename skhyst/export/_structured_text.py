@@ -501,6 +501,7 @@ class _Function:
             case While(test, body):
                 self._while(test, body)
             case For(name, start, stop, step, body):
+                # FOR includes its last value, Python's range does not
                 first, last = self._text(start), self._tight(stop, 5)
                 last = (
                     str(stop.value - step // abs(step))
@@ -632,6 +633,7 @@ class _Function:
             symbol, binding = _SYMBOLS[op]
             leasts = (max(binding, 5), max(binding, 4) + 1)  # conditions are put in parentheses
             a, b = (self._tight(arg, least) for arg, least in zip(args, leasts, strict=True))
+            # no operator may follow another, as in "a - -b"
             b = f"({b})" if b.startswith("-") else b
             return f"{a} {symbol} {b}", binding
         match op:
@@ -795,7 +797,7 @@ class _Block:
         variables += [("last", _array(len(lasts), real), "", "")] * bool(lasts)
         variables += [("known", "BOOL", "", "")] * bool(lasts)
         for (kind, values), name in printer.tables.items():
-            if name in tables:
+            if name in tables:  # a table that no call of the block reads is left out
                 array = Array("", (len(values),), values, kind=kind)
                 variables.append(
                     (name, _array(len(values), printer.type_of(kind)), printer.values(array), "")
@@ -900,10 +902,12 @@ class _Block:
             ("done", "BOOL", "", "all samples have been compared"),
             ("passed", "BOOL", "", ""),
         ]
+        # the outputs of Python stay in double precision, so that only the block's are rounded
         y = "device.y" if real == "LREAL" else "REAL_TO_LREAL(device.y)"
         row_lines = [f"u[{j}] := {text};" for j, text in enumerate(u)] if source.by_row else []
         input_text = "u" if source.by_row else "inputs[k]"
         init_at = ", init_at := FALSE" if of_level else ""
+        # NOT (error <= allowed) holds for an error that is not a number, too
         lines = [
             *row_lines,
             f"device(u := {input_text}{init_at});",

@@ -436,6 +436,7 @@ def configuration(name, entries, functions, dialect, test_values):
     fields = {}
     for entry in entries:
         fields.setdefault(entry.field, []).append(entry)
+    # the fields of the struct in their order are the parameters p[0], p[1], ...
     lines, position = [], 0
     declared = []
     for field_name, group in fields.items():
@@ -457,6 +458,7 @@ def configuration(name, entries, functions, dialect, test_values):
             texts.append(part if group[0].index is None else f"{{{part}}}")
         return ", ".join(texts)
 
+    # p holds the scaled parameters, then the number one, for terms with fewer than two parameters
     derive = [_polynomials(functions, dialect, n)] if functions.quadratic else []
     derive += [_series_text(name, dialect, *one) for one in functions.series]
     helper = _CHEBYSHEV.format(t=dialect.type, name=name, one=literal(1.0), two=literal(2.0))
