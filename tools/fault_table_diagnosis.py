@@ -51,8 +51,8 @@ DIAGNOSIS = [
     ),
     (
         "the difference of two repetitions is taken for the noise of one",
-        "power += 0.5 * own",
-        "power += own",
+        "power += 0.5 * squares",
+        "power += squares",
         "tests/diagnosis/test_noise.py -k repeated",
     ),
     (
@@ -175,14 +175,14 @@ CRITERION = [  # of this way to decide
     ),
     (
         "of two tests the smaller p-value counts once",
-        "p = 2.0 * min(p, paired_p_value(*_rescaled(*map(better.noise.innovations, own))))",
-        "p = min(p, paired_p_value(*_rescaled(*map(better.noise.innovations, own))))",
+        "p = 2.0 * min(p, paired_p_value(*_rescaled(*map(better.noise.innovations, series))))",
+        "p = min(p, paired_p_value(*_rescaled(*map(better.noise.innovations, series))))",
         "",
     ),
     (
         "a record counts by the size of its noise",
-        "[e / size for e, size in zip(own, sizes, strict=True)]",
-        "[e for e, size in zip(own, sizes, strict=True)]",
+        "[e / size for e, size in zip(group, sizes, strict=True)]",
+        "[e for e, size in zip(group, sizes, strict=True)]",
         "",
     ),
     (
@@ -271,7 +271,7 @@ CRITERION = [  # of this way to decide
     ),
     (
         "a drift's constant counts as a drift",
-        "if disturbance.has_constant and len(own) > 1:",
+        "if disturbance.has_constant and len(tested) > 1:",
         "if disturbance.has_constant and len(own) > 99:",
         "tests/diagnosis/test_course.py -k constant",
     ),

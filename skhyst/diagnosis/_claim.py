@@ -13,7 +13,10 @@ from ..records import Units
 
 @dataclass(frozen=True)
 class Seen:
-    """Inputs and outputs of a part of the model, see ``_traits.characteristics``."""
+    """Inputs and outputs of a part of the model, by record; see ``_traits.characteristics``.
+
+    ``coefficients`` are those of an additive disturbance, (n_records, n_coefficients).
+    """
 
     inputs: list
     outputs: list
@@ -58,7 +61,10 @@ class Claim:
     words: Units
 
     def counted(self):
-        """Return the claim with positions that the search has moved as parameters, with errors."""
+        """Return the claim with the positions that the search has moved as fitted parameters.
+
+        Then they have standard errors.
+        """
         if not self.structure.moved:
             return self
         structure, result = self.structure.counted(self.result, self.records)
@@ -77,7 +83,7 @@ class Claim:
 
     @cached_property
     def at(self):
-        """The number of the stage that the effect is, or that it has changed."""
+        """The number of the stage that was added for the effect, or that the effect has changed."""
         return self.structure.place(self.effect.name)
 
     @cached_property
@@ -92,7 +98,7 @@ class Claim:
 
     @cached_property
     def operator(self):
-        """The operator that the effect is, or is a part of; None if it is not an operator."""
+        """The operator that was added or changed; None if the effect is no operator."""
         if self.kind in ("modulation", "schedule", "scheduled stage", "start"):
             return None
         if self.kind == "branch":
@@ -102,7 +108,7 @@ class Claim:
 
     @property
     def _branches(self):
-        """The sum that a branch is added in, and the name of the branch there."""
+        """The sum that a branch was added to, and the name of the branch in it."""
         if self._biases:
             whole = self.structure.part(self.effect.name)
             return whole, whole.names[-1]
@@ -120,7 +126,7 @@ class Claim:
 
     @cached_property
     def not_new(self):
-        """Parameters of the operator that do not belong to the effect."""
+        """Parameters of the operator that were in the model before the effect."""
         if self.kind == "branch":
             return {"intercept"}
         old = set()
@@ -133,6 +139,7 @@ class Claim:
     @cached_property
     def keys(self):
         """Identified parameters of the operator: short name -> name in the result."""
+        # names in the result end in "stage__entry", after the names of what the stage is part of
         structure, place = self.structure, self.edits[0].place
         mark = f"{self.label}__"
         if self._biases:
@@ -142,12 +149,12 @@ class Claim:
         elif self.label in structure.disturbance_names:
             mark = f"disturbance{structure.disturbance_names.index(self.label)}__"
         marked = {key: re.split(f"(?:^|__){mark}", key, maxsplit=1) for key in self.result.params}
-        found = {parts[1]: key for key, parts in marked.items() if len(parts) == 2}
-        if not found and self.kind == "exchange":  # a single model has no names of stages
-            own = {key.removeprefix("model__"): key for key in self.result.params}
-            found = {short: key for short, key in own.items() if "__" not in short}
-        known = {name for name, _ in self.operator.entries()}  # others vary with the record
-        return {short: key for short, key in found.items() if short in known}
+        keys = {parts[1]: key for key, parts in marked.items() if len(parts) == 2}
+        if not keys and self.kind == "exchange":  # a single model has no names of stages
+            short_names = {key.removeprefix("model__"): key for key in self.result.params}
+            keys = {short: key for short, key in short_names.items() if "__" not in short}
+        own_entries = {name for name, _ in self.operator.entries()}  # others vary with the record
+        return {short: key for short, key in keys.items() if short in own_entries}
 
     @cached_property
     def values(self):
@@ -176,6 +183,7 @@ class Claim:
         operators = self.structure.operators
         owners = [i for i, o in enumerate(operators) if o.owns_gain]
         shared = [any(spec.is_shared for _, spec in o.entries()) for o in operators]
+        # without an owner, the last stage with a shared gain stands for it, or the last of all
         owners = owners or np.flatnonzero(shared).tolist()
         owner = max(owners, default=len(operators) - 1)
         return tuple(
@@ -209,7 +217,7 @@ class Claim:
         return [record.auxiliary[:, self.column - 1] for record in self.records]
 
     def stage_at(self, number):
-        """Return the stage with its parameters for a record of this schedule value."""
+        """Return the stage's operator with the parameters at a schedule value."""
         return self.structure.stages_at(number)[self.at].operator
 
     # ------------------------------------------------------------------ signals, one array per
@@ -230,23 +238,27 @@ class Claim:
     def _coefficients(self, disturbance):
         """Return the coefficients of a disturbance for each record, (n_records, n_coefficients)."""
         others = self.structure.disturbances
+        # the coefficients of all disturbances stand side by side
         sizes = [np.size(other.coefficients) for other in others]
         at = next(i for i, other in enumerate(others) if other is disturbance)
         return self.result.record_coefficients[:, sum(sizes[:at]) :][:, : sizes[at]]
 
     def course(self, disturbance):
-        """Return a disturbance over the time of each record."""
+        """Return a disturbance at all samples, one array per record."""
         pairs = zip(self.records, self._coefficients(disturbance), strict=True)
-        return [disturbance.basis(r.dt * np.arange(len(r.u))) @ own for r, own in pairs]
+        return [
+            disturbance.basis(r.dt * np.arange(len(r.u))) @ coefficients
+            for r, coefficients in pairs
+        ]
 
     @cached_property
     def measured(self):
         """The response of each record without the additive disturbances."""
-        found = [np.array(record.y) for record in self.records]
+        responses = [np.array(record.y) for record in self.records]
         for disturbance in self.structure.disturbances:
-            for y, own in zip(found, self.course(disturbance), strict=True):
-                y -= own
-        return found
+            for y, course in zip(responses, self.course(disturbance), strict=True):
+                y -= course
+        return responses
 
     @cached_property
     def modelled(self):
@@ -255,8 +267,8 @@ class Claim:
 
     def inputs(self):
         """Return the input of the stage in each record; with several columns, the drive."""
-        found = self.structure.run(self.records, last=self.at)
-        return [u if u.ndim == 1 else u[:, 0] for u in found]
+        signals = self.structure.run(self.records, last=self.at)
+        return [u if u.ndim == 1 else u[:, 0] for u in signals]
 
     @cached_property
     def rest(self):
@@ -271,7 +283,7 @@ class Claim:
             return structure.without(self.effect.name)
         if self.is_part:
             stage = structure.operators[self.at]
-            parts = [Stage(n, bare(own)) for n, own in stage.members() if n != self.label]
+            parts = [Stage(n, bare(operator)) for n, operator in stage.members() if n != self.label]
             forces = SumOperator.of_parts(parts)
             return structure.with_stage(self.at, operator=forces)
         return structure.cut(structure.names[self.at])
@@ -282,14 +294,14 @@ class Claim:
         return self.rest.respond(self.records)
 
     def model_residuals(self, without):
-        """Return the residual of a model, of the measurement and of the full model's response."""
+        """Return the measured response and the full model's, each minus a response ``without``."""
         return (
             [y - x for y, x in zip(self.measured, without, strict=True)],
             [y - x for y, x in zip(self.modelled, without, strict=True)],
         )
 
     def without_effect(self):
-        """Return the response without the effect, and its residuals; see :meth:`lacking`.
+        """Return the response without the effect, and the two :meth:`model_residuals` of it.
 
         Where the effect owns the gain of the series, the response is scaled by a fitted straight
         line.

@@ -77,7 +77,7 @@ from ..noise import block_p_value
 
 @dataclass(frozen=True)
 class Criterion:
-    """The comparison of two models with the user's level and least improvement.
+    """The comparison of two models at the user's level and least improvement.
 
     Parameters
     ----------
@@ -100,37 +100,41 @@ class Criterion:
         return matters and self.p_value(worse, better, n_tried) < self.alpha
 
     def p_value(self, worse, better, n_tried=1):
-        """Return the p-value of one contestant predicting no better than another, of `n_tried`."""
-        own = [weighted(c.residuals, better.weights) for c in (worse, better)]
+        """Return the p-value of the hypothesis that ``better`` predicts no better than ``worse``.
+
+        It is corrected for `n_tried` comparisons (Bonferroni).
+        """
+        series = [weighted(c.residuals, better.weights) for c in (worse, better)]
         if better.explained:
-            shown = [b - a for a, b in zip(worse.explained, better.explained, strict=True)]
-            own.append(weighted(shown, better.weights))
-        p = paired_p_value(*own)
+            # in a closed loop: the responses to the noise-free part of the drive
+            by_instrument = [b - a for a, b in zip(worse.explained, better.explained, strict=True)]
+            series.append(weighted(by_instrument, better.weights))
+        p = paired_p_value(*series)
         if better.noise.law != "white":
-            p = 2.0 * min(p, paired_p_value(*_rescaled(*map(better.noise.innovations, own))))
+            p = 2.0 * min(p, paired_p_value(*_rescaled(*map(better.noise.innovations, series))))
         return min(1.0, n_tried * p)
 
 
 def weighted(series, weights):
     """Return series times the roots of their weights; NaN where the weight is zero."""
     roots = [1.0 if w is None else np.sqrt(np.where(w > 0.0, w, np.nan)) for w in weights]
-    return [root * own for root, own in zip(roots, series, strict=True)]
+    return [root * part for root, part in zip(roots, series, strict=True)]
 
 
 def _rescaled(worse, better, *instruments):
-    """Return series divided by the root mean square of both residuals of a record."""
+    """Return series, each record divided by the root mean square of both residuals in it."""
     sizes = [
-        np.sqrt(np.nansum(np.square(both)) / max(np.isfinite(both).sum(), 1)) or 1.0
-        for both in zip(worse, better, strict=True)
+        np.sqrt(np.nansum(np.square(pair)) / max(np.isfinite(pair).sum(), 1)) or 1.0
+        for pair in zip(worse, better, strict=True)
     ]
     return [
-        [e / size for e, size in zip(own, sizes, strict=True)]
-        for own in (worse, better, *instruments)
+        [e / size for e, size in zip(group, sizes, strict=True)]
+        for group in (worse, better, *instruments)
     ]
 
 
 def paired_p_value(worse, better, instruments=None):
-    """Return the p-value of the second of two predictions having no smaller squared errors.
+    """Return the p-value of the hypothesis that the second residuals are no smaller.
 
     Parameters
     ----------
@@ -144,7 +148,7 @@ def paired_p_value(worse, better, instruments=None):
     -------
     float
     """
-    gain, shown, chances = 0.0, 0.0, []
+    gain, agreement, chances = 0.0, 0.0, []
     instruments = [None] * len(worse) if instruments is None else instruments
     scale = max(np.nanmax(np.abs(a), initial=0.0) for a in worse) or 1.0
     for a, b, z in zip(worse, better, instruments, strict=True):
@@ -152,6 +156,6 @@ def paired_p_value(worse, better, instruments=None):
         a, b = a[known] / scale, b[known] / scale
         z = a - b if z is None else z[known] / scale
         gain += np.sum(z * (a + b))
-        shown += np.sum(z * (a - b))
+        agreement += np.sum(z * (a - b))
         chances.append(z * b)
-    return block_p_value(0.5 * gain, chances) if shown > 0.0 else 1.0
+    return block_p_value(0.5 * gain, chances) if agreement > 0.0 else 1.0

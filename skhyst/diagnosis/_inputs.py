@@ -22,34 +22,37 @@ def units_of(search, response, slices):
 
 
 def with_others(drive, columns):
-    """Return the input of the stages, and the columns of X that it does not include."""
+    """Return the input of the stages, and the further columns of X, None if it includes them."""
     return drive, columns[:, 1:] if drive.ndim == 1 and columns.shape[1] > 1 else None
 
 
 def record_data(s, drive, others, response, segments, read=None):
     """Return the RecordData of a record; rows that were lost (not ``read``) have weight zero."""
-    own = {"auxiliary": None if others is None else others[s.rows]}
+    options = {"auxiliary": None if others is None else others[s.rows]}
     if read is not None and not read[s.rows].all():
-        own["weights"] = read[s.rows].astype(float)
-    return RecordData(drive[s.rows], response[s.rows], s.dt, segments=tuple(segments), **own)
+        options["weights"] = read[s.rows].astype(float)
+    return RecordData(drive[s.rows], response[s.rows], s.dt, segments=tuple(segments), **options)
 
 
 def scoring_folds(slices, segments, folds):
     """Return for each row the number of the fold that scores it; -1 where no fold does."""
-    found = np.full(sum(s.n_samples for s in slices), -1)
+    fold_of_row = np.full(sum(s.n_samples for s in slices), -1)
     spans = [
         (s.rows.start + start, s.rows.start + stop)
-        for s, own in zip(slices, segments, strict=True)
-        for start, stop in own
+        for s, segments_of_record in zip(slices, segments, strict=True)
+        for start, stop in segments_of_record
     ]
     for number, (_, test) in enumerate(folds):
         for segment in np.flatnonzero(test):
-            found[slice(*spans[segment])] = number
-    return found
+            fold_of_row[slice(*spans[segment])] = number
+    return fold_of_row
 
 
 def first_row(search, record):
-    """Return the first row that is scored; of a single record that behind a washout."""
+    """Return the first row of a record that is scored, by default the one after the washout.
+
+    By default the washout is 5 % of a single record, and nothing of several records.
+    """
     unknown = int(0.05 * record.n_samples) if len(search.records_) == 1 else 0
     return min(unknown if search.washout is None else search.washout, record.n_samples - 1)
 
@@ -59,33 +62,39 @@ def _continues_fit(search, slices):
     # it starts within a record of the fit, or after a gap too short to separate two records
     return [
         any(
-            own.label == s.label
-            and 0.0 < s.start_time - own.start_time < (own.n_samples + 0.5) * own.dt
-            for own in search.records_
+            record.label == s.label
+            and 0.0 < s.start_time - record.start_time < (record.n_samples + 0.5) * record.dt
+            for record in search.records_
         )
         for s in slices
     ]
 
 
-def _with_estimated_history(structure, records, begun):
-    """Return a structure with an estimated input history of the records that have ``begun``."""
-    if not any(begun) or all(operator.memoryless for operator in structure.operators):
+def _with_estimated_history(structure, records, continues):
+    """Return a structure with an input history of the records that continue one of the fit."""
+    if not any(continues) or all(operator.memoryless for operator in structure.operators):
         return structure
-    led = iter(structure.with_estimated_history(list(compress(records, begun))).input_history)
-    return replace(structure, input_history=tuple(next(led) if own else None for own in begun))
+    histories = iter(
+        structure.with_estimated_history(list(compress(records, continues))).input_history
+    )
+    return replace(
+        structure,
+        input_history=tuple(next(histories) if continued else None for continued in continues),
+    )
 
 
 def held_out_error(search, X, y, declared):
     """Return the error of a fitted search on evenly sampled data; see ``EffectSearchCV``."""
     X, y, read = fill_lost_rows(X, y)
     slices, columns, response = read_data(search, X, y, reset=False)
-    X, columns = (without_column(own, column_of(search)) for own in (X, columns))
+    X, columns = (without_column(table, column_of(search)) for table in (X, columns))
     driver = search.declared_estimator_ if declared else search._driver
-    begun, known = _continues_fit(search, slices), np.full(len(response), np.nan)
-    for s, own in zip(slices, begun, strict=True):
+    continues, past = _continues_fit(search, slices), np.full(len(response), np.nan)
+    for s, continued in zip(slices, continues, strict=True):
+        # a model that continues the response may see it before the first scored row
         counted = s.rows.start + first_row(search, s)
-        known[s.rows.start : counted] = response[s.rows.start : counted] if own else np.nan
-    drive = drive_of(driver, X, columns, known if np.isfinite(known).any() else None)
+        past[s.rows.start : counted] = response[s.rows.start : counted] if continued else np.nan
+    drive = drive_of(driver, X, columns, past if np.isfinite(past).any() else None)
     inputs, records = with_others(drive, columns), []
     for s in slices:
         segments = stretches(first_row(search, s), s.n_samples)
@@ -94,9 +103,9 @@ def held_out_error(search, X, y, declared):
     if structure.input_history:
         structure = structure.with_estimated_history(records)
     else:
-        structure = _with_estimated_history(structure, records, begun)
+        structure = _with_estimated_history(structure, records, continues)
     problem = structure.problem(records)
-    nothing = np.zeros(len(problem.segment_record), dtype=bool)
-    predictions = problem.predictions(problem.x0, nothing)
+    no_segment = np.zeros(len(problem.segment_record), dtype=bool)
+    predictions = problem.predictions(problem.x0, no_segment)
     residuals = held_out_residuals(problem, predictions, [r.segments[0][0] for r in records])
     return root_mean_square(residuals, [record.weights for record in records])

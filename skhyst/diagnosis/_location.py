@@ -1,4 +1,4 @@
-r"""Where the power of a residual is, and the parameters of a fit without those samples.
+r"""Where the power of a residual is concentrated, and the parameters of a fit without that part.
 
 **Error of a share.** The share s of the power in a part is a ratio of two sums over one series.
 Over blocks i of the length of Politis and White (``noise.block_length``) the sums
@@ -57,20 +57,23 @@ def locate(slices, drive, residual, units):
         return pd.DataFrame(columns=_COLUMNS)
     length, _ = block_length([p - total / count for p in power if p.size])
     blocks, n_blocks = [], 0
-    for p in power:
+    for p in power:  # no block spans two records
         blocks.append(n_blocks + np.arange(p.size) // length)
         n_blocks += -(-p.size // length)
     power, blocks, rows = np.concatenate(power), np.concatenate(blocks), []
     for by, (unit, signals) in _signals(slices, drive).items():
-        values = [own[k] for own, k in zip(signals, known, strict=True)]
+        values = [signal[k] for signal, k in zip(signals, known, strict=True)]
         places, which = _partition(by, values, signals, record_names(slices))
-        for place, own in zip(places, _shares(power, which, len(places), blocks), strict=True):
-            if by == "record" or own[1] > 0.0:
-                rows.append((by, *place, units.of(unit), *own))
+        for place, numbers in zip(places, _shares(power, which, len(places), blocks), strict=True):
+            if by == "record" or numbers[1] > 0.0:
+                rows.append((by, *place, units.of(unit), *numbers))
     hertz = units.of("Hz")
-    rows += [("frequency", None, *own[:2], hertz, *own[2:]) for own in _octaves(slices, residuals)]
+    rows += [
+        ("frequency", None, *octave[:2], hertz, *octave[2:])
+        for octave in _octaves(slices, residuals)
+    ]
     order = ["record", "time", "drive", "amplitude", "rate", "direction", "frequency"]
-    rows.sort(key=lambda own: (order.index(own[0]), -own[6]))
+    rows.sort(key=lambda row: (order.index(row[0]), -row[6]))
     return pd.DataFrame(rows, columns=_COLUMNS)
 
 
@@ -105,22 +108,22 @@ def parameters_without(tree, slices, records, drive, table, result, alpha):
     for place in strongest(table).to_dict("records"):
         if place["by"] not in signals:
             continue
-        _, own = signals[place["by"]]
-        weighed = []
-        for name, record, values in zip(record_names(slices), records, own, strict=True):
+        _, signal = signals[place["by"]]
+        reduced = []
+        for name, record, values in zip(record_names(slices), records, signal, strict=True):
             inside = (values >= place["low"]) & (values <= place["high"])
             if place["by"] in ("record", "time"):
                 inside &= place["record"] == name
-            weighed.append(replace(record, weights=record.counts() * ~inside))
-        left, whole = (sum(r.counts().sum() for r in own) for own in (weighed, records))
-        if 2.0 * left < whole:  # a fit to less than half of the data says nothing about the rest
+            reduced.append(replace(record, weights=record.counts() * ~inside))
+        n_left, n_all = (sum(r.counts().sum() for r in group) for group in (reduced, records))
+        if 2.0 * n_left < n_all:  # a fit to less than half of the data says nothing about the rest
             continue
-        _, found = tree.fitted(weighed, slices)
-        for name, value in found.params.items():
-            errors = result.params_std.get(name, np.nan), found.params_std[name]
+        _, refit = tree.fitted(reduced, slices)
+        for name, value in refit.params.items():
+            errors = result.params_std.get(name, np.nan), refit.params_std[name]
             if np.isfinite(errors).all():
-                both = result.params[name], errors[0], value, errors[1]
-                rows.append([place[key] for key in _COLUMNS[:5]] + [name, *map(float, both)])
+                estimates = result.params[name], errors[0], value, errors[1]
+                rows.append([place[key] for key in _COLUMNS[:5]] + [name, *map(float, estimates)])
     far = norm.isf(0.5 * alpha / max(len(rows), 1))
     rows = [[*row, abs(row[-2] - row[-4]) > far * row[-1]] for row in rows]
     return pd.DataFrame(rows, columns=PARAMETERS_WITHOUT)
@@ -141,20 +144,23 @@ def _signals(slices, drive):
 
 
 def _amplitude(u):
-    """Return for each sample of a drive half the height of its swing."""
+    """Return for each sample of a drive half the range of the monotone swing that it is in."""
     ends = np.array([0, *turns(u), len(u)])
     swings = 0.5 * np.abs(np.diff(u[np.minimum(ends, len(u) - 1)]))
     return np.repeat(swings, np.diff(ends))
 
 
 def _partition(by, values, signals, names):
-    """Return the parts of a signal as (record, low, high), and the part that each sample is in."""
+    """Return the parts of a signal as (record, low, high), and the number of each sample's part.
+
+    ``values`` are those at the samples that count, ``signals`` those at all samples.
+    """
     if by in ("record", "time"):
         n, places, which = 1 if by == "record" else _TENTHS, [], []
-        for k, (name, own, whole) in enumerate(zip(names, values, signals, strict=True)):
-            edges = np.linspace(0.0, whole[-1], n + 1)
+        for k, (name, times, record_times) in enumerate(zip(names, values, signals, strict=True)):
+            edges = np.linspace(0.0, record_times[-1], n + 1)
             places += [(name, *ends) for ends in pairwise(edges.tolist())]
-            part = np.searchsorted(edges, own, side="right") - 1
+            part = np.searchsorted(edges, times, side="right") - 1
             which.append(n * k + np.clip(part, 0, n - 1))
         return places, np.concatenate(which)
     values = levels = np.concatenate(values)
@@ -169,15 +175,21 @@ def _partition(by, values, signals, names):
 
 
 def _shares(power, which, count, blocks):
-    """Return the share, the concentration and its interval of the power in each part."""
+    """Return share, concentration and its confidence interval of the power in each part.
+
+    ``which`` and ``blocks`` are the numbers of the part and of the block of each sample.
+    """
     size = np.maximum(np.bincount(which, minlength=count), 1)
     share = np.bincount(which, power, count) / power.sum()
-    pairs, at = np.unique(blocks * count + which, return_inverse=True)
-    sums, part = np.bincount(at, power), pairs % count
-    whole = np.bincount(blocks, power)
-    own = np.bincount(part, np.square(sums), count)
-    both = np.bincount(part, sums * whole[pairs // count], count)
-    error = np.sqrt(np.maximum(own - 2.0 * share * both + share**2 * (whole @ whole), 0.0))
+    pairs, pair_of_sample = np.unique(blocks * count + which, return_inverse=True)
+    sums, part = np.bincount(pair_of_sample, power), pairs % count
+    totals = np.bincount(blocks, power)
+    # the squares of e_i, see the head of the module, multiplied out and summed over the blocks
+    own_squares = np.bincount(part, np.square(sums), count)
+    cross = np.bincount(part, sums * totals[pairs // count], count)
+    error = np.sqrt(
+        np.maximum(own_squares - 2.0 * share * cross + share**2 * (totals @ totals), 0.0)
+    )
     n_blocks = np.count_nonzero(np.bincount(blocks))
     reach = student.isf(0.5 * (1.0 - _LEVEL) / count, n_blocks - 1) if n_blocks > 1 else np.inf
     half = np.where(error > 0.0, reach, 0.0) * error / power.sum()
@@ -186,7 +198,7 @@ def _shares(power, which, count, blocks):
 
 
 def _octaves(slices, residuals):
-    """Yield low, high (Hz), share and concentration of the power of the residual by octaves."""
+    """Yield low, high (Hz), share, concentration and its interval of the residual by octaves."""
     top = 0.5 / min(s.dt for s in slices)
     longest = max(s.dt * s.n_samples for s in slices)
     count = max(int(np.floor(np.log2(top * longest))), 1)
@@ -195,9 +207,9 @@ def _octaves(slices, residuals):
     for s, residual in zip(slices, residuals, strict=True):
         power.append(np.abs(np.fft.rfft(np.nan_to_num(residual))) ** 2 / s.n_samples)
         frequency = np.fft.rfftfreq(s.n_samples, s.dt)
-        own = np.searchsorted(edges, frequency, side="left") - 1
-        which.append(np.clip(own, 0, count - 1))
+        octave = np.searchsorted(edges, frequency, side="left") - 1
+        which.append(np.clip(octave, 0, count - 1))
     power, which = np.concatenate(power), np.concatenate(which)
-    for i, own in enumerate(_shares(power, which, count, np.arange(len(power)))):
+    for i, numbers in enumerate(_shares(power, which, count, np.arange(len(power)))):
         if np.any(which == i):
-            yield float(edges[i]), float(edges[i + 1]), *own
+            yield float(edges[i]), float(edges[i + 1]), *numbers

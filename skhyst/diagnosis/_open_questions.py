@@ -110,31 +110,34 @@ def question_of(search):
 
 
 def _rivals(search):
-    """Yield each claim, a rival of it, and the fitted models with either."""
+    """Yield each ambiguous claim, a rival of it, and the fitted models with either."""
+    # both sides of a contrast include all variants that fit about as well: a record has to
+    # distinguish each of them
     tree = search._structure
     for row in search.history_.itertuples():
         start = tree.without(row.effect) if row.ambiguous_with else tree
-        own = _with_effect(row.effect, start, search) if row.ambiguous_with else []
+        with_effect = _with_effect(row.effect, start, search) if row.ambiguous_with else []
         for name in row.ambiguous_with:
             rivals = _with_effect(name, start, search)
             if rivals:
-                yield row.effect, name, ([Fitted(tree, search._records), *own], rivals)
+                yield row.effect, name, ([Fitted(tree, search._records), *with_effect], rivals)
 
 
 def _places(search):
-    """Yield two places of a term without a name, and the models with it at either."""
-    for own, tree, name, other in search._undistinguished[:FEW]:
-        yield own, name, tuple([Fitted(model, search._records)] for model in (tree, other))
+    """Yield two places of an unknown term, and the models with it at either place."""
+    for place, tree, other, rival in search._undistinguished[:FEW]:
+        yield place, other, tuple([Fitted(model, search._records)] for model in (tree, rival))
 
 
 def _near_claims(search):
-    """Yield the effects that were nearest to a claim, "none", and the models of both."""
+    """Yield the effects nearest to a claim, "none", and the models with and without them."""
     if search.verdict_ == "noise" or search.ranking_.empty:
         return
     tree = search._structure
     table = search.ranking_.sort_values(["error_after", "screen"], ascending=[True, False])
     table = table[(table["round"] == table["round"].max()) & ~table["effect"].isin(tree.effects)]
-    least = 1.0 - (1.0 - search.min_improvement) ** 2  # of the power, to be contested
+    # the fraction of the power that an effect would have to remove to be claimed
+    least = 1.0 - (1.0 - search.min_improvement) ** 2
     for name in table["effect"][table["screen"] > least][:FEW]:
         more = _with_effect(name, tree, search)
         if more:
@@ -142,7 +145,7 @@ def _near_claims(search):
 
 
 def _with_effect(name, tree, search):
-    """Return the variants of one more effect that fit about as well as the best, best first."""
+    """Return the fitted variants of one more effect that fit about as well as the best."""
     if name not in EFFECTS or name in tree.effects:
         return []
     effect, records = effect_of(search._driver, EFFECTS[name]), list(search._records)
@@ -165,37 +168,46 @@ class Contrasts:
         self._share = (1.0 - search.min_improvement) ** -2 - 1.0
 
     def evaluate(self, record):
-        """Return the noncentrality if either model of a pair is right, and if it suffices."""
-        found = []
+        """Return the noncentralities, (n_pairs, 2), and whether each rejects the wrong model.
+
+        Column 0 is for the case that the first model of a pair is right.
+        """
+        values = []
         for _, _, sides in self._pairs:
-            y = [models[0].predict(record) for models in sides]
-            wrong = zip(y, sides[::-1], strict=True)
-            found.append([min(m.misses(own, record) for m in models) for own, models in wrong])
-        found = np.array(found) / self._variance
-        return found, found > self._share * (self._n_old + len(record.u))
+            responses = [models[0].predict(record) for models in sides]
+            contests = zip(responses, sides[::-1], strict=True)
+            values.append(
+                [min(m.misses(response, record) for m in models) for response, models in contests]
+            )
+        values = np.array(values) / self._variance
+        return values, values > self._share * (self._n_old + len(record.u))
 
     def score(self, answer):
         """Return the number of wrong models that are rejected, and the mean nats."""
-        found, enough = answer
-        return np.count_nonzero(enough), 0.25 * np.log1p(found).sum()
+        noncentralities, rejected = answer
+        return np.count_nonzero(rejected), 0.25 * np.log1p(noncentralities).sum()
 
     def describe(self, answer, n_samples):
         """Say which models are distinguished, and by how much."""
         forms = {2: "{0} from {1}", 1: "{0} from {1} if it is {2}", 0: "{0} from {1}"}
-        found = {False: [], True: []}
-        for (*names, _), own, enough in zip(self._pairs, *answer, strict=True):
-            count = np.count_nonzero(enough)
-            shown = own[enough].min() if count else own.max()
-            form = forms[count].format(*names, names[int(np.argmax(own))])
-            size = number(np.sqrt(shown / n_samples), 2)
-            found[count > 0].append(f"{form} ({size} times the noise)")
-        parts = [f"it distinguishes {listed(found[True])}"] if found[True] else []
-        parts += [f"it hardly distinguishes {listed(found[False])}"] if found[False] else []
+        texts = {False: [], True: []}
+        for (*names, _), noncentralities, rejected in zip(self._pairs, *answer, strict=True):
+            count = np.count_nonzero(rejected)
+            decisive = noncentralities[rejected].min() if count else noncentralities.max()
+            form = forms[count].format(*names, names[int(np.argmax(noncentralities))])
+            size = number(np.sqrt(decisive / n_samples), 2)
+            texts[count > 0].append(f"{form} ({size} times the noise)")
+        parts = [f"it distinguishes {listed(texts[True])}"] if texts[True] else []
+        parts += [f"it hardly distinguishes {listed(texts[False])}"] if texts[False] else []
         return f"{', but '.join(parts)}. The numbers are the RMS of their difference after a refit."
 
 
 class Intervals:
-    """The parameters with the widest confidence intervals relative to their values."""
+    """The parameters with the widest confidence intervals relative to their values.
+
+    A record is rated by how much it narrows them; where no effect explains the residual, by how
+    much it narrows those of all parameters.
+    """
 
     def __init__(self, search):
         tree = search._structure
@@ -231,8 +243,8 @@ class Intervals:
 
     def score(self, answer):
         """Return the nats as a tuple."""
-        asked = np.ix_(self._rated, self._rated)
-        before, after = (np.linalg.slogdet(covariance[asked])[1] for covariance in answer)
+        rated = np.ix_(self._rated, self._rated)
+        before, after = (np.linalg.slogdet(covariance[rated])[1] for covariance in answer)
         return (0.5 * (before - after),)
 
     def describe(self, answer, n_samples):
@@ -240,7 +252,7 @@ class Intervals:
         lead = "no effect is near to a claim" if self._is_open else "nothing is ambiguous"
         if not len(self._widest):
             return f"{lead}, and no parameter has a confidence interval."
-        before, after = (100.0 * self._widths(own)[self._widest] for own in answer)
+        before, after = (100.0 * self._widths(covariance)[self._widest] for covariance in answer)
         narrower = listed(
             f"{_in_words(self._names[self._inner[i]])} (from ±{number(a, 2)} to ±{number(b, 2)} %)"
             for i, a, b in zip(self._widest, before, after, strict=True)
@@ -256,10 +268,10 @@ def _in_words(name):
     >>> _in_words("prandtl_ishlinskii__weights[9]"), _in_words("gain")
     ('weights 10 of prandtl_ishlinskii', 'gain')
     """
-    *stages, own = name.split("__")
-    own, _, number = own.rstrip("]").partition("[")
-    own = own.replace("_", " ") + (f" {int(number) + 1}" if number else "")
-    return " of ".join([own, *reversed(stages)])
+    *stages, entry = name.split("__")
+    entry, _, index = entry.rstrip("]").partition("[")
+    entry = entry.replace("_", " ") + (f" {int(index) + 1}" if index else "")
+    return " of ".join([entry, *reversed(stages)])
 
 
 def _noise(search):

@@ -48,19 +48,24 @@ def shared_claims(searches):
     claimed = dict.fromkeys(name for search in searches.values() for name in search.effects_)
     rows = []
     for effect in claimed:
-        own = {key: s.evidence_[effect] for key, s in searches.items() if effect in s.effects_}
-        if len(own) < 2:
+        by_response = {
+            key: s.evidence_[effect] for key, s in searches.items() if effect in s.effects_
+        }
+        if len(by_response) < 2:
             continue
-        common = set.intersection(*(set(evidence.numbers) for evidence in own.values()))
-        names = [name for name in next(iter(own.values())).numbers if name in common]
+        common = set.intersection(*(set(evidence.numbers) for evidence in by_response.values()))
+        names = [name for name in next(iter(by_response.values())).numbers if name in common]
         for name in names or [None]:
-            numbers = [evidence.numbers[name] for evidence in own.values()] if name else []
-            rows.append((effect, list(own), name, *_agreed(numbers)))
+            numbers = [evidence.numbers[name] for evidence in by_response.values()] if name else []
+            rows.append((effect, list(by_response), name, *_agreed(numbers)))
     return pd.DataFrame(rows, columns=SHARED)
 
 
 def _agreed(numbers):
-    """Return the mean, its standard error, the unit, and the p-value of the scatter."""
+    """Return the weighted mean, its standard error, the unit, and the p-value of the scatter.
+
+    ``numbers`` are tuples of value, standard error and unit.
+    """
     known = [(v, s) for v, s, _ in numbers if np.isfinite(v) and np.isfinite(s) and s > 0.0]
     unit = numbers[0][2] if numbers else ""
     if len(known) < 2:

@@ -43,8 +43,8 @@ class Picture:
 def draw(claim):
     """Return the picture of a claim, by the kind of its edit, or the one that its effect names."""
     title = claim.effect.name.replace("_", " ").capitalize()
-    own = claim.effect.picture or ("time" if claim.kind == "additive" else "curve")
-    picture = _PICTURES[claim.kind if claim.kind in _PICTURES else own](title, claim)
+    name = claim.effect.picture or ("time" if claim.kind == "additive" else "curve")
+    picture = _PICTURES[claim.kind if claim.kind in _PICTURES else name](title, claim)
     return _in_units(picture, claim.words)
 
 
@@ -69,7 +69,7 @@ def _spans(signals):
 
 
 def _means(x, measured, identified, by_direction=False):
-    """Return curves of bin means against a signal; all are lists of one array per record."""
+    """Return curves of bin means against a signal ``x``; all are lists of one array per record."""
     rising = np.concatenate([branch(signal) > 0 for signal in x])
     sides = {", rising": rising, ", falling": ~rising} if by_direction else {"": slice(None)}
     x, measured, identified = map(np.concatenate, (x, measured, identified))
@@ -96,7 +96,8 @@ def _largest_loop(x, measured, identified):
 def _curve(title, claim, loop=False):
     """Draw the contribution of a stage against its input, by direction, or along a loop.
 
-    A stage that owns the gain of the series is drawn against the response without it.
+    A stage that owns the gain of the series is drawn against the response without it: against its
+    input, the line of the gain would hide the rest.
     """
     without, measured, identified = claim.without_effect()
     x, x_label = claim.inputs(), f"its input ({claim.units[0]})"
@@ -113,45 +114,47 @@ def _balance(claim, motions, reach):
     All are lists of one array per record, in units of the response; forces are in units of the
     drive. Frequencies above ``reach`` times the resonance are removed as noise.
     """
-    operator, found = claim.operator, []
+    operator, signals = claim.operator, []
     w, zeta, gain = operator.natural_frequency, operator.damping_ratio, operator.gain
     preload = getattr(operator, "preload", 0.0)
     for record, drive, motion in zip(claim.records, claim.seen.inputs, motions, strict=True):
         # derivatives of the sine series of the motion minus the line between its ends
         n, dt = len(motion), record.dt
-        ends = np.linspace(motion[0], motion[-1], n)
-        odd = np.concatenate([motion - ends, (ends - motion)[-2:0:-1]])
-        omega = 2.0 * np.pi * np.fft.rfftfreq(len(odd), dt)
-        series = np.fft.rfft(odd) * np.clip(2.0 - omega / (reach * w), 0.0, 1.0)
-        x, v, a = (np.fft.irfft((1j * omega) ** k * series, len(odd))[:n] for k in range(3))
-        x, v = x + ends - operator.intercept, v + (motion[-1] - motion[0]) / (dt * (n - 1))
+        line = np.linspace(motion[0], motion[-1], n)
+        odd_extension = np.concatenate([motion - line, (line - motion)[-2:0:-1]])
+        omega = 2.0 * np.pi * np.fft.rfftfreq(len(odd_extension), dt)
+        series = np.fft.rfft(odd_extension) * np.clip(2.0 - omega / (reach * w), 0.0, 1.0)
+        x, v, a = (
+            np.fft.irfft((1j * omega) ** k * series, len(odd_extension))[:n] for k in range(3)
+        )
+        x, v = x + line - operator.intercept, v + (motion[-1] - motion[0]) / (dt * (n - 1))
         force = drive - (a / w**2 + 2.0 * zeta * v / w + x) / gain + preload
-        cut = min(int(np.pi / (4.0 * w * dt)), n // 4)  # an eighth of a period at either end
-        found.append([signal[cut : n - cut] for signal in (x, v, force)])
-    return zip(*found, strict=True)
+        margin = min(int(np.pi / (4.0 * w * dt)), n // 4)  # an eighth of a period at either end
+        signals.append([signal[margin : n - margin] for signal in (x, v, force)])
+    return zip(*signals, strict=True)
 
 
 def _force(title, claim, against="displacement", loop=False):
     """Draw a force against displacement, by direction or along a loop, or against velocity."""
-    fast = against == "velocity"
+    over_velocity = against == "velocity"
     if claim.in_motion:
         y_label, unit = "residual force of the linear stage (drive)", "response"
-        own = claim.seen.outputs
+        motions = claim.seen.outputs
         # behind further stages the motion is not measured: the model's motion plus the residual
-        left = zip(own, claim.measured, claim.modelled, strict=True)
-        x, _, measured = _balance(claim, [stage + y - model for stage, y, model in left], 4.0)
+        records = zip(motions, claim.measured, claim.modelled, strict=True)
+        x, _, measured = _balance(claim, [stage + y - model for stage, y, model in records], 4.0)
         # over the model's velocity: the noise of the measured one would blur the jump
-        _, modelled, identified = _balance(claim, own, np.inf)
-        x = modelled if fast else x
+        _, modelled, identified = _balance(claim, motions, np.inf)
+        x = modelled if over_velocity else x
     elif claim.is_part:
         y_label, unit = "residual force of the other terms (response)", claim.units[0]
-        x = _rates(claim, claim.inputs()) if fast else claim.inputs()
+        x = _rates(claim, claim.inputs()) if over_velocity else claim.inputs()
         measured, identified = claim.model_residuals(claim.without)
     else:
         return _curve(title, claim, loop)
     signals = x, measured, identified
-    curves = _largest_loop(*signals) if loop else _means(*signals, by_direction=not fast)
-    return Picture(title, f"{against} ({unit}{'/s' if fast else ''})", y_label, curves)
+    curves = _largest_loop(*signals) if loop else _means(*signals, by_direction=not over_velocity)
+    return Picture(title, f"{against} ({unit}{'/s' if over_velocity else ''})", y_label, curves)
 
 
 def _rates(claim, signals):
@@ -160,6 +163,7 @@ def _rates(claim, signals):
 
 def _rate(title, claim):
     """Draw the contribution of the rate in rate-dependent plays against the rate of the drive."""
+    # the same plays at rate zero: what they lack is the contribution of the rate
     slow = replace(claim.operator, dilation=0.0, stretch=0.0, rate_weights=())
     slow = claim.structure.with_stage(claim.at, operator=slow)
     lacking = claim.model_residuals(slow.respond(claim.records))
@@ -177,11 +181,11 @@ def _measured_response(claim, numbers):
     of the records to use; records of each sampling interval are evaluated on their own.
     """
     records = [claim.records[i] for i in numbers]
-    found = [
-        _lines(*([part[numbers[i]] for i in own] for part in (claim.without, claim.measured)), dt)
-        for dt, own in by_interval(records).items()
+    responses = [
+        _lines(*([part[numbers[i]] for i in group] for part in (claim.without, claim.measured)), dt)
+        for dt, group in by_interval(records).items()
     ]
-    frequency, response = (np.concatenate(part) for part in zip(*found, strict=True))
+    frequency, response = (np.concatenate(part) for part in zip(*responses, strict=True))
     order = np.argsort(frequency, kind="stable")
     return frequency[order], response[order]
 
@@ -192,13 +196,13 @@ def _lines(inputs, outputs, dt):
     length = min(1024, *sizes, max(sum(sizes) // 4, 4))  # several segments, even from one record
     options = {"method": "h1", "segment_length": length, "detrend": "linear"}
     pairs = zip(inputs, outputs, strict=True)
-    found = frequency_response(*stack_records(pairs, dt=dt), **options)
+    estimate = frequency_response(*stack_records(pairs, dt=dt), **options)
     frequency, density = spectrum(np.concatenate(inputs), _spans(inputs), dt)
-    kept = (np.ravel(found.coherence) > 0.8) & (found.frequency > 0.0)
-    if frequency.size:  # not of a dozen samples
+    kept = (np.ravel(estimate.coherence) > 0.8) & (estimate.frequency > 0.0)
+    if frequency.size:  # too few samples have no spectrum
         # 60 dB below the strongest line, the input is mostly leakage of the window
-        kept &= np.interp(found.frequency, frequency, density) > 1e-3 * density.max()
-    return found.frequency[kept], np.ravel(found.response)[kept]
+        kept &= np.interp(estimate.frequency, frequency, density) > 1e-3 * density.max()
+    return estimate.frequency[kept], np.ravel(estimate.response)[kept]
 
 
 def _own_response(operator, claim, highest):
@@ -213,19 +217,19 @@ def _own_response(operator, claim, highest):
         start = operator.init(0.0, "zero")
         rest = operator.run(pulse, dt, start)[0]
         pulse[1] = 1.0
-        own = np.fft.rfft(operator.run(pulse, dt, start)[0] - rest) / np.fft.rfft(pulse)
-        at = np.fft.rfftfreq(n_samples, dt)
-        below = (at > 0.0) & (at < frequency.min(initial=np.inf))
-        frequency = np.concatenate([at[below], frequency])
-        transfer = np.concatenate([own[below], transfer])
+        response = np.fft.rfft(operator.run(pulse, dt, start)[0] - rest) / np.fft.rfft(pulse)
+        grid = np.fft.rfftfreq(n_samples, dt)
+        below = (grid > 0.0) & (grid < frequency.min(initial=np.inf))
+        frequency = np.concatenate([grid[below], frequency])
+        transfer = np.concatenate([response[below], transfer])
     kept = frequency <= max(2.0 * highest, 5.0 * frequency[0])
     return frequency[kept], transfer[kept]
 
 
 def _frequency(title, claim):
-    """Draw gain and phase of the effect's stage, at both ends of its range if it is scheduled."""
+    """Draw gain and phase of the effect's stage, at both ends of the schedule if there is one."""
     numbers, stages = range(len(claim.records)), [("identified", claim.operator, "line")]
-    if claim.operator is None:
+    if claim.operator is None:  # a scheduled stage is another operator at each amplitude
         schedule = claim.edits[-1]
         middle = 0.5 * (schedule.low + schedule.high)
         numbers = [i for i, r in enumerate(claim.records) if amplitude(r.u) > middle]
@@ -234,7 +238,9 @@ def _frequency(title, claim):
     frequency, response = _measured_response(claim, numbers)
     highest = frequency.max(initial=0.0)
     curves = [("measured", frequency, response, "points")]
-    curves += [(label, *_own_response(own, claim, highest), style) for label, own, style in stages]
+    curves += [
+        (label, *_own_response(stage, claim, highest), style) for label, stage, style in stages
+    ]
     phases = tuple((label, f, np.degrees(np.unwrap(np.angle(h))), s) for label, f, h, s in curves)
     gains = tuple((label, f, np.abs(h), style) for label, f, h, style in curves)
     below = Picture("", "frequency (Hz)", "phase (degrees)", phases, x_log=True)
@@ -257,44 +263,44 @@ def _relaxation(title, claim):
 
 
 def _additive(claim):
-    """Return the residual without a disturbance, and the disturbance; each one array per record."""
-    own = claim.course(claim.operator)
-    left = zip(claim.measured, claim.modelled, own, strict=True)
-    return [y - x + part for y, x, part in left], own
+    """Return the residual of the model without a disturbance, and the disturbance, by record."""
+    courses = claim.course(claim.operator)
+    signals = zip(claim.measured, claim.modelled, courses, strict=True)
+    return [y - x + part for y, x, part in signals], courses
 
 
 def _spectra(title, claim):
     """Draw the spectrum of the residual, with and without a disturbance."""
-    left, identified = _additive(claim)
-    with_it = [x - y for x, y in zip(left, identified, strict=True)]
+    without, courses = _additive(claim)
+    with_it = [x - y for x, y in zip(without, courses, strict=True)]
     groups, curves = by_interval(claim.records), []
     for dt, numbers in groups.items():
-        every = f", every {dt:.3g} s" if len(groups) > 1 else ""
-        for label, signals in (("without it", left), ("with it", with_it)):
-            own = [signals[i] for i in numbers]
-            found = spectrum(np.concatenate(own), _spans(own), dt)
-            curves.append((f"{label}{every}", *found, "line"))
+        interval = f", every {dt:.3g} s" if len(groups) > 1 else ""
+        for label, signals in (("without it", without), ("with it", with_it)):
+            group = [signals[i] for i in numbers]
+            density = spectrum(np.concatenate(group), _spans(group), dt)
+            curves.append((f"{label}{interval}", *density, "line"))
     y_label = "residual (response/√Hz)"
     return Picture(title, "frequency (Hz)", y_label, tuple(curves), x_log=True, y_log=True)
 
 
 def _time(title, claim):
     """Draw a disturbance in the first records, or a stage where its contribution is largest."""
-    if claim.kind != "additive":
+    if claim.kind != "additive":  # an eighth of the record around the largest contribution
         without = claim.without
-        added = [np.abs(x - y) for x, y in zip(claim.modelled, without, strict=True)]
-        number = int(np.argmax([part.max() for part in added]))
-        middle, n = int(np.argmax(added[number])), len(added[number])
-        rows = slice(max(middle - n // 16, 0), middle + n // 16)
+        contributions = [np.abs(x - y) for x, y in zip(claim.modelled, without, strict=True)]
+        number = int(np.argmax([part.max() for part in contributions]))
+        peak, n = int(np.argmax(contributions[number])), len(contributions[number])
+        rows = slice(max(peak - n // 16, 0), peak + n // 16)
         time = claim.records[number].dt * np.arange(n)[rows]
-        signals = (own[number][rows] for own in (claim.measured, claim.modelled))
+        signals = (outputs[number][rows] for outputs in (claim.measured, claim.modelled))
         curves = (*_styled(time, *signals), ("without it", time, without[number][rows], "dashed"))
         return Picture(title, "time (s)", "response", curves)
     curves = []
-    for i, (record, left, own) in enumerate(zip(claim.records, *_additive(claim), strict=True)):
-        rows = slice(0, None, max(len(own) // 400, 1))
-        time = (record.dt * np.arange(len(own)))[rows]
-        curves += [(f"record {i}", time, left[rows], "points"), ("", time, own[rows], "line")]
+    for i, (record, r, course) in enumerate(zip(claim.records, *_additive(claim), strict=True)):
+        rows = slice(0, None, max(len(course) // 400, 1))
+        time = (record.dt * np.arange(len(course)))[rows]
+        curves += [(f"record {i}", time, r[rows], "points"), ("", time, course[rows], "line")]
     x_label, y_label = "time since the record's start (s)", "residual (response)"
     # with more than four records the colours would repeat
     return Picture(f"{title}, identified as lines", x_label, y_label, tuple(curves[:8]))
@@ -304,18 +310,19 @@ def _time(title, claim):
 
 
 def _column(title, claim):
-    """Draw the residual of the drive's part against a column, or against its lagged value."""
+    """Draw the residual without a further column against that column, or its lagged value."""
     measured, identified = claim.model_residuals(claim.without)
     x, x_label = claim.in_column(), claim.column_name
     if "time_constant" in claim.values and claim.operator.gain:
-        x = [own / claim.operator.gain for own in identified]
+        # the output of a first-order lag over its gain is the lagged column
+        x = [response / claim.operator.gain for response in identified]
         x_label = f"{x_label}, behind the time constant"
     curves = _means(x, measured, identified)
     return Picture(title, x_label, "response not explained by the drive (response)", curves)
 
 
 def _by_number(title, claim):
-    """Draw gains against a value per record, or against bins of a column."""
+    """Draw gains against a value per record, or against the mean of a column in each bin."""
     number, gains = _gains(claim)
     below = None
     for label, pair in reversed(gains.items()):
@@ -339,6 +346,7 @@ def _gains(claim):
     signals = np.column_stack([np.concatenate(y) for y in (claim.measured, claim.modelled)])
     stretches = _spans(claim.measured)
     if any(np.ptp(column[rows]) > 0.0 for rows in stretches):
+        # a column that moves within records: bins of equally many samples
         stretches = np.array_split(np.argsort(column, kind="stable"), 24)
     stretches.sort(key=lambda rows: column[rows].mean())
     labels = {"gain": 2, "opening of the loop": 3}
@@ -358,53 +366,55 @@ def changes_by_number(claim):
         return _memory(claim)
     number, gains = _gains(claim)
     name, unit, structure = claim.column_name, claim.column_unit, claim.structure
-    found = {
+    changes = {
         f"change of the {label}": (_change(gain[0], gain[-1]), np.nan, "%")
         for label, (_, gain) in gains.items()
     }
     if claim.kind == "modulation":
-        own = structure.scaled_by.index(str(claim.column))
+        index = structure.scaled_by.index(str(claim.column))
         stds = [s for n, s in claim.result.params_std.items() if "sensitivity" in n.split("__")[-1]]
         (sensitivity,) = structure.values["scaled by", str(claim.column)]
-        found["sensitivity of the gain"] = sensitivity, stds[own], f"1/{unit}"
+        changes["sensitivity of the gain"] = sensitivity, stds[index], f"1/{unit}"
     else:
         for (stage, entry), (low, high) in structure.lines.items():
             if "[" not in entry and entry != "intercept":
                 label = f"{stage}: {entry}".replace("_", " ")
-                found[f"change of {label}"] = _change(low, high), np.nan, "%"
+                changes[f"change of {label}"] = _change(low, high), np.nan, "%"
     ends = {"smallest": number[0], "largest": number[-1]}
-    return found | {f"{label} {name}": (end, np.nan, unit) for label, end in ends.items()}
+    return changes | {f"{label} {name}": (end, np.nan, unit) for label, end in ends.items()}
 
 
 def _change(low, high):
+    """Return the change between two values in percent of their mean absolute value."""
     return 200.0 * (high - low) / (abs(low) + abs(high) or 1.0)
 
 
 def _memory(claim):
-    """Return the response to a record's history: its size, and how long it exceeds noise."""
-    added = [np.abs(x - y) for x, y in zip(claim.modelled, claim.without, strict=True)]
-    left = [y - x for y, x in zip(claim.measured, claim.modelled, strict=True)]
-    noise = np.sqrt(np.mean(np.square(np.concatenate(left))))
-    last = [
-        record.dt * np.flatnonzero(own > noise).max(initial=0)
-        for record, own in zip(claim.records, added, strict=True)
+    """Return the size of the response to the input history, and how long it exceeds the noise."""
+    contributions = [np.abs(x - y) for x, y in zip(claim.modelled, claim.without, strict=True)]
+    residuals = [y - x for y, x in zip(claim.measured, claim.modelled, strict=True)]
+    noise = np.sqrt(np.mean(np.square(np.concatenate(residuals))))
+    durations = [
+        record.dt * np.flatnonzero(contribution > noise).max(initial=0)
+        for record, contribution in zip(claim.records, contributions, strict=True)
     ]
-    most = max(own.max() for own in added)
+    largest = max(contribution.max() for contribution in contributions)
     return {
-        "largest part of the response": (most, np.nan, "response"),
-        "longest time above the noise": (max(last), np.nan, claim.words.in_time("s")),
+        "largest part of the response": (largest, np.nan, "response"),
+        "longest time above the noise": (max(durations), np.nan, claim.words.in_time("s")),
     }
 
 
 def _moved_modes(claim):
-    stage, found = claim.stage_at(claim.edits[-1].high), {}
+    """Return the frequencies of the modes of a scheduled stage at large and at small amplitudes."""
+    stage, modes = claim.stage_at(claim.edits[-1].high), {}
     # the poles are those at large amplitudes; at small amplitudes zeros cancel them
     for label, roots in (("large", stage.poles()), ("small", stage.zeros())):
         roots = np.asarray(roots, dtype=complex)
         frequencies = np.sort(np.abs(roots[roots.imag > 0.0])) / (2.0 * np.pi)
         for i, frequency in enumerate(frequencies, start=1):
-            found[f"mode {i}, {label} amplitude"] = frequency, np.nan, claim.words.in_time("Hz")
-    return found
+            modes[f"mode {i}, {label} amplitude"] = frequency, np.nan, claim.words.in_time("Hz")
+    return modes
 
 
 _PICTURES = {

@@ -54,73 +54,73 @@ class Reference:
     share : float
         Fraction of the variance of the drive that it predicts.
     p_value : float
-        Of the hypothesis that it predicts nothing.
+        P-value of the hypothesis that it predicts nothing of the drive.
     """
 
     def __init__(self, drive, values, slices):
         self._values = [values[s.rows] for s in slices]
         self._features = _features(self._values)
         self._rows = [s.rows for s in slices]
-        left, apart = drive - self._explained(drive), drive - drive.mean()
-        power = apart @ apart
-        self.share = 1.0 - (left @ left) / power if power > 0.0 else 0.0
+        unexplained, centred = drive - self._explained(drive), drive - drive.mean()
+        power = centred @ centred
+        self.share = 1.0 - (unexplained @ unexplained) / power if power > 0.0 else 0.0
         self.p_value = paired_p_value(
-            *([own[rows] for rows in self._rows] for own in (apart, left))
+            *([signal[rows] for rows in self._rows] for signal in (centred, unexplained))
         )
 
     def _explained(self, signal):
         """Return the part of a signal that the reference explains, by cross-fitting."""
         fold = np.arange(len(signal)) * STRETCHES // len(signal) % BOX_FOLDS
-        found = np.empty(len(signal))
+        explained = np.empty(len(signal))
         for number in range(BOX_FOLDS):
             train = np.flatnonzero(fold != number)
             train = train[:: max(len(train) // ENOUGH, 1)]
             # a light ridge: lagged features of a smooth reference are nearly collinear
             ridge = Ridge(alpha=1e-3 * len(train)).fit(self._features[train], signal[train])
-            found[fold == number] = ridge.predict(self._features[fold == number])
-        return found
+            explained[fold == number] = ridge.predict(self._features[fold == number])
+        return explained
 
     def explain(self, records):
-        """Return the records with the part of their drive that the reference explains."""
-        found = self._explained(np.concatenate([record.u for record in records]))
+        """Return the records with ``explained`` set: the part of the drive that is explained."""
+        explained = self._explained(np.concatenate([record.u for record in records]))
         return [
-            replace(record, explained=found[rows])
+            replace(record, explained=explained[rows])
             for record, rows in zip(records, self._rows, strict=True)
         ]
 
     def in_place(self, records):
-        """Return the records driven by the reference, the explained drive as a further column."""
-        found = []
+        """Return the records with the reference as drive, the explained drive as a column."""
+        driven = []
         for record, values in zip(records, self._values, strict=True):
             others = [] if record.auxiliary is None else [record.auxiliary]
             columns = np.column_stack([record.explained, *others])
-            found.append(replace(record, u=values, auxiliary=columns))
-        return found
+            driven.append(replace(record, u=values, auxiliary=columns))
+        return driven
 
 
 def _features(references):
     """Return features of all samples, each of unit variance, (n_samples, n_features)."""
-    every = np.concatenate(references)
-    middle, size = every.mean(), np.ptp(every)
-    plays = PlayOperators().fit((every[:, None] - middle) / size)
+    joined = np.concatenate(references)
+    middle, size = joined.mean(), np.ptp(joined)
+    plays = PlayOperators().fit((joined[:, None] - middle) / size)
     lags = 2 ** np.arange(max(map(len, references)).bit_length() - 1)
-    found = []
+    features = []
     for values in references:
-        own = (values - middle) / size
-        columns = [own, own**2, own**3, *plays.transform(own[:, None]).T]
-        columns += [own - delayed(own, lag, own[0]) for lag in lags]
-        columns += [past_mean(own - own[0], lag) for lag in lags]
-        found.append(np.stack(columns, axis=1))
-    found = np.concatenate(found)
+        scaled = (values - middle) / size
+        columns = [scaled, scaled**2, scaled**3, *plays.transform(scaled[:, None]).T]
+        columns += [scaled - delayed(scaled, lag, scaled[0]) for lag in lags]
+        columns += [past_mean(scaled - scaled[0], lag) for lag in lags]
+        features.append(np.stack(columns, axis=1))
+    features = np.concatenate(features)
     # one scale for all parts: a feature that hardly moves in most has no leverage in the others
-    scale = found.std(axis=0)
-    return found / np.where(scale > NEGLIGIBLE, scale, 1.0)
+    scale = features.std(axis=0)
+    return features / np.where(scale > NEGLIGIBLE, scale, 1.0)
 
 
 def reference_of(search, columns, slices):
     """Return the reference of a search, None where it needs none.
 
-    ``columns`` are those of X. Noise on the drive has been looked for before.
+    ``columns`` are those of X. Noise on the drive is read from ``search.data_quality_``.
 
     Raises
     ------
@@ -138,22 +138,23 @@ def reference_of(search, columns, slices):
         raise _refused(f"another column than the drive. Got column {number}")
     if not np.ptp(values) > 0.0:
         raise _refused(f"a column that moves. Got column {number}, which is constant,")
-    found = Reference(drive, values, slices)
-    if not found.p_value < search.alpha:
+    reference = Reference(drive, values, slices)
+    if not reference.p_value < search.alpha:
         raise _refused(
             "the column that the controller of the drive followed. Got column "
-            f"{number}, which predicts {max(100.0 * found.share, 0.0):.2g} % of the drive "
-            f"(p = {found.p_value:.2g})"
+            f"{number}, which predicts {max(100.0 * reference.share, 0.0):.2g} % of the drive "
+            f"(p = {reference.p_value:.2g})"
         )
-    return found
+    return reference
 
 
 def _smooth(drive):
+    """Return a drive without its white noise, by a smoothing spline."""
     return make_smoothing_spline(np.arange(len(drive)), drive)(np.arange(len(drive)))
 
 
-def _refused(what):
-    return ValueError(f"The 'reference' parameter of EffectSearchCV must be {what} instead.")
+def _refused(requirement):
+    return ValueError(f"The 'reference' parameter of EffectSearchCV must be {requirement} instead.")
 
 
 def column_of(search):

@@ -18,19 +18,19 @@ def starting_trees(effect, tree, records):
     ``_changes``), which makes the trees itself.
     """
     scene = Scene(tree, records)
-    found = []
+    variants = []
     for variant in effect.variants():
         if hasattr(variant, "trees"):
-            found.append(variant.trees(effect.name, scene))
+            variants.append(variant.trees(effect.name, scene))
         elif effect.additive:
-            found.append(additive(effect.name, variant, scene))
+            variants.append(additive(effect.name, variant, scene))
         else:
-            found.append(inserted(effect.name, variant, scene))
-    return [candidates for candidates in found if candidates]
+            variants.append(inserted(effect.name, variant, scene))
+    return [candidates for candidates in variants if candidates]
 
 
 class Scene:
-    """A tree and its records, with the signals between the stages, each computed once."""
+    """A tree and its records, with the signals between the stages, which are cached."""
 
     def __init__(self, tree, records):
         self.tree = tree
@@ -67,25 +67,26 @@ class Scene:
 
     @cached_property
     def has_lost_poles(self):
-        """Whether a mode rings through all records, or is too fast for the sampling.
+        """Whether a mode rings through all records, or decays within a sampling interval.
 
         There, the derivative of the response by the damping vanishes: no gradient leads back.
         """
-        modes = [own for own in self.tree.operators if _has_poles(own) and own.n_poles[1]]
+        modes = [o for o in self.tree.operators if _has_poles(o) and o.n_poles[1]]
         poles = np.concatenate([np.empty(0), *(operator.poles() for operator in modes)])
         return bool(np.any(self.seen(poles) != poles))
 
     def seen(self, poles):
-        """Return poles moved to where records and sampling resolve them."""
+        """Return poles with decay rates clipped to those that records and sampling resolve."""
         slowest = 1.0 / max(len(record.u) * record.dt for record in self.records)
         fastest = np.pi / min(record.dt for record in self.records)
         return -np.clip(-poles.real, slowest, fastest) + 1j * poles.imag
 
     def promising(self, candidates, first):
-        """Return the few candidates whose output helps most, and the one that fits best alone.
+        """Return the few candidates whose output improves the fit most, and the best one alone.
 
-        Before the place ``first`` they are equal. Whether an output helps is measured by a fit of
-        it together with the output of the present tree, with free gains and offset.
+        Before the place ``first`` they are equal. The improvement is that of a linear fit of the
+        output together with that of the present tree, with free gains and offset; alone, without
+        the present tree.
         """
         if len(candidates) <= SEVERAL:
             return candidates
@@ -96,6 +97,7 @@ class Scene:
         together, alone = [], []
         for candidate in candidates:
             output = np.concatenate(candidate.run(records, first=first, signals=signals))[rows]
+            # the constant and the output come first, so that the fit alone is a leading block
             columns = np.stack([np.ones_like(y), output, before])
             columns /= np.linalg.norm(columns, axis=1, keepdims=True) + np.finfo(float).tiny
             gram, right = columns @ columns.T, columns @ y
@@ -104,8 +106,8 @@ class Scene:
             if not np.isfinite(gram).all():
                 gram, right = np.eye(3), np.zeros(3)
             together.append(-right @ np.linalg.lstsq(gram, right, rcond=None)[0])
-            own, part = gram[:2, :2], right[:2]
-            alone.append(-part @ np.linalg.lstsq(own, part, rcond=None)[0])
+            gram_alone, right_alone = gram[:2, :2], right[:2]
+            alone.append(-right_alone @ np.linalg.lstsq(gram_alone, right_alone, rcond=None)[0])
         chosen = np.argsort(together, kind="stable")[:SEVERAL].tolist()
         best = int(np.argmin(alone))
         return [candidates[i] for i in (chosen if best in chosen else [*chosen, best])]
@@ -137,12 +139,14 @@ def inserted(name, model, scene):
     ]
     dynamics = [i for i, operator in enumerate(tree.operators) if _has_poles(operator)]
     first = min([at, *dynamics])
-    anew = _redistributed(candidates, at, scene, first) if candidates else []
-    return scene.promising(anew if scene.has_lost_poles else candidates + anew, first)
+    redistributed = _redistributed(candidates, at, scene, first) if candidates else []
+    return scene.promising(
+        redistributed if scene.has_lost_poles else candidates + redistributed, first
+    )
 
 
 def with_same_input(tree, at, scene):
-    """Return a tree whose new stage is fitted so that the next curve keeps its input.
+    """Return a tree whose new stage is fitted so that the curve behind it keeps its input.
 
     A stage that owns the gain starts without one. Elsewhere its linear parameters are solved
     exactly; through a curve that is no linear problem, and the curve was fitted to its present
@@ -157,12 +161,12 @@ def with_same_input(tree, at, scene):
     before = tree.with_stages(tree.stages[: bent[0]])
     problem = before.problem(records)
     solution = variable_projection(problem, problem.x0, tolerance=TOLERANCE, max_evaluations=RUNG)
-    fed = before.at(problem, solution.x).stages
-    return tree.with_stages([*fed, *tree.stages[bent[0] :]])
+    fitted = before.at(problem, solution.x).stages
+    return tree.with_stages([*fitted, *tree.stages[bent[0] :]])
 
 
 def _redistributed(candidates, at, scene, first):
-    """Return candidates whose linear dynamics all start again, from poles of their total number.
+    """Return candidates whose linear dynamics start again, from as many poles as they have in all.
 
     A declared model that lacks a pole shifts its own poles to compensate for it, and a local search
     would leave them there; the same holds for poles that were lost because an effect was missing.
@@ -173,9 +177,9 @@ def _redistributed(candidates, at, scene, first):
     if not (bent or lost):
         return []
     return [
-        anew
+        tree
         for candidate in (candidates if delayed or lost else candidates[:1])
-        for anew in _redistributed_poles(candidate, scene, first)
+        for tree in _redistributed_poles(candidate, scene, first)
     ]
 
 
@@ -194,16 +198,16 @@ def _redistributed_poles(tree, scene, first):
     n_poles = sum(real + 2 * pairs for real, pairs in (operators[i].n_poles for i in block))
     inputs = tree.run(scene.records, first=first, last=block[0], signals=scene.signals(first))
     data = [(u, r.y, r.dt) for u, r in zip(inputs, scene.records, strict=True)]
-    found, pole_sets = [], _distinct(pole_starts(data, n_poles))
-    if scene.has_lost_poles:  # where a gradient exists, with almost the same response
+    trees, pole_sets = [], _distinct(pole_starts(data, n_poles))
+    if scene.has_lost_poles:  # moved to where a gradient exists, with almost the same response
         pole_sets.append(scene.seen(np.concatenate([operators[i].poles() for i in block])))
     for poles in pole_sets:
         for shared in distribute_poles([operators[i] for i in block], poles):
             stages = list(tree.stages)
             for i, own in zip(block, shared, strict=True):
                 stages[i] = stages[i]._replace(operator=replace(own, model=operators[i].model))
-            found.append(tree.with_stages(stages))
-    return found
+            trees.append(tree.with_stages(stages))
+    return trees
 
 
 def _distinct(pole_sets):
@@ -220,7 +224,7 @@ def _some(records):
     """Return every third of the scored rows in each record."""
     rows, start = [], 0
     for record in records:
-        own = np.concatenate([np.arange(a, b) for a, b in record.segments])
-        rows.append(start + own[::3])
+        scored = np.concatenate([np.arange(a, b) for a, b in record.segments])
+        rows.append(start + scored[::3])
         start += len(record.u)
     return np.concatenate(rows)

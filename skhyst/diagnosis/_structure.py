@@ -1,7 +1,7 @@
 r"""Structure in a residual: found by repetitions, by a black box, and by the drive's past.
 
-**Repetitions.** Where the drive repeats, what the residual has in common between repetitions is
-structure.
+**Repetitions.** Where the drive repeats, the part of the residual that repetitions have in common
+is structure.
 
 **A black box.** Its features are the drive's past, which a model could have used, and the
 residual's own past, which shows structure that is no function of the drive (an oscillation or a
@@ -50,15 +50,15 @@ from ._constants import (
 )
 from ._criterion import paired_p_value
 
-N_PRESENT = 4  # the first features of a drive, which need no past
+N_PRESENT = 4  # features of the drive's present: drive, prediction, its square and cube
 
 
 class Trial(NamedTuple):
     """Result of a test for structure in a residual.
 
-    ``share`` is the fraction of the residual's power that remains, ``p_value`` that of nothing
-    being predicted, and ``left`` the remaining residual of each contiguous part; None if samples
-    are not predicted one by one.
+    ``share`` is the fraction of the residual's power that remains, ``p_value`` that of the
+    hypothesis that nothing can be predicted, and ``left`` the remaining residual of each contiguous
+    part; None if samples are not predicted one by one.
     """
 
     share: float
@@ -70,7 +70,7 @@ class Trial(NamedTuple):
         return bool(self.share <= (1.0 - criterion.min_improvement) ** 2)
 
     def is_structure(self, criterion):
-        """Whether it is significant, and matters."""
+        """Whether the structure is significant, and its size is of practical importance."""
         return self.p_value < criterion.alpha and self.improves_enough(criterion)
 
 
@@ -94,8 +94,8 @@ def repeatability(records, *, pairs=None):
     """
     power, count = 0.0, 0
     for i, a, j, b in repetitions(records) if pairs is None else pairs:
-        own, freedom = _settled(records[i].y[a] - records[j].y[b])
-        power += 0.5 * own
+        squares, freedom = _settled(records[i].y[a] - records[j].y[b])
+        power += 0.5 * squares
         count += freedom
     return float(np.sqrt(power / count)) if count else None
 
@@ -120,7 +120,8 @@ def repetitions(records):
 def _wiped(u):
     """Return the first row after which the drive has been at both ends of its range.
 
-    Zero if less than a quarter of the record would remain: then the memory is accepted.
+    There the memory of a hysteresis is wiped out. Zero if less than a quarter of the record would
+    remain: then differences of the initial memory are accepted.
     """
     # noise and rounding keep repeated extremes from the very same value
     near = 1e-3 * np.ptp(u)
@@ -129,21 +130,25 @@ def _wiped(u):
 
 
 def _settled(difference):
-    """Return sum of squares and freedom of a difference without transient and drift."""
-    rest = difference
-    # rounding of a sum of as many terms
+    """Return sum of squares and degrees of freedom of a difference without transient and drift."""
+    detrended = difference
+    # squared rounding error of a sum of as many terms: below it, no block is larger than another
     rounding = (len(difference) * np.spacing(np.abs(difference).max())) ** 2
     for _ in range(BLOCKS // 2):
-        rest = difference - _slow(difference)
+        detrended = difference - _drift(difference)
+        # the transient is over once the first block is no larger than the others
         size = max(len(difference) // BLOCKS, 1)
-        blocks = [np.mean(np.square(rest[k : k + size])) for k in range(0, len(rest), size)]
+        blocks = [
+            np.mean(np.square(detrended[k : k + size])) for k in range(0, len(detrended), size)
+        ]
         if len(blocks) < 4 or blocks[0] <= max(*blocks[1:], rounding):
             break
         difference = difference[size:]
-    return float(rest @ rest), max(len(rest) - SLOW - 1, 0)
+    return float(detrended @ detrended), max(len(detrended) - SLOW - 1, 0)
 
 
-def _slow(difference):
+def _drift(difference):
+    """Return the polynomial of time that fits a difference, or its mean if that is short."""
     if len(difference) <= 4 * SLOW:
         return np.mean(difference)
     time = np.arange(len(difference))
@@ -151,32 +156,33 @@ def _slow(difference):
 
 
 def in_repetitions(pairs, residuals, power):
-    """Return the trial of the part of residuals of a mean power that repetitions share.
+    """Return the trial of the part of the residuals that repetitions have in common.
 
-    Noise is independent between repetitions: the mean product of their residuals is zero.
+    Noise is independent between repetitions: the mean product of their residuals is zero. ``power``
+    is the mean square of the residuals.
     """
     products = [residuals[i][a] * residuals[j][b] for i, a, j, b in pairs]
     products = [p[np.isfinite(p)] for p in products]
     total, count = sum(p.sum() for p in products), sum(p.size for p in products)
     share = max(1.0 - max(total, 0.0) / (max(count, 1) * power), 0.0)
-    left = [np.sqrt(0.5) * (residuals[i][a] - residuals[j][b]) for i, a, j, b in pairs]
-    return Trial(share, block_p_value(total, products), left)
+    differences = [np.sqrt(0.5) * (residuals[i][a] - residuals[j][b]) for i, a, j, b in pairs]
+    return Trial(share, block_p_value(total, products), differences)
 
 
 # ------------------------------------------------------------------------------------ black box
 
 
 def by_black_boxes(records, residuals, predictions, rng, criterion):
-    """Return the trial of all records; each sampling interval has a black box of its own."""
+    """Return the trial of all records, with one black box for each sampling interval."""
     known = [i for i, r in enumerate(residuals) if np.isfinite(r).any()]
     trials, powers = [], []
     for numbers in by_interval([records[i] for i in known]).values():
-        own = [[part[known[i]] for i in numbers] for part in (records, residuals, predictions)]
-        trials.append(_by_black_box(*own, rng, criterion))
-        powers.append(sum(np.nansum(np.square(r)) for r in own[1]))
-    p_value = min(1.0, len(trials) * min(own.p_value for own in trials))
-    share = np.average([own.share for own in trials], weights=powers)
-    return Trial(share, p_value, [part for own in trials for part in own.left])
+        group = [[part[known[i]] for i in numbers] for part in (records, residuals, predictions)]
+        trials.append(_by_black_box(*group, rng, criterion))
+        powers.append(sum(np.nansum(np.square(r)) for r in group[1]))
+    p_value = min(1.0, len(trials) * min(trial.p_value for trial in trials))
+    share = np.average([trial.share for trial in trials], weights=powers)
+    return Trial(share, p_value, [part for trial in trials for part in trial.left])
 
 
 def _by_black_box(records, residuals, predictions, rng, criterion):
@@ -199,38 +205,40 @@ def _by_black_box(records, residuals, predictions, rng, criterion):
     Trial
     """
     noise = fit_noise(residuals)
-    x, n_driven, y, new, block, ends = _seen(records, residuals, predictions, rng, noise)
+    x, n_driven, y, new, block, ends = _black_box_data(records, residuals, predictions, rng, noise)
 
-    def trial(seen, target, n_trials=1):
-        boxes = _black_box_residuals(seen, target, block, rng)
-        left = min(boxes, key=lambda own: own @ own)
-        share = min((left @ left) / (target @ target), 1.0) if target.any() else 1.0
-        target, left = np.split(target, ends), np.split(left, ends)
-        p_value, law = paired_p_value(target, left), fit_noise(left)
+    def trial(features, target, n_trials=1):
+        boxes = _black_box_residuals(features, target, block, rng)
+        remaining = min(boxes, key=lambda residual: residual @ residual)
+        share = min((remaining @ remaining) / (target @ target), 1.0) if target.any() else 1.0
+        target, remaining = np.split(target, ends), np.split(remaining, ends)
+        p_value, law = paired_p_value(target, remaining), fit_noise(remaining)
         if law.law != "white":
-            evened = paired_p_value(law.innovations(target), law.innovations(left))
-            p_value = 2.0 * min(p_value, evened)
-        return Trial(share, min(1.0, n_trials * len(boxes) * p_value), left)
+            whitened = paired_p_value(law.innovations(target), law.innovations(remaining))
+            p_value = 2.0 * min(p_value, whitened)
+        return Trial(share, min(1.0, n_trials * len(boxes) * p_value), remaining)
 
     if noise.law == "white":
         return trial(x, y)
-    driven, size = x[:, :n_driven], np.square(y - new)
+    # noise has the right to depend on its own past: that part is left out of the target, or of
+    # the features
+    driven, noise_power = x[:, :n_driven], np.square(y - new)
     past = np.delete(x, np.s_[N_PRESENT:n_driven], axis=1)
-    targets = [(driven, y), (past, new), (driven, size - size.mean())]
-    trials = [trial(*own, len(targets)) for own in targets]
-    found = [own for own in trials if own.is_structure(criterion)]
-    if not found:
-        return min(trials, key=lambda own: own.share)
-    if found[0] is trials[0]:  # prediction of noise from its own past is no structure
-        return found[0]
+    targets = [(driven, y), (past, new), (driven, noise_power - noise_power.mean())]
+    trials = [trial(*task, len(targets)) for task in targets]
+    significant = [result for result in trials if result.is_structure(criterion)]
+    if not significant:
+        return min(trials, key=lambda result: result.share)
+    if significant[0] is trials[0]:  # prediction of noise from its own past is no structure
+        return significant[0]
     whole = trial(x, y)  # the past belongs to the structure, too
-    return found[0]._replace(share=whole.share, left=whole.left)
+    return significant[0]._replace(share=whole.share, left=whole.left)
 
 
 def _black_box_residuals(x, y, block, rng):
     """Return the held-out residual after ridge regression, and after ridge regression and trees."""
     # scaled by all samples: some features are constant in the training rows, and vary when held out
-    left, scale = np.stack([y, y]), x.std(axis=0)
+    residuals, scale = np.stack([y, y]), x.std(axis=0)
     x = x / np.where(scale > 0.0, scale, 1.0)
     for fold in range(BOX_FOLDS):
         test = block % BOX_FOLDS == fold
@@ -243,53 +251,53 @@ def _black_box_residuals(x, y, block, rng):
         trees.fit(x[train], y[train] - ridge.predict(x[train]))
         # a linear prediction would extrapolate beyond the range of its fit
         linear = np.clip(ridge.predict(x[test]), y[train].min(), y[train].max())
-        left[:, test] -= linear
-        left[1, test] -= trees.predict(x[test])
-    return left
+        residuals[:, test] -= linear
+        residuals[1, test] -= trees.predict(x[test])
+    return residuals
 
 
-def _seen(records, residuals, predictions, rng, noise):
+def _black_box_data(records, residuals, predictions, rng, noise):
     """Return the data of the black box, row by row.
 
     These are the features, and how many of them depend on the drive only; the residual; its
-    innovations under its noise model; the number of the run of samples; and the rows at which a run
-    begins.
+    innovations under its noise model; the number of the run that a row belongs to; and the rows,
+    without the first, that do not continue the row before them.
     """
     total = sum(int(np.isfinite(r).sum()) for r in residuals)
     # correlated neighbours must be held out together: a run is no shorter than the correlation
     lasting, _ = block_length([r[rows] for r in residuals for rows in stretches(r)])
     length = max(min(total, ENOUGH) // STRETCHES, min(lasting, total // BOX_FOLDS**2), 1)
-    every = max(total // ENOUGH, 1)  # one of so many runs is used
-    features, target, innovations, block, ends = [], [], [], [], []
-    start, count = int(rng.integers(every)), 0
-    driven_columns = _driven(records, predictions, LAGS)
+    stride = max(total // ENOUGH, 1)  # every stride-th run is used
+    features, target, innovations, run_numbers, ends = [], [], [], [], []
+    start, count = int(rng.integers(stride)), 0
+    driven_columns = _drive_features(records, predictions, LAGS)
     for record, r, new in zip(records, residuals, noise.innovations(residuals), strict=True):
         rows = np.flatnonzero(np.isfinite(r))
         parts = [rows[a : a + length] for a in range(0, len(rows), length)]
-        parts = parts[start::every] if len(parts) > start else parts[:1]
+        parts = parts[start::stride] if len(parts) > start else parts[:1]
         rows = np.concatenate([rows[:0], *parts])
         driven = [column[rows] for column in next(driven_columns)]
-        own = [column[rows] for column in _own(record.u, np.nan_to_num(r))]
+        past = [column[rows] for column in _past_features(record.u, np.nan_to_num(r))]
         n_driven = len(driven)
-        features.append(np.stack([*driven, *own], axis=1))
+        features.append(np.stack([*driven, *past], axis=1))
         target.append(r[rows])
         innovations.append(new[rows])
         ends.append(np.diff(rows, prepend=-2) > 1)
-        block += [np.full(len(part), count + k) for k, part in enumerate(parts)]
+        run_numbers += [np.full(len(part), count + k) for k, part in enumerate(parts)]
         count += len(parts)
-    found = (np.concatenate(part) for part in (target, innovations, block))
+    found = (np.concatenate(part) for part in (target, innovations, run_numbers))
     ends = np.flatnonzero(np.concatenate(ends))[1:]
     return np.concatenate(features), n_driven, *found, ends
 
 
-def _driven(records, predictions, lags=()):
+def _drive_features(records, predictions, lags=()):
     """Yield an iterator over the features of each record's drive, at all samples.
 
-    They are the drive and the prediction, their powers, plays of the drive, changes over so many
+    They are the drive, the prediction and its powers, plays of the drive, changes over ``lags``
     samples, first-order lags of the drive and of its square with logarithmically spaced time
     constants up to the longest record (as of creep and heat), drive and prediction times time, and
-    further columns.
-    All records are scaled alike, so that a dependence on the amplitude stays visible.
+    further columns. All records are scaled alike, so that a dependence on the amplitude stays
+    visible.
     """
     finite = np.concatenate([p[np.isfinite(p)] for p in predictions])
     drives = np.concatenate([record.u for record in records])
@@ -315,8 +323,8 @@ def _driven(records, predictions, lags=()):
         yield columns(u, q, record.auxiliary)
 
 
-def _own(u, r):
-    """Yield features of a residual's past, of its gain with the drive in the past, and time."""
+def _past_features(u, r):
+    """Yield features of a residual: its past values, its past gain with the drive, and time."""
     yield from (delayed(r, lag) for lag in LAGS[:4])
     yield from (past_mean(r, size) for size in LAGS[2::2])
     for signal in (u - u.mean(), u - delayed(u, 1, u[0])):
@@ -329,12 +337,12 @@ def _own(u, r):
 
 
 def delayed(signal, lag, first=0.0):
-    """Return a signal delayed by so many samples, with a first value before its start."""
+    """Return a signal delayed by ``lag`` samples; before its start it is ``first``."""
     return np.concatenate([np.full(min(lag, len(signal)), first), signal[:-lag]])
 
 
 def past_mean(signal, size):
-    """Return the mean of up to ``size`` samples before each one."""
+    """Return for each sample the mean of up to ``size`` samples before it; 0 for the first."""
     sums = np.concatenate([[0.0], np.cumsum(signal)])
     stop = np.arange(len(signal))
     start = np.maximum(stop - size, 0)
@@ -345,37 +353,40 @@ def past_mean(signal, size):
 
 
 def by_shifted_drive(records, residuals, predictions):
-    """Return the trial of the residual following the drive better than the shifted drive.
+    """Return the trial of the residual being related to the drive more than to a shifted one.
 
-    Features have no delays, which would only compensate for the shift.
+    Features have no delays, which would only compensate for the shift. Records with gaps in the
+    scored samples are left out.
     """
-    found = []
-    every = max(sum(len(r) for r in residuals) // ENOUGH, 1)
-    for record, r, columns in zip(records, residuals, _driven(records, predictions), strict=True):
+    aligned = []
+    stride = max(sum(len(r) for r in residuals) // ENOUGH, 1)
+    for record, r, columns in zip(
+        records, residuals, _drive_features(records, predictions), strict=True
+    ):
         known = np.flatnonzero(np.isfinite(r))
         if not len(known) or known[-1] - known[0] >= len(known):
             continue
         most, period = len(known) // 4, drive_period(record.u)
         # half a period later, a symmetric drive repeats with the opposite sign
         most = min(most, period // 3) if period else most
-        rows = np.arange(known[0] + most, known[-1] + 1 - most, every)
-        found.append((r, rows, most, np.stack([column[rows] for column in columns], axis=1)))
-    nothing = Trial(1.0, 1.0, None)
-    count = min(SHIFTS, max((most for *_, most, _ in found), default=0))
+        rows = np.arange(known[0] + most, known[-1] + 1 - most, stride)
+        aligned.append((r, rows, most, np.stack([column[rows] for column in columns], axis=1)))
+    no_structure = Trial(1.0, 1.0, None)
+    count = min(SHIFTS, max((most for *_, most, _ in aligned), default=0))
     if not count:
-        return nothing
-    x = np.concatenate([columns - columns.mean(axis=0) for *_, columns in found])
+        return no_structure
+    x = np.concatenate([columns - columns.mean(axis=0) for *_, columns in aligned])
     scale = x.std(axis=0)
     basis, values, _ = np.linalg.svd(x[:, scale > 0.0] / scale[scale > 0.0], full_matrices=False)
-    # without features that depend linearly on others
+    # linearly dependent features have singular values of rounding
     basis = basis[:, values > 1e-6 * values.max(initial=0.0)]
     if not 0 < 2 * basis.shape[1] <= len(basis):  # the drive rests, or the record is too short
-        return nothing
-    left = []
+        return no_structure
+    shares = []
     for k in range(-count, count + 1):
-        y = [r[rows + round(k / count * most)] for r, rows, most, _ in found]
-        y = np.concatenate([own - own.mean() for own in y])
-        left.append(1.0 - np.sum(np.square(basis.T @ y)) / max(y @ y, np.finfo(float).tiny))
-    b = np.count_nonzero(np.array(left) <= left[count])
-    share = min(left[count] / np.median(left), 1.0)
+        y = [r[rows + round(k / count * most)] for r, rows, most, _ in aligned]
+        y = np.concatenate([record_y - record_y.mean() for record_y in y])
+        shares.append(1.0 - np.sum(np.square(basis.T @ y)) / max(y @ y, np.finfo(float).tiny))
+    b = np.count_nonzero(np.array(shares) <= shares[count])
+    share = min(shares[count] / np.median(shares), 1.0)
     return Trial(share, min(b / (count + 1), 1.0), None)

@@ -26,20 +26,22 @@ class WithTables:
 
 
 def _plain(value):
+    """Return a data frame as a dict of lists, any other value unchanged."""
     if type(value) is not pd.DataFrame:
         return value
-    columns = {name: (str(own.dtype), own.tolist()) for name, own in value.items()}
+    columns = {name: (str(column.dtype), column.tolist()) for name, column in value.items()}
     return {_FRAME: columns, "index": (str(value.index.dtype), value.index.tolist())}
 
 
 def _frame(value):
+    """Return what :func:`_plain` was given."""
     if type(value) is not dict or _FRAME not in value:
         return value
-    dtype, own = value["index"]
-    index = pd.Index(own, dtype=dtype)
+    dtype, values = value["index"]
+    index = pd.Index(values, dtype=dtype)
     columns = {
-        name: pd.Series(own, index=index, dtype=dtype)
-        for name, (dtype, own) in value[_FRAME].items()
+        name: pd.Series(column, index=index, dtype=dtype)
+        for name, (dtype, column) in value[_FRAME].items()
     }
     return pd.DataFrame(columns, index=index)
 
@@ -48,13 +50,15 @@ def cv_results(rows, n_folds):
     """Return scikit-learn's ``cv_results_`` from the rows of a ranking."""
     params = [{name: row[name] for name in ("round", "effect")} for row in rows]
     unknown = np.full(n_folds, np.nan)
-    scores = [unknown if (own := row["fold_errors"]) is None else np.negative(own) for row in rows]
+    scores = [
+        unknown if (errors := row["fold_errors"]) is None else np.negative(errors) for row in rows
+    ]
     scores = np.reshape(scores, (len(rows), n_folds))
     mean = scores.mean(axis=1)
     rank = rankdata(np.where(np.isnan(mean), np.inf, -mean), method="min")
     return {
-        "param_round": np.array([own["round"] for own in params], dtype=int),
-        "param_effect": np.array([own["effect"] for own in params], dtype=object),
+        "param_round": np.array([param["round"] for param in params], dtype=int),
+        "param_effect": np.array([param["effect"] for param in params], dtype=object),
         "params": np.array(params, dtype=object),
         **{f"split{i}_test_score": scores[:, i] for i in range(n_folds)},
         "mean_test_score": mean,

@@ -19,13 +19,14 @@ _N_TEST = 200
 
 
 class Source:
-    """A model as a stepper, and how it is made again; parameters are those of :func:`to_c`.
+    """A model as a stepper and a way to make it again; parameters are those of :func:`to_c`.
 
     Attributes
     ----------
     stepper : Stepper
-        In the state from which the program begins.
+        Its state is that from which the program begins.
     dt : float or None
+        Sampling interval in s, if it is known.
     step : Slice
         The step of the whole model.
     n_inputs : int
@@ -34,7 +35,7 @@ class Source:
     entries : tuple of Entry
         Parameters that can be changed at run time.
     tuned : Derived or None
-        The constants that follow from them.
+        The constants that depend on them.
     """
 
     def __init__(self, model, dtype, dt, initial_state, u0, tunable, form, tolerance):
@@ -59,6 +60,7 @@ class Source:
                     f"{tunable!r} instead."
                 )
             self.entries, self._with_values = entries_of(model, tunable)
+            # as for other values: zeros become tiny, which keeps the structure of the step the same
             model = self._with_values([entry.value for entry in self.entries])
         self._model = model
         self.stepper, self.dt = self._made(model, u0)
@@ -93,15 +95,15 @@ class Source:
         return _at(self.u0, 1, self.n_inputs)
 
     def inputs(self, drive):
-        """Return a drive of the test (n_samples, n_inputs), the default one for None."""
+        """Return the drive of the test, (n_samples, n_inputs); None stands for the default one."""
         if drive is not None:
             return _columns(drive, self.n_inputs)
-        part = np.arange(_N_TEST) / _N_TEST  # turning points at many levels, a smooth start
-        swing = np.sin(2 * np.pi * 5 * part) * (1.0 - part) + 0.3 * np.sin(2 * np.pi * 17 * part)
+        phase = np.arange(_N_TEST) / _N_TEST  # turning points at many levels, a smooth start
+        swing = np.sin(2 * np.pi * 5 * phase) * (1.0 - phase) + 0.3 * np.sin(2 * np.pi * 17 * phase)
         return _at(self.u0, _N_TEST, self.n_inputs) + swing[:, None] / 1.3
 
     def deviates(self, drive):
-        """Return lines on the deviation of the response without tables from the model's."""
+        """Return lines of a comment: how far the response without tables is from the model's."""
         if self._form == "table":
             return []
         expected = answers(stepper_of(self._model, *self._given, self.u0)[0], drive)
@@ -121,6 +123,7 @@ class Source:
             rules, ends = rest_rules(lambda at: self._at_rest(at, self._model), drive)
         tuned = () if self.tuned is None else self.tuned.first
         runs = [(self.stepper.copy(), tuned)]
+        # without rules a program cannot be put to rest at another input, and is not tested so
         if rules is not None:
             level = (0.61 * drive.max(axis=0) + 0.39 * drive.min(axis=0)).astype(number)
             runs.append((self._at_rest(level.astype(float), self._model), tuned))
@@ -129,41 +132,43 @@ class Source:
             values = low + (high - low) * np.where(np.arange(len(low)) % 2, 0.3, 0.7)
             values = values.astype(number).astype(float)
             changed = self._with_values(values)
-            other = Stepper(self._at_rest(self.u0, changed).compiled_step)
-            other.state = self.stepper.state
+            changed_stepper = Stepper(self._at_rest(self.u0, changed).compiled_step)
+            changed_stepper.state = self.stepper.state
             others, _ = rest_rules(lambda at: self._at_rest(at, changed), drive)
             pairs = zip(rules or (), others or (), strict=False)
             if not (rules and others and all(a.agrees(b) for a, b in pairs)):
-                rules = None  # the rest depends on the parameters
+                rules = None  # the state at rest depends on the parameters, which may change
                 del runs[1:]
-            runs.append((other, self.tuned.at(values)))
+            runs.append((changed_stepper, self.tuned.at(values)))
         outputs = [answers(stepper, drive) for stepper, _ in runs]
         span = np.ptp([0.0, *np.ravel(outputs)]) or 1.0
         tolerance = max(self._tolerance, 2.0 * self._rounded(drive, runs, outputs, number) / span)
         if self._dtype == "float32":
-            for (stepper, own), y in zip(runs, outputs, strict=True):
-                check_single(self.step, stepper.state, drive, y, span, tolerance, own)
+            for (stepper, constants), y in zip(runs, outputs, strict=True):
+                check_single(self.step, stepper.state, drive, y, span, tolerance, constants)
         last = self.stepper.output
         last = answers(self.stepper, self.rest)[0] if last is None else last
         return Expected(drive, outputs, span, tolerance, last, rules, ends, level, values)
 
     def _rounded(self, drive, runs, outputs, number):
-        """Return the largest change of the responses under rounding."""
+        """Return the largest change of the responses under rounding of input and constants."""
         # errors of the input: alternating, and of one sign
         eps = np.finfo(number).eps
         rounding = 0.5 * eps * (1.0 - 2.0 * (np.arange(len(drive)) % 2))
-        moved = max(
-            np.abs(answers(stepper, drive * (1.0 + each[:, None])) - own).max()
-            for (stepper, _), own in zip(runs, outputs, strict=True)
-            for each in (rounding, -rounding, abs(rounding), -abs(rounding))
+        largest = max(
+            np.abs(answers(stepper, drive * (1.0 + relative_error[:, None])) - output).max()
+            for (stepper, _), output in zip(runs, outputs, strict=True)
+            for relative_error in (rounding, -rounding, abs(rounding), -abs(rounding))
         )
         if self.tuned is not None:  # and of the constants, which the program computes
             alternating = 1.0 - 2.0 * (np.arange(len(self.tuned.first)) % 2)
             for sign in (alternating, -alternating):
-                off = runs[-1][1] * (1.0 + 2.0 * eps * sign)
-                device = Interpreter(self.step, self.stepper.state, off)
-                moved = max(moved, np.abs([device.answer(u) for u in drive] - outputs[-1]).max())
-        return moved
+                rounded = runs[-1][1] * (1.0 + 2.0 * eps * sign)
+                device = Interpreter(self.step, self.stepper.state, rounded)
+                largest = max(
+                    largest, np.abs([device.answer(u) for u in drive] - outputs[-1]).max()
+                )
+        return largest
 
 
 @dataclass(frozen=True)
@@ -174,8 +179,8 @@ class Expected:
     ----------
     drive : ndarray of shape (n_samples, n_inputs)
     outputs : list of ndarray of shape (n_samples,)
-        From the first state; from rest at another level, if that is known; with other parameters,
-        if they can be changed.
+        Responses from the first state; from rest at another level, if that is known; with other
+        parameters, if they can be changed.
     span, tolerance : float
         Range of the outputs, and the allowed error, relative to it.
     last : float
@@ -185,9 +190,9 @@ class Expected:
     ends : ndarray of shape (2, n_inputs) or None
         Inputs for which the rules hold.
     level : ndarray of shape (n_inputs,) or None
-        The other level.
+        The other level of rest.
     values : ndarray of shape (n_entries,) or None
-        The other parameters.
+        Values of the other parameters.
     """
 
     drive: np.ndarray
@@ -208,7 +213,7 @@ def answers(stepper, drive):
 
 
 def _compacted(stepper):
-    """Return a stepper whose laws do without tables, in the same state."""
+    """Return a stepper in the same state whose laws are integrated instead of looked up."""
     step = stepper.compiled_step.compacted()
     if not np.array_equal(stepper.state, stepper.compiled_step.state):
         raise ValueError(
@@ -279,14 +284,17 @@ def legend(stepper, dt, units):
 
 
 def watched_ends(stepper, eps):
-    """Yield signal, ends of its range, and largest change, with the rounding of their type."""
+    """Yield number, low and high end, and largest change of each watched signal.
+
+    They are wider by the rounding of the type of numbers with the resolution ``eps``.
+    """
     for k, low, high, change in stepper.watched:
         rounding = eps * max(abs(x) for x in (low, high, 0.0) if np.isfinite(x))
         yield k, low - rounding, high + rounding, change + 2.0 * rounding
 
 
 def _columns(drive, n_inputs):
-    """Return a drive as an array (n_samples, n_inputs), without further columns."""
+    """Return the first ``n_inputs`` columns of a drive, (n_samples, n_inputs)."""
     drive = np.asarray(drive, dtype=float)
     drive = drive[:, None] if drive.ndim == 1 else drive
     if drive.shape[1] < n_inputs:
@@ -298,5 +306,5 @@ def _columns(drive, n_inputs):
 
 
 def _at(u0, n_samples, n_inputs):
-    """Return an input that rests, (n_samples, n_inputs)."""
+    """Return a constant input, (n_samples, n_inputs)."""
     return np.zeros((n_samples, n_inputs)) + np.ravel(u0)[:n_inputs]

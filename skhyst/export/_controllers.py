@@ -1,9 +1,9 @@
-"""Run exported programs on emulated controllers; their memory and time.
+"""Run exported programs on emulated controllers, and measure their memory and time.
 
 Each target has a compiler and an emulator. The firmware takes one sample from the host, makes one
 step and returns the output, the status and the number of instructions of the step. QEMU counts
-instructions (``-icount``): each takes 2^6 ns on the controller's timer. For AVR, simavr counts
-instructions and cycles, in a program that is built for the firmware (``avr.c``). On x86-64 the
+instructions (``-icount``): each takes 2^6 ns on the controller's timer. For AVR, a program
+(``avr.c``) that is built with the library of simavr counts instructions and cycles. On x86-64 the
 processor's trap flag counts instructions, without emulation.
 """
 
@@ -18,8 +18,8 @@ from string import Template
 import numpy as np
 import pandas as pd
 
-_SYNC = b"\x55"  # before the first sample: earlier bytes are not read
-_SAMPLES = 100  # of the test's drive, with which the time is measured
+_SYNC = b"\x55"  # sent before the first sample: the firmware ignores earlier bytes
+_SAMPLES = 100  # samples of the test's drive with which the time is measured
 _FLAGS = ("-std=gnu99", "-Os", "-ffunction-sections", "-fdata-sections", "-fno-common")
 # QEMU loads the segments of a program to their addresses: nothing is copied at the start
 _BARE = (
@@ -39,9 +39,11 @@ _NUMBERS = {"double": np.float64, "float": np.float32, "int32_t": np.int32}
 
 @dataclass(frozen=True)
 class _Target:
-    """A controller: its compiler, options for linking, its emulator, ticks per instruction.
+    """A controller that programs are compiled for and run on.
 
-    The emulator is built first where ``built`` is the command for it.
+    ``options`` are those of the compiler, ``linked`` those of linking, ``runs`` the command of the
+    emulator, ``ticks`` those of the controller's timer per instruction, and ``built`` the command
+    that builds the emulator, if it has to be built first.
     """
 
     compiler: str
@@ -263,21 +265,20 @@ class EmulatedController:
     Parameters
     ----------
     folder : str or Path
-        Where the program is.
+        Folder of the program.
     name : str
-        Of the program.
+        Name of the program.
     target : {"Cortex-M4F", "Cortex-M0", "AVR", "x86-64"}, default="Cortex-M4F"
         The controllers that are emulated: ARM MPS2 with AN386, micro:bit, ATmega2560.
 
     Attributes
     ----------
     status : int
-        That of the last sample, see :func:`to_c`.
+        Status of the last sample, see :func:`to_c`.
     instructions : float
-        That the last step has taken, to about one.
+        Number of instructions of the last step, with an error of about one.
     cycles : float
-        Clock cycles of the last step; NaN if the emulator does not count them: only that of AVR
-        does.
+        Clock cycles of the last step; NaN except for AVR, whose emulator alone counts them.
 
     Raises
     ------
@@ -312,36 +313,39 @@ class EmulatedController:
             )
         self.status, self.instructions, self.cycles = 0, np.nan, np.nan
         self._target = TARGETS[target]
-        self._process, own = None, self._target
+        self._process, emulated = None, self._target
         source = program_source(folder, name)
-        for tool in (own.compiler, *(own.built or own.runs)[:1]):
+        for tool in (emulated.compiler, *(emulated.built or emulated.runs)[:1]):
             if shutil.which(tool) is None:
                 raise FileNotFoundError(f"There is no {tool}, which {target} needs.")
         header = source.with_suffix(".h").read_text()
-        kind, given = re.search(rf"^(\w+) {name}_step\((.*)\);", header, re.M).groups()
+        number_type, arguments = re.search(rf"^(\w+) {name}_step\((.*)\);", header, re.M).groups()
         n_inputs = int(re.search(rf"{name}_N_INPUTS (\d+)", header)[1])
-        self._number, self._shape = np.dtype(_NUMBERS[kind]), (n_inputs,)
+        self._number, self._shape = np.dtype(_NUMBERS[number_type]), (n_inputs,)
+        # a step takes several inputs as an array, a single one as a number
         text = _FIRMWARE.substitute(
-            name=name, number=kind, input="u" if "*u" in given else "u[0]", sync=_SYNC[0]
+            name=name, number=number_type, input="u" if "*u" in arguments else "u[0]", sync=_SYNC[0]
         )
         self._place = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
-        place = Path(self._place.name)
-        (place / "firmware.c").write_text(text)
-        command = ("-o", "firmware", str(source), f"-I{source.parent}", *own.linked)
-        done, said = own.compile(place, "firmware.c", *command, "-lm")
-        if not done:
+        build_folder = Path(self._place.name)
+        (build_folder / "firmware.c").write_text(text)
+        command = ("-o", "firmware", str(source), f"-I{source.parent}", *emulated.linked)
+        compiled, messages = emulated.compile(build_folder, "firmware.c", *command, "-lm")
+        if not compiled:
             self.close()
-            raise RuntimeError(f"The program cannot be compiled for {target}: {said.strip()}")
-        if own.built:
-            made = subprocess.run(own.built, cwd=place, capture_output=True, text=True)
-            if made.returncode:
+            raise RuntimeError(f"The program cannot be compiled for {target}: {messages.strip()}")
+        if emulated.built:
+            built = subprocess.run(emulated.built, cwd=build_folder, capture_output=True, text=True)
+            if built.returncode:
                 self.close()
-                raise FileNotFoundError(f"There is no emulator for {target}: {made.stderr.strip()}")
+                raise FileNotFoundError(
+                    f"There is no emulator for {target}: {built.stderr.strip()}"
+                )
         self._process = subprocess.Popen(
-            [*own.runs, str(place / "firmware")],
-            cwd=place,
+            [*emulated.runs, str(build_folder / "firmware")],
+            cwd=build_folder,
             **dict.fromkeys(("stdin", "stdout"), subprocess.PIPE),
-            stderr=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,  # a pipe that nobody reads would fill up and block
             bufsize=0,
         )
         self._process.stdin.write(_SYNC)
@@ -375,10 +379,11 @@ class EmulatedController:
         answer = b""
         try:
             self._process.stdin.write(u.tobytes())
-            while (left := self._number.itemsize + 12 - len(answer)) > 0:
-                if not (more := self._process.stdout.read(left)):
+            # the output, then three words of 32 bits; a pipe may return them in pieces
+            while (n_missing := self._number.itemsize + 12 - len(answer)) > 0:
+                if not (received := self._process.stdout.read(n_missing)):
                     raise BrokenPipeError
-                answer += more
+                answer += received
         except BrokenPipeError:
             raise RuntimeError("The program on the emulated controller has stopped.") from None
         ticks, cycles, status = np.frombuffer(answer[-12:], dtype="<u4")
@@ -419,9 +424,9 @@ def program_sizes(folder, name) -> pd.DataFrame:
     Parameters
     ----------
     folder : str or Path
-        Where the program is.
+        Folder of the program.
     name : str
-        Of the program.
+        Name of the program.
 
     Returns
     -------
@@ -457,13 +462,14 @@ def program_sizes(folder, name) -> pd.DataFrame:
     """
     source = program_source(folder, name)
     rows = [
-        {"target": key, **_size(source, own), **_time(source, key)} for key, own in TARGETS.items()
+        {"target": key, **_size(source, controller), **_time(source, key)}
+        for key, controller in TARGETS.items()
     ]
     return pd.DataFrame(rows).set_index("target").rename_axis(None)
 
 
 def _time(source, target):
-    """Return the instructions and cycles of a step, None if they are not known."""
+    """Return the instructions and cycles of a step, None where the program cannot be run."""
     counts = []
     try:
         with EmulatedController(source.parent, source.stem, target) as controller:
@@ -472,9 +478,9 @@ def _time(source, target):
                 counts.append((controller.instructions, controller.cycles))
     except (FileNotFoundError, RuntimeError):
         return dict.fromkeys(("instructions", "most_instructions", "most_cycles"))
-    most, cycles = np.round(np.max(counts, axis=0))
+    most_instructions, cycles = np.round(np.max(counts, axis=0))
     mean = np.round(np.mean(counts, axis=0)[0])
-    return {"instructions": mean, "most_instructions": most, "most_cycles": cycles}
+    return {"instructions": mean, "most_instructions": most_instructions, "most_cycles": cycles}
 
 
 def _test_inputs(source):
@@ -486,7 +492,7 @@ def _test_inputs(source):
 
 
 def _size(source, target):
-    """Return flash, state and stack in bytes, None if they are not known."""
+    """Return flash, state and stack in bytes, None where the program cannot be compiled."""
     unknown = dict.fromkeys(("flash", "state", "stack"))
     if shutil.which(target.compiler) is None:
         return unknown

@@ -35,7 +35,7 @@ $variables  </ModelVariables>
   </ModelStructure>
 </fmiModelDescription>
 """)
-_ENDINGS = {"Linux": ".so", "Darwin": ".dylib", "Windows": ".dll"}  # of libraries, by system
+_ENDINGS = {"Linux": ".so", "Darwin": ".dylib", "Windows": ".dll"}  # system -> ending of a library
 _BUILD = Template("""\
 <?xml version="1.0" encoding="UTF-8"?>
 <fmiBuildDescription fmiVersion="3.0">
@@ -133,13 +133,13 @@ def to_fmu(
     path = Path(path)
     name = path.stem
     units = input_unit, output_unit
-    own = program(model, name, "float64", dt, initial_state, u0, None, units, tunable)
-    if own.dt is None:
+    source = program(model, name, "float64", dt, initial_state, u0, None, units, tunable)
+    if source.dt is None:
         raise ValueError("The 'dt' parameter of to_fmu must be given, in s.")
-    first = (np.zeros(own.n_inputs) + u0).tolist()
-    u = "u" if own.by_row else "u[0]"
-    init_at = f"{name}_init_at(&it->now.model, {u});" if own.begins_at else ""
-    values = [*first, *(entry.value for entry in own.entries)]
+    first = (np.zeros(source.n_inputs) + u0).tolist()
+    u = "u" if source.by_row else "u[0]"
+    init_at = f"{name}_init_at(&it->now.model, {u});" if source.begins_at else ""
+    values = [*first, *(entry.value for entry in source.entries)]
     template = Template(Path(__file__).with_name("fmu.c").read_text())
     wrapper = template.substitute(
         name=name,
@@ -147,19 +147,19 @@ def to_fmu(
         major=version[0],
         first=", ".join(map(repr, values)),
         u=u,
-        n_parameters=len(own.entries),
-        configure=_configure(name, own.entries),
+        n_parameters=len(source.entries),
+        configure=_configure(name, source.entries),
         init_at=init_at or ";",
     )
     with tempfile.TemporaryDirectory() as folder:
-        texts = own.files | {f"{name}_fmu.c": wrapper}
+        texts = source.files | {f"{name}_fmu.c": wrapper}
         del texts[f"{name}_test.c"]
         with errors_naming(path):
             for file, text in texts.items():
                 Path(folder, file).write_text(text, encoding="utf-8")
         files = {f"sources/{file}": text.encode() for file, text in texts.items()}
         files["modelDescription.xml"] = _description(
-            name, version, type(model).__name__, own, first, units
+            name, version, type(model).__name__, source, first, units
         ).encode()
         if version == "3.0":
             files["sources/buildDescription.xml"] = _BUILD.substitute(name=name).encode()
@@ -172,7 +172,7 @@ def to_fmu(
 
 
 def _configure(name, entries):
-    """Return the body of the function that applies the parameters."""
+    """Return the body of the function in C that applies the parameters."""
     if not entries:
         return "    (void)it;\n    return OK;\n"
     lines = [f"    {name}_params to;\n"]
@@ -184,7 +184,7 @@ def _configure(name, entries):
     return "".join(lines)
 
 
-def _description(name, version, what, own, first, units):
+def _description(name, version, class_name, source, first, units):
     """Return ``modelDescription.xml``."""
     names = ["input"] if len(first) == 1 else [f"input_{k + 1}" for k in range(len(first))]
     unit = ["" if text is None else f" unit={quoteattr(text)}" for text in units]
@@ -203,19 +203,20 @@ def _description(name, version, what, own, first, units):
             f' min="{entry.low!r}" max="{entry.high!r}"',
             f' start="{entry.value!r}"',
         )
-        for entry in own.entries
+        for entry in source.entries
     ]
     common = 'name="{}" valueReference="{}" {} variability="{}"'
-    variables, dt = "", DIALECTS["float64"].literal(own.dt)
-    for k, (variable, role, of, start) in enumerate(rows):  # fmu.c has the same value references
+    variables, dt = "", DIALECTS["float64"].literal(source.dt)
+    # fmu.c has the same value references
+    for k, (variable, role, details, start) in enumerate(rows):
         variability = "tunable" if "parameter" in role else "continuous"
         attributes = common.format(variable, k, role, variability)
         variables += (
-            f"    <Float64 {attributes}{of}{start}/>\n"
+            f"    <Float64 {attributes}{details}{start}/>\n"
             if version == "3.0"
-            else f"    <ScalarVariable {attributes}><Real{of}{start}/></ScalarVariable>\n"
+            else f"    <ScalarVariable {attributes}><Real{details}{start}/></ScalarVariable>\n"
         )
-    more = {
+    by_version = {
         "2.0": {
             "token": "guid",
             "can": 'canGetAndSetFMUstate="true" canSerializeFMUstate="true"\n'
@@ -235,11 +236,11 @@ def _description(name, version, what, own, first, units):
         },
     }
     return _XML.substitute(
-        more[version],
+        by_version[version],
         name=name,
         version=version,
-        what=what,
-        digest=own.digest,
+        what=class_name,
+        digest=source.digest,
         units="".join(f"\n    <Unit name={quoteattr(u)}/>" for u in sorted({*units} - {None, "s"})),
         dt=dt,
         variables=variables,
@@ -261,17 +262,18 @@ def _binaries(name, version, folder):
         place = f"{machine}-{system}" if version == "3.0" else f"{system.removesuffix('dows')}64"
         library = Path(folder, name + ending)
         flags = ["-std=c99", "-O2", "-shared", "-fvisibility=hidden"]
-        own = ["-static", "-s", "-Wl,--no-insert-timestamp"]  # equal models give equal files
-        flags += own if system == "windows" else ["-fPIC"]
+        # without the date: equal models give equal files
+        windows_flags = ["-static", "-s", "-Wl,--no-insert-timestamp"]
+        flags += windows_flags if system == "windows" else ["-fPIC"]
         sources = [f"{name}.c", f"{name}_fmu.c"]
-        done = subprocess.run(
+        result = subprocess.run(
             [compiler, *flags, "-o", library.name, *sources, "-lm"],
             cwd=folder,
             capture_output=True,
             text=True,
         )
-        if done.returncode:
-            said = done.stderr.strip() or done.returncode
-            raise OSError(f"{library.name} was not compiled: {said}")
+        if result.returncode:
+            message = result.stderr.strip() or result.returncode
+            raise OSError(f"{library.name} was not compiled: {message}")
         libraries[f"binaries/{place}/{library.name}"] = library.read_bytes()
     return libraries

@@ -45,35 +45,39 @@ def composed(compiled_step, with_numbers=False, tuned=None, rules=None):
     def binding(step, constants, places):
         part = len(parts)
         parts.append(step)
-        own = Array("s", (len(places),), offset=constant(places[0] if len(places) else 0))
-        given = tuple(
+        states = Array("s", (len(places),), offset=constant(places[0] if len(places) else 0))
+        part_constants = tuple(
             _tuned(c, places_of_tuned[part, k]) if (part, k) in places_of_tuned else _constant(c, k)
             for k, c in enumerate(constants)
         )
 
-        def put(u):
-            """Put the state of the part to rest, or to where a step to rest begins."""
+        def rest_part(u):
+            """Write statements that put the part to rest, or to where a step to rest begins."""
             rule = rules[part]
             slope = [None] * len(places) if rule.slope is None else rule.slope
             for k, (first, by_u) in enumerate(zip(rule.first, slope, strict=True)):
-                body.append(Store(own, own.at([constant(k)]).args[1], _affine(first, by_u, u)))
+                body.append(
+                    Store(states, states.at([constant(k)]).args[1], _affine(first, by_u, u))
+                )
 
         def called(u):
             if rules is not None:
-                put(u)
-            kinds_of = (signature(x, with_numbers) for x in (u, given, own))
+                rest_part(u)
+            kinds_of = (signature(x, with_numbers) for x in (u, part_constants, states))
             function = read(step.py_func, *kinds_of, with_numbers=with_numbers)
             name = f"y{len(body)}"
             kinds[name] = "real"
-            args = zip(leaves((u, given, own)), function.params, strict=True)
+            args = zip(leaves((u, part_constants, states)), function.params, strict=True)
             args = (x if isinstance(x, Array) else converted(x, p.kind) for x, p in args)
             body.append(Call(function, tuple(args), (name,)))
+            # a step at rest moves an affine state by rounding, which is undone
             if rules is not None and rules[part].slope is not None:
-                put(u)
+                rest_part(u)
             return variable(name, "real")
 
         return called
 
+    # the indices of the state are bound in place of its numbers: each part gets its own indices
     y = compiled_step.bound(range(len(compiled_step.state)), binding)(u)
     body.append(Return((y,)))
     params, writes = (u, state), frozenset({"s"})
@@ -92,13 +96,14 @@ def _affine(first, slope, u):
 
 
 def _tuned(value, place):
-    """Return a constant that is read from the array of those that change."""
+    """Return a constant that changes at run time, as an element or a part of the array ``k``."""
     if isinstance(value, float):
         return Expression("load", (Array("k", ()), constant(place)), "real")
     return Array("k", value.shape, offset=constant(place))
 
 
 def _constant(value, k):
+    """Return a constant with its numbers, named after its place among those of the part."""
     if isinstance(value, float):
         return constant(value)
     return Array(f"c{k}", value.shape, tuple(value.ravel().tolist()))

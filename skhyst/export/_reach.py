@@ -1,8 +1,9 @@
 """Leave out the branches of a step that its input cannot reach, by interval arithmetic.
 
-A step is run on intervals instead of numbers: from the first state, for any input within its
-limits, until the intervals of the state no longer grow (Cousot and Cousot, *Symposium on Principles
-of Programming Languages*, 1977). A side of a condition that is not entered then is never entered.
+This is abstract interpretation (Cousot and Cousot, *Symposium on Principles of Programming
+Languages*, 1977): a step is run on intervals instead of numbers, from the first state, for any
+input within its limits, until the intervals of the state no longer grow. A side of a condition that
+has not been entered then is never entered.
 
 The intervals hold for fixed-point numbers, too. Rounding keeps zero, the sign of a number and the
 order of two numbers, and moves a number by at most 2^-49 of the largest operand: results are
@@ -31,20 +32,20 @@ from ._expressions import (
 )
 from ._slice import called, sliced
 
-_ROUNDING = 2.0**-40  # of the largest operand
-_LONGEST = 8  # iterations of a loop that are run one by one
-_PATIENCE = 3  # rounds before ends that still move are widened, and after that
-_MOST = 300_000  # operations, about a second
-_WHOLE = 2**31  # integers saturate
+_ROUNDING = 2.0**-40  # bound of a rounding error, relative to the largest operand
+_LONGEST = 8  # iterations of a loop up to which they are run one by one
+_PATIENCE = 3  # rounds before ends that still move are widened, and rounds after that
+_MOST = 300_000  # operations of an analysis at most, about a second
+_WHOLE = 2**31  # integers saturate here
 _ANY, _EITHER = (-math.inf, math.inf), (0, 1)
 _OPPOSITE = {"<": ">=", "<=": ">", ">": "<=", ">=": "<", "==": "!=", "!=": "=="}
 _MIRRORED = {"<": ">", "<=": ">=", ">": "<", ">=": "<=", "==": "==", "!=": "!="}
 _RISING = ("math.exp", "math.expm1", "math.log", "math.log1p", "math.sqrt", "math.tanh")
-_ARRAYS = "[]"  # among the variables: the numbers of each array
+_ARRAYS = "[]"  # key, among the variables, of the numbers of each array
 
 
 class _TooMany(Exception):
-    """There are more operations than are run."""
+    """The analysis needs more than ``_MOST`` operations."""
 
 
 def reachable(model, state, ends):
@@ -72,11 +73,11 @@ def reachable(model, state, ends):
     def after(state):
         run.places = set()
         row = isinstance(param, Array)
-        given = {
+        env = {
             "s": ("s", (0, 0), len(state)),
             "u": ("u", (0, 0), len(inputs)) if row else inputs[0],
         }
-        _, arrays = run.results(model, None, given | {_ARRAYS: {"s": list(state), "u": inputs}})
+        _, arrays = run.results(model, None, env | {_ARRAYS: {"s": list(state), "u": inputs}})
         return list(map(_joined, first, arrays["s"]))
 
     try:
@@ -86,32 +87,35 @@ def reachable(model, state, ends):
             if new == state:
                 break
             state = list(map(_widened, state, new)) if k >= _PATIENCE else new
-        for _ in range(_PATIENCE):  # some ends have been widened too far
+        # narrowing: some ends have been widened too far, and steps from a fixed point stay within
+        for _ in range(_PATIENCE):
             state = after(state)
-        after(state)
+        after(state)  # the branches of this last step are those that are kept
     except _TooMany:
         return model
     return sliced(_Pruning(run.places).function(model, None, True))
 
 
 class _Pruning:
-    """Writes functions anew, without the branches that are not among ``places``."""
+    """Rewrites functions without the branches that are not among ``places``."""
 
     def __init__(self, places):
         self._places, self._made = places, {}
 
     def function(self, part, step, is_whole=False):
-        """Return a function with the results that are used, and its arguments that are."""
+        """Return a function with only those results and arguments that are used."""
         if (step, part) not in self._made:
-            own = part.function
-            used = [x for x, kept in zip(leaves(own.result), part.mask, strict=True) if kept]
+            function = part.function
+            results = [
+                x for x, kept in zip(leaves(function.result), part.mask, strict=True) if kept
+            ]
             self._made[step, part] = Function(
-                own.name,
-                own.params if is_whole else tuple(part.args(own.params)),
+                function.name,
+                function.params if is_whole else tuple(part.args(function.params)),
                 self._block(part.body, (step, part)),
-                used[0] if len(used) == 1 else tuple(used),
-                own.kinds,
-                own.writes,
+                results[0] if len(results) == 1 else tuple(results),
+                function.kinds,
+                function.writes,
             )
         return self._made[step, part]
 
@@ -119,16 +123,16 @@ class _Pruning:
         made = []
         for k, statement in enumerate(body):
             made += self._statement(statement, frame, k)
-            if made and isinstance(made[-1], (Return, Jump)):
+            if made and isinstance(made[-1], (Return, Jump)):  # nothing behind it is reached
                 break
         return tuple(made)
 
     def _statement(self, statement, frame, k):
         match statement:
             case If(test, body, orelse):
-                held = [x for x in (False, True) if (frame, id(statement), x) in self._places]
-                if len(held) < 2:
-                    return self._block((orelse, body)[held[0]], frame) if held else ()
+                reached = [x for x in (False, True) if (frame, id(statement), x) in self._places]
+                if len(reached) < 2:  # the condition itself is left out, too
+                    return self._block((orelse, body)[reached[0]], frame) if reached else ()
                 sides = (self._block(side, frame) for side in (body, orelse))
                 return (If(self._value(test, frame), *sides),)
             case Call(_, args, outs):
@@ -175,8 +179,8 @@ class _Pruning:
 class _Run:
     """A run of a step on intervals.
 
-    Variables are intervals, arrays the key of their numbers, the interval of their first place
-    among these, and the place after their last.
+    Variables are intervals. Arrays are views: the key of a list of numbers, the interval of the
+    position in it where the array begins, and the position after its last number.
 
     Attributes
     ----------
@@ -190,15 +194,15 @@ class _Run:
     def results(self, part, step, env):
         """Return the results of a function, and the arrays after it."""
         ends = []
-        left = self._block(part.body, env, (step, part), ends)
-        ends += [] if left is None else [((), left)]
+        env_at_end = self._block(part.body, env, (step, part), ends)
+        ends += [] if env_at_end is None else [((), env_at_end)]
         arrays = {}
         for _, end in ends:
             arrays = _both(arrays, end[_ARRAYS])
         results = zip(*(values for values, _ in ends), strict=True)
         return [_joined(*values) for values in results], arrays
 
-    # statements: they change the variables and return them, or None if nothing follows
+    # statements: they change the variables and return them, or None if what follows is not reached
 
     def _block(self, body, env, frame, ends):
         for k, statement in enumerate(body):
@@ -238,21 +242,21 @@ class _Run:
         after = None
         for held in _known(self._value(test, env, frame)):
             self.places.add((frame, id(statement), bool(held)))
-            own = self._refined(test, held, self._copied(env), frame)
-            after = _merged(after, self._block(sides[held], own, frame, ends))
+            refined = self._refined(test, held, self._copied(env), frame)
+            after = _merged(after, self._block(sides[held], refined, frame, ends))
         return after
 
     def _loop(self, loop, env, frame, ends):
-        turns, after = None, None
+        iterations, after = None, None
         if isinstance(loop, For):
             start, stop = (self._value(x, env, frame) for x in (loop.start, loop.stop))
             if start[0] == start[1] and stop[0] == stop[1]:
-                turns = range(int(start[0]), int(stop[0]), loop.step)
+                iterations = range(int(start[0]), int(stop[0]), loop.step)
                 # one by one, intervals stay narrow; long loops would take too many operations
-                turns = turns if len(turns) <= _LONGEST else None
-        for k in turns if turns is not None else count():
+                iterations = iterations if len(iterations) <= _LONGEST else None
+        for k in iterations if iterations is not None else count():
             begin = self._copied(env)
-            if turns is not None:
+            if iterations is not None:
                 begin[loop.target] = k, k
             elif isinstance(loop, For):
                 begin[loop.target] = (start[0], stop[1]) if loop.step > 0 else (stop[0], start[1])
@@ -265,17 +269,17 @@ class _Run:
                 begin = self._refined(loop.test, 1, begin, frame)
             inner = []
             new = self._block(loop.body, begin, frame, inner)
-            for end, at in inner:
-                if end == "continue":
-                    new = _merged(new, at)
-                elif end == "break":
-                    after = _merged(after, at)
+            for jump, env_at_jump in inner:
+                if jump == "continue":
+                    new = _merged(new, env_at_jump)
+                elif jump == "break":
+                    after = _merged(after, env_at_jump)
                 else:
-                    ends.append((end, at))
+                    ends.append((jump, env_at_jump))
             if new is None:
-                env = None if turns is not None or isinstance(loop, While) else env
+                env = None if iterations is not None or isinstance(loop, While) else env
                 break
-            if turns is not None:
+            if iterations is not None:
                 env = new
                 continue
             # to a fixed point; widening makes sure that it is reached
@@ -319,8 +323,8 @@ class _Run:
                 continue
             k = 2 - held if x.op == "choice" else 1
             self.places.add((frame, id(x), k))
-            own = self._refined(test, held, {**env, _ARRAYS: {**env[_ARRAYS]}}, frame)
-            results.append(self._value(sides[k - 1], own, frame))
+            refined = self._refined(test, held, {**env, _ARRAYS: {**env[_ARRAYS]}}, frame)
+            results.append(self._value(sides[k - 1], refined, frame))
         return _joined(*results)
 
     def _call(self, part, args, env, frame, step):
@@ -329,26 +333,27 @@ class _Run:
         for arg, param in zip(part.args(args), part.args(part.function.params), strict=True):
             if isinstance(arg, Array):
                 offset = self._value(arg.offset, env, frame)
-                key, own, end = self._view(arg, env)
-                own = own[0] + offset[0], own[1] + offset[1]
-                given[param.name] = key, own, min(end, own[1] + math.prod(param.shape))
+                key, begin, end = self._view(arg, env)
+                begin = begin[0] + offset[0], begin[1] + offset[1]
+                given[param.name] = key, begin, min(end, begin[1] + math.prod(param.shape))
             else:
                 given[param.args[0]] = self._value(arg, env, frame)
         return self.results(part, step, given)
 
     def _view(self, array, env):
-        """Return the key of the numbers of an array, where it begins, and where it ends."""
+        """Return the key of the numbers of an array, and the positions of its begin and its end."""
         if array.values is None:
             return env[array.name]
         self._tables.setdefault(id(array.values), [_wider((x, x)) for x in array.values])
         return id(array.values), (0, 0), len(array.values)
 
     def _numbers(self, array, place, env, frame):
-        """Return a list of numbers, and the first and the last place in it that may be meant."""
+        """Return the numbers of an array, and the first and last position that ``place`` may be."""
         key, begin, end = self._view(array, env)
         place = self._value(place, env, frame)
         numbers = self._tables.get(key) or env[_ARRAYS][key]
-        first = int(min(begin[0] + max(place[0], 0), end - 1))  # a law keeps to its arrays
+        # intervals may exceed an array, but a law never reads outside of it
+        first = int(min(begin[0] + max(place[0], 0), end - 1))
         last = int(max(first, min(begin[1] + place[1], end - 1)))
         self._left -= (last - first) // 16
         return numbers, first, last
@@ -373,35 +378,40 @@ class _Run:
             self._meet(args[1], _MIRRORED[op], *values[::-1], args[0].op == "const", env, frame)
         return env
 
-    def _meet(self, x, op, own, other, is_exact, env, frame):
-        """Make the interval of a variable or an element smaller by a comparison with another."""
-        low, high = other if is_exact and other == (0, 0) else _wider(other, own)
+    def _meet(self, x, op, interval, other, is_exact, env, frame):
+        """Cut the interval of a variable or an element down to where a comparison holds."""
+        low, high = other if is_exact and other == (0, 0) else _wider(other, interval)
         low = low if op in (">", ">=", "==") else -math.inf
         high = high if op in ("<", "<=", "==") else math.inf
-        met = max(own[0], low), min(own[1], high)
-        if met[0] > met[1] or met == own:
+        met = max(interval[0], low), min(interval[1], high)
+        if met[0] > met[1] or met == interval:
             return
         if x.op == "name":
             env[x.args[0]] = met
         elif x.op == "load" and x.args[0].values is None:
             numbers, first, last = self._numbers(*x.args, env, frame)
             key, *_ = env[x.args[0].name]
+            # an element is known only if its position is
             if first == last and key in env[_ARRAYS]:
                 env[_ARRAYS][key] = numbers = [*numbers]
                 numbers[first] = met
 
 
 def _known(test):
-    """Return the results that a condition may have."""
+    """Return the results, 0 or 1, that a condition may have."""
     return [held for held in (0, 1) if test[0] <= held <= test[1]]
 
 
 def _joined(*intervals):
+    """Return the smallest interval that holds all intervals."""
     return min(low for low, _ in intervals), max(high for _, high in intervals)
 
 
 def _widened(old, new):
-    """Return an interval that holds both, whose ends move no more than twice."""
+    """Return an interval that holds both; ends that move go to zero, or else to infinity.
+
+    So an end moves twice at most, and a loop of widened intervals ends.
+    """
     low, high = _joined(old, new)
     if low < old[0]:
         low = 0 if low >= 0 else -math.inf
@@ -423,6 +433,7 @@ def _merged(env, other, join=_joined):
 
 
 def _both(arrays, others, join=_joined):
+    """Return the arrays after one of two paths."""
     merged = {**others, **arrays}
     for key in arrays.keys() & others.keys():
         if arrays[key] != others[key]:
@@ -431,6 +442,7 @@ def _both(arrays, others, join=_joined):
 
 
 def _store(numbers, first, last, value):
+    """Store a value at a position between two: where it is not known, the old values may stay."""
     if first == last:
         numbers[first] = value
     else:
@@ -446,7 +458,7 @@ def _size(*intervals):
 
 
 def _wider(interval, *operands):
-    """Return an interval with what rounding adds: it keeps the sign of a number, and zero."""
+    """Return an interval wider by the rounding error, which changes neither signs nor zeros."""
     low, high = interval
     more = _ROUNDING * _size(interval, *operands)
     if low:
@@ -457,7 +469,7 @@ def _wider(interval, *operands):
 
 
 def _compared(op, a, b, are_same):
-    """Return the results that a comparison may have."""
+    """Return the interval of the results, 0 or 1, that a comparison may have."""
     if are_same:
         return (1, 1) if op in ("<=", ">=", "==") else (0, 0)
     if op == "<":
@@ -466,8 +478,8 @@ def _compared(op, a, b, are_same):
     if op == ">":
         return _compared("<", b, a, False)
     if op == "==":
-        apart = any(_compared("<", *pair, False)[0] for pair in ((a, b), (b, a)))
-        return 0, int(not apart)
+        differ = any(_compared("<", *pair, False)[0] for pair in ((a, b), (b, a)))
+        return 0, int(not differ)
     low, high = _compared(_OPPOSITE[op], a, b, False)
     return 1 - high, 1 - low
 
@@ -485,7 +497,7 @@ def _result(op, kind, values):
         case "math.copysign":
             high = max(map(abs, a))
             return -high if b[0] < 0 else 0.0, high if b[1] >= 0 else 0.0
-        case "math.floor" | "math.ceil" | "math.trunc":
+        case "math.floor" | "math.ceil" | "math.trunc":  # rounding may reach the next integer
             return _called(getattr(math, op[5:]), (a[0] - _ROUNDING, a[1] + _ROUNDING))
         case "cast":
             low, high = (math.trunc(x) if abs(x) < _WHOLE else x for x in a)
@@ -505,8 +517,10 @@ def _result(op, kind, values):
         case "powi":
             n = b[0]
             ends = _called(pow, a, n)
+            # an even power is least at zero
             pair = 0.0 if n % 2 == 0 and a[0] < 0 < a[1] else min(ends), max(ends)
         case "**" | "math.pow" if a[0] >= 0:
+            # monotone in either operand: the extremes are at the corners
             corners = [_power(x, y) for x in a for y in b]
             pair = min(corners), max(corners)
         case "//" if b[0] == b[1] > 0:
@@ -539,7 +553,7 @@ def _product(a, b):
 
 
 def _quotient(a, b):
-    """Return a quotient: that by zero is the largest number, with the sign of the dividend."""
+    """Return a quotient; by zero it is the largest number, with the sign of the dividend."""
     if b[0] < 0 <= b[1] or (b[0] == 0 and a[0] < 0 <= a[1]):
         return _ANY
     return _product(a, tuple(1.0 / x if x else math.inf for x in b[::-1]))
@@ -551,12 +565,12 @@ def _power(x, y):
 
 def _called(function, xs, *more):
     """Return a function of each of several numbers, infinite where it is not defined."""
-    found = []
+    values = []
     for x in xs:
         try:
-            found.append(function(x, *more))
+            values.append(function(x, *more))
         except OverflowError:
-            found.append(math.inf if x > 0 else -math.inf)
+            values.append(math.inf if x > 0 else -math.inf)
         except ValueError:
-            found.append(-math.inf)
-    return tuple(found)
+            values.append(-math.inf)
+    return tuple(values)

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-# fractions of the range, the first of which is where parts begin
+# levels of rest that are tried, as fractions of the range; zero, where devices begin, is the first
 _LEVELS = (0.0, 1.0, -1.0, 0.61, -0.37, 0.1)
-_WIDER = (16.0, 1.0)  # multiples of the range of the drive over which it is tried
-_N_SAMPLES = 20  # of each drive that compares two devices
+_WIDER = (16.0, 1.0)  # ranges for which rules are tried, as multiples of the range of the drive
+_N_SAMPLES = 20  # samples of each drive that compares two devices
 _PARTS = (0.5, 0.02)  # sizes of these drives, as fractions of the range
-_SAME = 2e-13  # error, relative to the range of the output
+_SAME = 2e-13  # difference that counts as rounding, relative to the range of the output
 _FAILED = (ArithmeticError, ValueError, TypeError, NotImplementedError, IndexError)
 
 
@@ -27,9 +27,10 @@ class Rule:
     Parameters
     ----------
     first : ndarray of shape (n_states,)
-        State at ``v = 0`` if it is affine, else that from which a step to ``v`` is taken.
+        State at rest at ``v = 0`` if the state at rest is affine in ``v``, else the state from
+        which a step to ``v`` leads to rest.
     slope : ndarray of shape (n_states,) or None
-        Derivative of an affine state; None: a step is taken.
+        Derivative of an affine state with respect to ``v``; None: a step is taken.
     """
 
     first: np.ndarray
@@ -97,8 +98,8 @@ def rest_rules(at_rest, drive):
     """
     largest = np.abs(drive).max(axis=0)
     largest[largest == 0.0] = 1.0
-    for wider in _WIDER:
-        size = wider * largest
+    for factor in _WIDER:
+        size = factor * largest
         try:
             rules = _rules(at_rest, size, largest)
         except _FAILED:
@@ -108,30 +109,31 @@ def rest_rules(at_rest, drive):
     return None, None
 
 
-def _rules(at_rest, size, own):
+def _rules(at_rest, size, drive_size):
     """Return the rules for inputs up to a size in each column, or None.
 
-    They are tried within the size of the drive, ``own``, too.
+    They are also verified within the size of the drive.
     """
-    levels = [part * size for part in _LEVELS] + [part * own for part in _LEVELS[1:]]
+    levels = [part * size for part in _LEVELS] + [part * drive_size for part in _LEVELS[1:]]
     if len(size) > 1:  # columns move independently
         signs = np.where(np.arange(len(size)) % 2, 1.0, -0.6)
-        levels += [signs * own, signs[::-1] * size]
+        levels += [signs * drive_size, signs[::-1] * size]
     steppers, visits = [], []
     for level in levels:
         stepper = at_rest(level)
         row = stepper.compiled_step.n_inputs is not None
         steppers.append(stepper)
         visits.append(parts_at_rest(stepper.compiled_step, level if row else float(level[0])))
-    rules = [_rule(own) for own in zip(*visits, strict=True)]
+    rules = [_rule(visits_of_part) for visits_of_part in zip(*visits, strict=True)]
     if None in rules:
         return None
+    # the rules of all parts together, by later responses of the whole device
     for stepper, level in zip(steppers, levels, strict=True):
         other = stepper.copy()
         other.state = rest_state(stepper.compiled_step, rules, level)
         if not (
             _start_equally(stepper, other, level, size)
-            and _start_equally(stepper, other, level, own)
+            and _start_equally(stepper, other, level, drive_size)
         ):
             return None
     return rules
@@ -139,10 +141,10 @@ def _rules(at_rest, size, own):
 
 def rest_state(compiled_step, rules, level):
     """Return the state (n_states,) of a device at rest at an input (n_inputs,), by the rules."""
-    state, left = compiled_step.state.copy(), list(rules)
+    state, remaining = compiled_step.state.copy(), list(rules)
 
     def binding(step, constants, s):
-        rule = left.pop(0)
+        rule = remaining.pop(0)
 
         def called(v):
             s[:] = start = rule.first if rule.slope is None else rule.first + rule.slope * v
@@ -159,21 +161,21 @@ def rest_state(compiled_step, rules, level):
 
 
 def _rule(visits):
-    """Return the rule of a part from visits at several levels, the first of them zero, or None."""
+    """Return the rule of a part from its visits at several levels, or None; the first is zero."""
     first, *others = visits
     moved = [visit for visit in others if np.any(np.asarray(visit.v) != np.asarray(first.v))]
     if not first.state.size:
         return Rule(first.state)
     if all(_is_one_step(first, visit) for visit in moved):
         return Rule(first.state)
-    if np.ndim(first.v):
+    if np.ndim(first.v):  # a state affine in several inputs is not tried
         return None
     if not moved:
         return Rule(first.state, 0.0 * first.state)
-    far = max(moved, key=lambda visit: abs(visit.v - first.v))
-    slope = (far.state - first.state) / (far.v - first.v)
+    farthest = max(moved, key=lambda visit: abs(visit.v - first.v))
+    slope = (farthest.state - first.state) / (farthest.v - first.v)
     start = first.state - slope * first.v
-    size = max(np.abs(far.state).max(), np.abs(first.state).max(), np.finfo(float).tiny)
+    size = max(np.abs(farthest.state).max(), np.abs(first.state).max(), np.finfo(float).tiny)
     if all(
         np.allclose(start + slope * visit.v, visit.state, rtol=0.0, atol=_SAME * size)
         for visit in moved
@@ -183,7 +185,10 @@ def _rule(visits):
 
 
 def _is_one_step(first, visit):
-    """Whether one step from the first state leads to the other, judged by later responses."""
+    """Whether one step from the first state leads to the other, judged by later responses.
+
+    States that differ only in numbers without effect on the response count as the same.
+    """
     s = first.state.copy()
     visit.step(visit.v, visit.constants, s)
     size = np.max(np.abs(np.asarray(visit.v) - np.asarray(first.v)))
@@ -217,6 +222,7 @@ def _walks(shape):
         yield walk
 
 
-def _same(found, expected):
+def _same(values, expected):
+    """Whether two responses differ by no more than rounding."""
     span = np.ptp([0.0, *expected]) or 1.0
-    return np.abs(np.subtract(found, expected)).max() <= _SAME * span
+    return np.abs(np.subtract(values, expected)).max() <= _SAME * span

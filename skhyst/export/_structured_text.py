@@ -1,9 +1,10 @@
 """Write a model as a function block in Structured Text (IEC 61131-3), with a test program.
 
-The block holds the state, the constants and the tables; functions take them as ``VAR_IN_OUT``, and
-where they begin in them: there are no pointers, methods or global variables. What Python evaluates
-only under a condition becomes an ``IF``, since ``AND``, ``OR`` and ``SEL`` evaluate all operands.
-Infinite limits become the largest number, which does without exceptions of floating point.
+The block holds the state, the constants and the tables. Functions take such an array as
+``VAR_IN_OUT``, with the index where their part of it begins, since there are no pointers, methods
+or global variables. What Python evaluates only under a condition becomes an ``IF``, since ``AND``,
+``OR`` and ``SEL`` evaluate all operands. Infinite limits become the largest number, which raises no
+floating-point exception.
 """
 
 import math
@@ -41,13 +42,14 @@ _SYMBOLS = {
     **{"+": ("+", 5), "-": ("-", 5), "*": ("*", 6), "/": ("/", 6)},
 }
 _UNARY, _ATOM = 7, 8
-_FUNCTIONS = {  # of the standard
+_FUNCTIONS = {  # operation -> function of the standard
     **{f"math.{own}": own.upper() for own in ("acos", "asin", "atan", "cos", "exp", "sin", "sqrt")},
     **{"math.tan": "TAN", "math.log": "LN", "math.log10": "LOG", "math.fabs": "ABS"},
     **{"abs": "ABS", "min": "MIN", "max": "MAX", "**": "EXPT", "math.pow": "EXPT"},
 }
-_EAGER = {*_SYMBOLS, "neg", "not", "abs", "min", "max"} - {"/"}  # these never fail
-# replacements for missing functions: parameters, variables, and statements for the result {n}
+_EAGER = {*_SYMBOLS, "neg", "not", "abs", "min", "max"} - {"/"}  # operations that never fail
+# replacements for missing functions: name and type, inputs, variables, and statements, in which {n}
+# is the result
 _HELPERS = {
     "//": (
         "quotient : DINT",
@@ -138,7 +140,7 @@ _WORDS = frozenset(
     end_while function_block
     """.split()  # noqa: SIM905
 )
-_OF_BLOCK = frozenset(  # its variables
+_OF_BLOCK = frozenset(  # names of the function block's variables
     """
     cycle extrapolated first hash held init init_at known last limited refused row state u
     unreachable y
@@ -238,10 +240,10 @@ def to_structured_text(
             f"The 'dtype' parameter of to_structured_text must be one of {sorted(_TYPES)}. Got "
             f"{dtype!r} instead."
         )
-    own = Source(model, dtype, dt, initial_state, u0, (), form, tolerance)
-    signals = legend(own.stepper, own.dt, (input_unit, output_unit))
-    expected = own.tested(drive)
-    block = _Block(own, expected, name, dtype, signals)
+    source = Source(model, dtype, dt, initial_state, u0, (), form, tolerance)
+    signals = legend(source.stepper, source.dt, (input_unit, output_unit))
+    expected = source.tested(drive)
+    block = _Block(source, expected, name, dtype, signals)
     texts = {f"{name}.st": block.text(), f"{name}_test.st": block.test()}
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -253,7 +255,7 @@ def to_structured_text(
 
 
 def _wrapped(text):
-    """Return a text with its long lines broken, as those of tables."""
+    """Return a text whose lines longer than 100 characters, such as tables, are broken."""
     lines = []
     for line in text.splitlines():
         pad = " " * (len(line) - len(line.lstrip()) + 4)
@@ -263,7 +265,7 @@ def _wrapped(text):
 
 
 def _section(word, rows):
-    """Return the text of declarations: (name, type, first value or "", comment or "")."""
+    """Return the text of declarations; rows are (name, type, initial value, comment), or ""."""
     if not rows:
         return ""
     lines = [f"{word}\n"]
@@ -278,7 +280,7 @@ def _array(n, type_):
 
 
 class _Printer:
-    """Collects functions, and the tables that they read."""
+    """Writes functions, each once, and collects them and the tables that they read."""
 
     def __init__(self, prefix, dtype):
         self.prefix, self.type, self._dialect = prefix, _TYPES[dtype], DIALECTS[dtype]
@@ -286,7 +288,7 @@ class _Printer:
         self._functions, self._taken = {}, {prefix.lower(), f"{prefix}_test".lower()}
 
     def name(self, wanted):
-        """Return a name of the whole program that is not taken yet."""
+        """Return a name that is not yet used in the whole program; case does not count."""
         wanted = name = re.sub("_+", "_", f"{self.prefix}_{wanted.strip('_')}").strip("_")
         count = 1
         while name.lower() in self._taken:
@@ -300,19 +302,19 @@ class _Printer:
         return {"bool": "BOOL", "int": "DINT", "real": self.type}[kind]
 
     def number(self, x):
-        """Return a number as in a declaration; infinite ones are the largest."""
+        """Return a number for a declaration; an infinite one becomes the largest."""
         largest = float(np.finfo(self._dialect.number).max)
         return self._dialect.digits(min(max(x, -largest), largest)).upper()
 
     def literal(self, x, kind="real"):
-        """Return a constant for an expression, with its type if that is not the usual one."""
+        """Return a constant for an expression; literals of ``REAL`` have a prefix, ``REAL#``."""
         if kind != "real":
             return str(x).upper()
         sign, digits = ("-" if math.copysign(1.0, x) < 0.0 else ""), self.number(abs(x))
         return f"{sign}{'REAL#' if self.type == 'REAL' else ''}{digits}"
 
     def values(self, array):
-        """Return the numbers of an array as its first value."""
+        """Return the initial value of an array."""
         return f"[{', '.join(map(self.number if array.kind == 'real' else str, array.values))}]"
 
     def table(self, array):
@@ -330,20 +332,20 @@ class _Printer:
                     f"The function {op.removeprefix('math.')!r} cannot be written in Structured "
                     "Text."
                 )
-            head, given, kept, body = _HELPERS[op]
+            head, inputs, variables, body = _HELPERS[op]
             numbers = {str(k): self.literal(float(k)) for k in (0, 1, 2, 20)}
-            more = numbers | {"half": self.literal(0.5), "t": self.type}
+            substitutions = numbers | {"half": self.literal(0.5), "t": self.type}
             if "{expm1}" in body:
-                more["expm1"] = self.helper("math.expm1")
-            word, _, type_ = head.partition(" : ")
-            self._functions[op] = name = self.name(word)
-            for key, value in more.items():
-                body, type_, given, kept = (
-                    text.replace(f"{{{key}}}", value) for text in (body, type_, given, kept)
+                substitutions["expm1"] = self.helper("math.expm1")
+            short_name, _, type_ = head.partition(" : ")
+            self._functions[op] = name = self.name(short_name)
+            for key, value in substitutions.items():
+                body, type_, inputs, variables = (
+                    text.replace(f"{{{key}}}", value) for text in (body, type_, inputs, variables)
                 )
             rows = [
                 [(*row.split(" : "), "", "") for row in text.split("; ") if row]
-                for text in (given, kept)
+                for text in (inputs, variables)
             ]
             self.texts.append(
                 f"FUNCTION {name} : {type_}\n{_section('VAR_INPUT', rows[0])}"
@@ -352,7 +354,10 @@ class _Printer:
         return self._functions[op]
 
     def function(self, part, *memories):
-        """Return the text of a function for arrays in such memories, see :class:`_Function`."""
+        """Return the function for arrays stored in ``memories``, see :class:`_Function`.
+
+        Lengths of arrays are part of their type: each combination has a function of its own.
+        """
         key = (part, *memories)
         if key not in self._functions:
             function = _Function(self, part, memories)
@@ -369,16 +374,17 @@ class _Function:
     printer : _Printer
     part : Slice
     memories : sequence of (str, bool)
-        Of each array among its arguments the type, and whether it begins where the memory does.
+        Type of the array that each array argument is a part of, its memory, and whether the
+        argument begins where the memory does.
     """
 
     def __init__(self, printer, part, memories):
         self._printer, self._part = printer, part
         function = part.function
         self.name = printer.name(function.name)
-        self._names, self._lines, self._depth, self._n_kept = {}, [], 0, 0
+        self._names, self._lines, self._depth, self._n_new = {}, [], 0, 0
         self.tables = {}  # of this function and those that it calls, with their types
-        self._kept, inputs, shared = [], [], []
+        self._variables, inputs, shared = [], [], []
         memories, self._memories, self.params = iter(memories), {}, []
         changed = {name for statement in within(part.body) for name in assigned(statement)}
         for p in part.args(function.params):
@@ -390,12 +396,12 @@ class _Function:
                 inputs += [] if begins else [(at, "DINT", "", "")]
                 self.params.append((name, at))
             else:
-                own, type_ = self._local(p.args[0]), printer.type_of(p.kind)
-                name = own
+                variable, type_ = self._local(p.args[0]), printer.type_of(p.kind)
+                name = variable
                 if p.args[0] in changed:  # inputs are read only
                     name = self._local(f"{p.args[0]} in")
-                    self._kept.append((own, type_, "", ""))
-                    self._put(f"{own} := {name};")
+                    self._variables.append((variable, type_, "", ""))
+                    self._put(f"{variable} := {name};")
                 inputs.append((name, type_, "", ""))
                 self.params.append((name, None))
         given = {p.name if isinstance(p, Array) else p.args[0] for p in function.params}
@@ -404,7 +410,7 @@ class _Function:
                 array = statement.array
                 type_ = _array(len(statement.values), printer.type_of(array.kind))
                 self._memories[array.name] = type_, None
-                self._kept.append((self._local(array.name), type_, "", ""))
+                self._variables.append((self._local(array.name), type_, "", ""))
         leaves = _numbers(function.result)
         kinds = [x.kind for x, used in zip(leaves, part.mask, strict=True) if used]
         self.outs = [self._new("out") for _ in kinds[1:]]
@@ -415,14 +421,16 @@ class _Function:
         if self._lines[-1:] == ["RETURN;"]:
             self._lines.pop()
         used = [n for n in self._names if n in function.kinds and n not in given]
-        self._kept += [(self._names[n], printer.type_of(function.kinds[n]), "", "") for n in used]
+        self._variables += [
+            (self._names[n], printer.type_of(function.kinds[n]), "", "") for n in used
+        ]
         outs = zip(self.outs, kinds[1:], strict=True)
         self.text = (
             f"FUNCTION {self.name} : {self._result}\n"
             + _section("VAR_INPUT", inputs)
             + _section("VAR_IN_OUT", [*shared, *((n, t, "", "") for n, t in self.tables.items())])
             + _section("VAR_OUTPUT", [(n, printer.type_of(k), "", "") for n, k in outs])
-            + _section("VAR", self._kept)
+            + _section("VAR", self._variables)
             + "".join(f"{line}\n" for line in self._lines)
             + "END_FUNCTION\n"
         )
@@ -430,25 +438,25 @@ class _Function:
     # names and lines
 
     def _local(self, name):
-        """Return the name of a variable: case does not count, and words are reserved."""
+        """Return the legal name of a variable: case does not count, and keywords are reserved."""
         if name not in self._names:
             legal = re.sub("[ _]+", "_", name).strip("_") or "t"
-            used = {own.lower() for own in self._names.values()} | {self.name.lower()}
-            own, count = legal, 1
-            while own.lower() in used or own.lower() in _WORDS:
+            taken = {unique.lower() for unique in self._names.values()} | {self.name.lower()}
+            unique, count = legal, 1
+            while unique.lower() in taken or unique.lower() in _WORDS:
                 count += 1
-                own = f"{legal}_{count}"
-            self._names[name] = own
+                unique = f"{legal}_{count}"
+            self._names[name] = unique
         return self._names[name]
 
     def _new(self, word):
         """Return the name of a new variable."""
-        self._n_kept += 1
-        return self._local(f"{word} {self._n_kept}")  # with a space, which no variable has
+        self._n_new += 1
+        return self._local(f"{word} {self._n_new}")  # with a space, which no variable has
 
     def _temporary(self, kind):
         name = self._new("h")
-        self._kept.append((name, self._printer.type_of(kind), "", ""))
+        self._variables.append((name, self._printer.type_of(kind), "", ""))
         return name
 
     def _put(self, line):
@@ -493,6 +501,7 @@ class _Function:
             case While(test, body):
                 self._while(test, body)
             case For(name, start, stop, step, body):
+                # FOR includes its last value, Python's range does not
                 first, last = self._text(start), self._tight(stop, 5)
                 last = (
                     str(stop.value - step // abs(step))
@@ -513,23 +522,23 @@ class _Function:
         self._put("END_IF")
 
     def _while(self, test, body):
-        """Write a loop; where its test needs statements they are the first of its body."""
+        """Write a loop; statements that its test needs become the first of its body."""
         lines, self._lines = self._lines, []
         text = self._text(test)
-        needed, self._lines = self._lines, lines
-        if not needed:
+        test_lines, self._lines = self._lines, lines
+        if not test_lines:
             self._under(f"WHILE {text} DO", lambda: self._block(body), "END_WHILE")
             return
 
         def write():
-            self._lines += [f"    {line}" for line in needed]
+            self._lines += [f"    {line}" for line in test_lines]
             self._under(f"IF NOT ({text}) THEN", lambda: self._put("EXIT;"), "END_IF")
             self._block(body)
 
         self._under("WHILE TRUE DO", write, "END_WHILE")
 
     def _assign(self, target, x):
-        """Write an assignment, or those of the two sides of a condition."""
+        """Write an assignment, or an ``IF`` with one for each side of a condition."""
         lazy = x.op in ("and", "or") and not _is_eager(x.args[1])
         if x.op != "choice" and not lazy:
             if not self._is(target, x):
@@ -556,7 +565,7 @@ class _Function:
     # expressions
 
     def _called(self, part, args, outs=()):
-        """Return the text of a call: of each array its memory, and where it begins."""
+        """Return the text of a call; an array is given by its memory and where it begins in it."""
         args, texts, memories = part.args(args), [], []
         for x in args:
             if isinstance(x, Array):
@@ -567,14 +576,15 @@ class _Function:
             else:
                 texts.append((self._text(x), None))
         function = self._printer.function(part, *memories)
-        given = []
+        assignments = []
         for (name, at_name), (text, at) in zip(function.params, texts, strict=True):
-            given.append(f"{name} := {text}")
-            given += [f"{at_name} := {at}"] if at_name else []
-        given += [f"{name} := {name}" for name in function.tables]
+            assignments.append(f"{name} := {text}")
+            assignments += [f"{at_name} := {at}"] if at_name else []
+        assignments += [f"{name} := {name}" for name in function.tables]
+        # who calls a function needs its tables, too: they are all variables of the block
         self.tables |= function.tables
-        given += [f"{name} => {out}" for name, out in zip(function.outs, outs, strict=True)]
-        return f"{function.name}({', '.join(given)})"
+        assignments += [f"{name} => {out}" for name, out in zip(function.outs, outs, strict=True)]
+        return f"{function.name}({', '.join(assignments)})"
 
     def _memory(self, array):
         """Return the name of an array's memory, its type, and where the array begins in it."""
@@ -590,7 +600,7 @@ class _Function:
         return self._local(array.name), type_, offset
 
     def _element(self, array, place):
-        """Return the text of an element at a place that counts from where the array begins."""
+        """Return the text of an element of an array; ``place`` counts from the array's begin."""
         if array.values is not None:
             return f"{self._memory(array)[0]}[{self._text(place)}]"
         _, at = self._memories[array.name]
@@ -606,23 +616,24 @@ class _Function:
         text, binding = self._bound(x)
         return text if binding >= least else f"({text})"
 
-    def _kept_in(self, x):
-        """Return a temporary variable that is assigned an expression."""
+    def _assigned_temporary(self, x):
+        """Write the assignment of an expression to a temporary variable, and return its name."""
         name = self._temporary(x.kind)
         self._assign(name, x)
         return name, _ATOM
 
     def _bound(self, x):
-        """Return the text of an expression and how tightly it is bound."""
+        """Return the text of an expression and the precedence of its outermost operator."""
         op, args = x.op, x.args
         if op in ("==", "!=") and any(_is_infinite(a) for a in args):
             return self._at_infinity(x)
         if op in ("and", "or") and not _is_eager(args[1]):
-            return self._kept_in(x)
+            return self._assigned_temporary(x)
         if op in _SYMBOLS:
             symbol, binding = _SYMBOLS[op]
-            least = (max(binding, 5), max(binding, 4) + 1)  # conditions are put in parentheses
-            a, b = (self._tight(arg, own) for arg, own in zip(args, least, strict=True))
+            leasts = (max(binding, 5), max(binding, 4) + 1)  # conditions are put in parentheses
+            a, b = (self._tight(arg, least) for arg, least in zip(args, leasts, strict=True))
+            # no operator may follow another, as in "a - -b"
             b = f"({b})" if b.startswith("-") else b
             return f"{a} {symbol} {b}", binding
         match op:
@@ -639,7 +650,7 @@ class _Function:
             case "call":
                 return self._called(called(x), args[1:]), _ATOM
             case "choice":
-                return self._kept_in(x)
+                return self._assigned_temporary(x)
             case "neg" | "not":
                 word = "-" if op == "neg" else "NOT "
                 return word + self._tight(args[0], _ATOM), _UNARY
@@ -649,26 +660,26 @@ class _Function:
         if op in _FUNCTIONS:
             return f"{_FUNCTIONS[op]}({', '.join(texts)})", _ATOM
         name = self._printer.helper(op)
-        names = [own.split(" : ")[0] for own in _HELPERS[op][1].split("; ")]
+        names = [declaration.split(" : ")[0] for declaration in _HELPERS[op][1].split("; ")]
         given = ", ".join(f"{n} := {text}" for n, text in zip(names, texts, strict=True))
         return f"{name}({given})", _ATOM
 
     def _cast(self, x):
         """Return a conversion; from a real number towards zero, as Python's ``int``."""
-        of = x.args[0]
-        if of.kind == "real":
-            if of.op in ("math.floor", "math.ceil"):
-                return f"{self._printer.helper(of.op)}(a := {self._text(of.args[0])})", _ATOM
-            of = of.args[0] if of.op == "math.trunc" else of
-            return f"TRUNC({self._text(of)})", _ATOM
-        types = self._printer.type_of(of.kind), self._printer.type_of(x.kind)
-        return f"{types[0]}_TO_{types[1]}({self._text(of)})", _ATOM
+        arg = x.args[0]
+        if arg.kind == "real":
+            if arg.op in ("math.floor", "math.ceil"):
+                return f"{self._printer.helper(arg.op)}(a := {self._text(arg.args[0])})", _ATOM
+            arg = arg.args[0] if arg.op == "math.trunc" else arg
+            return f"TRUNC({self._text(arg)})", _ATOM
+        types = self._printer.type_of(arg.kind), self._printer.type_of(x.kind)
+        return f"{types[0]}_TO_{types[1]}({self._text(arg)})", _ATOM
 
     def _at_infinity(self, x):
-        """Return a comparison with an infinite number, which is the largest here."""
+        """Return a comparison with an infinite number, which the largest number stands for."""
         a, b = x.args if _is_infinite(x.args[1]) else x.args[::-1]
-        high = b.value > 0.0
-        symbol = (">=" if high else "<=") if x.op == "==" else ("<" if high else ">")
+        is_positive = b.value > 0.0
+        symbol = (">=" if is_positive else "<=") if x.op == "==" else ("<" if is_positive else ">")
         return f"{self._tight(a, 5)} {symbol} {self._printer.literal(b.value)}", 4
 
 
@@ -681,39 +692,42 @@ def _is_infinite(x):
 
 
 def _is_eager(x):
-    """Whether an expression can be evaluated whatever the condition: it cannot fail."""
+    """Whether an expression cannot fail, so that it may be evaluated without its condition."""
     if x.op == "load":
         return x.args[1].value is not None
     if x.op in ("const", "name"):
         return x.kind != "real" or x.value is None or not math.isnan(x.value)
-    own = x.op in _EAGER or (x.op == "cast" and x.args[0].kind != "real")
-    return own and all(map(_is_eager, x.args))
+    is_safe = x.op in _EAGER or (x.op == "cast" and x.args[0].kind != "real")
+    return is_safe and all(map(_is_eager, x.args))
 
 
 class _Block:
     """The function block, and its test."""
 
-    def __init__(self, own, expected, name, dtype, signals):
-        self._own, self._expected, self._name = own, expected, name
+    def __init__(self, source, expected, name, dtype, signals):
+        self._source, self._expected, self._name = source, expected, name
         self._dtype, (self._signals, self._preview) = dtype, signals
         self._printer = _Printer(name, dtype)
-        self._flags = [flag for flag, _ in own.compiled_step.flags]
+        self._flags = [flag for flag, _ in source.compiled_step.flags]
 
     def text(self):
         """Return the function block, after the functions that it calls."""
-        own, printer, expected = self._own, self._printer, self._expected
+        source, printer, expected = self._source, self._printer, self._expected
         real = printer.type
-        inputs = [f"u[{k}]" for k in range(own.n_inputs)] if own.by_row else ["u"]
-        step, tables = self._call(own.step, "u")
+        inputs = [f"u[{k}]" for k in range(source.n_inputs)] if source.by_row else ["u"]
+        step, tables = self._call(source.step, "u")
         rest = None
         if expected.rules is not None:
-            rest, more = self._call(model_step(own.compiled_step, rules=expected.rules), "held")
-            tables |= more
+            rest, rest_tables = self._call(
+                model_step(source.compiled_step, rules=expected.rules), "held"
+            )
+            tables |= rest_tables
         extrapolated, lasts = self._range(inputs)
         largest = printer.number(np.inf)
         finite = [f"({u} >= -{largest}) AND ({u} <= {largest})" for u in inputs]
         if real == "REAL":
             finite = [one.replace(largest, f"REAL#{largest}") for one in finite]
+        # after a start there is no last sample to compare with: no rate is known
         hold = [*["y := {y};"], *["extrapolated := FALSE;"] * bool(extrapolated)]
         hold += ["known := FALSE;"] * bool(lasts)
         lines = [
@@ -725,24 +739,24 @@ class _Block:
             "END_IF",
             "IF NOT (init OR refused) THEN",
         ]
-        given = ["row := u;"] if own.by_row else []
-        sample = [*given, f"y := {step};", *self._watch(extrapolated, lasts)]
+        copy_row = ["row := u;"] if source.by_row else []
+        sample = [*copy_row, f"y := {step};", *self._watch(extrapolated, lasts)]
         if rest is None:
             lines += [f"    {line}" for line in sample]
         else:
             clips = []
             for k, (low, high) in enumerate(expected.ends.T):
-                at = f"held[{k}]" if own.by_row else "held"
+                target = f"held[{k}]" if source.by_row else "held"
                 low, high = printer.literal(low), printer.literal(high)
-                clips.append(f"{at} := MIN(MAX({inputs[k]}, {low}), {high});")
+                clips.append(f"{target} := MIN(MAX({inputs[k]}, {low}), {high});")
             begin = [*clips, f"y := {rest};", *[line for line in hold if "{y}" not in line]]
             lines += ["    IF init_at THEN", *[f"        {line}" for line in begin], "    ELSE"]
             lines += [*[f"        {line}" for line in sample], "    END_IF"]
         lines.append("END_IF")
-        for flag, at in own.compiled_step.flags:
+        for flag, at in source.compiled_step.flags:
             lines.append(f"{flag} := state[{at}] <> {printer.literal(0.0)};")
         body = "\n".join(lines).replace("{y}", printer.literal(expected.last))
-        if not len(own.stepper.state):
+        if not len(source.stepper.state):
             body = body.replace("    state := first;\n", "")
         return (
             self._head()
@@ -753,60 +767,60 @@ class _Block:
         )
 
     def _declared(self, tables, lasts, begins_at):
-        own, printer, real = self._own, self._printer, self._printer.type
-        row, n = _array(own.n_inputs, real), len(own.stepper.state)
-        at = [("init_at", "BOOL", "", "rest at u instead of a sample")] * begins_at
+        source, printer, real = self._source, self._printer, self._printer.type
+        row, n = _array(source.n_inputs, real), len(source.stepper.state)
+        init_at = [("init_at", "BOOL", "", "rest at u instead of a sample")] * begins_at
         note = (
             self._signals[0]
-            if not own.by_row
+            if not source.by_row
             else "; ".join(f"[{k}] {signal}" for k, signal in enumerate(self._signals[:-1]))
         )
         inputs = [
-            ("u", row if own.by_row else real, "", note),
+            ("u", row if source.by_row else real, "", note),
             ("init", "BOOL", "", "the first state again instead of a sample"),
-            *at,
+            *init_at,
         ]
         flags = [(flag, "BOOL", "", "") for flag in self._flags]
-        flags += [("extrapolated", "BOOL", "", "")] * bool(own.stepper.watched)
-        dt = [] if own.dt is None else [("cycle", real, printer.number(own.dt), "s")]
+        flags += [("extrapolated", "BOOL", "", "")] * bool(source.stepper.watched)
+        dt = [] if source.dt is None else [("cycle", real, printer.number(source.dt), "s")]
         outputs = [
             ("y", real, printer.number(self._expected.last), self._signals[-1]),
             *flags,
             ("refused", "BOOL", "", ""),
             *dt,
-            ("hash", "STRING(64)", f"'{digest_of(own)}'", "SHA-256, as of the program in C"),
+            ("hash", "STRING(64)", f"'{digest_of(source)}'", "SHA-256, as of the program in C"),
         ]
-        first = f"[{', '.join(map(printer.number, own.stepper.state))}]"
-        kept = [(name, _array(n, real), first, "") for name in ("state", "first") if n]
-        kept += [("row", row, "", "")] * own.by_row
-        kept += [("held", row if own.by_row else real, "", "")] * begins_at
-        kept += [("last", _array(len(lasts), real), "", "")] * bool(lasts)
-        kept += [("known", "BOOL", "", "")] * bool(lasts)
+        first = f"[{', '.join(map(printer.number, source.stepper.state))}]"
+        variables = [(name, _array(n, real), first, "") for name in ("state", "first") if n]
+        variables += [("row", row, "", "")] * source.by_row
+        variables += [("held", row if source.by_row else real, "", "")] * begins_at
+        variables += [("last", _array(len(lasts), real), "", "")] * bool(lasts)
+        variables += [("known", "BOOL", "", "")] * bool(lasts)
         for (kind, values), name in printer.tables.items():
-            if name in tables:
+            if name in tables:  # a table that no call of the block reads is left out
                 array = Array("", (len(values),), values, kind=kind)
-                kept.append(
+                variables.append(
                     (name, _array(len(values), printer.type_of(kind)), printer.values(array), "")
                 )
         return (
             f"FUNCTION_BLOCK {self._name}\n"
             + _section("VAR_INPUT", inputs)
             + _section("VAR_OUTPUT", outputs)
-            + _section("VAR", kept)
+            + _section("VAR", variables)
         )
 
     def _head(self):
-        own = self._own
+        source = self._source
         lines = [
-            f"{self._name}: {own.what}, written by skhyst.",
+            f"{self._name}: {source.what}, written by skhyst.",
             "",
-            *(f"u: {s}" for s in self._signals[:-1] if not own.by_row),
-            *(f"u[{k}]: {s}" for k, s in enumerate(self._signals[:-1]) if own.by_row),
+            *(f"u: {s}" for s in self._signals[:-1] if not source.by_row),
+            *(f"u[{k}]: {s}" for k, s in enumerate(self._signals[:-1]) if source.by_row),
             f"y: {self._signals[-1]}",
             *self._preview,
-            *own.deviates(self._expected.drive),
+            *source.deviates(self._expected.drive),
             "One call is one sample"
-            + ("" if own.dt is None else f": the cycle of its task is {own.dt:.9g} s")
+            + ("" if source.dt is None else f": the cycle of its task is {source.dt:.9g} s")
             + ".",
             "Input that is not finite is refused: the state and the output stay as they are.",
         ]
@@ -819,24 +833,28 @@ class _Block:
 
     def _call(self, step, u):
         """Return the call of the step of a whole model, and the tables that it reads."""
-        printer, own = self._printer, self._own
-        memories, given = [], []
+        printer, source = self._printer, self._source
+        memories, assignments = [], []
         for p in step.args(step.function.params):
             if isinstance(p, Array):
                 memories.append((_array(p.shape[0], printer.type), True))
         function = printer.function(step, *memories)
-        named = {"u": "row" if own.by_row and u == "u" else u, "s": "state"}
+        names = {"u": "row" if source.by_row and u == "u" else u, "s": "state"}
         for p, (name, _) in zip(step.args(step.function.params), function.params, strict=True):
-            given.append(f"{name} := {named[p.name if isinstance(p, Array) else p.args[0]]}")
-        given += [f"{name} := {name}" for name in function.tables]
-        return f"{function.name}({', '.join(given)})", dict(function.tables)
+            assignments.append(f"{name} := {names[p.name if isinstance(p, Array) else p.args[0]]}")
+        assignments += [f"{name} := {name}" for name in function.tables]
+        return f"{function.name}({', '.join(assignments)})", dict(function.tables)
 
     def _range(self, inputs):
-        """Return the condition that a signal has left the range of the fit, and whose rate is."""
+        """Return the condition that a signal has left the range of the fit.
+
+        Signals whose rate is limited, too, are returned as a second list: their last values are
+        needed.
+        """
         literal, texts = self._printer.literal, [*inputs, "y"]
         conditions, lasts = [], []
         eps = np.finfo(DIALECTS[self._dtype].number).eps
-        for k, low, high, change in watched_ends(self._own.stepper, eps):
+        for k, low, high, change in watched_ends(self._source.stepper, eps):
             if np.isfinite(low):
                 conditions.append(f"({texts[k]} < {literal(low)})")
             if np.isfinite(high):
@@ -855,17 +873,17 @@ class _Block:
 
     def test(self):
         """Return the program that tests the block, one sample in a cycle."""
-        own, expected, real = self._own, self._expected, self._printer.type
+        source, expected, real = self._source, self._expected, self._printer.type
         number, n = self._printer.number, len(expected.drive)
         double = _Printer("", "float64").number
         runs = expected.outputs[: 2 if expected.rules is not None else 1]
         u = [
-            f"inputs[{own.n_inputs} * k + {j}]" if own.by_row else "inputs[k]"
-            for j in range(own.n_inputs)
+            f"inputs[{source.n_inputs} * k + {j}]" if source.by_row else "inputs[k]"
+            for j in range(source.n_inputs)
         ]
         of_level = [] if len(runs) < 2 else [number(x) for x in expected.level]
         listed = lambda values, write: f"[{', '.join(map(write, values))}]"  # noqa: E731
-        kept = [
+        variables = [
             ("device", self._name, "", ""),
             (
                 "inputs",
@@ -874,7 +892,7 @@ class _Block:
                 "",
             ),
             ("outputs", _array(n * len(runs), "LREAL"), listed(np.ravel(runs), double), ""),
-            *[("u", _array(own.n_inputs, real), "", "")] * own.by_row,
+            *[("u", _array(source.n_inputs, real), "", "")] * source.by_row,
             ("k", "DINT", "", ""),
             ("of_run", "DINT", "", ""),
             ("error", "LREAL", "", ""),
@@ -884,13 +902,15 @@ class _Block:
             ("done", "BOOL", "", "all samples have been compared"),
             ("passed", "BOOL", "", ""),
         ]
+        # the outputs of Python stay in double precision, so that only the block's are rounded
         y = "device.y" if real == "LREAL" else "REAL_TO_LREAL(device.y)"
-        put = [f"u[{j}] := {text};" for j, text in enumerate(u)] if own.by_row else []
-        given = "u" if own.by_row else "inputs[k]"
-        more = ", init_at := FALSE" if of_level else ""
+        row_lines = [f"u[{j}] := {text};" for j, text in enumerate(u)] if source.by_row else []
+        input_text = "u" if source.by_row else "inputs[k]"
+        init_at = ", init_at := FALSE" if of_level else ""
+        # NOT (error <= allowed) holds for an error that is not a number, too
         lines = [
-            *put,
-            f"device(u := {given}{more});",
+            *row_lines,
+            f"device(u := {input_text}{init_at});",
             f"error := ABS({y} - outputs[{n} * of_run + k]);",
             "largest := MAX(largest, error);",
             "failed := failed OR NOT (error <= allowed);",
@@ -898,8 +918,8 @@ class _Block:
         ]
         if of_level:
             literals = [self._printer.literal(x) for x in expected.level]
-            level = [f"u[{j}] := {x};" for j, x in enumerate(literals)] if own.by_row else []
-            begin = f"device(u := {'u' if own.by_row else literals[0]}, init_at := TRUE);"
+            level = [f"u[{j}] := {x};" for j, x in enumerate(literals)] if source.by_row else []
+            begin = f"device(u := {'u' if source.by_row else literals[0]}, init_at := TRUE);"
             lines += [
                 f"IF (k = {n}) AND (of_run = 0) THEN (* once more, from rest at another input *)",
                 *[f"    {line}" for line in (*level, begin, "k := 0;", "of_run := 1;")],
@@ -909,5 +929,5 @@ class _Block:
         body = "".join(f"    {line}\n" for line in lines)
         return (
             f"(* Test of {self._name}: call it until done. *)\n\nPROGRAM {self._name}_test\n"
-            f"{_section('VAR', kept)}IF NOT done THEN\n{body}END_IF\nEND_PROGRAM\n"
+            f"{_section('VAR', variables)}IF NOT done THEN\n{body}END_IF\nEND_PROGRAM\n"
         )

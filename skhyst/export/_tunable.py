@@ -1,9 +1,10 @@
-r"""Parameters that a program can change at run time, and the constants that follow from them.
+r"""Parameters that a program can change at run time, and the constants that depend on them.
 
-The constants of a step follow from the parameters of its model by Python, as the matrices of a mode
-from its frequency. A program needs them in plain arithmetic, so they are identified as functions of
-the parameters over their ranges: where a constant is a polynomial of at most second degree, from
-its differences, and else, where it depends on one or two parameters, from a Chebyshev series,
+Python computes the constants of a step from the parameters of its model, such as the matrices of a
+mode from its frequency. A program needs this in plain arithmetic, so constants are identified as
+functions of the parameters over their ranges: where a constant is a polynomial of at most second
+degree, from its differences, and else, where it depends on one or two parameters, as a Chebyshev
+series,
 
 .. math:: c(x, y) = \sum_{a, b} c_{ab} \, T_a(x) \, T_b(y), \qquad T_n(\cos t) = \cos n t,
 
@@ -25,23 +26,23 @@ from ..operators import ParameterSpec
 
 _SAME = 1e-13  # error of a constant, relative to its largest value within the ranges
 _N_CHECKED = 16  # random sets of parameters at which constants are verified
-_DEGREES = (4, 8, 12, 16, 24, 32, 48)  # of a series
-_PART = 0.5  # of its value by which a parameter may change by default
+_DEGREES = (4, 8, 12, 16, 24, 32, 48)  # degrees of a series that are tried in this order
+_PART = 0.5  # default range of a parameter to either side, as a fraction of its value
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A number that can be changed.
+    """A parameter of a model that can be changed at run time.
 
     Parameters
     ----------
     field, index : str, int or None
-        Where it is in the struct of parameters; None: the field is a number.
+        Name of its field in the struct of parameters, and index in it; None: the field is a number.
     name : str
-        In Python.
+        Its name in Python.
     unit : str
     value, low, high : float
-        Of the fit, and the range.
+        Value of the fit, and the range.
     """
 
     field: str
@@ -61,13 +62,15 @@ class Derived:
     ----------
     entries : tuple of Entry
     places : dict of (int, int) to int
-        Where the constant ``(part, number)`` begins among those that change.
+        Position of the first number of constant ``(part, number)`` among those that change.
     first : ndarray of shape (n_constants,)
         Their values for the parameters of the fit.
     quadratic : list of (int, list of (int, int, float))
-        Constant, and its terms: numbers of two scaled parameters (-1: one) and a factor.
+        Position of a constant, and its terms: indices of two scaled parameters (-1 stands for the
+        number one) and the factor of their product.
     series : list of (list of int, tuple of int, ndarray)
-        Constants, the one or two parameters, coefficients (n_constants, n, m).
+        Positions of constants, indices of the one or two parameters, coefficients (n_constants, n,
+        m).
     """
 
     entries: tuple
@@ -79,12 +82,12 @@ class Derived:
     def at(self, values):
         """Return the constants for other parameters (n_entries,)."""
         x = self.scaled(values)
-        found = self.first.copy()
-        for at, terms in self.quadratic:
-            found[at] = sum(f * _factor(x, a) * _factor(x, b) for a, b, f in terms)
-        for at, which, table in self.series:
-            found[at] = _evaluated(table, x[list(which)])
-        return found
+        constants = self.first.copy()
+        for k, terms in self.quadratic:
+            constants[k] = sum(f * _factor(x, a) * _factor(x, b) for a, b, f in terms)
+        for k, parameters, table in self.series:
+            constants[k] = _evaluated(table, x[list(parameters)])
+        return constants
 
     def scaled(self, values):
         """Return parameters as fractions of their ranges, from -1 to 1."""
@@ -93,20 +96,22 @@ class Derived:
 
 
 def _factor(x, a):
+    """Return a scaled parameter of a term, or the number one."""
     return 1.0 if a < 0 else x[a]
 
 
 def _evaluated(table, x):
+    """Return the sums (n_constants,) of Chebyshev series of one or two scaled parameters."""
     rows = [
-        np.cos(np.arange(n) * np.arccos(np.clip(own, -1.0, 1.0)))
-        for n, own in zip(table.shape[1:], x, strict=False)
+        np.cos(np.arange(n) * np.arccos(np.clip(value, -1.0, 1.0)))
+        for n, value in zip(table.shape[1:], x, strict=False)
     ]
     rows += [np.ones(1)] * (2 - len(rows))
     return np.einsum("kab,a,b->k", table, *rows)
 
 
 def entries_of(model, tunable):
-    """Return the entries that are named, and a function from their values to a model.
+    """Return the entries that are named, and a function that returns a model with other values.
 
     Parameters
     ----------
@@ -126,19 +131,20 @@ def entries_of(model, tunable):
     names = [] if operator is None else [name for name, _ in operator.entries()]
     ranges = tunable if isinstance(tunable, dict) else dict.fromkeys(tunable)
     entries, places = [], []
-    for wanted, own in ranges.items():
-        found = [k for k, name in enumerate(names) if _matches(name, wanted)]
-        whole = {_whole(names[k]) for k in found}
+    for wanted, range_ in ranges.items():
+        matches = [k for k, name in enumerate(names) if _matches(name, wanted)]
+        stems = {_whole(names[k]) for k in matches}
         is_number = isinstance(getattr(model, str(wanted), None), Real)
-        if not found and is_number and not isinstance(getattr(model, wanted), bool):
-            entries.append(_entry(wanted, ParameterSpec(), float(getattr(model, wanted)), own))
+        if not matches and is_number and not isinstance(getattr(model, wanted), bool):
+            entries.append(_entry(wanted, ParameterSpec(), float(getattr(model, wanted)), range_))
             places.append(None)
-        elif len(whole) == 1 and not set(found) & set(places):
+        # a name that several stages share is ambiguous, and a parameter cannot be named twice
+        elif len(stems) == 1 and not set(matches) & set(places):
             values, specs = operator.pack(), [spec for _, spec in operator.entries()]
-            largest = np.abs(values[found]).max()
-            for k in found:
+            largest = np.abs(values[matches]).max()
+            for k in matches:
                 spec = specs[k]
-                entries.append(_entry(names[k], spec, float(values[k]), own, largest, wanted))
+                entries.append(_entry(names[k], spec, float(values[k]), range_, largest, wanted))
                 places.append(k)
         else:
             known = sorted({_whole(name) for name in names})
@@ -168,27 +174,32 @@ def entries_of(model, tunable):
 
 
 def _whole(name):
+    """Return the name of the array that an entry belongs to, such as "weights" of "weights[2]"."""
     return name.partition("[")[0]
 
 
 def _matches(name, wanted):
-    """Whether an entry is the parameter that is named, or one of its array, in any stage."""
+    """Whether an entry is the ``wanted`` parameter, or an element of it, in any stage."""
     return name == wanted or _whole(name) == wanted or _whole(name).endswith(f"__{wanted}")
 
 
-def _entry(name, spec, value, own, largest=None, wanted=None):
-    """Return an entry with its range: half of its value on either side, within its bounds."""
+def _entry(name, spec, value, range_, largest=None, wanted=None):
+    """Return an entry with its range, by default half of its value on either side.
+
+    The default for a zero in an array is half of its ``largest`` element. The range is cut off at
+    the bounds of the parameter.
+    """
     bounds = spec.lower, spec.upper
-    if own is None:
+    if range_ is None:
         size = _PART * (abs(value) or largest or 0.0)
-        own = value - size, value + size
-    low, high = max(float(own[0]), bounds[0]), min(float(own[1]), bounds[1])
+        range_ = value - size, value + size
+    low, high = max(float(range_[0]), bounds[0]), min(float(range_[1]), bounds[1])
     is_inside = low > bounds[0] if spec.log else low >= bounds[0]
     if not (is_inside and low < high and low <= value <= high < np.inf):
         raise ValueError(
             f"The 'tunable' parameter of to_c must give {name!r} a range around its value "
-            f"{value:g} and within its bounds {bounds}, as {{{name!r}: (0.5, 2.0)}}. Got {own!r} "
-            "instead."
+            f"{value:g} and within its bounds {bounds}, as {{{name!r}: (0.5, 2.0)}}. Got "
+            f"{range_!r} instead."
         )
     index = None if name == wanted else re.search(r"\[(\d+)\]$", name)
     legal = re.sub(r"\W+", "_", _whole(name) if index else name).strip("_")
@@ -259,30 +270,31 @@ def derived(entries, step_for):
     size = np.abs(expected[:, kept]).max(axis=0, initial=0.0)
     constants_of = lambda x: constants(x)[kept]  # noqa: E731
     expected = expected[:, kept]
-    own = Derived(entries, places, _flat(_constants(first))[kept], [], [])
-    left = set(range(len(kept)))
+    functions = Derived(entries, places, _flat(_constants(first))[kept], [], [])
+    open_ = set(range(len(kept)))
 
     def verify(terms_of):
         """Keep the polynomials that are right at the parameters for verification."""
-        for at in sorted(left):
+        for at in sorted(open_):
             terms = terms_of(at)
-            found = [sum(f * _factor(x, a) * _factor(x, b) for a, b, f in terms) for x in checked]
-            if np.abs(found - expected[:, at]).max() <= _SAME * (size[at] or 1.0):
-                own.quadratic.append((at, terms))
-                left.discard(at)
+            values = [sum(f * _factor(x, a) * _factor(x, b) for a, b, f in terms) for x in checked]
+            if np.abs(values - expected[:, at]).max() <= _SAME * (size[at] or 1.0):
+                functions.quadratic.append((at, terms))
+                open_.discard(at)
 
-    # linear functions first: most constants are linear, and need no pair of parameters
+    # linear functions first: most constants are linear, and each pair of parameters takes one more
+    # evaluation of the model
     middle = constants_of(np.zeros(n))
-    ends = np.array([[constants_of(s * np.eye(n)[i]) for s in (-1.0, 1.0)] for i in range(n)])
-    slope = 0.5 * (ends[:, 1] - ends[:, 0])
-    bend = 0.5 * (ends[:, 1] + ends[:, 0]) - middle
+    one_by_one = np.array([[constants_of(s * np.eye(n)[i]) for s in (-1.0, 1.0)] for i in range(n)])
+    slope = 0.5 * (one_by_one[:, 1] - one_by_one[:, 0])
+    bend = 0.5 * (one_by_one[:, 1] + one_by_one[:, 0]) - middle
     verify(
         lambda at: _terms(
             size[at], [(-1, -1, middle[at])], [(i, -1, slope[i, at]) for i in range(n)]
         )
     )
-    if left:
-        others = {
+    if open_:
+        mixed = {
             (i, j): constants_of(np.eye(n)[i] + np.eye(n)[j])
             - middle
             - slope[i]
@@ -297,17 +309,17 @@ def derived(entries, step_for):
                 [(-1, -1, middle[at])],
                 [(i, -1, slope[i, at]) for i in range(n)],
                 [(i, i, bend[i, at]) for i in range(n)],
-                [(i, j, value[at]) for (i, j), value in others.items()],
+                [(i, j, value[at]) for (i, j), value in mixed.items()],
             )
         )
-    if left:
-        _fit_series(own, sorted(left), constants_of, checked, expected, size)
-    return own
+    if open_:
+        _fit_series(functions, sorted(open_), constants_of, checked, expected, size)
+    return functions
 
 
-def _fit_series(own, left, constants_of, checked, expected, size):
+def _fit_series(functions, indices, constants_of, checked, expected, size):
     """Add series for the constants that are not polynomials, by the parameters they depend on."""
-    n = len(own.entries)
+    n = len(functions.entries)
     depends = np.zeros((n, len(size)), dtype=bool)
     for x in checked[:4]:
         base = constants_of(x)
@@ -316,23 +328,23 @@ def _fit_series(own, left, constants_of, checked, expected, size):
             other[i] = -x[i]
             depends[i] |= constants_of(other) != base
     groups = {}
-    for at in left:
+    for at in indices:
         groups.setdefault(tuple(np.flatnonzero(depends[:, at]).tolist()), []).append(at)
-    for which, ats in groups.items():
-        if len(which) > 2:
-            names = ", ".join(own.entries[i].name for i in which)
+    for parameters, group in groups.items():
+        if len(parameters) > 2:
+            names = ", ".join(functions.entries[i].name for i in parameters)
             raise ValueError(
                 "The 'tunable' parameter of to_c must be parameters of which at most two determine "
                 f"a constant of the program that is no polynomial of them. Got {names} instead."
             )
-        scale = size[ats] + (size[ats] == 0.0)
+        scale = size[group] + (size[group] == 0.0)
         for degree in _DEGREES:
-            table = _series(constants_of, n, which, degree)[ats]
-            found = np.array([_evaluated(table, x[list(which)]) for x in checked])
-            if (np.abs(found - expected[:, ats]).max(axis=0) <= _SAME * scale).all():
+            table = _series(constants_of, n, parameters, degree)[group]
+            approximation = np.array([_evaluated(table, x[list(parameters)]) for x in checked])
+            if (np.abs(approximation - expected[:, group]).max(axis=0) <= _SAME * scale).all():
                 break
         else:
-            names = ", ".join(own.entries[i].name for i in which)
+            names = ", ".join(functions.entries[i].name for i in parameters)
             raise ValueError(
                 "The 'tunable' parameter of to_c must be parameters on which constants depend "
                 f"smoothly within their ranges. Got {names} instead: choose narrower ranges."
@@ -341,42 +353,45 @@ def _fit_series(own, left, constants_of, checked, expected, size):
         small = (np.abs(table) / scale[:, None, None]).max(axis=0) < 1e-16
         rows, columns = (np.flatnonzero(~small.all(axis=axis)) for axis in (1, 0))
         table = table[:, : rows.max(initial=0) + 1, : columns.max(initial=0) + 1]
-        own.series.append((ats, which, table))
+        functions.series.append((group, parameters, table))
 
 
-def _series(constants_of, n, which, degree):
-    """Return the coefficients (n_constants, n, m) of series by one or two parameters."""
+def _series(constants_of, n, parameters, degree):
+    """Return the coefficients (n_constants, n, m) of series of one or two parameters.
+
+    They are interpolated at the Chebyshev nodes, where the polynomials are orthogonal.
+    """
     nodes = chebyshev.chebpts1(degree + 1)
     to_series = chebyshev.chebvander(nodes, degree).T * 2.0 / (degree + 1)
     to_series[0] *= 0.5
     values = []
-    for index in np.ndindex(*(degree + 1,) * len(which)):
+    for index in np.ndindex(*(degree + 1,) * len(parameters)):
         x = np.zeros(n)
-        x[list(which)] = nodes[list(index)]
+        x[list(parameters)] = nodes[list(index)]
         values.append(constants_of(x))
-    values = np.moveaxis(np.reshape(values, (*(degree + 1,) * len(which), -1)), -1, 0)
-    values = values if len(which) == 2 else values[:, :, None]
+    values = np.moveaxis(np.reshape(values, (*(degree + 1,) * len(parameters), -1)), -1, 0)
+    values = values if len(parameters) == 2 else values[:, :, None]
     table = np.einsum("pa,kab->kpb", to_series, values)
-    return np.einsum("qb,kpb->kpq", to_series, table) if len(which) == 2 else table
+    return np.einsum("qb,kpb->kpq", to_series, table) if len(parameters) == 2 else table
 
 
 def _terms(size, *lists):
-    """Return the terms that are not rounding, at least one."""
+    """Return the terms whose factors are more than rounding, at least one term."""
     small = 1e-16 * size
-    found = [(a, b, float(f)) for own in lists for a, b, f in own if abs(f) > small]
-    return found or [(-1, -1, 0.0)]
+    terms = [(a, b, float(f)) for group in lists for a, b, f in group if abs(f) > small]
+    return terms or [(-1, -1, 0.0)]
 
 
 def _constants(compiled_step):
     """Return the constants of each part of a compiled step, in order of binding."""
-    found = []
+    parts = []
 
     def binding(step, constants, s):
-        found.append(constants)
+        parts.append(constants)
         return lambda u: 0.0
 
     compiled_step.bound(compiled_step.state.copy(), binding)
-    return found
+    return parts
 
 
 def _flat(parts):
@@ -384,20 +399,23 @@ def _flat(parts):
 
 
 def _places(layout, varying):
-    """Return the places of constants that change, and the positions of their numbers."""
-    places, kept, at = {}, [], 0
+    """Return where each constant that changes begins, and the positions of all their numbers.
+
+    A constant changes as a whole: an array in which one number changes is kept with the others.
+    """
+    places, kept, begin = {}, [], 0
     for part, shapes in enumerate(layout):
         for k, shape in enumerate(shapes):
             size = int(np.prod(shape))
-            own = range(at, at + size)
-            if varying.intersection(own):
+            range_ = range(begin, begin + size)
+            if varying.intersection(range_):
                 places[part, k] = len(kept)
-                kept += own
-            at += size
+                kept += range_
+            begin += size
     return places, kept
 
 
-def configuration(name, entries, own, dialect, others):
+def configuration(name, entries, functions, dialect, test_values):
     """Return the template values of the program's parameters.
 
     Parameters
@@ -418,38 +436,40 @@ def configuration(name, entries, own, dialect, others):
     fields = {}
     for entry in entries:
         fields.setdefault(entry.field, []).append(entry)
-    lines, at = [], 0
+    # the fields of the struct in their order are the parameters p[0], p[1], ...
+    lines, position = [], 0
     declared = []
-    for own_field, group in fields.items():
+    for field_name, group in fields.items():
         ends = "; ".join(f"{e.low:.6g} to {e.high:.6g}" for e in group[:3])
-        more = ", ..." if len(group) > 3 else ""
+        ellipsis = ", ..." if len(group) > 3 else ""
         unit = f"{group[0].unit}: " if group[0].unit else ""
         size = f"[{len(group)}]" if group[0].index is not None else ""
-        declared.append(f"    {dialect.type} {own_field}{size}; /* {unit}{ends}{more} */\n")
+        declared.append(f"    {dialect.type} {field_name}{size}; /* {unit}{ends}{ellipsis} */\n")
         for k in range(len(group)):
-            place = f"{own_field}[{k}]" if size else own_field
-            lines.append(f"    p[{at}] = params->{place};\n")
-            at += 1
+            place = f"{field_name}[{k}]" if size else field_name
+            lines.append(f"    p[{position}] = params->{place};\n")
+            position += 1
 
     def listed(values):
         """Return an initializer of the struct."""
-        texts, left = [], list(values)
+        texts, remaining = [], list(values)
         for group in fields.values():
-            part = ", ".join(literal(left.pop(0)) for _ in group)
+            part = ", ".join(literal(remaining.pop(0)) for _ in group)
             texts.append(part if group[0].index is None else f"{{{part}}}")
         return ", ".join(texts)
 
-    derive = [_polynomials(own, dialect, n)] if own.quadratic else []
-    derive += [_series_text(name, dialect, *one) for one in own.series]
+    # p holds the scaled parameters, then the number one, for terms with fewer than two parameters
+    derive = [_polynomials(functions, dialect, n)] if functions.quadratic else []
+    derive += [_series_text(name, dialect, *one) for one in functions.series]
     helper = _CHEBYSHEV.format(t=dialect.type, name=name, one=literal(1.0), two=literal(2.0))
     first = entries[0]
     return {
         "fields": "".join(declared),
-        "n_constants": max(len(own.first), 1),
-        "constants": ", ".join(map(literal, own.first)) or literal(0.0),
+        "n_constants": max(len(functions.first), 1),
+        "constants": ", ".join(map(literal, functions.first)) or literal(0.0),
         "values": listed([e.value for e in entries]),
-        "others": listed(others),
-        "helpers": helper if own.series else "",
+        "others": listed(test_values),
+        "helpers": helper if functions.series else "",
         "n": n,
         "n_and_one": n + 1,
         "low": ", ".join(literal(e.low) for e in entries),
@@ -477,15 +497,18 @@ static void {name}_chebyshev({t} x, int32_t n, {t} *y)
 
 
 def _table(kind, name, values):
+    """Return the declaration in C of a constant array."""
     return (
         f"        static const {kind} {name}[{len(values)}] = {{{', '.join(map(str, values))}}};\n"
     )
 
 
-def _polynomials(own, dialect, n):
+def _polynomials(functions, dialect, n):
     """Return the statements that compute constants which are polynomials."""
     rows = [
-        (at, a if a >= 0 else n, b if b >= 0 else n, f) for at, t in own.quadratic for a, b, f in t
+        (at, a if a >= 0 else n, b if b >= 0 else n, f)
+        for at, t in functions.quadratic
+        for a, b, f in t
     ]
     at, a, b, f = zip(*rows, strict=True)
     return (
@@ -501,19 +524,19 @@ def _polynomials(own, dialect, n):
     )
 
 
-def _series_text(name, dialect, ats, which, table):
+def _series_text(name, dialect, constants, parameters, table):
     """Return the statements that compute constants which are series."""
     _, n, m = table.shape
-    first, second = which[0], which[-1]
+    first, second = parameters[0], parameters[-1]
     return (
         "    {\n"
-        + _table("uint16_t", "at", ats)
+        + _table("uint16_t", "at", constants)
         + _table(dialect.type, "series", [dialect.literal(x) for x in table.ravel()])
         + f"        {dialect.type} x[{n}];\n        {dialect.type} y[{m}];\n"
         "        int32_t j;\n        int32_t l;\n"
         f"        {name}_chebyshev(p[{first}], {n}, x);\n"
         f"        {name}_chebyshev(p[{second}], {m}, y);\n"
-        f"        for (i = 0; i < {len(ats)}; i++) {{\n"
+        f"        for (i = 0; i < {len(constants)}; i++) {{\n"
         f"            {dialect.type} sum = {dialect.literal(0.0)};\n"
         f"            for (j = 0; j < {n}; j++) {{\n                for (l = 0; l < {m}; l++) {{\n"
         f"                    sum += series[(i * {n} + j) * {m} + l] * x[j] * y[l];\n"

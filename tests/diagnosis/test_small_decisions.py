@@ -24,11 +24,11 @@ from skhyst.diagnosis._starts import starting_trees
 from skhyst.diagnosis._structure import (
     N_PRESENT,
     Trial,
+    _black_box_data,
     _black_box_residuals,
     _by_black_box,
-    _driven,
-    _own,
-    _seen,
+    _drive_features,
+    _past_features,
     _settled,
     _wiped,
     by_black_boxes,
@@ -232,7 +232,7 @@ def test_a_rest_before_a_record_changes_nothing_that_a_black_box_sees_of_its_dri
     u = np.cumsum(rng.normal(size=n)) + 3.0
     rested = np.concatenate([np.full(n, u[0]), u])
     records = [RecordData(own, own, 0.1) for own in (u, rested)]
-    short, long = (np.array(list(own)) for own in _driven(records, [u**2, rested**2], LAGS))
+    short, long = (np.array(list(own)) for own in _drive_features(records, [u**2, rested**2], LAGS))
     in_time = np.arange(len(short)) >= len(short) - 2  # in proportion to the time in the record
     np.testing.assert_allclose(short[~in_time], long[~in_time, n:], atol=1e-9)
     assert not np.allclose(short[in_time], long[in_time, n:])
@@ -244,7 +244,7 @@ def test_features_that_need_no_past_come_first():
     u = rng.normal(size=50)
     at = rng.permutation(50)
     records = [RecordData(own, own, 0.1) for own in (u, u[at])]
-    first, second = (np.array(list(own)) for own in _driven(records, [u**3, u[at] ** 3]))
+    first, second = (np.array(list(own)) for own in _drive_features(records, [u**3, u[at] ** 3]))
     np.testing.assert_array_equal(first[:N_PRESENT, at], second[:N_PRESENT])
     same = [np.allclose(a[at], b) for a, b in zip(first, second, strict=True)]
     assert same == [True] * N_PRESENT + [False] * (len(first) - N_PRESENT)
@@ -348,7 +348,7 @@ def test_black_boxes_of_coloured_noise_are_a_family(monkeypatch):
     driven, past, also_driven = (x for x, _ in shown)
     np.testing.assert_array_equal(driven, also_driven)
     np.testing.assert_array_equal(past[:, :N_PRESENT], driven[:, :N_PRESENT])
-    own = len(list(_own(residual[:200], residual[:200])))
+    own = len(list(_past_features(residual[:200], residual[:200])))
     assert past.shape[1] == N_PRESENT + own
     swapped = box_trial(monkeypatch, "autoregressive", leaves, chances[::-1])[0]
     assert swapped.p_value == pytest.approx(0.012)
@@ -386,7 +386,7 @@ def test_of_long_records_evenly_spread_stretches_are_seen(slow, length, monkeypa
     residuals[0][500:505] = np.nan
     noise = SimpleNamespace(innovations=lambda series: [2.0 * own for own in series])
     predictions = [r.u for r in records]
-    x, n_driven, y, new, block, ends = _seen(records, residuals, predictions, rng, noise)
+    x, n_driven, y, new, block, ends = _black_box_data(records, residuals, predictions, rng, noise)
     assert len(x) == len(y) == len(block) == pytest.approx(600, abs=length)
     np.testing.assert_array_equal(new, 2.0 * y)
     every = np.concatenate(residuals)
@@ -403,7 +403,7 @@ def test_of_long_records_evenly_spread_stretches_are_seen(slow, length, monkeypa
     assert np.diff(rows).max() <= 2 * length + 6  # two of three stretches, and the hole
     drives = np.concatenate([r.u for r in records])
     np.testing.assert_allclose(x[:, 0], (drives[rows] - drives.mean()) / np.ptp(drives))
-    assert n_driven == len(list(next(_driven(records, predictions, LAGS))))
+    assert n_driven == len(list(next(_drive_features(records, predictions, LAGS))))
 
 
 def test_units_of_drive_and_prediction_do_not_matter_to_a_black_box():
@@ -411,10 +411,10 @@ def test_units_of_drive_and_prediction_do_not_matter_to_a_black_box():
     rng = np.random.default_rng(0)
     u, p = np.cumsum(rng.normal(size=(2, 100)), axis=1)
     record = RecordData(u, u, 0.01)
-    own = np.array(list(next(_driven([record], [p], LAGS))))
+    own = np.array(list(next(_drive_features([record], [p], LAGS))))
     other = replace(record, u=1e3 * u + 5.0)
     np.testing.assert_allclose(
-        np.array(list(next(_driven([other], [1e-6 * p - 7.0], LAGS)))), own, atol=1e-9
+        np.array(list(next(_drive_features([other], [1e-6 * p - 7.0], LAGS)))), own, atol=1e-9
     )
     cubic = (p - 3.0) ** 3
     basis = np.c_[np.ones(100), own[1:N_PRESENT].T]
@@ -427,7 +427,7 @@ def test_slow_reactions_are_seen_up_to_the_length_of_the_longest_record(n, large
     """A first-order reaction to a step is 1 - 1/e after its time constant: a power of four."""
     u = np.r_[0.0, np.ones(n - 1)]
     records = [RecordData(own, own, 0.01) for own in (u, u[:9])]
-    features = np.array(list(next(_driven(records, [r.u for r in records]))))
+    features = np.array(list(next(_drive_features(records, [r.u for r in records]))))
     first = features[N_PRESENT + PLAYS :]
     constants = [4**k for k in range(1, 6) if 4**k <= largest]
     level = np.ptp(u) * (1.0 - np.exp(-1.0))
@@ -440,7 +440,7 @@ def test_slow_reactions_are_seen_up_to_the_length_of_the_longest_record(n, large
 
 def test_the_time_in_a_record_is_counted_from_its_middle():
     u = np.sin(np.linspace(0.0, np.pi, 101))  # the same backwards
-    in_time = np.array(list(next(_driven([RecordData(u, u, 0.01)], [u]))))[-2:]
+    in_time = np.array(list(next(_drive_features([RecordData(u, u, 0.01)], [u]))))[-2:]
     np.testing.assert_allclose(in_time, -in_time[:, ::-1], atol=1e-12)
     assert np.abs(in_time).max() > 0.1
 
@@ -459,7 +459,7 @@ def test_a_residual_is_seen_by_its_past_alone():
     rng = np.random.default_rng(0)
     u, r = rng.normal(size=(2, 200))
     changed = np.r_[r[:100], rng.normal(size=100)]
-    before, after = np.array(list(_own(u, r))), np.array(list(_own(u, changed)))
+    before, after = np.array(list(_past_features(u, r))), np.array(list(_past_features(u, changed)))
     np.testing.assert_array_equal(before[:, :101], after[:, :101])
     assert np.sum(np.any(before != after, axis=1)) == len(before) - 1  # all but the time
     np.testing.assert_allclose(before[-1], np.linspace(0.0, 1.0, 200, endpoint=False))
@@ -472,14 +472,14 @@ def test_a_gain_that_the_residual_had_with_the_drive_foretells_it():
     """Of a gain on the drive beside its mean, the features of that gain are the residual."""
     u = 3.0 + 0.01 * np.random.default_rng(0).choice([-1.0, 1.0], size=2000)
     residual = 0.7 * (u - u.mean())
-    features = np.array(list(_own(u, residual)))[:, 1000:]
+    features = np.array(list(_past_features(u, residual)))[:, 1000:]
     sizes = features @ residual[1000:] / (residual[1000:] @ residual[1000:])
     shrunk = (sizes > 0.998) & (sizes < 1.0)  # by a thousandth, so that nothing is divided by zero
     assert np.count_nonzero(shrunk) == len(LAGS[4::4])
     off = np.max(np.abs(features - 0.7 * (u - u.mean())[1000:]), axis=1)
     assert np.count_nonzero(off < 1e-4) == len(LAGS[4::4])
     change = 0.7 * np.diff(u, prepend=u[0])  # or of one on the change of the drive
-    features = np.array(list(_own(u, change)))[:, 1000:]
+    features = np.array(list(_past_features(u, change)))[:, 1000:]
     off = np.max(np.abs(features - change[1000:]), axis=1)
     assert np.count_nonzero(off < 1e-4) == len(LAGS[4::4])
 
@@ -570,7 +570,8 @@ def test_records_with_gaps_and_columns_that_say_nothing_new_change_nothing():
 def test_too_few_samples_follow_no_drive(n):
     """Twice as many samples as features are asked for, in the middle half of the record."""
     u = np.random.default_rng(0).normal(size=n)
-    features = np.array(list(next(_driven([RecordData(u, u, 0.01)], [u]))))[:, n // 4 : n - n // 4]
+    features = np.array(list(next(_drive_features([RecordData(u, u, 0.01)], [u]))))
+    features = features[:, n // 4 : n - n // 4]
     features -= features.mean(axis=1, keepdims=True)
     features /= np.maximum(features.std(axis=1, keepdims=True), 1e-300)
     rank = np.linalg.matrix_rank(features, rtol=1e-6)
