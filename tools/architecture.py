@@ -21,7 +21,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 LAYERS = (  # from the bottom: a module imports from its own layer and those before it
-    ("__init__", "_documentation", "_files", "_jit", "_sizes", "_sklearn", "exceptions"),
+    ("__init__", "_documentation", "_files", "_jit", "_progress", "_sizes", "_sklearn", "exceptions"),
     ("noise",),
     ("io",),
     ("records", "_validation"),
@@ -45,6 +45,7 @@ SHARED = (
     "skhyst._documentation",
     "skhyst._files",
     "skhyst._jit",
+    "skhyst._progress",
     "skhyst._sizes",
     "skhyst._sklearn",
     "skhyst._signals",
