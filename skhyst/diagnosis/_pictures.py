@@ -205,7 +205,7 @@ def _lines(inputs, outputs, dt):
     return estimate.frequency[usable], np.ravel(estimate.response)[usable]
 
 
-def _own_response(operator, claim, highest):
+def _stage_response(operator, claim, highest):
     """Return frequency (Hz) and frequency response of a linear operator, from its pulse response.
 
     Records of longer sampling intervals add only frequencies below those of the others.
@@ -239,7 +239,7 @@ def _frequency(title, claim):
     highest = frequency.max(initial=0.0)
     curves = [("measured", frequency, response, "points")]
     curves += [
-        (label, *_own_response(stage, claim, highest), style) for label, stage, style in stages
+        (label, *_stage_response(stage, claim, highest), style) for label, stage, style in stages
     ]
     phases = tuple((label, f, np.degrees(np.unwrap(np.angle(h))), s) for label, f, h, s in curves)
     gains = tuple((label, f, np.abs(h), style) for label, f, h, style in curves)

@@ -285,9 +285,9 @@ def _black_box_data(records, residuals, predictions, rng, noise):
         ends.append(np.diff(rows, prepend=-2) > 1)
         run_numbers += [np.full(len(part), count + k) for k, part in enumerate(parts)]
         count += len(parts)
-    found = (np.concatenate(part) for part in (target, innovations, run_numbers))
+    joined = (np.concatenate(part) for part in (target, innovations, run_numbers))
     ends = np.flatnonzero(np.concatenate(ends))[1:]
-    return np.concatenate(features), n_driven, *found, ends
+    return np.concatenate(features), n_driven, *joined, ends
 
 
 def _drive_features(records, predictions, lags=()):

@@ -726,7 +726,7 @@ class _Block:
         largest = printer.number(np.inf)
         finite = [f"({u} >= -{largest}) AND ({u} <= {largest})" for u in inputs]
         if real == "REAL":
-            finite = [one.replace(largest, f"REAL#{largest}") for one in finite]
+            finite = [condition.replace(largest, f"REAL#{largest}") for condition in finite]
         # after a start there is no last sample to compare with: no rate is known
         hold = [*["y := {y};"], *["extrapolated := FALSE;"] * bool(extrapolated)]
         hold += ["known := FALSE;"] * bool(lasts)

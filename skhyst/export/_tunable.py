@@ -460,7 +460,7 @@ def configuration(name, entries, functions, dialect, test_values):
 
     # p holds the scaled parameters, then the number one, for terms with fewer than two parameters
     derive = [_polynomials(functions, dialect, n)] if functions.quadratic else []
-    derive += [_series_text(name, dialect, *one) for one in functions.series]
+    derive += [_series_text(name, dialect, *series) for series in functions.series]
     helper = _CHEBYSHEV.format(t=dialect.type, name=name, one=literal(1.0), two=literal(2.0))
     first = entries[0]
     return {
