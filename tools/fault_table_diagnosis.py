@@ -45,7 +45,7 @@ DIAGNOSIS = [
     ),
     (
         "in a closed loop the difference of the predictions is its own instrument",
-        "z = a - b if z is None else z[known] / scale",
+        "z = a - b if z is None else z[scored] / scale",
         "z = a - b",
         "tests/diagnosis/test_reference.py -k level",
     ),

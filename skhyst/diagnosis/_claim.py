@@ -166,8 +166,8 @@ class Claim:
         """Return the covariance of some of the identified parameters of the operator."""
         if self.result.covariance is None:
             return np.diag([self.values[name][1] ** 2 for name in names])
-        at = [list(self.result.params).index(self.keys[name]) for name in names]
-        return self.result.covariance[np.ix_(at, at)]
+        indices = [list(self.result.params).index(self.keys[name]) for name in names]
+        return self.result.covariance[np.ix_(indices, indices)]
 
     @cached_property
     def units(self):
@@ -237,11 +237,11 @@ class Claim:
 
     def _coefficients(self, disturbance):
         """Return the coefficients of a disturbance for each record, (n_records, n_coefficients)."""
-        others = self.structure.disturbances
+        disturbances = self.structure.disturbances
         # the coefficients of all disturbances stand side by side
-        sizes = [np.size(other.coefficients) for other in others]
-        at = next(i for i, other in enumerate(others) if other is disturbance)
-        return self.result.record_coefficients[:, sum(sizes[:at]) :][:, : sizes[at]]
+        sizes = [np.size(other.coefficients) for other in disturbances]
+        index = next(i for i, other in enumerate(disturbances) if other is disturbance)
+        return self.result.record_coefficients[:, sum(sizes[:index]) :][:, : sizes[index]]
 
     def course(self, disturbance):
         """Return a disturbance at all samples, one array per record."""

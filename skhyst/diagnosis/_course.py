@@ -113,7 +113,7 @@ def course_p_value(courses, bases, tested, echoes=()):
     )
     # at most this fraction of the power is made by the noise of the drive
     level = squares[n_tested:].sum() / counts[n_tested:].sum()
-    most = min(drive_noise.mean() / (DRAWS * level), 1.0 - 1.0 / len(counts))
+    largest_share = min(drive_noise.mean() / (DRAWS * level), 1.0 - 1.0 / len(counts))
     drive_noise = drive_noise / drive_noise.mean() if drive_noise.any() else np.ones(len(counts))
 
     def deviance(x, scaled):
@@ -129,10 +129,12 @@ def course_p_value(courses, bases, tested, echoes=()):
         levels = sums / sizes
         return sizes @ np.log(levels) + counts @ np.log(variances), levels[0] / levels[-1]
 
-    bounds, best = [(0.0, 0.5 * STEEPEST), (0.0, most)], []
+    bounds, best = [(0.0, 0.5 * STEEPEST), (0.0, largest_share)], []
     for scaled in (False, True):
         # white noise, flicker noise, integrated white noise
-        starts = product((0.0, 1.0, 2.0), (0.1 * most, 0.5 * most, 0.9 * most))
+        starts = product(
+            (0.0, 1.0, 2.0), (0.1 * largest_share, 0.5 * largest_share, 0.9 * largest_share)
+        )
         start = min(starts, key=lambda x, s=scaled: deviance(x, s)[0])
         best.append(minimize(lambda x, s=scaled: deviance(x, s)[0], start, bounds=bounds))
     if deviance(best[1].x, True)[1] <= 1.0:

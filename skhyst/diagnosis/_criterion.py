@@ -152,9 +152,9 @@ def paired_p_value(worse, better, instruments=None):
     instruments = [None] * len(worse) if instruments is None else instruments
     scale = max(np.nanmax(np.abs(a), initial=0.0) for a in worse) or 1.0
     for a, b, z in zip(worse, better, instruments, strict=True):
-        known = np.isfinite(a) & np.isfinite(b)
-        a, b = a[known] / scale, b[known] / scale
-        z = a - b if z is None else z[known] / scale
+        scored = np.isfinite(a) & np.isfinite(b)
+        a, b = a[scored] / scale, b[scored] / scale
+        z = a - b if z is None else z[scored] / scale
         gain += np.sum(z * (a + b))
         agreement += np.sum(z * (a - b))
         chances.append(z * b)

@@ -63,8 +63,10 @@ def locate(slices, drive, residual, units):
     power, blocks, rows = np.concatenate(power), np.concatenate(blocks), []
     for by, (unit, signals) in _signals(slices, drive).items():
         values = [signal[k] for signal, k in zip(signals, known, strict=True)]
-        places, which = _partition(by, values, signals, record_names(slices))
-        for place, numbers in zip(places, _shares(power, which, len(places), blocks), strict=True):
+        places, part_of = _partition(by, values, signals, record_names(slices))
+        for place, numbers in zip(
+            places, _shares(power, part_of, len(places), blocks), strict=True
+        ):
             if by == "record" or numbers[1] > 0.0:
                 rows.append((by, *place, units.of(unit), *numbers))
     hertz = units.of("Hz")
@@ -156,32 +158,34 @@ def _partition(by, values, signals, names):
     ``values`` are those at the samples that count, ``signals`` those at all samples.
     """
     if by in ("record", "time"):
-        n, places, which = 1 if by == "record" else _TENTHS, [], []
+        n, parts, part_of = 1 if by == "record" else _TENTHS, [], []
         for k, (name, times, record_times) in enumerate(zip(names, values, signals, strict=True)):
             edges = np.linspace(0.0, record_times[-1], n + 1)
-            places += [(name, *ends) for ends in pairwise(edges.tolist())]
+            parts += [(name, *ends) for ends in pairwise(edges.tolist())]
             part = np.searchsorted(edges, times, side="right") - 1
-            which.append(n * k + np.clip(part, 0, n - 1))
-        return places, np.concatenate(which)
+            part_of.append(n * k + np.clip(part, 0, n - 1))
+        return parts, np.concatenate(part_of)
     values = levels = np.concatenate(values)
     if by == "amplitude":  # nominally equal swings differ a little: they are rounded to one level
         levels = np.round(values / (NOTICEABLE * max(values.max(), np.finfo(float).tiny)))
-    _, which, sizes = np.unique(levels, return_inverse=True, return_counts=True)
+    _, part_of, sizes = np.unique(levels, return_inverse=True, return_counts=True)
     if by != "direction":  # tenths of the samples; samples of one level stay together
         middle = np.cumsum(sizes) - 0.5 * sizes
-        _, which = np.unique((_TENTHS * middle // len(values))[which], return_inverse=True)
-    ends = [(values[which == i].min(), values[which == i].max()) for i in range(which.max() + 1)]
-    return [(None, float(low), float(high)) for low, high in ends], which
+        _, part_of = np.unique((_TENTHS * middle // len(values))[part_of], return_inverse=True)
+    ends = [
+        (values[part_of == i].min(), values[part_of == i].max()) for i in range(part_of.max() + 1)
+    ]
+    return [(None, float(low), float(high)) for low, high in ends], part_of
 
 
-def _shares(power, which, count, blocks):
+def _shares(power, part_of, count, blocks):
     """Return share, concentration and its confidence interval of the power in each part.
 
-    ``which`` and ``blocks`` are the numbers of the part and of the block of each sample.
+    ``part_of`` and ``blocks`` are the numbers of the part and of the block of each sample.
     """
-    size = np.maximum(np.bincount(which, minlength=count), 1)
-    share = np.bincount(which, power, count) / power.sum()
-    pairs, pair_of_sample = np.unique(blocks * count + which, return_inverse=True)
+    size = np.maximum(np.bincount(part_of, minlength=count), 1)
+    share = np.bincount(part_of, power, count) / power.sum()
+    pairs, pair_of_sample = np.unique(blocks * count + part_of, return_inverse=True)
     sums, part = np.bincount(pair_of_sample, power), pairs % count
     totals = np.bincount(blocks, power)
     # the squares of e_i, see the head of the module, multiplied out and summed over the blocks
@@ -203,13 +207,13 @@ def _octaves(slices, residuals):
     longest = max(s.dt * s.n_samples for s in slices)
     count = max(int(np.floor(np.log2(top * longest))), 1)
     edges = np.concatenate([[0.0], top * 2.0 ** np.arange(-count + 1.0, 1.0)])
-    power, which = [], []
+    power, octave_of_line = [], []
     for s, residual in zip(slices, residuals, strict=True):
         power.append(np.abs(np.fft.rfft(np.nan_to_num(residual))) ** 2 / s.n_samples)
         frequency = np.fft.rfftfreq(s.n_samples, s.dt)
         octave = np.searchsorted(edges, frequency, side="left") - 1
-        which.append(np.clip(octave, 0, count - 1))
-    power, which = np.concatenate(power), np.concatenate(which)
-    for i, numbers in enumerate(_shares(power, which, count, np.arange(len(power)))):
-        if np.any(which == i):
+        octave_of_line.append(np.clip(octave, 0, count - 1))
+    power, octave_of_line = np.concatenate(power), np.concatenate(octave_of_line)
+    for i, numbers in enumerate(_shares(power, octave_of_line, count, np.arange(len(power)))):
+        if np.any(octave_of_line == i):
             yield float(edges[i]), float(edges[i + 1]), *numbers

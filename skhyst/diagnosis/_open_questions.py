@@ -139,9 +139,9 @@ def _near_claims(search):
     # the fraction of the power that an effect would have to remove to be claimed
     least = 1.0 - (1.0 - search.min_improvement) ** 2
     for name in table["effect"][table["screen"] > least][:FEW]:
-        more = _with_effect(name, tree, search)
-        if more:
-            yield name, "none", (more, [Fitted(tree, search._records)])
+        with_effect = _with_effect(name, tree, search)
+        if with_effect:
+            yield name, "none", (with_effect, [Fitted(tree, search._records)])
 
 
 def _with_effect(name, tree, search):
@@ -221,8 +221,8 @@ class Intervals:
         # error
         signed = ~problem.log & (problem.lower < 0.0) & (problem.upper > 0.0)
         values = np.where(problem.log, 1.0, np.abs(x))[self._inner]
-        known = (values > np.sqrt(np.diag(covariance))) | ~signed[self._inner]
-        self._values = np.where(known & (values > 0.0), values, np.inf)
+        has_relative_error = (values > np.sqrt(np.diag(covariance))) | ~signed[self._inner]
+        self._values = np.where(has_relative_error & (values > 0.0), values, np.inf)
         order = np.argsort(-self._widths(covariance))
         self._widest = order[: min(FEW, np.count_nonzero(np.isfinite(self._values)))]
         self._is_open = search.verdict_ != "noise"

@@ -66,11 +66,11 @@ def _agreed(numbers):
 
     ``numbers`` are tuples of value, standard error and unit.
     """
-    known = [(v, s) for v, s, _ in numbers if np.isfinite(v) and np.isfinite(s) and s > 0.0]
+    with_errors = [(v, s) for v, s, _ in numbers if np.isfinite(v) and np.isfinite(s) and s > 0.0]
     unit = numbers[0][2] if numbers else ""
-    if len(known) < 2:
+    if len(with_errors) < 2:
         return np.nan, np.nan, unit, np.nan
-    values, std = np.transpose(known)
+    values, std = np.transpose(with_errors)
     weights = std**-2.0
     mean = weights @ values / weights.sum()
     scatter = weights @ (values - mean) ** 2

@@ -198,14 +198,14 @@ def _lines(inputs, outputs, dt):
     pairs = zip(inputs, outputs, strict=True)
     estimate = frequency_response(*stack_records(pairs, dt=dt), **options)
     frequency, density = spectrum(np.concatenate(inputs), _spans(inputs), dt)
-    kept = (np.ravel(estimate.coherence) > 0.8) & (estimate.frequency > 0.0)
+    usable = (np.ravel(estimate.coherence) > 0.8) & (estimate.frequency > 0.0)
     if frequency.size:  # too few samples have no spectrum
         # 60 dB below the strongest line, the input is mostly leakage of the window
-        kept &= np.interp(estimate.frequency, frequency, density) > 1e-3 * density.max()
-    return estimate.frequency[kept], np.ravel(estimate.response)[kept]
+        usable &= np.interp(estimate.frequency, frequency, density) > 1e-3 * density.max()
+    return estimate.frequency[usable], np.ravel(estimate.response)[usable]
 
 
-def _own_response(operator, claim, highest):
+def _stage_response(operator, claim, highest):
     """Return frequency (Hz) and frequency response of a linear operator, from its pulse response.
 
     Records of longer sampling intervals add only frequencies below those of the others.
@@ -215,15 +215,15 @@ def _own_response(operator, claim, highest):
         n_samples = max(len(claim.records[i].u) for i in numbers)
         pulse = np.zeros(n_samples)
         start = operator.init(0.0, "zero")
-        rest = operator.run(pulse, dt, start)[0]
+        at_rest = operator.run(pulse, dt, start)[0]
         pulse[1] = 1.0
-        response = np.fft.rfft(operator.run(pulse, dt, start)[0] - rest) / np.fft.rfft(pulse)
+        response = np.fft.rfft(operator.run(pulse, dt, start)[0] - at_rest) / np.fft.rfft(pulse)
         grid = np.fft.rfftfreq(n_samples, dt)
         below = (grid > 0.0) & (grid < frequency.min(initial=np.inf))
         frequency = np.concatenate([grid[below], frequency])
         transfer = np.concatenate([response[below], transfer])
-    kept = frequency <= max(2.0 * highest, 5.0 * frequency[0])
-    return frequency[kept], transfer[kept]
+    is_shown = frequency <= max(2.0 * highest, 5.0 * frequency[0])
+    return frequency[is_shown], transfer[is_shown]
 
 
 def _frequency(title, claim):
@@ -239,7 +239,7 @@ def _frequency(title, claim):
     highest = frequency.max(initial=0.0)
     curves = [("measured", frequency, response, "points")]
     curves += [
-        (label, *_own_response(stage, claim, highest), style) for label, stage, style in stages
+        (label, *_stage_response(stage, claim, highest), style) for label, stage, style in stages
     ]
     phases = tuple((label, f, np.degrees(np.unwrap(np.angle(h))), s) for label, f, h, s in curves)
     gains = tuple((label, f, np.abs(h), style) for label, f, h, style in curves)

@@ -204,20 +204,20 @@ def _redistributed_poles(tree, scene, first):
     for poles in pole_sets:
         for shared in distribute_poles([operators[i] for i in block], poles):
             stages = list(tree.stages)
-            for i, own in zip(block, shared, strict=True):
-                stages[i] = stages[i]._replace(operator=replace(own, model=operators[i].model))
+            for i, moved in zip(block, shared, strict=True):
+                stages[i] = stages[i]._replace(operator=replace(moved, model=operators[i].model))
             trees.append(tree.with_stages(stages))
     return trees
 
 
 def _distinct(pole_sets):
     """Return the pole sets that are not close to an earlier one."""
-    kept = []
+    distinct = []
     for poles in pole_sets:
         ordered = np.sort_complex(poles)
-        if all(np.max(np.abs(ordered / other - 1.0)) > NOTICEABLE for other in kept):
-            kept.append(ordered)
-    return kept
+        if all(np.max(np.abs(ordered / other - 1.0)) > NOTICEABLE for other in distinct):
+            distinct.append(ordered)
+    return distinct
 
 
 def _some(records):

@@ -124,15 +124,15 @@ def _wiped(u):
     remain: then differences of the initial memory are accepted.
     """
     # noise and rounding keep repeated extremes from the very same value
-    near = 1e-3 * np.ptp(u)
-    start = max(np.argmax(u >= u.max() - near), np.argmax(u <= u.min() + near))
+    tolerance = 1e-3 * np.ptp(u)
+    start = max(np.argmax(u >= u.max() - tolerance), np.argmax(u <= u.min() + tolerance))
     return int(start) if 4 * start <= 3 * len(u) else 0
 
 
 def _settled(difference):
     """Return sum of squares and degrees of freedom of a difference without transient and drift."""
     detrended = difference
-    # squared rounding error of a sum of as many terms: below it, no block is larger than another
+    # squared rounding error of a sum of as many terms: a first block below it is no transient
     rounding = (len(difference) * np.spacing(np.abs(difference).max())) ** 2
     for _ in range(BLOCKS // 2):
         detrended = difference - _drift(difference)
@@ -220,8 +220,8 @@ def _by_black_box(records, residuals, predictions, rng, criterion):
 
     if noise.law == "white":
         return trial(x, y)
-    # noise has the right to depend on its own past: that part is left out of the target, or of
-    # the features
+    # coloured noise is predictable from its own past: the residual itself has to be predicted from
+    # the drive alone, and from the past only the innovations
     driven, noise_power = x[:, :n_driven], np.square(y - new)
     past = np.delete(x, np.s_[N_PRESENT:n_driven], axis=1)
     targets = [(driven, y), (past, new), (driven, noise_power - noise_power.mean())]
@@ -285,9 +285,9 @@ def _black_box_data(records, residuals, predictions, rng, noise):
         ends.append(np.diff(rows, prepend=-2) > 1)
         run_numbers += [np.full(len(part), count + k) for k, part in enumerate(parts)]
         count += len(parts)
-    found = (np.concatenate(part) for part in (target, innovations, run_numbers))
+    joined = (np.concatenate(part) for part in (target, innovations, run_numbers))
     ends = np.flatnonzero(np.concatenate(ends))[1:]
-    return np.concatenate(features), n_driven, *found, ends
+    return np.concatenate(features), n_driven, *joined, ends
 
 
 def _drive_features(records, predictions, lags=()):
@@ -366,13 +366,15 @@ def by_shifted_drive(records, residuals, predictions):
         known = np.flatnonzero(np.isfinite(r))
         if not len(known) or known[-1] - known[0] >= len(known):
             continue
-        most, period = len(known) // 4, drive_period(record.u)
+        largest_shift, period = len(known) // 4, drive_period(record.u)
         # half a period later, a symmetric drive repeats with the opposite sign
-        most = min(most, period // 3) if period else most
-        rows = np.arange(known[0] + most, known[-1] + 1 - most, stride)
-        aligned.append((r, rows, most, np.stack([column[rows] for column in columns], axis=1)))
+        largest_shift = min(largest_shift, period // 3) if period else largest_shift
+        rows = np.arange(known[0] + largest_shift, known[-1] + 1 - largest_shift, stride)
+        aligned.append(
+            (r, rows, largest_shift, np.stack([column[rows] for column in columns], axis=1))
+        )
     no_structure = Trial(1.0, 1.0, None)
-    count = min(SHIFTS, max((most for *_, most, _ in aligned), default=0))
+    count = min(SHIFTS, max((largest_shift for *_, largest_shift, _ in aligned), default=0))
     if not count:
         return no_structure
     x = np.concatenate([columns - columns.mean(axis=0) for *_, columns in aligned])
@@ -384,7 +386,7 @@ def by_shifted_drive(records, residuals, predictions):
         return no_structure
     shares = []
     for k in range(-count, count + 1):
-        y = [r[rows + round(k / count * most)] for r, rows, most, _ in aligned]
+        y = [r[rows + round(k / count * largest_shift)] for r, rows, largest_shift, _ in aligned]
         y = np.concatenate([record_y - record_y.mean() for record_y in y])
         shares.append(1.0 - np.sum(np.square(basis.T @ y)) / max(y @ y, np.finfo(float).tiny))
     b = np.count_nonzero(np.array(shares) <= shares[count])

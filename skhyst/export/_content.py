@@ -229,8 +229,8 @@ def stepper_of(model, dt, initial_state, u0):
     dt = None if dt is None else chosen_interval((), dt, "to_c")
     finite_numbers(u0, "to_c", "u0", "a finite number, or one for each input")
     if hasattr(model, "stepper"):
-        more = {} if initial_state is None else {"initial_state": initial_state}
-        model = model.stepper(dt, *([u0] if np.any(u0) else []), **more)
+        options = {} if initial_state is None else {"initial_state": initial_state}
+        model = model.stepper(dt, *([u0] if np.any(u0) else []), **options)
     elif hasattr(model, "init"):
         if dt is None:
             raise ValueError("The 'dt' parameter of to_c must be given, in s, for an operator.")

@@ -261,10 +261,10 @@ class _Run:
             elif isinstance(loop, For):
                 begin[loop.target] = (start[0], stop[1]) if loop.step > 0 else (stop[0], start[1])
             else:
-                known = _known(self._value(loop.test, begin, frame))
-                if 0 in known:
+                outcomes = _known(self._value(loop.test, begin, frame))
+                if 0 in outcomes:
                     after = _merged(after, self._refined(loop.test, 0, self._copied(begin), frame))
-                if 1 not in known:
+                if 1 not in outcomes:
                     return after
                 begin = self._refined(loop.test, 1, begin, frame)
             inner = []
@@ -329,16 +329,16 @@ class _Run:
 
     def _call(self, part, args, env, frame, step):
         """Return the results of a function that is called, and the arrays after it."""
-        given = {_ARRAYS: env[_ARRAYS]}
+        callee_env = {_ARRAYS: env[_ARRAYS]}
         for arg, param in zip(part.args(args), part.args(part.function.params), strict=True):
             if isinstance(arg, Array):
                 offset = self._value(arg.offset, env, frame)
                 key, begin, end = self._view(arg, env)
                 begin = begin[0] + offset[0], begin[1] + offset[1]
-                given[param.name] = key, begin, min(end, begin[1] + math.prod(param.shape))
+                callee_env[param.name] = key, begin, min(end, begin[1] + math.prod(param.shape))
             else:
-                given[param.args[0]] = self._value(arg, env, frame)
-        return self.results(part, step, given)
+                callee_env[param.args[0]] = self._value(arg, env, frame)
+        return self.results(part, step, callee_env)
 
     def _view(self, array, env):
         """Return the key of the numbers of an array, and the positions of its begin and its end."""
@@ -460,11 +460,11 @@ def _size(*intervals):
 def _wider(interval, *operands):
     """Return an interval wider by the rounding error, which changes neither signs nor zeros."""
     low, high = interval
-    more = _ROUNDING * _size(interval, *operands)
+    error = _ROUNDING * _size(interval, *operands)
     if low:
-        low = max(low - more, 0.0) if low > 0 else low - more
+        low = max(low - error, 0.0) if low > 0 else low - error
     if high:
-        high = min(high + more, 0.0) if high < 0 else high + more
+        high = min(high + error, 0.0) if high < 0 else high + error
     return low, high
 
 

@@ -65,13 +65,13 @@ def parts_at_rest(compiled_step, u):
     visits = []
 
     def binding(step, constants, s):
-        at = len(visits)
+        number = len(visits)
         visits.append(None)
 
         def called(v):
             before = s.copy()
             y = step(v, constants, s)
-            visits[at] = _Visit(step, constants, before, v, float(y))
+            visits[number] = _Visit(step, constants, before, v, float(y))
             return y
 
         return called
@@ -129,11 +129,11 @@ def _rules(at_rest, size, drive_size):
         return None
     # the rules of all parts together, by later responses of the whole device
     for stepper, level in zip(steppers, levels, strict=True):
-        other = stepper.copy()
-        other.state = rest_state(stepper.compiled_step, rules, level)
+        by_rules = stepper.copy()
+        by_rules.state = rest_state(stepper.compiled_step, rules, level)
         if not (
-            _start_equally(stepper, other, level, size)
-            and _start_equally(stepper, other, level, drive_size)
+            _start_equally(stepper, by_rules, level, size)
+            and _start_equally(stepper, by_rules, level, drive_size)
         ):
             return None
     return rules

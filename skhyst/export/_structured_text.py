@@ -259,8 +259,8 @@ def _wrapped(text):
     lines = []
     for line in text.splitlines():
         pad = " " * (len(line) - len(line.lstrip()) + 4)
-        more = {"break_long_words": False, "break_on_hyphens": False}
-        lines += textwrap.wrap(line, 100, subsequent_indent=pad, **more) or [""]
+        options = {"break_long_words": False, "break_on_hyphens": False}
+        lines += textwrap.wrap(line, 100, subsequent_indent=pad, **options) or [""]
     return "\n".join(lines) + "\n"
 
 
@@ -390,11 +390,11 @@ class _Function:
         for p in part.args(function.params):
             if isinstance(p, Array):
                 name, (type_, begins) = self._local(p.name), next(memories)
-                at = None if begins else self._new("at")
-                self._memories[p.name] = type_, at
+                begin = None if begins else self._new("at")
+                self._memories[p.name] = type_, begin
                 shared.append((name, type_, "", ""))
-                inputs += [] if begins else [(at, "DINT", "", "")]
-                self.params.append((name, at))
+                inputs += [] if begins else [(begin, "DINT", "", "")]
+                self.params.append((name, begin))
             else:
                 variable, type_ = self._local(p.args[0]), printer.type_of(p.kind)
                 name = variable
@@ -404,7 +404,7 @@ class _Function:
                     self._put(f"{variable} := {name};")
                 inputs.append((name, type_, "", ""))
                 self.params.append((name, None))
-        given = {p.name if isinstance(p, Array) else p.args[0] for p in function.params}
+        param_names = {p.name if isinstance(p, Array) else p.args[0] for p in function.params}
         for statement in within(part.body):
             if isinstance(statement, Listed):
                 array = statement.array
@@ -412,7 +412,7 @@ class _Function:
                 self._memories[array.name] = type_, None
                 self._variables.append((self._local(array.name), type_, "", ""))
         leaves = _numbers(function.result)
-        kinds = [x.kind for x, used in zip(leaves, part.mask, strict=True) if used]
+        kinds = [x.kind for x, is_used in zip(leaves, part.mask, strict=True) if is_used]
         self.outs = [self._new("out") for _ in kinds[1:]]
         self._result = printer.type_of(kinds[0]) if kinds else "BOOL"
         if not kinds:
@@ -420,9 +420,9 @@ class _Function:
         self._block(part.body)
         if self._lines[-1:] == ["RETURN;"]:
             self._lines.pop()
-        used = [n for n in self._names if n in function.kinds and n not in given]
+        local_names = [n for n in self._names if n in function.kinds and n not in param_names]
         self._variables += [
-            (self._names[n], printer.type_of(function.kinds[n]), "", "") for n in used
+            (self._names[n], printer.type_of(function.kinds[n]), "", "") for n in local_names
         ]
         outs = zip(self.outs, kinds[1:], strict=True)
         self.text = (
@@ -569,17 +569,17 @@ class _Function:
         args, texts, memories = part.args(args), [], []
         for x in args:
             if isinstance(x, Array):
-                name, type_, at = self._memory(x)
-                begins = at == "0"
+                name, type_, begin = self._memory(x)
+                begins = begin == "0"
                 memories.append((type_, begins))
-                texts.append((name, None if begins else at))
+                texts.append((name, None if begins else begin))
             else:
                 texts.append((self._text(x), None))
         function = self._printer.function(part, *memories)
         assignments = []
-        for (name, at_name), (text, at) in zip(function.params, texts, strict=True):
+        for (name, at_name), (text, begin) in zip(function.params, texts, strict=True):
             assignments.append(f"{name} := {text}")
-            assignments += [f"{at_name} := {at}"] if at_name else []
+            assignments += [f"{at_name} := {begin}"] if at_name else []
         assignments += [f"{name} := {name}" for name in function.tables]
         # who calls a function needs its tables, too: they are all variables of the block
         self.tables |= function.tables
@@ -594,19 +594,19 @@ class _Function:
             type_ = _array(len(array.values or (0,)), self._printer.type_of(array.kind))
             self.tables[name] = type_
             return name, type_, offset
-        type_, at = self._memories[array.name]
-        if at is not None:
-            offset = at if offset == "0" else f"{at} + {self._tight(array.offset, 5)}"
+        type_, begin = self._memories[array.name]
+        if begin is not None:
+            offset = begin if offset == "0" else f"{begin} + {self._tight(array.offset, 5)}"
         return self._local(array.name), type_, offset
 
     def _element(self, array, place):
         """Return the text of an element of an array; ``place`` counts from the array's begin."""
         if array.values is not None:
             return f"{self._memory(array)[0]}[{self._text(place)}]"
-        _, at = self._memories[array.name]
+        _, begin = self._memories[array.name]
         text = self._text(place)
-        if at is not None:
-            text = at if text == "0" else f"{at} + {self._tight(place, 5)}"
+        if begin is not None:
+            text = begin if text == "0" else f"{begin} + {self._tight(place, 5)}"
         return f"{self._local(array.name)}[{text}]"
 
     def _text(self, x):
@@ -661,8 +661,8 @@ class _Function:
             return f"{_FUNCTIONS[op]}({', '.join(texts)})", _ATOM
         name = self._printer.helper(op)
         names = [declaration.split(" : ")[0] for declaration in _HELPERS[op][1].split("; ")]
-        given = ", ".join(f"{n} := {text}" for n, text in zip(names, texts, strict=True))
-        return f"{name}({given})", _ATOM
+        assignments = ", ".join(f"{n} := {text}" for n, text in zip(names, texts, strict=True))
+        return f"{name}({assignments})", _ATOM
 
     def _cast(self, x):
         """Return a conversion; from a real number towards zero, as Python's ``int``."""
@@ -716,9 +716,9 @@ class _Block:
         real = printer.type
         inputs = [f"u[{k}]" for k in range(source.n_inputs)] if source.by_row else ["u"]
         step, tables = self._call(source.step, "u")
-        rest = None
+        rest_call = None
         if expected.rules is not None:
-            rest, rest_tables = self._call(
+            rest_call, rest_tables = self._call(
                 model_step(source.compiled_step, rules=expected.rules), "held"
             )
             tables |= rest_tables
@@ -726,7 +726,7 @@ class _Block:
         largest = printer.number(np.inf)
         finite = [f"({u} >= -{largest}) AND ({u} <= {largest})" for u in inputs]
         if real == "REAL":
-            finite = [one.replace(largest, f"REAL#{largest}") for one in finite]
+            finite = [condition.replace(largest, f"REAL#{largest}") for condition in finite]
         # after a start there is no last sample to compare with: no rate is known
         hold = [*["y := {y};"], *["extrapolated := FALSE;"] * bool(extrapolated)]
         hold += ["known := FALSE;"] * bool(lasts)
@@ -741,7 +741,7 @@ class _Block:
         ]
         copy_row = ["row := u;"] if source.by_row else []
         sample = [*copy_row, f"y := {step};", *self._watch(extrapolated, lasts)]
-        if rest is None:
+        if rest_call is None:
             lines += [f"    {line}" for line in sample]
         else:
             clips = []
@@ -749,7 +749,7 @@ class _Block:
                 target = f"held[{k}]" if source.by_row else "held"
                 low, high = printer.literal(low), printer.literal(high)
                 clips.append(f"{target} := MIN(MAX({inputs[k]}, {low}), {high});")
-            begin = [*clips, f"y := {rest};", *[line for line in hold if "{y}" not in line]]
+            begin = [*clips, f"y := {rest_call};", *[line for line in hold if "{y}" not in line]]
             lines += ["    IF init_at THEN", *[f"        {line}" for line in begin], "    ELSE"]
             lines += [*[f"        {line}" for line in sample], "    END_IF"]
         lines.append("END_IF")
@@ -761,7 +761,7 @@ class _Block:
         return (
             self._head()
             + "\n".join(
-                [*printer.texts, self._declared(tables, lasts, rest is not None) + body + "\n"]
+                [*printer.texts, self._declared(tables, lasts, rest_call is not None) + body + "\n"]
             )
             + "END_FUNCTION_BLOCK\n"
         )

@@ -266,12 +266,12 @@ def derived(entries, step_for):
     ends = expected.min(axis=0), expected.max(axis=0)
     moved = np.subtract(ends[1], ends[0], where=ends[0] != ends[1], out=np.zeros(len(ends[0])))
     varying = np.flatnonzero(moved > 0.1 * _SAME * np.maximum(*np.abs(ends)))
-    places, kept = _places(layout, set(varying.tolist()))
-    size = np.abs(expected[:, kept]).max(axis=0, initial=0.0)
-    constants_of = lambda x: constants(x)[kept]  # noqa: E731
-    expected = expected[:, kept]
-    functions = Derived(entries, places, _flat(_constants(first))[kept], [], [])
-    open_ = set(range(len(kept)))
+    places, positions = _places(layout, set(varying.tolist()))
+    size = np.abs(expected[:, positions]).max(axis=0, initial=0.0)
+    constants_of = lambda x: constants(x)[positions]  # noqa: E731
+    expected = expected[:, positions]
+    functions = Derived(entries, places, _flat(_constants(first))[positions], [], [])
+    open_ = set(range(len(positions)))
 
     def verify(terms_of):
         """Keep the polynomials that are right at the parameters for verification."""
@@ -403,16 +403,16 @@ def _places(layout, varying):
 
     A constant changes as a whole: an array in which one number changes is kept with the others.
     """
-    places, kept, begin = {}, [], 0
+    places, positions, begin = {}, [], 0
     for part, shapes in enumerate(layout):
         for k, shape in enumerate(shapes):
             size = int(np.prod(shape))
             range_ = range(begin, begin + size)
             if varying.intersection(range_):
-                places[part, k] = len(kept)
-                kept += range_
+                places[part, k] = len(positions)
+                positions += range_
             begin += size
-    return places, kept
+    return places, positions
 
 
 def configuration(name, entries, functions, dialect, test_values):
@@ -423,9 +423,9 @@ def configuration(name, entries, functions, dialect, test_values):
     name : str
         Prefix of all names.
     entries : tuple of Entry
-    own : Derived
+    functions : Derived
     dialect : Dialect
-    others : ndarray of shape (n_entries,)
+    test_values : ndarray of shape (n_entries,)
         Parameters of the test.
 
     Returns
@@ -460,7 +460,7 @@ def configuration(name, entries, functions, dialect, test_values):
 
     # p holds the scaled parameters, then the number one, for terms with fewer than two parameters
     derive = [_polynomials(functions, dialect, n)] if functions.quadratic else []
-    derive += [_series_text(name, dialect, *one) for one in functions.series]
+    derive += [_series_text(name, dialect, *series) for series in functions.series]
     helper = _CHEBYSHEV.format(t=dialect.type, name=name, one=literal(1.0), two=literal(2.0))
     first = entries[0]
     return {
