@@ -16,7 +16,7 @@ from ._interpreter import Interpreter
 # operations that are allowed on an infinite number
 _OF_INFINITY = {*COMPARISONS, "min", "max", "abs", "neg", "math.fabs", "math.copysign"}
 _LONGEST_TRIAL = 1000  # iterations of a loop: in a trial of a branch it may not terminate
-_FAILED = (ArithmeticError, ValueError, IndexError, KeyError)
+_FAILED = (ArithmeticError, ValueError, IndexError, NameError)
 _LONGEST_RUN = 1_000_000  # operations after the drive, a few seconds
 _LONGEST_SEARCH = 100_000  # operations that lead to further branches, half a second
 _BITS = 44  # of rounded numbers: fewer than the 50 of the program, to find effects of rounding
@@ -46,10 +46,13 @@ class Ranges(Interpreter):
     drive : ndarray of shape (n_samples, n_inputs)
     """
 
+    _first = "Z, L, P, E = self._tables()"
+
     def __init__(self, model, state, drive):
         super().__init__(model, state)
         self.begin = model, state
-        self._seen, self._tried, self._infinite = {}, {}, set()
+        self._names["note"] = self._note
+        self._seen, self._attempted, self._infinite = _Sizes(), _Sizes(), set()
         self._led, self._passed = set(), set()  # branches that samples take, and do not take
         self._sizes, self._is_trial, self._left = self._seen, False, math.inf
         self._is_search = False
@@ -57,17 +60,23 @@ class Ranges(Interpreter):
             self.answer(u)
         self._left = _LONGEST_RUN
 
-    @property
-    def _longest(self):
-        return _LONGEST_TRIAL if self._is_trial else None
+    def answer(self, u):
+        """Return the response to the next sample of a drive, (n_inputs,)."""
+        for x in u:
+            self._note(self._number(None, "u"), float(x))
+        return super().answer(u)
 
     def of(self, step, *key):
         """Return the largest size of a number, None if no sample and no trial computed it."""
-        return self._seen.get((step, *key), self._tried.get((step, *key)))
+        return self.size(self._numbers.get((step, *key)))
+
+    def size(self, number):
+        """Return the largest size of what lines name by a number."""
+        return self._seen.get(number, self._attempted.get(number))
 
     def may_be_infinite(self, step, *key):
         """Whether the number was infinite at a sample or in a trial."""
-        return (step, *key) in self._infinite
+        return self._numbers.get((step, *key)) in self._infinite
 
     @property
     def is_cut(self):
@@ -91,7 +100,9 @@ class Ranges(Interpreter):
     @property
     def passed_by(self):
         """Number of branches that no sample has taken, by the name of the function."""
-        return Counter(part.function.name for (_, part), *_ in self._passed - self._led)
+        places = {number: place for place, number in self._numbers.items()}
+        missed = (places[number] for number in self._passed - self._led)
+        return Counter(part.function.name for (_, part), *_ in missed)
 
     def go_on(self, drive, bits, grows):
         """Run more samples; undo them if the law fails there, or numbers grow too large.
@@ -111,15 +122,15 @@ class Ranges(Interpreter):
             Whether the samples were accepted; if not, the state is unchanged.
         """
         before = self.memory()
-        known, tried = self._seen, self._tried
-        self._sizes = self._seen = {}
-        self._tried = dict(tried)
+        known, tried = self._seen, self._attempted
+        self._sizes = self._seen = _Sizes()
+        self._attempted = _Sizes(tried)
         try:
             fits = all(self._left <= 0 or math.isfinite(self.answer(u)) for u in drive)
         except _FAILED:
             fits = False
-        new, self._seen = self._seen, dict(known)
-        self._tried = {**self._tried, **tried}
+        new, self._seen = self._seen, _Sizes(known)
+        self._attempted.update(tried)
         for key, size in new.items():
             if size and known.get(key):
                 fits = fits and exponent(size) <= exponent(known[key]) + bits
@@ -132,101 +143,125 @@ class Ranges(Interpreter):
 
     def memory(self):
         """Return a copy of the state, for :meth:`restore`."""
-        seen, tried = dict(self._seen), dict(self._tried)
+        seen, tried = _Sizes(self._seen), _Sizes(self._attempted)
         sets = (set(places) for places in (self._infinite, self._led, self._passed))
         return self._state.copy(), seen, tried, *sets
 
     def restore(self, memory):
         """Restore the state of a :meth:`memory`, except for the number of operations left."""
-        self._state[:], self._seen, self._tried, *sets = memory
+        self._state[:], self._seen, self._attempted, *sets = memory
         self._infinite, self._led, self._passed = sets
         self._sizes = self._seen
 
     def keep(self, places):
         """Discard all branches but those of the program."""
-        self._led &= places
-        self._passed &= places
+        numbers = {self._number(*place) for place in places}
+        self._led &= numbers
+        self._passed &= numbers
 
     def reset_branches(self, led):
         """Reset the branches that are taken to another set; the others count as not taken."""
         self._passed |= self._led - led
         self._led = led
 
-    def _noted(self, *key):
-        def note(value):
-            size, sizes = abs(value), self._sizes
-            if size < math.inf:
-                if size > sizes.get(key, -1.0):
-                    sizes[key] = float(size)
-            else:
-                sizes.setdefault(key, 0.0)
-                if size == math.inf:
-                    self._infinite.add(key)
-            return value
+    def _tables(self):
+        """Return sizes, and the branches taken, not to try again, and to note one in."""
+        passed = self._passed if self._is_search else ()
+        return self._sizes, self._led, passed, self._passed if self._is_trial else self._led
 
-        return note
+    def _noted(self, name, *key, operands=()):
+        number, more = self._number(*key), "".join(f", {x}" for x in operands)
+        return f"if not abs({name}) <= Z[{number}]: note({number}, {name}{more})"
 
-    def _try(self, work, env, place):
-        """Do some work on a copy of the variables, unless a sample has taken that branch."""
-        if place in self._led or (self._is_search and place in self._passed):
+    def _note(self, number, value, *operands):
+        """Note a number that is larger than before, or not finite."""
+        size, sizes = abs(value), self._sizes
+        if size < math.inf:
+            sizes[number] = max(float(size), sizes[number])
             return
-        self._passed.add(place)
-        before, self._sizes, self._is_trial = (self._sizes, self._is_trial), self._tried, True
+        if operands and not self._is_trial:
+            _, part, _ = next(key for key, own in self._numbers.items() if own == number)
+            self._check(part.function.name, *operands)
+        sizes.setdefault(number, 0.0)
+        if size == math.inf:
+            self._infinite.add(number)
+
+    def _noted_state(self, name, step):
+        return f"self._note_state({self._number(step, 's')}, {name})"
+
+    def _note_state(self, number, state):
+        ends = min(state, default=0.0), max(state, default=0.0)
+        for x in ends if math.isfinite(ends[1] - ends[0]) else state:
+            self._note(number, x)
+
+    def _checked(self, op, name, part):
+        own = part.function.name
+        return None if op in _OF_INFINITY else f"if {name} - {name}: self._check({own!r}, {name})"
+
+    def _check(self, function, *operands):
+        if not self._is_trial and any(map(math.isinf, operands)):
+            raise ValueError(
+                f"'{function}' computes with an infinite number, which has no form in integers."
+            )
+
+    def _entered(self, place):
+        return f"E.add({self._number(*place)})"
+
+    def _tried(self, place, trial):
+        number = self._number(*place)
+        known = f"{number} in L or {number} in P"
+        return f"if not ({known}): self._try({number}, {trial()}, locals())"
+
+    def _try(self, number, trial, variables):
+        """Run a branch that no sample has taken."""
+        self._passed.add(number)
+        before, self._sizes, self._is_trial = (self._sizes, self._is_trial), self._attempted, True
         try:
-            work({k: x.copy() if isinstance(x, np.ndarray) else x for k, x in env.items()})
+            self._run_trial(trial, variables)
         except _FAILED:
             pass
         finally:
             self._sizes, self._is_trial = before
 
-    def _enter_branch(self, place):
-        (self._passed if self._is_trial else self._led).add(place)
+    def _counted(self, n):
+        return f"self._left -= {n}" if n else None
 
-    def _checked(self, op, frame):
-        def check(*values):
-            self._left -= 1
-            if not (self._is_trial or is_allowed) and any(map(math.isinf, values)):
-                raise ValueError(
-                    f"'{frame[1].function.name}' computes with an infinite number, which has no "
-                    "form in integers."
-                )
-            return values[0]
+    def _turns(self):
+        return range(_LONGEST_TRIAL) if self._is_trial else super()._turns()
 
-        is_allowed = op in _OF_INFINITY
-        return check
+
+class _Sizes(dict):
+    """Largest sizes by number, -1 where there is none yet."""
+
+    def __missing__(self, number):
+        return -1.0
 
 
 class _Rounded(Interpreter):
     """Run a model with saturating numbers of few bits, scaled to the sizes that were seen."""
 
+    _first = "E = self.taken_branches"
+
     def __init__(self, ranges, spare):
         super().__init__(*ranges.begin)
-        self._ranges, self._spare = ranges, spare
-        self._run = 0  # in which sizes do not change
+        self._numbers, self._units = ranges._numbers, _Units(ranges)
+        self._most = 2.0 ** (_BITS + spare)
+        self._names |= {"U": self._units, "far": self._far}
         self.taken_branches = set()  # branches that samples have taken
 
-    def _stored(self, step, *key):
-        if not key:
-            return None
-        most, run, up, down = 2.0 ** (_BITS + self._spare), None, math.nan, math.nan
+    def _stored(self, name, *key):
+        number = self._number(*key)
+        near = f"-{self._most!r} <= {name} / U[{number}] <= {self._most!r}"
+        rounded = f"round({name} / U[{number}]) * U[{number}]"
+        return f"{name} = {rounded} if {near} else far({name}, U[{number}])"
 
-        def stored(value):
-            nonlocal run, up, down
-            if run != self._run:
-                run, size = self._run, self._ranges.of(step, *key)
-                last = max(exponent(size) - _BITS, -1000) if size else math.nan
-                up, down = 2.0**-last, 2.0**last
-            count = value * up
-            if -most <= count <= most:
-                return round(count) * down
-            # a number without a size, not finite, or too large
-            kept = math.isnan(up) or not math.isfinite(value)
-            return value if kept else math.copysign(most * down, value)
+    def _far(self, value, unit):
+        """Return a number without a size, not finite, or too large."""
+        kept = math.isnan(unit) or not math.isfinite(value)
+        return value if kept else math.copysign(self._most * unit, value)
 
-        return stored
-
-    def _enter_branch(self, place):
-        self.taken_branches.add(place)
+    def _entered(self, place):
+        return f"E.add({self._number(*place)})"
 
     def memory(self):
         """Return a copy of the state, for :meth:`restore`."""
@@ -239,7 +274,7 @@ class _Rounded(Interpreter):
     def agrees(self, drive, outputs, allowed):
         """Run a drive and return whether the responses are these; if not, nothing has changed."""
         before = self.memory()
-        self._run += 1
+        self._units.clear()  # of sizes that may have changed
         try:
             agrees = all(
                 abs(self.answer(u) - y) <= allowed for u, y in zip(drive, outputs, strict=True)
@@ -249,6 +284,18 @@ class _Rounded(Interpreter):
         if not agrees:
             self.restore(before)
         return agrees
+
+
+class _Units(dict):
+    """Last digits of rounded numbers, NaN where a number has no size."""
+
+    def __init__(self, ranges):
+        self._ranges = ranges
+
+    def __missing__(self, number):
+        size = self._ranges.size(number)
+        self[number] = 2.0 ** max(exponent(size) - _BITS, -1000) if size else math.nan
+        return self[number]
 
 
 def explore(ranges, counts, units, spare, answers):

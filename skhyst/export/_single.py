@@ -18,13 +18,13 @@ class _Single(Interpreter):
     def __init__(self, model, state, tuned, only=None):
         super().__init__(model, state, np.float32(tuned))
         self._only = only
+        self._names["float32"] = np.float32
 
-    def _stored(self, step, *key):
-        return _single if self._only in (None, step) else None
+    def _stored(self, name, step, *key):
+        return f"{name} = float(float32({name}))" if self._only in (None, step) else None
 
-
-def _single(value):
-    return float(np.float32(value))
+    def _constant(self, value, step):
+        return float(np.float32(value)) if self._only in (None, step) else value
 
 
 def check_single(model, state, drive, outputs, span, tolerance, tuned=()):
