@@ -36,7 +36,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from bench_stepping import C_LIMIT, PLAYS, in_c, told
+from bench_stepping import C_LIMIT, PLAYS, formatted, in_c
 
 from skhyst.control import FeedforwardPI
 from skhyst.export import EmulatedController, program_sizes, to_c, to_fmu, to_structured_text
@@ -499,7 +499,7 @@ def main():
         "emulated": lambda: check_controllers(every),
         "structured-text": lambda: check_structured_text(every),
         "speed": lambda: print(
-            f"20 plays in C: {told(in_c(PLAYS, options.samples, 7), 'ns', C_LIMIT)} a sample"
+            f"20 plays in C: {formatted(in_c(PLAYS, options.samples, 7), 'ns', C_LIMIT)} a sample"
         ),
     }
     for check in [options.only] if options.only else CHECKED:

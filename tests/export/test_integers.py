@@ -7,6 +7,7 @@ import subprocess
 
 import numpy as np
 import pytest
+from c_programs import FLAGS
 
 from skhyst.export import to_c
 from skhyst.export._fixed import Fixed, FixedPrinter
@@ -15,10 +16,6 @@ from skhyst.hysteresis import BacklashOperator, SlewLimitOperator
 from skhyst.linear import SecondOrderModeOperator
 from skhyst.operators import CompiledLaw, Stepper
 
-FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror", "-pedantic") + (
-    "-fsanitize=address,undefined",
-    "-fno-sanitize-recover=all",
-)
 NEEDS_COMPILER = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
 MOST = 2**62
 
