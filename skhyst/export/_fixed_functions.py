@@ -165,9 +165,19 @@ static int64_t {n}(int64_t a, int32_t fa, int32_t f)
 }}
 """,
     "expm1": """\
+/* near zero a (1 + a / 2 + a^2 / 6 + ...), with the digits of a */
 static int64_t {n}(int64_t a, int32_t fa, int32_t f)
 {{
+    const int64_t one = {TWO_60};
     const int32_t g = f > 60 ? 60 : f < 0 ? 0 : f;
+    const int64_t r = {moved}(a, fa, 60);
+    if (r > -one / 2 && r < one / 2) {{
+        int64_t y = one;
+        for (int32_t i = {TERMS}; i > 1; i--) {{
+            y = one + {product}(r, y, 60) / i;
+        }}
+        return {moved}({product}(a, y, 60), fa, f);
+    }}
     return {moved}({exp}(a, fa, g) - {two_to}(g), g, f);
 }}
 """,

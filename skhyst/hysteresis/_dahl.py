@@ -32,21 +32,23 @@ def dahl_step(w, u0, u1, dt, values):
         sign = 1.0 if change > 0.0 else -1.0
         path = min(abs(change) / x_c, _LONGEST)
         gap = max(1.0 - sign * w, 0.0)
+        # the part of the gap that closes, and w by its change, which keep the digits of small ones
         if exponent == 1.0:
-            by_w = math.exp(-path)
-            gap *= by_w
-            slope = gap
+            closed = -math.expm1(-path)
+            by_w = 1.0 - closed
+            slope = gap * by_w
         else:
             power = exponent - 1.0
-            # for power < 0 a gap of zero gives an infinite, negative base: the force is saturated
-            base = 1.0 + power * gap**power * path
-            if base > 0.0:
-                gap *= base ** (-1.0 / power)
-                by_w = base ** (-exponent / power)
-                slope = gap**exponent
+            # for power < 0 a gap of zero gives infinity below zero: the force is saturated
+            rise = power * gap**power * path
+            if rise > -1.0:
+                steps = math.log1p(rise) / power
+                closed = -math.expm1(-steps)
+                by_w = math.exp(-exponent * steps)
+                slope = (gap * (1.0 - closed)) ** exponent
             else:
-                gap = by_w = slope = 0.0
-        w = sign - sign * gap
+                closed, by_w, slope = 1.0, 0.0, 0.0
+        w = min(max(w + sign * gap * closed, -1.0), 1.0)
         by_x_c = -sign * slope * path / x_c
     slope /= x_c
     drag = damping / dt

@@ -12,7 +12,7 @@ from c_programs import FLAGS
 from skhyst.export import to_c
 from skhyst.export._fixed import Fixed, FixedPrinter
 from skhyst.fluid import TankChainOperator
-from skhyst.hysteresis import BacklashOperator, SlewLimitOperator
+from skhyst.hysteresis import BacklashOperator, DahlOperator, SlewLimitOperator
 from skhyst.linear import SecondOrderModeOperator
 from skhyst.operators import CompiledLaw, Stepper
 
@@ -141,6 +141,7 @@ def test_a_slew_limit_is_right_for_a_drive_faster_than_that_of_the_fit(tmp_path,
         SlewLimitOperator(30.0),
         BacklashOperator(0.2),
         SecondOrderModeOperator(200.0, 0.1),
+        DahlOperator(1e11, 1e11),  # far below sliding
         # the drive of the test fills it, only a larger one makes it overflow
         TankChainOperator([0.11, 0.23], [0.5, 0.7], [1.07, 1.13], [0.7], drive_offset=-0.37),
     ],

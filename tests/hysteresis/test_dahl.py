@@ -33,6 +33,14 @@ EXPONENTS = [0.5, 1.0, 1.7, 3.0]
 
 
 @pytest.mark.parametrize("exponent", EXPONENTS)
+def test_far_below_sliding_it_is_a_spring_to_the_last_digits(exponent):
+    """As where data do not reach sliding: force and displacement are large, their ratio is not."""
+    u = np.random.default_rng(0).normal(size=50)
+    y, _ = DahlOperator(1e11, 3e11, exponent=exponent).run(u, 1.0)
+    np.testing.assert_allclose(y, 3.0 * u, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("exponent", EXPONENTS)
 @pytest.mark.parametrize("change", [-2.0, -0.1, 1e-6, 0.3, 1.9])
 @pytest.mark.parametrize("w", [-0.95, 0.0, 0.6])
 def test_closed_form_solves_the_equation(exponent, change, w):
