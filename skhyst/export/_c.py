@@ -15,7 +15,7 @@ from ._content import Source, answers, legend, watched_ends
 from ._fixed import MARGIN, Fixed, FixedPrinter, boundary
 from ._model import model_step
 from ._printer import Dialect, Printer
-from ._ranges import Ranges, explore, limits
+from ._ranges import Ranges, check_fast, explore, limits
 from ._reach import reachable
 from ._tunable import configuration
 from ._values import TAKEN
@@ -368,7 +368,8 @@ def to_c(
     ValueError
         If the model's law is outside the part of Python that can be written in C, with file and
         line; see :class:`~skhyst.operators.CompiledStep`. If it cannot be written in integers, or
-        single precision is not sufficient: if its error in the test exceeds the tolerance. If a
+        its numbers have too few digits for fast drives, or single precision is not sufficient: if
+        its error in the test exceeds the tolerance. If a
         tunable parameter is none, or changes the structure of the program.
 
     See Also
@@ -729,7 +730,9 @@ def _in_integers(stepper, common, drive, units):
     step = model_step(stepper.compiled_step, with_numbers=True)
     step = reachable(step, stepper.state, limits(counts)[0] * units[0])
     ranges = Ranges(step, stepper.state, counts * units[0])
-    counts, ends = explore(ranges, counts, units, MARGIN, lambda u: answers(stepper, u))
+    own, more = counts, (units, MARGIN, lambda u: answers(stepper, u))
+    counts, ends = explore(ranges, own, *more)
+    check_fast(ranges, own, *more)
     printer = _reserve(FixedPrinter(common["name"], Fixed(), ranges=ranges))
     body, first = boundary(printer, step, stepper, ends, units)
     n_inputs = stepper.compiled_step.n_inputs

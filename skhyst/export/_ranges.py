@@ -19,7 +19,8 @@ _LONGEST_TRIAL = 1000  # iterations of a loop: in a trial of a branch it may not
 _FAILED = (ArithmeticError, ValueError, IndexError, NameError)
 _LONGEST_RUN = 1_000_000  # operations after the drive, a few seconds
 _LONGEST_SEARCH = 100_000  # operations that lead to further branches, half a second
-_BITS = 44  # of rounded numbers: fewer than the 50 of the program, to find effects of rounding
+_BITS = 50  # of the numbers of the program
+_FEWER = 44  # to find effects of rounding
 _BEYOND = (16, 8, 4, 2)  # multiples of the largest input of the drive at which input is limited
 _REST = 100  # samples
 _PARTS = (1.0, 1 / 16, 1 / 256)  # fractions of the drive's range
@@ -238,14 +239,14 @@ class _Sizes(dict):
 
 
 class _Rounded(Interpreter):
-    """Run a model with saturating numbers of few bits, scaled to the sizes that were seen."""
+    """Run a model with saturating numbers of some bits, scaled to the sizes that were seen."""
 
     _first = "E = self.taken_branches"
 
-    def __init__(self, ranges, spare):
+    def __init__(self, ranges, bits, spare):
         super().__init__(*ranges.begin)
-        self._numbers, self._units = ranges._numbers, _Units(ranges)
-        self._most = 2.0 ** (_BITS + spare)
+        self._numbers, self._units = ranges._numbers, _Units(ranges, bits)
+        self._most = 2.0 ** (bits + spare)
         self._names |= {"U": self._units, "far": self._far}
         self.taken_branches = set()  # branches that samples have taken
 
@@ -289,12 +290,12 @@ class _Rounded(Interpreter):
 class _Units(dict):
     """Last digits of rounded numbers, NaN where a number has no size."""
 
-    def __init__(self, ranges):
-        self._ranges = ranges
+    def __init__(self, ranges, bits):
+        self._ranges, self._bits = ranges, bits
 
     def __missing__(self, number):
         size = self._ranges.size(number)
-        self[number] = 2.0 ** max(exponent(size) - _BITS, -1000) if size else math.nan
+        self[number] = 2.0 ** max(exponent(size) - self._bits, -1000) if size else math.nan
         return self[number]
 
 
@@ -327,7 +328,7 @@ def explore(ranges, counts, units, spare, answers):
         Limits of the input.
     """
     unit, allowed = units[0], 0.25 * units[1]  # a quarter of the tolerance of the test
-    drive, rounded = unit * counts, _Rounded(ranges, spare)
+    drive, rounded = unit * counts, _Rounded(ranges, _FEWER, spare)
     rounded.agrees(drive, answers(drive), math.inf)
     ranges.reset_branches(set(rounded.taken_branches))
     *wider, (low, high) = limits(counts)
@@ -389,6 +390,32 @@ def explore(ranges, counts, units, spare, answers):
     return counts, ends
 
 
+def check_fast(ranges, counts, units, spare, answers):
+    """Raise a ValueError if the numbers of a program have too few digits for fast drives.
+
+    Its response to jumps and random values within the range of the drive is to be right to a unit
+    of output, or to twice the change of the Python model's under a rounding of the input.
+    Parameters are those of :func:`explore`.
+    """
+    ends = counts.min(axis=0), counts.max(axis=0)
+    drive = units[0] * np.append(_jumps(*ends), _noise(*ends), axis=0)
+    rounding = 2.0**-_BITS * (1.0 - 2.0 * (np.arange(len(drive)) % 2))[:, None]
+    expected, *moved = (answers(drive * (1.0 + sign * rounding)) for sign in (0, 1, -1))
+    allowed = max(units[1], 2.0 * np.abs(np.subtract(moved, expected)).max())
+    exact = _Rounded(ranges, _BITS, spare)
+    try:
+        error = np.abs([exact.answer(u) for u in drive] - expected).max()
+    except _FAILED:
+        error = math.inf
+    if np.isfinite(expected).all() and not error <= allowed:
+        raise ValueError(
+            "Integers cannot hold the response to fast drives: it is wrong by "
+            f"{error / units[1]:.3g} units of output. The parameters may be far from what the data "
+            "determine (see 'identifiability_'). The 'output_unit' must be larger, or the 'dtype' "
+            "'float64'."
+        )
+
+
 def limits(counts):
     """Return possible limits of the input (2, n_inputs), from the widest to the drive's own."""
     low, high = counts.min(axis=0), counts.max(axis=0)
@@ -401,6 +428,11 @@ def limits(counts):
 def _jumps(low, high, part=1.0):
     """Return rows of jumps between the ends."""
     return _rows(0.5 + part * (np.array(_JUMPS) - 0.5), low, high)
+
+
+def _noise(low, high):
+    """Return rows of random values."""
+    return _rows(np.random.default_rng(0).random(_REST), low, high)
 
 
 def _rows(levels, low, high):
@@ -420,7 +452,7 @@ def _searches(low, high, n_states):
         yield np.clip(_rows(np.full(len(nudges), level), low, high) + nudges, low, high)
     ramp = np.linspace(0.0, 1.0, _REST)
     yield _rows(np.append(ramp, ramp[::-1]), low, high)
-    yield _rows(np.random.default_rng(0).random(_REST), low, high)
+    yield _noise(low, high)
     yield _rows(np.repeat([1.0, 0.0], 2 * _REST), low, high)
     fades = np.append(np.linspace(0.0, 1.0, _REST), np.linspace(1.0, 0.0, n_states + 2))
     yield _rows(0.5 + 0.5 * fades * (-1.0) ** np.arange(len(fades)), low, high)

@@ -556,6 +556,11 @@ def of_secrets(u, c, s):
     return u
 
 
+def of_large(u, c, s):
+    """Cancel, far beyond the digits of integers."""
+    return (u + 1e13) - 1e13
+
+
 def of_infinity(u, c, s):
     """Compute with what is no number."""
     s[0] = math.inf
@@ -567,6 +572,7 @@ def of_infinity(u, c, s):
     [
         (of_angles, "'atan' in 'of_angles'"),
         (of_secrets, "lead through all branches of 'of_secrets'"),
+        (of_large, r"cannot hold the response to fast drives: .* by 7\.\d* units"),
         (of_infinity, "'of_infinity' computes with an infinite number"),
     ],
 )
