@@ -330,8 +330,9 @@ def to_c(
         the fixed point of each number is chosen so that it can hold 4096 times the largest value
         under this drive and under jumps between its ends. Input is limited to up to 16 times its
         largest value, as far as numbers can hold the response to jumps from there. The test
-        continues with these jumps, with rests and with limited input, where responses do not depend
-        on rounding, and prints how many branches of the law it takes.
+        begins with a sample at ``u0`` and continues with these jumps, with rests and with limited
+        input, where responses do not depend on rounding, and prints how many branches of the law
+        it takes.
     input_unit, output_unit : float or str, optional
         For ``"int32"`` numbers: the input (the same for all inputs) and the output that correspond
         to the integer 1. Else names of units, such as ``"V"``, for the header; of several inputs
@@ -495,7 +496,7 @@ def program(
     lines = [f"{place}: {signal}" for place, signal in zip(places, signals, strict=True)]
     if is_whole:
         units = _units(drive, *units)
-        drive, begins_at = own.inputs(drive), False
+        drive, begins_at = np.append(own.rest, own.inputs(drive), axis=0), False
     else:
         expected = own.tested(drive)
         drive, begins_at = expected.drive, expected.rules is not None

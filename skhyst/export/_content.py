@@ -87,6 +87,11 @@ class Source:
             level = float(level[0])
         return self._made(model, level)[0]
 
+    @property
+    def rest(self):
+        """One sample (1, n_inputs) at which the device rests."""
+        return _at(self.u0, 1, self.n_inputs)
+
     def inputs(self, drive):
         """Return a drive of the test (n_samples, n_inputs), the default one for None."""
         if drive is not None:
@@ -139,7 +144,7 @@ class Source:
             for (stepper, own), y in zip(runs, outputs, strict=True):
                 check_single(self.step, stepper.state, drive, y, span, tolerance, own)
         last = self.stepper.output
-        last = answers(self.stepper, _at(self.u0, 1, self.n_inputs))[0] if last is None else last
+        last = answers(self.stepper, self.rest)[0] if last is None else last
         return Expected(drive, outputs, span, tolerance, last, rules, ends, level, values)
 
     def _rounded(self, drive, runs, outputs, number):

@@ -20,6 +20,7 @@ MARGIN = 12  # bits by which a number may exceed its largest value under the dri
 _EXACT = 52  # bits of the mantissa of a double after the first
 _MOST = 2**62  # represents infinity
 _LONGEST = 126  # largest shift of a product or quotient
+_OF_UPPER, _OF_LOWER = {"<": "<=", ">=": ">"}, {">": ">=", "<=": "<"}
 _OF_ONE = ("cos", "exp", "expm1", "log", "log1p", "sin", "tanh")
 
 
@@ -232,7 +233,7 @@ class FixedText(FunctionText):
             self._has(x, *range(1, len(x.args)))
         if x.op in COMPARISONS and x.args[0].kind == "real":
             f = self._common(*x.args)
-            symbol, binding = SYMBOLS[x.op]
+            symbol, binding = SYMBOLS[_exact_comparison(x, f)]
             a, b = (self._bracketed(y, f, 5, True) for y in x.args)
             return f"{a} {symbol} {b}", binding
         if x.op == "cast" and x.args[0].kind == "real":
@@ -403,6 +404,18 @@ class FixedText(FunctionText):
         fa, fb = self._common(a), min(max(self._common(b), 0), _BITS)
         texts = self._fitted(a, fa)[0], self._fitted(b, fb)[0]
         return self._helper("pow", *texts, fa, fb, f), ATOM
+
+
+def _exact_comparison(x, f):
+    """Return the comparison of numbers of ``f`` digits that zero passes as it does in Python.
+
+    That differs from the one of real numbers where a constant is rounded to zero.
+    """
+    known = [k for k, y in enumerate(x.args) if y.value and abs(y.value) < 0.5 ** (f + 1)]
+    if len(known) != 1:
+        return x.op
+    is_upper = (x.args[known[0]].value > 0.0) == (known[0] == 1)  # of the other number
+    return (_OF_UPPER if is_upper else _OF_LOWER).get(x.op, x.op)
 
 
 def boundary(printer, model, stepper, ends, units):
