@@ -17,8 +17,8 @@ from ._interpreter import Interpreter
 _OF_INFINITY = {*COMPARISONS, "min", "max", "abs", "neg", "math.fabs", "math.copysign"}
 _LONGEST_TRIAL = 1000  # iterations of a loop: in a trial of a branch it may not terminate
 _FAILED = (ArithmeticError, ValueError, IndexError, NameError)
-_LONGEST_RUN = 1_000_000  # operations after the drive, a few seconds
-_LONGEST_SEARCH = 500_000  # operations that lead to further branches, half a second
+_LONGEST_RUN = 1_000_000  # operations after the drive, a second
+_LONGEST_SEARCH = 200_000  # operations that lead to further branches, a fifth of a second
 _BITS = 50  # of the numbers of the program
 _FEWER = 44  # to find effects of rounding
 _BEYOND = (16, 8, 4, 2)  # multiples of the largest input of the drive at which input is limited
