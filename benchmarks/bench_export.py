@@ -232,11 +232,12 @@ def devices():
     from sklearn.tree import DecisionTreeRegressor
 
     from skhyst.autoregressive import NARMAXRegressor, NARXRegressor
-    from skhyst.compose import Cascade
+    from skhyst.compose import Cascade, ModalFeedback, Modulated
     from skhyst.control import InverseCompensator, Observer
     from skhyst.hysteresis import BoucWen, Dahl, DahlOperator, PrandtlIshlinskii
     from skhyst.linear import FirstOrderLag, LogCreep, SecondOrderMode
     from skhyst.neural import GrayBoxHysteresis, SCNRegressor
+    from skhyst.static import UnknownTerm
 
     rng, dt = np.random.default_rng(4), 1e-3
     n = 600
@@ -251,6 +252,9 @@ def devices():
         "cascade of plays and creep": Cascade([("p", PrandtlIshlinskii(5)), ("c", LogCreep())]),
         "cascade of plays and mode": Cascade(
             [("p", PrandtlIshlinskii(5)), ("m", SecondOrderMode())]
+        ),
+        "cascade of plays, creep and mode": Cascade(
+            [("p", PrandtlIshlinskii(5)), ("c", LogCreep()), ("m", SecondOrderMode())]
         ),
         "Bouc-Wen": BoucWen(),
         "friction": Dahl(),
@@ -279,6 +283,12 @@ def devices():
     }
     for name, model in regressors.items():
         yield name, model.set_params(dt=dt).fit(X, y), u[:300]
+    yield "unknown term", UnknownTerm().fit(X, y), u[:300]
+    modal = ModalFeedback(1, n_loops=1, dt=dt)
+    yield "modal feedback", modal.fit(X, y[:, None]), X[:300]
+    loaded = np.stack([u, np.roll(u, 97)], axis=1)
+    of_load = Modulated(Cascade([("p", PrandtlIshlinskii(5)), ("l", FirstOrderLag(dt=dt))]))
+    yield "modulated", of_load.fit(loaded, y * (1.0 + 0.1 * loaded[:, 1])), loaded[:300]
 
 
 def any_drives(u):
