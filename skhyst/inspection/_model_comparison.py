@@ -17,6 +17,7 @@ estimated from the record is compared where it helps the mode, which is near to 
 
 import math
 import warnings
+from collections import deque
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple, Self
@@ -216,11 +217,15 @@ class _Score(NamedTuple):
 
 
 def _each_scored(models, score, report_progress):
-    """Return the scores by name. The last models take longest: they begin, for the time left."""
-    found = {}
-    for done, (name, (model, _)) in enumerate(reversed(models.items())):
+    """Return the scores by name.
+
+    The last models take longest: both ends in turn have a mean time that holds for the rest.
+    """
+    names, found = deque(models), {}
+    for done in range(len(models)):
+        name = names.pop() if done % 2 else names.popleft()
         report_progress("", None, name, done, len(models))
-        found[name] = score(model)
+        found[name] = score(models[name][0])
     report_progress("", None, "", len(models), len(models))
     return {name: found[name] for name in models}
 

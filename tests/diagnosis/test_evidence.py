@@ -17,6 +17,8 @@ from skhyst.diagnosis import (
     register_effect,
     unregister_effect,
 )
+from skhyst.diagnosis._claim import Claim
+from skhyst.diagnosis._evidence import gather_evidence
 from skhyst.disturbance import Drift
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import (
@@ -26,7 +28,7 @@ from skhyst.linear import (
     Gain,
     SecondOrderMode,
 )
-from skhyst.records import stack_records
+from skhyst.records import Units, stack_records
 
 SEED = 9000
 IN_MOTION = ["hysteresis", "backlash", "friction", "cubic_stiffness", "slew_limit"]
@@ -62,6 +64,21 @@ def assert_near(number, truth, relative):
     """Check that a number is within six standard errors of the truth, or a small part of it."""
     value, std, _ = number
     assert abs(value - truth) <= np.nanmax([6.0 * std, relative * abs(truth)]), (value, std, truth)
+
+
+def test_what_helps_only_together_with_others_is_said(monkeypatch):
+    for name, made in (("_numbers", {}), ("draw", None)):
+        monkeypatch.setattr(f"skhyst.diagnosis._evidence.{name}", lambda claim, made=made: made)
+    claim = Claim(Effect("own", list, "A law.", ""), None, None, (), (), Units())
+
+    def said(after, later):
+        return gather_evidence(claim, 1.0, after, later).statement
+
+    assert said(0.5, ["lag"]).endswith(
+        "removes 75.0 % of the power of the held-out residual of the model without it or lag."
+    )
+    assert said(1.01, ["lag", "creep"]).endswith("only together with lag and creep.")
+    assert "removes 0.0 %" in said(1.0, [])
 
 
 @pytest.mark.parametrize("effect", [slow_but_few(effect) for effect in plants.EFFECTS])

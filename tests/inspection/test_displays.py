@@ -285,6 +285,13 @@ def test_legends_stand_beside_the_data(display_class):
     for ax in np.ravel(display.ax_):
         for legend in filter(None, legends):
             assert not ax.get_window_extent().overlaps(legend.get_window_extent())
+    narrow = pyplot.figure(figsize=(4.8, 4.0), layout="constrained")
+    display.plot(ax=narrow.subplots(*np.shape(display.ax_) or (1, 1)))
+    narrow.canvas.draw()
+    (legend,) = narrow.legends
+    assert not any(
+        ax.get_window_extent().overlaps(legend.get_window_extent()) for ax in narrow.axes
+    )
 
 
 def test_names_are_no_formulas():

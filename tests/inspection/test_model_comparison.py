@@ -134,11 +134,11 @@ def test_a_model_that_cannot_be_fitted_has_no_error():
     assert np.isnan(found.table.loc["broken", "error"])
     assert str(found).splitlines()[1].split() == ["broken", "failed"]
     assert [(step.trying, step.done, step.total) for step in seen] == [
-        ("gain", 0, 2),
-        ("broken", 1, 2),
+        ("broken", 0, 2),
+        ("gain", 1, 2),
         ("", 2, 2),
     ]
-    assert str(seen[0]) == "comparing models: gain (0 of 2)"
+    assert str(seen[0]) == "comparing models: broken (0 of 2)"
     with pytest.raises(RecordError, match="no"):
         compare_models(*recording("gain"), {"broken": Broken()})
 
