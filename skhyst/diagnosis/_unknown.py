@@ -184,7 +184,8 @@ class Unknown:
         <stage>"``, ``"gain of the response"``, ``"stiffness of <stage>"`` or ``"damping of
         <stage>"``.
     argument : str
-        What it is a function of, such as ``"rate of the drive"``; for a force ``"displacement"`` or
+        What it is a function of, such as ``"rate of the drive"`` or ``"memory of <stage>"``, the
+        hysteretic part of its output; for a force ``"displacement"`` or
         ``"velocity"``, from rest, in the direction of the drive.
     curve : DataFrame
         The function over the observed range of its argument: ``argument`` (in its own units, those

@@ -130,7 +130,7 @@ class HeldInput(Operator):
 
     def __post_init__(self):
         super().__post_init__()
-        if self.hold not in self.holds and "hold" in vars(self):  # a field of its own
+        if "hold" in vars(self) and self.hold not in self.holds:  # a field of its own
             self._require("hold", False, f"be {' or '.join(map(repr, self.holds))}")
 
     @property
