@@ -21,7 +21,16 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 LAYERS = (  # from the bottom: a module imports from its own layer and those before it
-    ("__init__", "_documentation", "_files", "_jit", "_progress", "_sizes", "_sklearn", "exceptions"),
+    (
+        "__init__",
+        "_documentation",
+        "_files",
+        "_jit",
+        "_progress",
+        "_sizes",
+        "_sklearn",
+        "exceptions",
+    ),
     ("noise",),
     ("io",),
     ("records", "_validation"),
