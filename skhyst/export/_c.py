@@ -98,6 +98,30 @@ uint32_t ${name}_status(const ${name}_state *state)
 {
 $conditions}
 """)
+# Functions that the library of AVR lacks, by Kahan's formulas: the logarithm of a rounded value
+# cancels its rounding error.
+_OF_AVR = {
+    "expm1": """
+static $t expm1$f($t a)
+{
+    const $t x = exp$f(a);
+    if (x == $one) {
+        return a;
+    }
+    return (x < $half || x > $two) ? x - $one : (x - $one) * a / log$f(x);
+}
+""",
+    "log1p": """
+static $t log1p$f($t a)
+{
+    const $t x = $one + a;
+    if (x == $one) {
+        return a;
+    }
+    return (x < $half || x > $two) ? log$f(x) : log$f(x) * a / (x - $one);
+}
+""",
+}
 _TEST = Template("""\
 /* Test of $name.c: returns 0 if its outputs agree with those of the Python model. */
 #include <math.h>
@@ -615,7 +639,7 @@ def _texts(common, printer, inputs, outputs):
     name, double = common["name"], DIALECTS["float64"]
     common |= {
         "tables": "".join(f"{text}\n" for _, text in printer.tables.values()),
-        "functions": "\n".join(printer.texts),
+        "functions": _of_avr(printer) + "\n".join(printer.texts),
         "n_samples": len(outputs),
         "inputs": "".join(f"    {{{row}}},\n" for row in inputs),
         "outputs": "".join(f"    {double.literal(y)},\n" for y in outputs),
@@ -625,6 +649,22 @@ def _texts(common, printer, inputs, outputs):
         f"{name}.c": _SOURCE.substitute(common),
         f"{name}_test.c": _TEST.substitute(common),
     }
+
+
+def _of_avr(printer):
+    """Return the functions of a program that the library of AVR lacks, compiled for AVR alone."""
+    dialect = printer.dialect
+    numbers = {word: dialect.literal(x) for word, x in (("half", 0.5), ("one", 1.0), ("two", 2.0))}
+    texts = [
+        Template(text).substitute(numbers, t=dialect.type, f=dialect.suffix)
+        for word, text in _OF_AVR.items()
+        if any(re.search(rf"\b{word}{dialect.suffix}\(", own) for own in printer.texts)
+    ]
+    return (
+        "\n".join(["#ifdef __AVR__", *(t.strip("\n") for t in texts), "#endif", "", ""])
+        if texts
+        else ""
+    )
 
 
 _ARGS = ("u", "state->s", "state->k")  # of the step of a model
