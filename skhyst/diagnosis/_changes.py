@@ -432,15 +432,16 @@ class InStages:
 
 @dataclass(frozen=True)
 class ParallelForce:
-    """A force in parallel with those of a force model, whose drive is the measured motion."""
+    """A force in parallel with those of a force model, or with a gain, of the measured motion."""
 
     model: object
+    beside = DynamicStiffnessOperator, CoulombFrictionOperator, GainOperator
 
     def trees(self, name, scene):
         tree, found = scene.tree, []
         for at, (place, operator) in enumerate(tree.stages):
             parts = operator.stages if isinstance(operator, SumOperator) else (operator,)
-            if not isinstance(parts[0], DynamicStiffnessOperator | CoulombFrictionOperator):
+            if not any(map(self._stands_beside, parts)):
                 continue
             rest = [
                 replace(r, u=u) for r, u in zip(scene.residuals, scene.signals(at), strict=True)
@@ -451,6 +452,18 @@ class ParallelForce:
                 edits = [AddForce(place, model, start) for start in starts]
                 found += [tree.edited(name, edit) for edit in edits]
         return found
+
+    def _stands_beside(self, part):
+        return isinstance(part, self.beside)
+
+
+@dataclass(frozen=True)
+class ParallelCurve(ParallelForce):
+    """A curve in parallel with a hysteresis or with the forces of a force model."""
+
+    def _stands_beside(self, part):
+        moves = part.linear_mode() is not None or part.n_start  # it is driven by a force
+        return part.stage_order == 10 and not (moves or part.children)
 
 
 def _of_motion(model, declared):

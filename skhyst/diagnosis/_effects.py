@@ -55,6 +55,7 @@ from ._changes import (
     LoadedMotion,
     MoreTerms,
     MovedModes,
+    ParallelCurve,
     ParallelForce,
     PerRecord,
     RateDependence,
@@ -63,6 +64,7 @@ from ._changes import (
 )
 from ._plausibility import (
     bends,
+    builds_up,
     delay_beyond_sampling,
     has_no_peak,
     has_own_lines,
@@ -70,7 +72,6 @@ from ._plausibility import (
     is_between_samples,
     levels_off,
     motion_beyond_kinks,
-    presliding_resolution,
     responds_promptly,
     rings,
     slides,
@@ -179,6 +180,7 @@ _BUILT_IN = (
             InMotion(BoucWenStage(fit_exponent=True)),
             ParallelForce(Dahl(fit_damping=False, fit_intercept=False)),
             ParallelForce(BoucWen(fit_gain=False, fit_intercept=False)),
+            ParallelForce(BoucWen("fit", fit_gain=False, fit_intercept=False)),
             ParallelForce(MaxwellSlip(10)),
             FirstHysteresis(PrandtlIshlinskii(10)),
             FirstHysteresis(PrandtlIshlinskii(10), behind=True),
@@ -187,7 +189,7 @@ _BUILT_IN = (
         "Sweep slowly up and down with several turning points: the branches stay apart at any "
         "rate.",
         picture="loop",
-        plausible=presliding_resolution,
+        plausible=builds_up,
     ),
     Effect(
         "input_saturation",
@@ -306,6 +308,8 @@ _BUILT_IN = (
             InMotion(FrictionStage(fit_bristle_damping=False)),
             InMotion(FrictionStage()),
             InMotion(FrictionStage(False, fit_bristle_damping=False, friction_gradient=True)),
+            ParallelForce(Dahl(fit_damping=False, fit_intercept=False)),
+            ParallelForce(BoucWen("fit", fit_gain=False, fit_intercept=False)),
             ParallelForce(CoulombFriction(fit_damping=False, fit_intercept=False)),
             ParallelForce(CoulombFriction(True, fit_damping=False, fit_intercept=False)),
             _of_free_mass(friction=True),
@@ -374,6 +378,8 @@ _BUILT_IN = (
             AtJoints(SmoothCurve(3)),
             AtJoints(SmoothCurve(9)),
             AtJoints(Saturation(), inner=True),
+            ParallelCurve(SmoothCurve(3, passes=False)),
+            ParallelCurve(SmoothCurve(9, passes=False)),
             InBetween(SmoothCurve(3)),
             *_in_between(SmoothCurve(9)),
             *_in_between(Saturation()),

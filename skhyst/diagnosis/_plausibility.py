@@ -230,7 +230,7 @@ def bends(operator, motion, records):
     """
     if hasattr(operator, "knee"):
         return -levels_off(operator, motion, records)
-    if not hasattr(operator, "coefficients"):
+    if not getattr(operator, "passed", 0.0):  # in parallel with a slope, which it cannot turn
         return np.inf
     slope = operator.evaluate(operator.center + operator.scale * np.linspace(-1.0, 1.0, 200))[1]
     ways = np.array([slope, -slope])  # rising, then falling; falling, then rising
@@ -286,15 +286,15 @@ def slides(operator, motion, records):
     return np.inf if way is None else np.log(NOTICEABLE * np.ptp(motion) / way)
 
 
-def presliding_resolution(operator, motion, records):
-    """Return how well the displacement over which a force builds up is resolved.
+def builds_up(operator, motion, records):
+    """Return how slowly a force builds up after a reversal of the motion.
 
-    Where the force builds up from one sample to the next, it is Coulomb friction.
+    Where it saturates soon, or from one sample to the next, it is friction.
     """
     way, moves = presliding_displacement(operator), np.abs(np.diff(motion))
     if way is None or not moves.any():
         return np.inf
-    return np.log(way / moves[moves > 0.0].mean())
+    return np.log(way / max(moves[moves > 0.0].mean(), NOTICEABLE * np.ptp(motion)))
 
 
 def stops(operator, motion, records):
