@@ -124,6 +124,19 @@ class FirstHysteresis:
 
 
 @dataclass(frozen=True)
+class BehindHysteresis:
+    """A model at its stage order, where a nonlinear part with memory stands before it."""
+
+    model: object
+
+    def trees(self, name, scene):
+        before = scene.tree.operators[: scene.tree.position(self.model.stage_order)]
+        if all(operator.memoryless or operator.signal_linear for operator in before):
+            return []
+        return inserted(name, self.model, scene)
+
+
+@dataclass(frozen=True)
 class InMotion:
     """A force in the equation of motion: a linear mode of the series becomes a nonlinear stage."""
 

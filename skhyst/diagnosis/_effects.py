@@ -41,6 +41,7 @@ from ..static import (
 )
 from ._changes import (
     AtJoints,
+    BehindHysteresis,
     Driven,
     FirstHysteresis,
     Folded,
@@ -64,6 +65,7 @@ from ._changes import (
 )
 from ._plausibility import (
     bends,
+    bends_to_one_side,
     builds_up,
     delay_beyond_sampling,
     has_no_peak,
@@ -71,7 +73,6 @@ from ._plausibility import (
     input_beyond_dead_zone,
     is_between_samples,
     levels_off,
-    motion_beyond_kinks,
     responds_promptly,
     rings,
     slides,
@@ -278,12 +279,14 @@ _BUILT_IN = (
     Effect(
         "asymmetry",
         lambda: [
-            DeadZones(n, sides=sides) for n in (1, 2, 3) for sides in ("upper", "lower", "both")
+            BehindHysteresis(DeadZones(n, sides=sides))
+            for n in (1, 2, 3)
+            for sides in ("upper", "lower", "both")
         ],
         "One-sided dead zones behind the hysteresis make its two branches curve differently.",
         "Sweep faster: dynamics behind the hysteresis separate a curve at the hysteresis from "
         "one at the sensor.",
-        plausible=motion_beyond_kinks,
+        plausible=bends_to_one_side,
     ),
     Effect(
         "lag",

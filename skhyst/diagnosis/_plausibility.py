@@ -17,6 +17,8 @@ from ._constants import FLAT, NOTICEABLE, REPEATS
 from ._traits import n_ringing, presliding_displacement
 from ._turns import turns
 
+_FAR = 1e3  # ranges of the motion: a curve that needs more of its input is flat
+
 
 def is_plausible(margin, candidate, before, records, alpha):
     """Return whether the last effect of a candidate may have its name.
@@ -241,16 +243,30 @@ def bends(operator, motion, records):
     return turned.max() / np.abs(slope).mean()
 
 
-def motion_beyond_kinks(operator, motion, records):
-    """Return the fraction of the motion beyond the outermost kinks, minus what is noticeable.
+def bends_to_one_side(operator, motion, records):
+    """Return margins of one-sided dead zones: motion beyond the kinks, and their even part.
 
     A curve is extrapolated with its outermost slopes. If only a small part of the motion determines
-    such a slope, it describes the tip of a hysteresis loop, not the curve of the device.
+    such a slope, it describes the tip of a hysteresis loop, not the curve of the device. One that
+    bends to one side of the middle of the motion has an even part as large as its odd part; one
+    that bends alike on both sides is no asymmetry.
     """
     kinks = operator.run(operator.thresholds, 1.0)[0]
-    behind = np.minimum(motion.max() - kinks, kinks - motion.min())
+    low, high = motion.min(), motion.max()
+    behind = np.minimum(high - kinks, kinks - low)
     seen = behind[behind > 0.0]  # kinks outside of the recorded motion have no effect
-    return seen.min(initial=np.inf) / np.ptp(motion) - NOTICEABLE
+    beyond = seen.min(initial=np.inf) / np.ptp(motion) - NOTICEABLE
+    bend = _bend_of_inverse(operator, np.linspace(low, high, 201))
+    even, odd = bend + bend[::-1], bend - bend[::-1]
+    return min(beyond, np.log(np.square(even - even.mean()).sum() / np.square(odd).sum()))
+
+
+def _bend_of_inverse(curve, outputs):
+    """Return the input of a curve in straight pieces for outputs, less a straight line."""
+    kinks, far = np.sort(curve.thresholds), _FAR * np.ptp(outputs)
+    inputs = np.concatenate([kinks[:1] - far, kinks, kinks[-1:] + far])
+    found = np.interp(outputs, np.maximum.accumulate(curve.run(inputs, 1.0)[0]), inputs)
+    return found - np.polynomial.Polynomial.fit(outputs, found, 1)(outputs)
 
 
 def has_own_lines(operator, motion, records):
