@@ -305,12 +305,16 @@ def slides(operator, motion, records):
 def builds_up(operator, motion, records):
     """Return how slowly a force builds up after a reversal of the motion.
 
-    Where it saturates soon, or from one sample to the next, it is friction.
+    Where it builds up from one sample to the next, or is a force beside a given motion and
+    saturates soon, it is friction.
     """
     way, moves = presliding_displacement(operator), np.abs(np.diff(motion))
     if way is None or not moves.any():
         return np.inf
-    return np.log(way / max(moves[moves > 0.0].mean(), NOTICEABLE * np.ptp(motion)))
+    least = moves[moves > 0.0].mean()
+    if operator.linear_mode() is None:
+        least = max(least, NOTICEABLE * np.ptp(motion))
+    return np.log(way / least)
 
 
 def stops(operator, motion, records):
