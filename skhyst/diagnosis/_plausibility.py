@@ -126,9 +126,10 @@ def has_no_peak(operator, motion, records):
 def rings(operator, motion, records):
     """Return the smallest margin: below critical damping, height of the peak, resolved.
 
-    It is resolved by the sampling if the upper end of its half-power band is below half the
-    sampling rate, and by the records if it repeats in the longest of them: a slower one cannot be
-    distinguished from a drift.
+    The first is one of the quality factor, which stays bounded where a pole is too fast to be
+    known; the logarithm of the damping does not. A mode is resolved by the sampling if the upper
+    end of its half-power band is below half the sampling rate, and by the records if it repeats in
+    the longest of them: a slower one cannot be distinguished from a drift.
     """
     ratios = np.ravel(getattr(operator, "damping_ratios", getattr(operator, "damping_ratio", ())))
     if not ratios.size:
@@ -139,7 +140,7 @@ def rings(operator, motion, records):
     highest = np.pi / min(record.dt for record in records)
     lowest = 2.0 * np.pi * REPEATS / max(len(record.u) * record.dt for record in records)
     resolved = min(highest / (mode * (1.0 + ratio)), mode / lowest)
-    margin = np.log(min(np.sqrt(0.5) / ratio, resolved))
+    margin = min(np.sqrt(0.5) / ratio, resolved) - 1.0
     if not np.size(getattr(operator, "numerator", ())):
         return margin
     around = np.r_[0.0, np.geomspace(0.1, 10.0, 200), 1e4]  # rest, near the mode, fast motion
