@@ -445,10 +445,13 @@ class InStages:
 
 @dataclass(frozen=True)
 class ParallelForce:
-    """A force in parallel with those of a force model, or with a gain, of the measured motion."""
+    """A force in parallel with those of a force model, whose drive is the measured motion.
+
+    With ``with_gain``, also in parallel with a static gain.
+    """
 
     model: object
-    beside = DynamicStiffnessOperator, CoulombFrictionOperator, GainOperator
+    with_gain: bool = False
 
     def trees(self, name, scene):
         tree, found = scene.tree, []
@@ -467,7 +470,8 @@ class ParallelForce:
         return found
 
     def _stands_beside(self, part):
-        return isinstance(part, self.beside)
+        is_spring = self.with_gain and isinstance(part, GainOperator)
+        return is_spring or isinstance(part, DynamicStiffnessOperator | CoulombFrictionOperator)
 
 
 @dataclass(frozen=True)

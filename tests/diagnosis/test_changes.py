@@ -109,7 +109,8 @@ WITHOUT_COLUMNS = [
     (AtJoints(SmoothCurve(3)), EVERY),
     (AtJoints(SmoothCurve(3), inner=True), {"plays, mode", "lags"}),
     (AtJoints(FirstOrderLag()), {"plays", "plays, mode"}),  # linear dynamics commute
-    (ParallelForce(MaxwellSlip()), {"force", "gain"}),
+    (ParallelForce(MaxwellSlip()), {"force"}),
+    (ParallelForce(MaxwellSlip(), with_gain=True), {"force", "gain"}),
     (ParallelCurve(SmoothCurve(3, passes=False)), {"force", "plays", "plays, mode"}),
     (BehindHysteresis(SmoothCurve(3)), {"plays", "plays, mode"}),
     (MoreTerms(FreeMass(cubic_stiffness=True)), set()),
