@@ -456,6 +456,8 @@ class ParallelForce:
     def trees(self, name, scene):
         tree, found = scene.tree, []
         for at, (place, operator) in enumerate(tree.stages):
+            if any(before.owns_gain for before in tree.operators[:at]):
+                break  # behind it there is no motion
             parts = operator.stages if isinstance(operator, SumOperator) else (operator,)
             if not any(map(self._stands_beside, parts)):
                 continue

@@ -258,8 +258,8 @@ def bends_to_one_side(operator, motion, records):
     seen = behind[behind > 0.0]  # kinks outside of the recorded motion have no effect
     beyond = seen.min(initial=np.inf) / np.ptp(motion) - NOTICEABLE
     bend = _bend_of_inverse(operator, np.linspace(low, high, 201))
-    even, odd = bend + bend[::-1], bend - bend[::-1]
-    return min(beyond, np.log(np.square(even - even.mean()).sum() / np.square(odd).sum()))
+    even, odd = np.std([bend + bend[::-1], bend - bend[::-1]], axis=1)
+    return min(beyond, (even - odd) / max(even + odd, np.finfo(float).tiny))
 
 
 def _bend_of_inverse(curve, outputs):
