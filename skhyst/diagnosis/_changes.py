@@ -124,6 +124,19 @@ class FirstHysteresis:
 
 
 @dataclass(frozen=True)
+class BehindHysteresis:
+    """A model at its stage order, where a nonlinear part with memory stands before it."""
+
+    model: object
+
+    def trees(self, name, scene):
+        before = scene.tree.operators[: scene.tree.position(self.model.stage_order)]
+        if all(operator.memoryless or operator.signal_linear for operator in before):
+            return []
+        return inserted(name, self.model, scene)
+
+
+@dataclass(frozen=True)
 class InMotion:
     """A force in the equation of motion: a linear mode of the series becomes a nonlinear stage."""
 
@@ -432,15 +445,21 @@ class InStages:
 
 @dataclass(frozen=True)
 class ParallelForce:
-    """A force in parallel with those of a force model, whose drive is the measured motion."""
+    """A force in parallel with those of a force model, whose drive is the measured motion.
+
+    With ``with_gain``, also in parallel with a static gain.
+    """
 
     model: object
+    with_gain: bool = False
 
     def trees(self, name, scene):
         tree, found = scene.tree, []
         for at, (place, operator) in enumerate(tree.stages):
+            if any(before.owns_gain for before in tree.operators[:at]):
+                break  # behind it there is no motion
             parts = operator.stages if isinstance(operator, SumOperator) else (operator,)
-            if not isinstance(parts[0], DynamicStiffnessOperator | CoulombFrictionOperator):
+            if not any(map(self._stands_beside, parts)):
                 continue
             rest = [
                 replace(r, u=u) for r, u in zip(scene.residuals, scene.signals(at), strict=True)
@@ -451,6 +470,19 @@ class ParallelForce:
                 edits = [AddForce(place, model, start) for start in starts]
                 found += [tree.edited(name, edit) for edit in edits]
         return found
+
+    def _stands_beside(self, part):
+        is_spring = self.with_gain and isinstance(part, GainOperator)
+        return is_spring or isinstance(part, DynamicStiffnessOperator | CoulombFrictionOperator)
+
+
+@dataclass(frozen=True)
+class ParallelCurve(ParallelForce):
+    """A curve in parallel with a hysteresis or with the forces of a force model."""
+
+    def _stands_beside(self, part):
+        moves = part.linear_mode() is not None or part.n_start  # it is driven by a force
+        return part.stage_order == 10 and not (moves or part.children)
 
 
 def _of_motion(model, declared):

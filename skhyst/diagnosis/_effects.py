@@ -41,6 +41,7 @@ from ..static import (
 )
 from ._changes import (
     AtJoints,
+    BehindHysteresis,
     Driven,
     FirstHysteresis,
     Folded,
@@ -55,6 +56,7 @@ from ._changes import (
     LoadedMotion,
     MoreTerms,
     MovedModes,
+    ParallelCurve,
     ParallelForce,
     PerRecord,
     RateDependence,
@@ -63,14 +65,14 @@ from ._changes import (
 )
 from ._plausibility import (
     bends,
+    bends_to_one_side,
+    builds_up,
     delay_beyond_sampling,
     has_no_peak,
     has_own_lines,
     input_beyond_dead_zone,
     is_between_samples,
     levels_off,
-    motion_beyond_kinks,
-    presliding_resolution,
     responds_promptly,
     rings,
     slides,
@@ -187,7 +189,7 @@ _BUILT_IN = (
         "Sweep slowly up and down with several turning points: the branches stay apart at any "
         "rate.",
         picture="loop",
-        plausible=presliding_resolution,
+        plausible=builds_up,
     ),
     Effect(
         "input_saturation",
@@ -276,12 +278,14 @@ _BUILT_IN = (
     Effect(
         "asymmetry",
         lambda: [
-            DeadZones(n, sides=sides) for n in (1, 2, 3) for sides in ("upper", "lower", "both")
+            BehindHysteresis(DeadZones(n, sides=sides))
+            for n in (1, 2, 3)
+            for sides in ("upper", "lower", "both")
         ],
         "One-sided dead zones behind the hysteresis make its two branches curve differently.",
         "Sweep faster: dynamics behind the hysteresis separate a curve at the hysteresis from "
         "one at the sensor.",
-        plausible=motion_beyond_kinks,
+        plausible=bends_to_one_side,
     ),
     Effect(
         "lag",
@@ -306,6 +310,8 @@ _BUILT_IN = (
             InMotion(FrictionStage(fit_bristle_damping=False)),
             InMotion(FrictionStage()),
             InMotion(FrictionStage(False, fit_bristle_damping=False, friction_gradient=True)),
+            ParallelForce(Dahl(fit_damping=False, fit_intercept=False), with_gain=True),
+            ParallelForce(BoucWen("fit", fit_gain=False, fit_intercept=False), with_gain=True),
             ParallelForce(CoulombFriction(fit_damping=False, fit_intercept=False)),
             ParallelForce(CoulombFriction(True, fit_damping=False, fit_intercept=False)),
             _of_free_mass(friction=True),
@@ -374,6 +380,8 @@ _BUILT_IN = (
             AtJoints(SmoothCurve(3)),
             AtJoints(SmoothCurve(9)),
             AtJoints(Saturation(), inner=True),
+            ParallelCurve(SmoothCurve(3, passes=False)),
+            ParallelCurve(SmoothCurve(9, passes=False)),
             InBetween(SmoothCurve(3)),
             *_in_between(SmoothCurve(9)),
             *_in_between(Saturation()),

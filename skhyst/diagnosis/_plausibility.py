@@ -17,6 +17,8 @@ from ._constants import FLAT, NOTICEABLE, REPEATS
 from ._traits import n_ringing, presliding_displacement
 from ._turns import turns
 
+_FAR = 1e3  # ranges of the motion: a curve that needs more of its input is flat
+
 
 def is_plausible(margin, candidate, before, records, alpha):
     """Return whether the last effect of a candidate may have its name.
@@ -124,9 +126,10 @@ def has_no_peak(operator, motion, records):
 def rings(operator, motion, records):
     """Return the smallest margin: below critical damping, height of the peak, resolved.
 
-    It is resolved by the sampling if the upper end of its half-power band is below half the
-    sampling rate, and by the records if it repeats in the longest of them: a slower one cannot be
-    distinguished from a drift.
+    The first is one of the quality factor, which stays bounded where a pole is too fast to be
+    known; the logarithm of the damping does not. A mode is resolved by the sampling if the upper
+    end of its half-power band is below half the sampling rate, and by the records if it repeats in
+    the longest of them: a slower one cannot be distinguished from a drift.
     """
     ratios = np.ravel(getattr(operator, "damping_ratios", getattr(operator, "damping_ratio", ())))
     if not ratios.size:
@@ -137,7 +140,7 @@ def rings(operator, motion, records):
     highest = np.pi / min(record.dt for record in records)
     lowest = 2.0 * np.pi * REPEATS / max(len(record.u) * record.dt for record in records)
     resolved = min(highest / (mode * (1.0 + ratio)), mode / lowest)
-    margin = np.log(min(np.sqrt(0.5) / ratio, resolved))
+    margin = min(np.sqrt(0.5) / ratio, resolved) - 1.0
     if not np.size(getattr(operator, "numerator", ())):
         return margin
     around = np.r_[0.0, np.geomspace(0.1, 10.0, 200), 1e4]  # rest, near the mode, fast motion
@@ -230,7 +233,7 @@ def bends(operator, motion, records):
     """
     if hasattr(operator, "knee"):
         return -levels_off(operator, motion, records)
-    if not hasattr(operator, "coefficients"):
+    if not getattr(operator, "passed", 0.0):  # in parallel with a slope, which it cannot turn
         return np.inf
     slope = operator.evaluate(operator.center + operator.scale * np.linspace(-1.0, 1.0, 200))[1]
     ways = np.array([slope, -slope])  # rising, then falling; falling, then rising
@@ -241,16 +244,30 @@ def bends(operator, motion, records):
     return turned.max() / np.abs(slope).mean()
 
 
-def motion_beyond_kinks(operator, motion, records):
-    """Return the fraction of the motion beyond the outermost kinks, minus what is noticeable.
+def bends_to_one_side(operator, motion, records):
+    """Return margins of one-sided dead zones: motion beyond the kinks, and their even part.
 
     A curve is extrapolated with its outermost slopes. If only a small part of the motion determines
-    such a slope, it describes the tip of a hysteresis loop, not the curve of the device.
+    such a slope, it describes the tip of a hysteresis loop, not the curve of the device. One that
+    bends to one side of the middle of the motion has an even part as large as its odd part; one
+    that bends alike on both sides is no asymmetry.
     """
     kinks = operator.run(operator.thresholds, 1.0)[0]
-    behind = np.minimum(motion.max() - kinks, kinks - motion.min())
+    low, high = motion.min(), motion.max()
+    behind = np.minimum(high - kinks, kinks - low)
     seen = behind[behind > 0.0]  # kinks outside of the recorded motion have no effect
-    return seen.min(initial=np.inf) / np.ptp(motion) - NOTICEABLE
+    beyond = seen.min(initial=np.inf) / np.ptp(motion) - NOTICEABLE
+    bend = _bend_of_inverse(operator, np.linspace(low, high, 201))
+    even, odd = np.std([bend + bend[::-1], bend - bend[::-1]], axis=1)
+    return min(beyond, (even - odd) / max(even + odd, np.finfo(float).tiny))
+
+
+def _bend_of_inverse(curve, outputs):
+    """Return the input of a curve in straight pieces for outputs, less a straight line."""
+    kinks, far = np.sort(curve.thresholds), _FAR * np.ptp(outputs)
+    inputs = np.concatenate([kinks[:1] - far, kinks, kinks[-1:] + far])
+    found = np.interp(outputs, np.maximum.accumulate(curve.run(inputs, 1.0)[0]), inputs)
+    return found - np.polynomial.Polynomial.fit(outputs, found, 1)(outputs)
 
 
 def has_own_lines(operator, motion, records):
@@ -286,15 +303,19 @@ def slides(operator, motion, records):
     return np.inf if way is None else np.log(NOTICEABLE * np.ptp(motion) / way)
 
 
-def presliding_resolution(operator, motion, records):
-    """Return how well the displacement over which a force builds up is resolved.
+def builds_up(operator, motion, records):
+    """Return how slowly a force builds up after a reversal of the motion.
 
-    Where the force builds up from one sample to the next, it is Coulomb friction.
+    Where it builds up from one sample to the next, or is a force beside a given motion and
+    saturates soon, it is friction.
     """
     way, moves = presliding_displacement(operator), np.abs(np.diff(motion))
     if way is None or not moves.any():
         return np.inf
-    return np.log(way / moves[moves > 0.0].mean())
+    least = moves[moves > 0.0].mean()
+    if operator.linear_mode() is None:
+        least = max(least, NOTICEABLE * np.ptp(motion))
+    return np.log(way / least)
 
 
 def stops(operator, motion, records):

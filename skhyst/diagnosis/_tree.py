@@ -328,8 +328,7 @@ class Tree:
             fixed = stage.operator.held_entries()
             found, held = present.get(stage.name, (None, None))
             if _has_other_terms(stage.operator, found):  # the resolution was raised since
-                model = stage.operator.model.resolved(found)
-                stage = stage._replace(operator=replace(found, model=model))
+                stage = stage._replace(operator=_with_terms_of(stage.operator, found))
             elif _are_equal(
                 stage.operator, found
             ):  # fixed structure too, but no value that is held
@@ -522,14 +521,33 @@ def clone_of(model):
 
 
 def _has_other_terms(a, b):
-    """Whether two operators of one model differ in the number or positions of their terms."""
+    """Whether parts of two operators of one model differ in the number or positions of terms."""
     if type(a) is not type(b) or type(a.model) is not type(b.model):
         return False
-    parts = [[part for _, part, _ in parts_with_resolution(own)] for own in (a, b)]
-    return len(parts[0]) == len(parts[1]) and any(
+    return any(
         old.resolution.of(old) != new.resolution.of(new) or not same_places(old, new)
-        for old, new in zip(*parts, strict=True)
+        for _, old, new, _ in _shared_parts(a, b)
     )
+
+
+def _shared_parts(a, b):
+    """Return the parts with a resolution that both have: prefix, own, other, and how it is put."""
+    others = {prefix: part for prefix, part, _ in parts_with_resolution(b)}
+    return [
+        (prefix, part, others[prefix], put)
+        for prefix, part, put in parts_with_resolution(a)
+        if type(part) is type(others.get(prefix))
+    ]
+
+
+def _with_terms_of(a, b):
+    """Return an operator with the terms of another; one of other members keeps its own."""
+    if getattr(a, "names", ()) == getattr(b, "names", ()):
+        return replace(b, model=a.model.resolved(b))
+    for prefix, *_ in _shared_parts(a, b):
+        [(part, other, put)] = [own for same, *own in _shared_parts(a, b) if same == prefix]
+        a = put(replace(other, model=part.model.resolved(other)))
+    return a
 
 
 def _are_equal(a, b):

@@ -18,11 +18,12 @@ the held-out error, or the part of it that a black box does not predict.
    then structure would have been found. The fraction s of the power, in m independent pieces, gives
    a mean T of :math:`\sqrt{m s / (1 - s)} / 2` in the test of ``_criterion``, and a dozen trials at
    the level of 1 % find half of the power with a probability of 95 % from
-   :math:`m = (2 (3.1 + 1.6))^2` on. It is less than three times its innovations: a larger ratio
-   resembles a smooth misfit with a little noise (for a first-order process, a correlation of 0.94
-   per sample). A black box predicts less of it than matters, even by chance. And the held-out error
-   is less than three times that of the fit, both in blocks and in whole records within the range of
-   the others: a larger ratio is not that of stationary noise.
+   :math:`m = (2 (3.1 + 1.6))^2` on. Its median magnitude is less than three times that of its
+   innovations: a larger ratio resembles a smooth misfit with a little noise (for a first-order
+   process, a correlation of 0.94 per sample), also where the misfit jumps now and then. A black box
+   predicts less of it than matters, even by chance. And the held-out error is less than three times
+   that of the fit, both in blocks and in whole records within the range of the others: a larger
+   ratio is not that of stationary noise.
 4. Otherwise it is ``undetermined``, and the advice says what to record.
 
 The limits of the third step are checked by ``benchmarks/verdicts.py``: hardly any white,
@@ -163,7 +164,7 @@ def judge_residual(records, residuals, predictions, rng, criterion, *, error=Non
             "noise", floor, ceiling, noise, "it does not repeat with the drive", *statistics
         )
     size = float(np.sqrt(power))
-    against = list(_against_noise(records, residuals, noise, size))
+    against = list(_against_noise(records, residuals, noise))
     predicts = trials["a black box predicts it"]
     if predicts.improves_enough(criterion):
         against.append(
@@ -209,17 +210,21 @@ def _innovation_size(noise, residuals):
     return np.sqrt(np.nanmean(np.square(innovations)))
 
 
-def _against_noise(records, residuals, noise, size):
-    """Yield the reasons why residuals of this size can hardly be noise."""
+def _against_noise(records, residuals, noise):
+    """Yield the reasons why residuals can hardly be noise."""
     if noise.law == "power_law" and noise.coefficient >= LARGEST_EXPONENT:
         yield f"its spectrum falls as f^-{noise.coefficient:.2f}"
     counts = [int(np.isfinite(r).sum()) for r in residuals]
     correlated, period = noise.correlation_length(max(counts)), _drive_period(records)
     if correlated > max(CORRELATED * period, sum(counts) / PIECES):
         yield f"it is correlated over {correlated:.3g} samples, the drive's period is {period:.3g}"
-    innovations = _innovation_size(noise, residuals)
-    if size >= PREDICTABLE * innovations:
-        yield f"it is {size / innovations:.3g} times its innovations"
+    size, innovation = map(_median_magnitude, (residuals, noise.innovations(residuals)))
+    if size >= PREDICTABLE * innovation:
+        yield f"it is {size / innovation:.3g} times its innovations"
+
+
+def _median_magnitude(signals):
+    return np.nanmedian(np.abs(np.concatenate(signals)))
 
 
 def _drive_period(records):

@@ -87,6 +87,8 @@ class MaxwellSlipOperator(PlaySum):
     non_negative: bool = True
     falling: bool = False
 
+    _of_stops = True
+
     def __post_init__(self):
         super().__post_init__()
         self._require("thresholds", self.thresholds[0] > 0.0, "be positive")

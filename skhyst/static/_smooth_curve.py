@@ -1,6 +1,6 @@
 """Smooth memoryless curve: Legendre polynomials, and a straight line beyond them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Integral, Real
 from typing import Self
 
@@ -17,8 +17,11 @@ _BEYOND = 3  # highest degree of the terms that are extrapolated beyond the data
 
 @jit
 def legendre_curve(u, c, s):
-    """Return ``u + scale sum_d coefficients_d P_d(z)``; ``c`` is (coefficients, centre, scale)."""
-    coefficients, center, scale = c
+    """Return ``passed u + scale sum_d coefficients_d P_d(z)``.
+
+    ``c`` is (coefficients, centre, scale, passed).
+    """
+    coefficients, center, scale, passed = c
     z = (u - center) / scale
     inside = min(max(z, -1.0), 1.0)
     beyond = z - inside
@@ -33,17 +36,17 @@ def legendre_curve(u, c, s):
         y += coefficients[k] * value
         if d <= _BEYOND:
             y += coefficients[k] * slope * beyond
-    return u + scale * y
+    return passed * u + scale * y
 
 
 @jit
-def _legendre_tangents(v, coefficients, center, scale, slope, by_coefficients):
+def _legendre_tangents(v, coefficients, center, scale, passed, slope, by_coefficients):
     """Fill the slope, and the derivatives by the coefficients, (n_samples, n_coefficients)."""
     for i in range(v.size):
         z = (v[i] - center) / scale
         inside = min(max(z, -1.0), 1.0)
         beyond = z - inside
-        slope[i] = 1.0
+        slope[i] = passed
         before, value, slope_before, derivative = 1.0, inside, 0.0, 1.0
         for k in range(coefficients.size):
             d = k + 2
@@ -57,7 +60,7 @@ def _legendre_tangents(v, coefficients, center, scale, slope, by_coefficients):
 
 @dataclass(frozen=True)
 class PolynomialCurveOperator(StaticOperator):
-    """Smooth curve ``y = v + scale sum_d coefficients_d P_d((v - center) / scale)``.
+    """Smooth curve ``y = passed v + scale sum_d coefficients_d P_d((v - center) / scale)``.
 
     P_d are the Legendre polynomials from degree 2 on. Beyond ``center +- scale`` the curve is a
     straight line with the slope that its terms up to degree 3 have at the end. These two suffice
@@ -72,6 +75,9 @@ class PolynomialCurveOperator(StaticOperator):
         Middle and half of the range of the polynomials, units of the drive. Fixed structure.
     stage_order : int, default=40
         Place in a series. Fixed structure.
+    passed : float, default=1.0
+        1 if the input itself is part of the output, 0 if not: the coefficients are then in
+        response/drive. Fixed structure.
 
     Raises
     ------
@@ -91,8 +97,8 @@ class PolynomialCurveOperator(StaticOperator):
     center: float
     scale: float
     stage_order: int = 40
+    passed: float = 1.0
 
-    characteristics = StaticOperator.bend
     resolution = Resolution("terms of a curve", "coefficients")
 
     curve = staticmethod(legendre_curve)
@@ -101,20 +107,29 @@ class PolynomialCurveOperator(StaticOperator):
         super().__post_init__()
         self._require("scale", self.scale > 0.0, "be above 0")
 
+    def parameter_specs(self):
+        specs = super().parameter_specs()
+        if not self.passed:
+            specs["coefficients"] = replace(specs["coefficients"], unit="response/drive")
+        return specs
+
+    def characteristics(self, seen):
+        return self.bend(seen) if self.passed else {}
+
     def finer(self, records):
         """Return the degrees of further terms: as many as there are, at least two."""
         n = np.size(self.coefficients)
         return n + 2 + np.arange(max(n, 2))
 
     def curve_constants(self):
-        return self.coefficients, self.center, self.scale
+        return self.coefficients, self.center, self.scale, self.passed
 
     def evaluate(self, v):
         v, coefficients = as_signal(v), as_signal(self.coefficients)
         slope, by_coefficients = np.empty(v.size), np.empty((coefficients.size, v.size)).T
-        constants = coefficients, float(self.center), float(self.scale)
+        constants = coefficients, float(self.center), float(self.scale), float(self.passed)
         _legendre_tangents(v, *constants, slope, by_coefficients)
-        return v + by_coefficients @ coefficients, slope, by_coefficients
+        return self.passed * v + by_coefficients @ coefficients, slope, by_coefficients
 
 
 class SmoothCurve(StaticModel):
@@ -130,6 +145,9 @@ class SmoothCurve(StaticModel):
     reach : float, default=1.0
         Half of the range over which it is a polynomial, relative to that of the fit: above 1 for a
         law, such as a cubic spring, that continues beyond the recorded range.
+    passes : bool, default=True
+        Whether the input itself is part of the output. False: the polynomials alone, in parallel
+        with a model that has a gain.
 
     Attributes
     ----------
@@ -156,6 +174,7 @@ class SmoothCurve(StaticModel):
         **StaticModel._parameter_constraints,
         "degree": [Interval(Integral, 2, None, closed="left")],
         "reach": [Interval(Real, 0, None, closed="neither")],
+        "passes": ["boolean"],
     }
 
     operator_class = PolynomialCurveOperator
@@ -165,6 +184,7 @@ class SmoothCurve(StaticModel):
         degree=5,
         *,
         reach=1.0,
+        passes=True,
         initial_state="rest",
         dt=None,
         drive=None,
@@ -173,6 +193,7 @@ class SmoothCurve(StaticModel):
         super().__init__(initial_state=initial_state, dt=dt, drive=drive, method=method)
         self.degree = degree
         self.reach = reach
+        self.passes = passes
 
     def resolved(self, operator) -> Self:
         return with_params(self, degree=np.size(operator.coefficients) + 1)
@@ -181,4 +202,5 @@ class SmoothCurve(StaticModel):
         low, high = range_of_drive(records)
         scale = 0.5 * self.reach * (high - low) or 1.0
         coefficients = np.zeros(self.degree - 1)
-        return [PolynomialCurveOperator(coefficients, center=0.5 * (low + high), scale=scale)]
+        center, passed = 0.5 * (low + high), float(self.passes)
+        return [PolynomialCurveOperator(coefficients, center, scale, passed=passed)]

@@ -11,6 +11,7 @@ from skhyst.compose import amplitude
 from skhyst.diagnosis import EFFECTS
 from skhyst.diagnosis._changes import (
     AtJoints,
+    BehindHysteresis,
     Driven,
     FirstHysteresis,
     Folded,
@@ -24,6 +25,7 @@ from skhyst.diagnosis._changes import (
     LoadedMotion,
     MoreTerms,
     MovedModes,
+    ParallelCurve,
     ParallelForce,
     PerRecord,
     RateDependence,
@@ -108,6 +110,9 @@ WITHOUT_COLUMNS = [
     (AtJoints(SmoothCurve(3), inner=True), {"plays, mode", "lags"}),
     (AtJoints(FirstOrderLag()), {"plays", "plays, mode"}),  # linear dynamics commute
     (ParallelForce(MaxwellSlip()), {"force"}),
+    (ParallelForce(MaxwellSlip(), with_gain=True), {"force", "gain"}),
+    (ParallelCurve(SmoothCurve(3, passes=False)), {"force", "plays", "plays, mode"}),
+    (BehindHysteresis(SmoothCurve(3)), {"plays", "plays, mode"}),
     (MoreTerms(FreeMass(cubic_stiffness=True)), set()),
     (InFeedback(SmoothCurve(3)), set()),
     (RateDependence("slope"), {"plays", "plays, mode"}),

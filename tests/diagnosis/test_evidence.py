@@ -336,7 +336,7 @@ def force_recording(extra):
 
 
 def elastic_then_sliding(x, v):
-    return 15.0 * (x - plays(x, 1.0, np.array([0.2]), np.array([1.0])))
+    return 7.5 * (x - plays(x, 1.0, np.array([0.4]), np.array([1.0])))
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from sklearn.base import clone
 
 from skhyst.diagnosis import EFFECTS, EffectSearchCV
 from skhyst.hysteresis import EndStopsOperator
+from skhyst.linear import Gain
 
 pytestmark = pytest.mark.filterwarnings("ignore::skhyst.exceptions.ConvergenceWarning")
 NOISE = 0.002
@@ -65,6 +66,35 @@ def test_no_name_is_taken_from_others(habit, effect, seed, right):
     names = [*right, "end_stops", "rectification"]
     _, search = searched(habit, effect, "second_order", seed, names)
     assert search.effects_[:1] == right
+
+
+def stop(u, reach):
+    """Return a spring that slips when it is deflected by ``reach``."""
+    found = np.zeros(len(u))
+    for k in range(1, len(u)):
+        found[k] = np.clip(found[k - 1] + u[k] - u[k - 1], -reach, reach)
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("reach", "curve", "right"),
+    [
+        (0.1, 0.0, ["friction"]),
+        (1.5, 0.0, ["hysteresis"]),
+        (1.5, 0.02, ["hysteresis", "static_nonlinearity"]),
+    ],
+)
+def test_a_force_of_a_displacement_slips_beside_a_spring(reach, curve, right):
+    """A spring that slips within a twentieth of the motion is friction."""
+    t = np.arange(450)
+    u = np.sin(t / 9.0) * np.linspace(1.0, 5.0, len(t))
+    y = 0.5 * u + 2.0 * stop(u, reach) / reach + curve * u**3 + 7.0
+    y += 0.02 * np.random.default_rng(5).standard_normal(len(t))
+    names = ["hysteresis", "friction", "backlash", "static_nonlinearity"]
+    search = EffectSearchCV(Gain(), effects=names, random_state=0).fit(u[:, None], y)
+    assert sorted(search.effects_) == right
+    assert search.error_after_ < 0.026
 
 
 @pytest.mark.slow

@@ -13,14 +13,14 @@ from skhyst.diagnosis._candidates import Candidate
 from skhyst.diagnosis._edits import Insert
 from skhyst.diagnosis._plausibility import (
     bends,
+    bends_to_one_side,
+    builds_up,
     has_its_name,
     has_no_peak,
     input_beyond_dead_zone,
     is_between_samples,
     is_plausible,
     levels_off,
-    motion_beyond_kinks,
-    presliding_resolution,
     rings,
     slides,
     stops,
@@ -206,14 +206,12 @@ def test_margins_of_friction_are_ways_over_the_motion(unit):
     def names(way):
         operator = LuGreOperator(way * 5.0 * unit, 1.0, 0.5, 1.0)
         assert operator.presliding_displacement == way * 5.0 * unit
-        return slides(operator, motion, []) > 0.0, presliding_resolution(operator, motion, []) > 0.0
+        return slides(operator, motion, []) > 0.0, builds_up(operator, motion, []) > 0.0
 
-    assert names(0.0099) == (True, False)
-    assert names(0.0101) == (True, True)
-    assert names(0.049) == (True, True)
+    assert names(0.0099) == names(0.049) == (True, False)
     assert names(0.051) == (False, True)
     assert slides(GainOperator(), motion, []) == np.inf
-    assert presliding_resolution(GainOperator(), motion, []) == np.inf
+    assert builds_up(GainOperator(), motion, []) == np.inf
 
 
 def test_a_curve_that_does_not_level_off_bends():
@@ -269,23 +267,27 @@ def test_a_dead_zone_has_a_response_on_both_sides(center, stays):
 
 
 @pytest.mark.parametrize(
-    ("thresholds", "side", "stays"),
+    ("thresholds", "side", "weights", "stays"),
     [
-        ([0.5], [1], True),
-        ([0.95], [1], False),  # 3 % of the motion
-        ([-0.95], [-1], False),
-        ([0.95], [-1], False),  # the piece behind it is that without it
-        ([0.5, 1.2], [1, 1], True),  # one that is never reached
-        ([-0.7, 0.3, 0.93], [-1, 1, 1], False),
+        ([0.5], [1], [0.1], True),
+        ([0.5], [1], [-0.5], True),
+        ([0.95], [1], [0.1], False),  # 3 % of the motion
+        ([-0.95], [-1], [0.1], False),
+        ([0.95], [-1], [0.1], False),  # the piece behind it is that without it
+        ([0.5, 1.2], [1, 1], [0.1, 0.1], True),  # one that is never reached
+        ([-0.7, 0.3, 0.93], [-1, 1, 1], [0.1, 0.1, 0.1], False),
+        ([-0.5, 0.4], [-1, 1], [0.3, 0.3], False),  # bent alike on both sides
+        ([-0.5, 0.4], [-1, 1], [-0.3, 0.3], True),
     ],
 )
-def test_the_slope_beyond_a_kink_is_seen_over_a_part_of_the_motion(thresholds, side, stays):
-    side = np.array(side)
-    zones = DeadZoneOperator(np.full(len(side), 0.1), np.array(thresholds), side)
+def test_an_asymmetry_is_seen_behind_its_kinks_and_bends_to_one_side(
+    thresholds, side, weights, stays
+):
+    zones = DeadZoneOperator(*map(np.array, (weights, thresholds, side)))
     motion = zones.run(np.linspace(-1.0, 1.0, 50), 0.1)[0]
     for unit in (1e-9, 1.0, 1e6):
         own = replace(zones, thresholds=unit * zones.thresholds)
-        assert (motion_beyond_kinks(own, unit * motion, []) >= 0.0) == stays
+        assert (bends_to_one_side(own, unit * motion, []) >= 0.0) == stays
 
 
 @pytest.mark.parametrize(

@@ -42,12 +42,13 @@ from skhyst.linear import (
     SecondOrderModeOperator,
     TransferFunction,
 )
-from skhyst.operators import snake_case, split_disturbances
+from skhyst.operators import parts_with_resolution, snake_case, split_disturbances
 from skhyst.optimize import RecordData
 from skhyst.records import stack_records
 from skhyst.static import (
     DeadBand,
     DeadBandOperator,
+    PolynomialCurveOperator,
     Saturation,
     SaturationOperator,
     SmoothCurve,
@@ -300,6 +301,22 @@ def behind_a_saturation():
     tree = Tree.of(SecondOrderMode(), replace(MODE, gain=3e-7, intercept=1e-8))
     limit = SaturationOperator(-np.inf, 2e-7, stage_order=50)
     return tree.edited("output_saturation", Insert(Saturation(place="sensor"), limit))
+
+
+def test_a_part_of_a_sum_keeps_its_terms_without_another_part(records):
+    """Whose members differ: the curve alone is what it was, the force is gone."""
+    force = AddForce("gain", Dahl(), DahlOperator(0.2, 1.5))
+    start = PolynomialCurveOperator(np.zeros(2), 0.0, 3.0, passed=0.0)
+    curve = AddForce("gain", SmoothCurve(3, passes=False), start)
+    tree, _ = taken_apart(Gain(), records)
+    whole = tree.edited("friction", force).edited("bend", curve)
+    [(_, part, put)] = parts_with_resolution(whole.operators[0])
+    terms = np.arange(1.0, 5.0)
+    more = replace(part, coefficients=terms, model=SmoothCurve(5, passes=False))
+    left = whole.with_stage(0, put(more)).without("friction").operators[0]
+    assert left.names == ("gain", "bend")
+    np.testing.assert_array_equal(left.stages[1].coefficients, terms)
+    assert left.stages[1].model.degree == 5
 
 
 def test_a_linear_stage_more_takes_the_gain_over(records):

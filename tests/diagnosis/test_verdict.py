@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from skhyst.compose import Cascade
 from skhyst.diagnosis import EffectSearchCV
-from skhyst.diagnosis._verdict import _drive_period, noise_floor
+from skhyst.diagnosis._verdict import _against_noise, _drive_period, noise_floor
 from skhyst.linear import Gain, SecondOrderMode
+from skhyst.noise import fit_noise
 from skhyst.optimize import RecordData
 from skhyst.records import stack_records
 from skhyst.static import SmoothCurve
@@ -106,3 +108,17 @@ def test_the_period_of_a_drive_has_two_turns():
     assert _drive_period(records) == pytest.approx(100.0, rel=0.02)
     ramps = [RecordData(np.arange(n), np.zeros(n), 1.0) for n in (30, 80)]
     assert _drive_period(ramps) == 80
+
+
+def test_what_is_flat_between_jumps_is_no_noise():
+    """A staircase has the spectrum of first-order noise; noise with outliers is no staircase."""
+    rng = np.random.default_rng(3)
+    white = rng.standard_normal(3000)
+    noise = lfilter([1.0], [1.0, -0.9], white)
+    steps = np.repeat(rng.uniform(-1.0, 1.0, 300), 10) + 0.03 * white
+    lost = np.where(rng.random(3000) < 0.05, 8.0 * noise.std() * white, 0.0)
+    for r, number in ((noise, 0), (noise + lost, 0), (steps, 1)):
+        law = fit_noise([r])
+        assert law.law == "autoregressive"
+        records = [RecordData(np.sin(np.arange(3000) / 10.0), r, 1.0)]
+        assert len(list(_against_noise(records, [r], law))) == number

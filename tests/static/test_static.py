@@ -70,21 +70,24 @@ def test_a_smooth_signal_comes_back_from_its_fold_or_its_mirror_image(side, sign
     coefficients=st.lists(st.floats(-1, 1), min_size=1, max_size=4),
     center=st.floats(-1, 1),
     scale=st.floats(0.5, 2.0),
+    passed=st.sampled_from([0.0, 1.0]),
 )
-def test_curve_is_legendre_inside_and_straight_outside(coefficients, center, scale):
-    operator = PolynomialCurveOperator(np.array(coefficients), center, scale)
+def test_curve_is_legendre_inside_and_straight_outside(coefficients, center, scale, passed):
+    operator = PolynomialCurveOperator(np.array(coefficients), center, scale, passed=passed)
     series = np.polynomial.Legendre(
         [0.0, 0.0, *coefficients], domain=[center - scale, center + scale]
     )
     inside = np.linspace(center - scale, center + scale, 51)
     np.testing.assert_allclose(
-        respond(operator, inside), inside + scale * series(inside), atol=1e-12
+        respond(operator, inside), passed * inside + scale * series(inside), atol=1e-12
     )
+    slopes = passed + scale * series.deriv()(inside)
+    np.testing.assert_allclose(operator.evaluate(inside)[1], slopes, atol=1e-10)
     for side in (-1, 1):
         end = center + side * scale
         beyond = end + side * np.array([0.0, 0.7, 5.0])
-        slope = 1 + scale * series.truncate(4).deriv()(end)
-        straight = end + scale * series(end) + slope * (beyond - end)
+        slope = passed + scale * series.truncate(4).deriv()(end)
+        straight = passed * end + scale * series(end) + slope * (beyond - end)
         np.testing.assert_allclose(respond(operator, beyond), straight, atol=1e-10)
 
 
