@@ -19,6 +19,7 @@ from sklearn.utils.validation import (
 
 from ._sklearn import StrOptions, check_sample_weight, validate_parameter_constraints
 from .exceptions import ConvergenceWarning, ExtrapolationWarning, RecordError
+from .io import symbol_of
 from .records import MISMATCH, chosen_interval, record_slices, refuse_lost_index
 
 # Largest value and, inverted, the smallest, unless an estimator has its own `largest_value`: the
@@ -41,18 +42,22 @@ def read_data(estimator, X, *y, reset, dt=None, bridge=False):
     """Validate X and y; return the records, X as an array, and y, or None if it is not given.
 
     With ``reset``, in a fit, ``drive_range_``, ``drive_rate_``, ``dt_`` and ``time_unit_`` of the
-    estimator are set. ``dt`` and ``bridge`` are as for :func:`read_slices`.
+    estimator are set, and the unit of the response is stored; later another one is refused.
+    ``dt`` and ``bridge`` are as for :func:`read_slices`.
     """
     if not y:
         array = as_floats(estimator, X, reset=reset)
         _drive_of(estimator, reset)
         return read_slices(estimator, X, reset=reset, dt=dt, bridge=bridge), array, None
+    if not reset:
+        refuse_other_unit(estimator, *y)
     least = 2 if reset else 1
     array, response = as_floats(estimator, X, *y, reset=reset, ensure_min_samples=least)
     drive = array[:, _drive_of(estimator, reset)]
     refuse_extreme(drive, response, _largest_value(estimator))
     slices = read_slices(estimator, X, *y, reset=reset, dt=dt, bridge=bridge)
     if reset:
+        estimator._response_units = _units(*y)
         if not _is_memoryless(estimator):
             refuse_drawn(X, drive, array, response)
             _warn_of_shuffled_rows(X, drive, response)
@@ -535,9 +540,26 @@ def as_floats(estimator, X, *y, **options):
     return array, values
 
 
-def known_response(X, y):
+def _units(y):
+    """Return the unit in the name of each column of a response, "" where it has none."""
+    names = getattr(y, "columns", (getattr(y, "name", None),))
+    return tuple(symbol_of(name) for name in names)
+
+
+def refuse_other_unit(estimator, y):
+    """Refuse a response whose name has another unit than that of the fit."""
+    for own, other in zip(getattr(estimator, "_response_units", ()), _units(y), strict=False):
+        if own and other and own != other:
+            raise RecordError(
+                f"The response must be in {own}, as in the fit of {type(estimator).__name__}. Got "
+                f"a column in {other} instead; convert it."
+            )
+
+
+def known_response(estimator, X, y):
     """Return a response of the samples of X, NaN where it is not known, as a copy."""
     refuse_lost_index(X, y)
+    refuse_other_unit(estimator, y)
     options = {"ensure_2d": False, "ensure_all_finite": "allow-nan", "copy": True}
     y = column_or_1d(check_array(y, dtype=float, input_name="y", **options), warn=True)
     check_consistent_length(X, y)

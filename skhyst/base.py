@@ -595,6 +595,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
     def identified_otherwise(self, data):
         """Yield results from other starting strategies, if the residual of :meth:`fit` is coloured.
 
+        By default from each of several starts: :meth:`fit` has followed the best two.
+
         Parameters
         ----------
         data : sequence of RecordData
@@ -604,7 +606,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         ------
         IdentificationResult
         """
-        yield from ()
+        starts = self.starting_values(data)
+        for start in starts if len(starts) > 1 else ():
+            yield refine(self, [start], data)
 
     def with_hold(self, hold):
         """Return the model with a given hold of the drive if its own is "auto".
@@ -699,7 +703,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         moving = None if self.free_run_state == "zero" else self._without_rest(result, records)
         if moving is None:
             result = self._settled(model, result, records)
-            result, records = self._with_history_behind_gaps(result, records)
+            result, records = self.with_history_behind_gaps(result, records)
             self._warn_of_moving_start(model, result, records)
             return self.finish(result, records)
         warnings.warn(
@@ -731,23 +735,36 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         evaluations = result.n_evaluations + again.n_evaluations
         return replace(again, n_evaluations=evaluations, is_local=result.is_local)
 
-    def _with_history_behind_gaps(self, result, records):
+    def with_history_behind_gaps(self, result, records):
         """Return a fit and its records, those behind missing rows with an input history.
 
         A record that continues behind a gap begins in motion: the drive in the gap is estimated,
         unless this improves the fit no more than chance does.
+
+        Parameters
+        ----------
+        result : IdentificationResult
+            Of this model.
+        records : sequence of RecordData
+            Those of ``records_``.
+
+        Returns
+        -------
+        result : IdentificationResult
+        records : sequence of RecordData
         """
         behind, operator = behind_gaps(self.records_), result.operator
-        if (
-            not behind
-            or operator.memoryless
-            or operator.n_start
-            or result.input_history is not None
-        ):
+        if not behind or operator.memoryless or result.input_history is not None:
             return result, records
         state, method = self.free_run_state, "variable_projection"
         which = [number in behind for number in range(len(records))]
-        refitted = with_input_history(result, records, method, which=which, initial_state=state)
+        begins = [result]
+        if operator.n_start:  # it does not forget a wrong start: the other records know better
+            others = [r for r, is_behind in zip(records, which, strict=True) if not is_behind]
+            begins.append(identified(self, others)[1])
+        options = {"which": which, "initial_state": state}
+        ends = [with_input_history(begin, records, method, **options) for begin in begins]
+        refitted = min(ends, key=lambda end: end.error)
         n_values = np.count_nonzero(np.isfinite(refitted.input_history))
         if start_p_value(result, refitted, records, n_values, (state, state)) >= LEVEL:
             return result, records
@@ -886,6 +903,21 @@ class ParametricModel(RegressorMixin, BaseEstimator):
                 "initial_state='zero'.",
                 ConvergenceWarning,
             )
+        for part in result.operator.holding_what_moves():
+            yield (
+                f"The input of {part!r} is held between samples (hold='zoh'), although a part of "
+                f"{name} before it moves between them: as if there were a sampler. Set hold='foh' "
+                "for it unless there is one; only the drive of the first dynamics is held.",
+                UserWarning,
+            )
+        holds = sorted(result.operator.holds_of_input())
+        if len({column for column, _ in holds}) < len(holds):
+            kinds = " and ".join(repr(kind) for kind in dict.fromkeys(kind for _, kind in holds))
+            yield (
+                f"Parts of {name} assume different courses of one input between samples, with the "
+                f"holds {kinds}: set the same hold for all of them.",
+                UserWarning,
+            )
         slope = _better_slope(drives, result, records) if driven else 0.0
         if slope:  # most often a wrong sign or unit: the remedy depends on which models have a gain
             remedy = "add a Gain to it in a Cascade, or take other units"
@@ -1015,7 +1047,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         check_is_fitted(self)
         if return_std:
             self._require_noise()
-        known = [] if y_start is None else [known_response(X, y_start)]
+        known = [] if y_start is None else [known_response(self, X, y_start)]
         slices, X = self._read_inputs(X)
         slices, X, *known, read = with_lost_rows(slices, X, *known)
         if known and read is not None:
@@ -1043,7 +1075,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         for number, known_run in known_runs.items():
             rows = slices[number].rows
             y[rows] = cut_off(known_run.run()[0])
-            self._warn_of_unmatched_response(y[rows], known[0][rows])
+            warn_of_unmatched_response(self, y[rows], known[0][rows])
         if not return_std:
             return y if read is None else y[read]
         variance = np.empty(len(y))
@@ -1101,26 +1133,6 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             state = "rest" if record.start is None else record.start
             runs[i] = _Run(*calibration, u, record.dt, state, skip).at(record.schedule)
         return runs
-
-    def _warn_of_unmatched_response(self, run, known):
-        """Warn if no initial state leads to the known response, for example in another unit."""
-        given = np.isfinite(known)
-        # about as many values are estimated: fewer samples do not suffice
-        if np.count_nonzero(given) <= np.log2(len(known)) or not hasattr(self, "fit_error_"):
-            return
-        known = known[given]
-        error = np.sqrt(np.mean(np.square(run[given] - known)))
-        # a constant predicts better, and the error exceeds that of the fit in any part of it
-        n_fitted = sum(record.n_samples for record in self.records_)
-        largest = np.sqrt(n_fitted / len(known)) * self.fit_error_
-        if error > max(largest, np.std(known)):
-            warnings.warn(
-                f"{type(self).__name__} does not follow the known response from any start: the "
-                f"error is {error:.3g}, that of the fit was {self.fit_error_:.3g}. Is it the same "
-                "device, in the same units?",
-                ConvergenceWarning,
-                stacklevel=3,
-            )
 
     def depends_on_interval(self, dt) -> bool:
         """Return whether the fitted model responds differently at another sampling interval.
@@ -1242,7 +1254,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         True
         """
         check_is_fitted(self)
-        y = known_response(X, y)
+        y = known_response(self, X, y)
         slices, X = self._read_inputs(X)
         slices, X, y, read = with_lost_rows(slices, X, y)
         if read is not None:
@@ -1254,7 +1266,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             0, from_rest.at(schedules[0])
         )
         response, state = current.run()
-        self._warn_of_unmatched_response(response, y)
+        warn_of_unmatched_response(self, response, y)
         if schedule is not None:
             schedule = finite_number(schedule, f"{type(self).__name__}.stepper_from", "schedule")
             warn_schedules(self, self.operator_, [schedule])
@@ -1333,6 +1345,47 @@ def _refuse_other_parts(tree):
         )
     for part in tree.children:
         _refuse_other_parts(part)
+
+
+def warn_of_unmatched_response(model, run, known):
+    """Warn if a run of a model has little to do with a known response, as in another unit.
+
+    Parameters
+    ----------
+    model : ParametricModel
+        Fitted.
+    run, known : ndarray of shape (n_samples,)
+        The run from the best start, and the response, NaN where it is not known.
+    """
+    given = np.isfinite(known)
+    # about as many values are estimated: fewer samples do not suffice
+    if np.count_nonzero(given) <= np.log2(len(known)) or not hasattr(model, "fit_error_"):
+        return
+    run, known = run[given], known[given]
+    error = np.sqrt(np.mean(np.square(run - known)))
+    # a constant predicts better, or the run in another unit does and differs by more than it moves
+    moves = np.std(known)
+    if _scaled_error(run, known) < np.sqrt(_MOST) * error:
+        moves = min(moves, np.std(run))
+    # and the error exceeds that of the fit in any part of it
+    n_fitted = sum(record.n_samples for record in model.records_)
+    largest = np.sqrt(n_fitted / len(known)) * model.fit_error_
+    if error > max(largest, moves):
+        warnings.warn(
+            f"{type(model).__name__} does not follow the known response: the error is "
+            f"{error:.3g}, that of the fit was {model.fit_error_:.3g}. Is it the same device, in "
+            "the same units?",
+            ConvergenceWarning,
+            stacklevel=3,
+        )
+
+
+def _scaled_error(run, known):
+    """Return the root mean square that a straight line over a run leaves of a response."""
+    run, known = run - run.mean(), known - known.mean()
+    power = run @ run
+    slope = run @ known / power if power > 0.0 else 0.0
+    return np.sqrt(np.mean(np.square(known - slope * run)))
 
 
 def warn_gaps(model, operator, slices, going=()):

@@ -22,6 +22,7 @@ from sklearn.pipeline import make_pipeline
 import skhyst
 from skhyst.base import ParametricModel
 from skhyst.compose import Cascade, Corrected, OnColumn, ScheduledParameters, Sum
+from skhyst.control import Observer
 from skhyst.disturbance import Offset
 from skhyst.exceptions import (
     ConvergenceWarning,
@@ -228,9 +229,11 @@ def test_rows_behind_missing_ones_begin_elsewhere():
             assert error < 0.01 * value
     with pytest.warns(ConvergenceWarning, match="missing before row 60"):
         model.predict(frame[kept])
-    around = Corrected(LinearRegression(), FirstOrderLag(), cv=2, max_iter=1)
-    with pytest.warns(ConvergenceWarning, match="missing before row 60.*Corrected"):
-        around.fit(frame[kept], y[kept])
+    known = FrozenEstimator(LinearRegression().fit(frame, u))
+    around = Corrected(known, FirstOrderLag(), cv=2, max_iter=1)
+    around.fit(frame[kept], y[kept])  # warnings are errors
+    assert around.fit_error_ < 1.1e-3
+    assert around.params_["time_constant"] == pytest.approx(0.4, rel=0.01)
     with pytest.warns(ConvergenceWarning, match="missing before row 60.*Corrected"):
         around.predict(frame[kept])
     known = np.where(np.arange(N) < 120, y, np.nan)[kept]
@@ -249,6 +252,31 @@ def test_a_known_response_that_no_start_leads_to_is_told(factor):
         model.predict(X, y_start=factor * known)
     with pytest.warns(ConvergenceWarning, match="does not follow the known response"):
         model.stepper_from(X[:40], factor * Y[:40])
+    with pytest.warns(ConvergenceWarning, match="does not follow the known response"):
+        model.predict(X, y_start=factor * Y)
+    observer = Observer(model, noise_std=1e-3, drift_std=0.1, process_std=0.1).fit(X, Y)
+    observer.filter(X, Y + 7.0)  # which the random walk follows
+    with pytest.warns(ConvergenceWarning, match="does not follow the known response"):
+        observer.filter(X, factor * Y)
+
+
+@pytest.mark.parametrize("kind", [FirstOrderLag, Corrected, Observer])
+def test_a_response_in_another_unit_than_that_of_the_fit_is_refused(kind):
+    lag = FirstOrderLag(dt=DT)
+    first = {Corrected: [LinearRegression(), lag], Observer: [lag]}.get(kind, [])
+    model = kind(*first, **({} if first else {"dt": DT}))
+    model.fit(X, pd.Series(Y, name="position [µm]"))
+    uses = {
+        FirstOrderLag: ("predict", "stepper_from"),
+        Corrected: ("predict",),
+        Observer: ("filter", "innovations"),
+    }
+    for use in uses[kind]:
+        by = {"y_start" if use == "predict" else "y": pd.Series(1e3 * Y, name="position (nm)")}
+        with pytest.raises(RecordError, match=f"must be in um, as in the fit of {kind.__name__}"):
+            getattr(model, use)(X, **by)
+        by = {own: pd.Series(Y, name="x / um") for own in by}
+        getattr(model, use)(X, **by)
 
 
 @pytest.mark.parametrize("name", ["lag", "cascade"])

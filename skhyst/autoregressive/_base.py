@@ -241,7 +241,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
                     f"The 'y' parameter of {type(self).__name__}.predict must be the measured "
                     "response where 'horizon' is given. Got None instead."
                 )
-        known = [] if y_start is None else [known_response(X, y_start)]
+        known = [] if y_start is None else [known_response(self, X, y_start)]
         given = () if y is None else (y,)
         bridge = horizon is None or self._bridges
         records, X, y = read_data(self, X, *given, reset=False, bridge=bridge)
@@ -395,7 +395,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
             If X has several records.
         """
         check_is_fitted(self)
-        y = known_response(X, y)
+        y = known_response(self, X, y)
         records, X, _ = read_data(self, X, reset=False, bridge=True)
         records, X, y, _ = with_lost_rows(records, X, y)
         refuse_several(self, records)

@@ -26,6 +26,7 @@ from .._validation import (
 from ..autoregressive import compiled_regressor
 from ..base import (
     ParametricModel,
+    behind_gaps,
     identified,
     informed,
     one_thread,
@@ -181,8 +182,9 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             fold[s.rows][a] for s, runs in zip(slices, segments, strict=True) for a, _ in runs
         ]
         train = [np.array(fold_of_segment) != k for k in range(backfitting.n_folds)]
+        effects.records_, effects.n_features_in_ = slices, columns.shape[1]
 
-        def records_of(p):
+        def records_of(p, begun):
             data = effects.record_data(slices, _as_first_column(p, columns), y)
             data = data if read is None else scored_where(data, slices, read)
             if weights is not None:
@@ -190,37 +192,46 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
                     replace(r, weights=r.counts() * weights[s.rows])
                     for r, s in zip(data, slices, strict=True)
                 ]
-            return [replace(r, segments=runs) for r, runs in zip(data, segments, strict=True)]
+            return [
+                replace(r, segments=runs, **begun.get(i, {}))
+                for i, (r, runs) in enumerate(zip(data, segments, strict=True))
+            ]
 
-        def problem_of(result, p):
+        def problem_of(fitted, p):
+            result, begun = fitted
             return OperatorProblem(
                 result.operator,
-                records_of(p),
+                records_of(p, begun),
                 disturbances=result.disturbances,
                 initial_state=effects.free_run_state,
             )
 
         def refit(last, p):
-            records = records_of(p)
+            """Return the result of the effects and how records behind missing rows begin."""
             with one_thread():
                 if last is None:
+                    records = records_of(p, {})
                     _, result = identified(effects, records)
                 else:  # from the last result
-                    start = last.operator, last.disturbances
+                    result, begun = last
+                    records, start = records_of(p, begun), (result.operator, result.disturbances)
                     result = refine(effects, [start], records, "variable_projection")
-            return result, result.error
+                result, records = effects.with_history_behind_gaps(result, records)
+            begun = {
+                i: {"before": records[i].before, "start": records[i].start}
+                for i in behind_gaps(slices)
+            }
+            return (result, begun), result.error
 
         # first turn: the regressors learn the response itself, as if there were no effects
-        response = np.concatenate([record.y for record in records_of(columns[:, 0])])
+        response = np.concatenate([record.y for record in records_of(columns[:, 0], {})])
         targets = np.tile(response, (backfitting.n_folds, 1))
         predictions = backfitting.predict(targets)
         start = refit(None, backfitting.out_of_fold(predictions))
         last = backfitting.alternate(
             Turn(targets, predictions, *start), problem_of, refit, train, self.max_iter
         )
-        effects.records_, effects.n_features_in_ = slices, columns.shape[1]
-        effects.adopt(last.effects)
-        warn_gaps(self, effects.operator_, slices)
+        effects.adopt(last.effects[0])
         estimator = backfitting.fitted(last.targets)
         return self._assemble(estimator, effects, slices, 1 + last.number)
 
@@ -254,7 +265,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         slices, columns, p, read = with_lost_rows(slices, columns, p)
         effects, inputs = self.effects_, _as_first_column(p, columns)
         if y_start is not None:
-            known = known_response(X, y_start)
+            known = known_response(self, X, y_start)
             interval = {"dt_": self.dt_, "time_unit_": self.time_unit_}
             names = getattr(effects, "feature_names_in_", None)
             rows = inputs if read is None else inputs[read]

@@ -54,6 +54,7 @@ from .._validation import (
     finite_numbers,
     interval_of,
     refuse_large,
+    refuse_other_unit,
     used_interval,
 )
 from ..base import ParametricModel, read_data
@@ -806,6 +807,7 @@ def _fitted(model, X, y):
         check_is_fitted(model)
     except NotFittedError:
         return clone(model).fit(X, y)
+    refuse_other_unit(model, y)
     return model
 
 

@@ -17,7 +17,13 @@ from sklearn.utils.validation import check_is_fitted
 from .._signals import input_signals
 from .._sklearn import HasMethods, Interval, StrOptions, fit_context
 from .._validation import interval_of, used_interval
-from ..base import ParametricModel, input_at_rest, one_thread, read_data
+from ..base import (
+    ParametricModel,
+    input_at_rest,
+    one_thread,
+    read_data,
+    warn_of_unmatched_response,
+)
 from ..operators import (
     CompiledSeries,
     CompiledStep,
@@ -25,6 +31,7 @@ from ..operators import (
     Signal,
     Stepper,
     SumOperator,
+    run_records,
     split_disturbances,
 )
 from ..records import with_lost_rows
@@ -352,8 +359,14 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         slices, columns, y = read_data(self, X, y, **options)
         slices, columns, y, read = with_lost_rows(slices, columns, y)
         read = np.ones(len(y), dtype=bool) if read is None else read
-        signal = self.model_.operator_input(columns, slices)[0]
+        signal, schedules = self.model_.operator_input(columns, slices)
+        state = self.model_.free_run_state
+        run = run_records(self.model_.operator_, signal, slices, state, schedules)
         for s in slices:
+            own, known = run[s.rows], np.where(read[s.rows], y[s.rows], np.nan)
+            # the random walk takes constants
+            walk = 0.0 if self.disturbance is None else np.nanmean(known - own)
+            warn_of_unmatched_response(self.model_, own + walk, known)
             rows, u = np.column_stack([signal[s.rows], y[s.rows]]), signal[s.rows]
             if not read[s.rows].all():
                 step = self.compiled_step(s.dt, u[0])

@@ -10,6 +10,7 @@ import numpy as np
 
 from .._jit import jit
 from .._sklearn import Interval, StrOptions
+from ..base import refine
 from ..noise import largest_noise
 from ..operators import (
     CompiledLaw,
@@ -246,7 +247,8 @@ class CoulombFriction(FrictionModel):
     Notes
     -----
     The transition velocity is at least three standard errors of the velocity, or a tenth of the
-    drive's top speed if that is less, so that the force does not chatter while the drive rests.
+    drive's top speed if that is less, so that the force does not chatter while the drive rests;
+    unless the residual is coloured and the error without this limit is noticeably lower.
 
     References
     ----------
@@ -298,12 +300,20 @@ class CoulombFriction(FrictionModel):
         self.motion = motion
 
     def starting_values(self, records):
-        smoothing, force = int(self.smoothing), half_range(records)
         if self.motion == "velocity":
-            top = largest_drive(records)
-            noise = max(largest_noise(record.u) for record in records)
-        else:
-            top, noise = top_speed(records, smoothing), speed_noise(records, smoothing)
+            return self._starts(records, max(largest_noise(record.u) for record in records))
+        return self._starts(records, speed_noise(records, int(self.smoothing)))
+
+    def identified_otherwise(self, data):
+        # corners of the drive look like noise, which limits the transition velocity
+        yield refine(self, self._starts(data, 0.0), data)
+        yield from super().identified_otherwise(data)
+
+    def _starts(self, records, noise):
+        """Return starting values for a standard error of the velocity, in drive/s."""
+        smoothing, force = int(self.smoothing), half_range(records)
+        is_velocity = self.motion == "velocity"
+        top = largest_drive(records) if is_velocity else top_speed(records, smoothing)
         noise = min(_QUIET * noise, _NOISIEST * top)
         slowest, fastest = max(_SLOWEST * top, noise), _FASTEST * top
         transitions = np.unique(np.maximum(np.multiply(_TRANSITIONS, top), 1.5 * slowest))

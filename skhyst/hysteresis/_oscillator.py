@@ -530,8 +530,12 @@ class OscillatorOperator(HeldInput):
     def scaled_init(self, u0, factor, initial_state="rest"):
         if initial_state == "zero":
             return 0.0, 0.0, 0.0, float(u0), 0.0, float(factor)
-        q, force, _ = self._loaded_rest(float(u0), float(factor))
-        return q, 0.0, force, float(u0), 1.0, float(factor)
+        return self._begun(float(u0), float(factor))[0]
+
+    def _begun(self, u0, factor):
+        """Return the state at rest, and its derivatives as in :meth:`_loaded_rest`."""
+        q, force, by = self._loaded_rest(u0, factor)
+        return (q, 0.0, force, u0, 1.0, factor), by
 
     def scaled_run(self, u, factor, dt, state):
         u, factor = as_signal(u), as_signal(factor)
@@ -557,11 +561,13 @@ class OscillatorOperator(HeldInput):
         d, dy = np.zeros((3, p + n_own)), np.empty((u.size, p + n_own + 2))
         if not u.size:
             return np.empty(0), dy
-        *state, before, begun, loaded = self.scaled_init(u[0], factor[0], initial_state)
-        if begun:
-            _, _, by = self._loaded_rest(before, loaded)
+        if initial_state == "zero":
+            initial = self.scaled_init(u[0], factor[0], initial_state)
+        else:
+            initial, by = self._begun(float(u[0]), float(factor[0]))
             d[::2, :p] = np.outer(by[:, 0], du[0]) + np.outer(by[:, -1], dfactor[0])
             d[::2, p:] = by[:, 1:-1]
+        *state, before, begun, loaded = initial
         q, dq, first = np.empty(u.size), np.empty((u.size, p + n_own)), _first(begun, u)
         q[:first] = dq[:first] = 0.0
         mode, h = self._substep(dt)

@@ -283,6 +283,8 @@ class RateDependentPrandtlIshlinskiiOperator(PlaySum):
     def _smooths(self):
         return self.smoothing != "none"
 
+    moves_at_rest = _smooths
+
     def parameter_specs(self):
         """Return the identifiable fields; those of the rate are included if they are not zero."""
         specs = super().parameter_specs()

@@ -60,6 +60,7 @@ class SlewLimitOperator(OneStateOperator, step=slew_limit_step):
 
     rate: float = parameter(log=True, lower=0.0, unit="drive/s")
     stage_order = 0
+    moves_at_rest = True
 
     def characteristics(self, seen):
         return {"fastest drive": (seen.rates.max(), "drive/s")}

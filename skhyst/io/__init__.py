@@ -4,6 +4,9 @@ Nothing here uses an index of record and time: :mod:`skhyst.records` builds it f
 """
 
 from ._clock import JITTER as JITTER
+from ._column_names import SECONDS as SECONDS
+from ._column_names import symbol_of as symbol_of
+from ._column_names import time_unit_of as time_unit_of
 from ._column_names import unit_of as unit_of
 from ._column_overview import ColumnOverview
 from ._column_overview import inspect_columns as inspect_columns

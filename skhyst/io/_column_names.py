@@ -10,6 +10,7 @@ _SYMBOL = (
 SYMBOLS = rf"(?:1/)?{_SYMBOL}(?:[/*·]{_SYMBOL})*"  # of a unit, without brackets
 _BRACKETED = re.compile(r"[(\[](?![\d\s:,.-]+[)\]])([^()\[\]]{1,12})[)\]]\s*$")
 _BEHIND = re.compile(rf"(?<=\S)\s+(?:/|in)\s+({SYMBOLS})\s*$")  # "Force / N", "Kraft in N"
+_MICRO = re.compile("[µμ]")
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
 _SPELLED = {  # other spellings
     "s": ("sec", "secs", "second", "seconds", "秒"),
@@ -43,6 +44,29 @@ def unit_of(name) -> str:
     """
     match = _BRACKETED.search(str(name)) or _BEHIND.search(str(name))
     return match.group(1).strip() if match else ""
+
+
+def symbol_of(name) -> str:
+    """Return the unit in a column's name if it consists of usual symbols; micro is "u".
+
+    Parameters
+    ----------
+    name : str
+        Name of a column.
+
+    Returns
+    -------
+    str
+        Or "".
+
+    Examples
+    --------
+    >>> from skhyst.io import symbol_of
+    >>> symbol_of("x [µm]"), symbol_of("x (raw)")
+    ('um', '')
+    """
+    unit = unit_of(name)
+    return _MICRO.sub("u", unit) if re.fullmatch(SYMBOLS, unit) else ""
 
 
 def without_unit(name):

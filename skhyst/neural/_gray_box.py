@@ -208,6 +208,7 @@ class GrayBoxOperator(Operator):
 
     owns_gain = True
     stage_order = 10
+    moves_at_rest = True
 
     def __post_init__(self):
         super().__post_init__()

@@ -218,6 +218,9 @@ class OnColumnOperator(WrappedOperator):
     def keys(self, name=None):
         return super().keys(name) if self.column == 0 else Operator.keys(self, name)
 
+    def holds_of_input(self):
+        return {(self.column, hold) for _, hold in super().holds_of_input()}
+
     def _own(self, u):
         return _one(u, self.column) - self.reference
 
@@ -848,6 +851,15 @@ class _Composition(_ByEntries):
         """Return the stages with their names."""
         return [Stage(*pair) for pair in zip(self.names, self.stages, strict=True)]
 
+    def holding_what_moves(self, name=None):
+        return [own for key, part in self._keyed(name) for own in part.holding_what_moves(key)]
+
+    def _keyed(self, name):
+        """Return the stages with their full names; those within a single model have its name."""
+        if not self.is_composed:
+            return [(name, stage) for stage in self.stages]
+        return [(own if name is None else f"{name}__{own}", part) for own, part in self.members()]
+
     def held_entries(self):
         if not self.is_composed:
             return super().held_entries()
@@ -1022,6 +1034,23 @@ class Series(_Composition):
         return [
             key for stage_name, stage in self.series() for key in Operator.keys(stage, stage_name)
         ]
+
+    def holds_of_input(self):
+        found = set()
+        for stage in self.stages:
+            first = self.stages[0].driving_column
+            found |= {(first or column, hold) for column, hold in stage.holds_of_input()}
+            if stage.moves_at_rest:
+                break
+        return found
+
+    def holding_what_moves(self, name=None):
+        found, moves = [], False
+        for key, stage in self._keyed(name):
+            holds = moves and "zoh" in {hold for _, hold in stage.holds_of_input()}
+            found += [key] if holds else stage.holding_what_moves(key)
+            moves = moves or stage.moves_at_rest
+        return found
 
     def init(self, u0, initial_state="rest"):
         states = []

@@ -120,6 +120,7 @@ class HeldInput(Operator):
 
     hold = "foh"
     holds = ("foh", "zoh", BANDLIMITED)
+    moves_at_rest = True
     strictly_proper = False  # whether no output depends on the input of the same instant
 
     def __init_subclass__(cls, **options):

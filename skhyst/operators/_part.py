@@ -121,6 +121,9 @@ class Part:
         The response to straight lines between the samples consists of such lines again, so that
         stages behind it in a series can be resampled; for a delay if it is a whole number of
         samples, as :meth:`Operator.resampled` requires.
+    moves_at_rest : bool
+        The output moves while the input rests, as of linear dynamics: an input that is held between
+        samples gives an output that is not.
     schedule_range : (float, float) or None
         Least and largest schedule of the fit, where parameters depend on a schedule.
     scaled_within : tuple of str
@@ -446,6 +449,33 @@ class Part:
         return self if self.model is None else dataclasses.replace(self, model=None)
 
     # ------------------------------------------------------------------ its parts
+
+    @property
+    def moves_at_rest(self) -> bool:
+        """Whether the output moves while the input rests, by default where that of a part does."""
+        return any(child.moves_at_rest for child in self.children)
+
+    def holds_of_input(self) -> set[tuple[int, str]]:
+        """Return (column, hold) of all parts that the input drives, for each that has a hold."""
+        own = getattr(self, "hold", None)
+        if own is not None:
+            return {(self.driving_column, own)}
+        return set().union(*(child.holds_of_input() for child in self.children))
+
+    def holding_what_moves(self, name=None) -> list[str]:
+        """Return the names of parts with the hold "zoh" behind a part that moves at rest.
+
+        Parameters
+        ----------
+        name : str, default=None
+            Name of this part.
+
+        Returns
+        -------
+        list of str
+            As ``outer__inner``.
+        """
+        return [own for child in self.children for own in child.holding_what_moves(name)]
 
     def split(self):
         """Return the driven part, or None, and a tuple of the additive disturbances."""

@@ -90,7 +90,8 @@ def estimate_input_history(
         ``_start_values``.
     """
     if operator.n_start:
-        return estimate_start_values(operator, disturbances, records, fixed=fixed, method=method)
+        own = {"fixed": fixed, "method": method, "which": which, "initial_state": initial_state}
+        return estimate_start_values(operator, disturbances, records, **own)
     count, which = _count(records), [True] * len(records) if which is None else which
     records = [r if _is_known(r, count) else replace(r, before=None) for r in records]
     start = [(operator, disturbances)]
@@ -209,7 +210,7 @@ def input_history_of(
     rest, the start values (n_records, n_start) are returned.
     """
     if operator.n_start:
-        return start_values_of(operator, disturbances, records)
+        return start_values_of(operator, disturbances, records, which)
     ends = [np.array([r.u.min(axis=0), r.u.max(axis=0)]).reshape(2, -1) for r in records]
     low, high = np.min(ends, axis=0)[0], np.max(ends, axis=0)[1]
     if drive_range is not None:

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from ._identify import identify
-from ._problem import OperatorProblem, scheduled
+from ._problem import OperatorProblem, record_with_history, scheduled
 
 _STEPS = 20  # Gauss-Newton steps for the start of a record, or passes over the parameters
 _HALVES = 10
@@ -21,22 +21,29 @@ _FOLLOWED = 3  # starts of the parameters that are followed to convergence
 _SETTLED = 1e-8  # relative decrease of the error by a pass that is worth another one
 
 
-def start_values_of(operator, disturbances, records):
+def start_values_of(operator, disturbances, records, which=None):
     """Return the start values of each record with the parameters held, and the number of runs.
 
     Parameters
     ----------
     operator, disturbances : Operator, sequence of DisturbanceOperator
     records : sequence of RecordData
+    which : sequence of bool, default=None
+        Records that have start values of their own; by default all.
 
     Returns
     -------
     start : ndarray of shape (n_records, n_start)
+        NaN for the other records.
     n_evaluations : int
         Largest number of simulations of one record.
     """
     problem = OperatorProblem(operator, records, disturbances=disturbances)
-    starts = [_start(problem, record) for record in problem.records]
+    which = [True] * len(records) if which is None else which
+    starts = [
+        _start(problem, record) if has_own else (np.full(operator.n_start, np.nan), 0)
+        for record, has_own in zip(problem.records, which, strict=True)
+    ]
     return np.array([start for start, _ in starts]), max(runs for _, runs in starts)
 
 
@@ -88,7 +95,15 @@ def _start(problem, record):
 
 
 def estimate_start_values(
-    operator, disturbances, records, *, fixed=(), method="variable_projection", with_errors=True
+    operator,
+    disturbances,
+    records,
+    *,
+    fixed=(),
+    method="variable_projection",
+    with_errors=True,
+    which=None,
+    initial_state="rest",
 ):
     """Identify parameters and the start values of each record.
 
@@ -103,25 +118,38 @@ def estimate_start_values(
     method : str or Method, default="variable_projection"
     with_errors : bool, default=True
         Whether to compute standard errors.
+    which : sequence of bool, default=None
+        Records that have start values of their own; by default all.
+    initial_state : {"rest", "zero"}, default="rest"
+        State before each of the other records.
 
     Returns
     -------
     result : IdentificationResult
     start : ndarray of shape (n_records, n_start)
+        NaN for the other records.
     """
-    start, runs = start_values_of(operator, disturbances, records)
+    start, runs = start_values_of(operator, disturbances, records, which)
+    how = {"fixed": fixed, "method": method, "with_errors": with_errors}
+    how["initial_state"] = initial_state
     best, evaluations, count = None, runs, start.shape[1]
     for _ in range(_STEPS):
-        begun = [replace(r, start=s, eliminated=None) for r, s in zip(records, start, strict=True)]
+        begun = [replace(r, eliminated=None) for r in _begun(operator, records, start)]
         problem = OperatorProblem(operator, begun, disturbances=disturbances)
-        loose = [replace(r, eliminated=problem.history_sensitivities(operator, r)) for r in begun]
-        result = identify(
-            [(operator, disturbances)], loose, fixed=fixed, method=method, with_errors=with_errors
-        )
+        loose = [
+            replace(
+                r,
+                eliminated=np.zeros((len(r.u), count))
+                if np.isnan(s).any()
+                else problem.history_sensitivities(operator, r),
+            )
+            for r, s in zip(begun, start, strict=True)
+        ]
+        result = identify([(operator, disturbances)], loose, **how)
         evaluations += result.n_evaluations
-        moved, runs = start_values_of(result.operator, result.disturbances, begun)
+        moved, runs = start_values_of(result.operator, result.disturbances, begun, which)
         evaluations += runs
-        error = _error(result.operator, result.disturbances, begun, moved)
+        error = _error(result.operator, result.disturbances, begun, moved, initial_state)
         if best is not None and not error < (1.0 - _SETTLED) * best[0].error:
             break
         own_part = result.record_coefficients[:, : result.record_coefficients.shape[1] - count]
@@ -167,10 +195,15 @@ def best_from_own_starts(starts, records):
     return [starts[i] for i in np.argsort(errors, kind="stable")[:_FOLLOWED]], evaluations
 
 
-def _error(operator, disturbances, records, start):
+def _begun(operator, records, start):
+    """Return records with their start values, where these are not NaN."""
+    return [record_with_history(operator, *pair) for pair in zip(records, start, strict=True)]
+
+
+def _error(operator, disturbances, records, start, initial_state="rest"):
     """Return the root mean square of the residual for given start values."""
-    begun = [replace(r, start=s) for r, s in zip(records, start, strict=True)]
-    problem = OperatorProblem(operator, begun, disturbances=disturbances)
+    options = {"disturbances": disturbances, "initial_state": initial_state}
+    problem = OperatorProblem(operator, _begun(operator, records, start), **options)
     blocks = problem.evaluate(problem.x0, jacobian=False)
     power = problem.total(blocks)[-1, -1]
     return float(np.sqrt(power / problem.segment_weight.sum()))

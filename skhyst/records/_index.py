@@ -24,7 +24,7 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import RecordError
-from ..io import JITTER, describe_rows
+from ..io import JITTER, SECONDS, describe_rows, time_unit_of
 
 GAP = 1.5  # an interval longer than this many sampling intervals separates two records
 # A straight line over k sampling intervals of a sine with n samples a period is wrong by up to
@@ -548,6 +548,8 @@ def _numbers(times, dt, codes=None):
             f"count samples. Got values of type {dtype} instead; X.reset_index(drop=True) makes "
             f"one record of the rows, skhyst.records.stack_records builds an index."
         )
+    if dtype.kind not in "mM":
+        _refuse_other_unit(times.name)
     missing = times.isna() if values.dtype.kind == "i" else ~np.isfinite(values)
     if codes is not None:
         codes = np.asarray(codes)
@@ -562,6 +564,19 @@ def _numbers(times, dt, codes=None):
             f"drop these rows."
         )
     return TimeStamps(values, unit, dtype, counts)
+
+
+def _refuse_other_unit(name):
+    """Refuse numbers whose name says that they are times in another unit than seconds."""
+    try:
+        unit = time_unit_of(name)
+    except ValueError:  # no unit of time
+        return
+    if unit not in ("", "s"):
+        raise RecordError(
+            f"The time in the index of X must be in seconds. Got the name {name!r}, of times in "
+            f"{unit}, instead; multiply it by {SECONDS[unit]:g} and call it 'time'."
+        )
 
 
 def record_names(records) -> list:

@@ -331,6 +331,11 @@ class UnknownTermOperator(Operator):
         return self.names == ("input",)
 
     @property
+    def moves_at_rest(self):
+        """Whether it is a function of the time since a turn."""
+        return "turn" in self.names
+
+    @property
     def of_rate(self):
         """Whether it is a function of the input and its rate."""
         return self.names == ("input", "rate")

@@ -1,5 +1,7 @@
 """Models in series: fitted jointly, with one static gain."""
 
+import warnings
+
 import numpy as np
 import pytest
 from sklearn.base import clone
@@ -17,6 +19,7 @@ from skhyst.linear import (
     DelayOperator,
     FirstOrderLag,
     FirstOrderLagOperator,
+    Gain,
     KelvinVoigt,
     KelvinVoigtOperator,
     SecondOrderMode,
@@ -25,7 +28,7 @@ from skhyst.linear import (
     TransferFunctionOperator,
 )
 from skhyst.operators import Series
-from skhyst.optimize import RecordData
+from skhyst.optimize import RecordData, VariableProjection
 from skhyst.static import (
     DeadBand,
     DeadBandOperator,
@@ -319,6 +322,30 @@ def test_parameters_reach_into_steps():
     assert nested.get_params()["inner__lag__hold"] == "foh"
     with pytest.raises(ValueError, match="Invalid parameter 'wrong'"):
         model.set_params(wrong=1)
+
+
+HELD = {"hold": "zoh", "dt": DT}
+BOTH = [("lag", FirstOrderLag(**HELD)), ("mode", SecondOrderMode(**HELD))]
+
+
+@pytest.mark.parametrize(
+    ("model", "said"),
+    [
+        (Cascade(BOTH), "The input of 'mode' is held"),
+        (Sum([("gain", Gain(dt=DT)), ("inner", Cascade(BOTH))]), "The input of 'inner__mode' is"),
+        (Sum([BOTH[0], ("creep", KelvinVoigt(1, dt=DT))]), "with the holds 'foh' and 'zoh'"),
+        (Cascade([("gain", Gain(dt=DT)), ("delay", Delay(dt=DT)), BOTH[1]]), None),
+        (Cascade([BOTH[0], ("mode", SecondOrderMode(dt=DT))]), None),
+    ],
+)
+def test_a_fit_warns_of_a_held_input_that_moves(model, said):
+    u = np.repeat(np.random.default_rng(0).normal(size=15), 4)
+    y, _ = Series(("lag", "mode"), (FirstOrderLagOperator(0.03, hold="zoh"), MODE)).run(u, DT)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", UserWarning)
+        model.set_params(method=VariableProjection(max_evaluations=1)).fit(u[:, None], y)
+    found = [str(w.message) for w in caught if "zoh" in str(w.message)]
+    assert [said in text for text in found] == [True] if said else not found
 
 
 @pytest.mark.parametrize("kind", [Cascade, Sum])

@@ -57,6 +57,15 @@ def test_noise_of_an_encoder_does_not_chatter(smoothing, unit):
     assert np.std(model.predict(u[:, None])[rest]) < 2.0
 
 
+def test_corners_of_the_drive_are_no_noise():
+    rng = np.random.default_rng(0)
+    ramps = np.convolve(np.repeat(rng.uniform(-1.0, 1.0, 40), 10), np.ones(9) / 9, "valid")
+    plant = CoulombFrictionOperator(5.0, 2.0)
+    y = plant.run(ramps, DT)[0] + 0.01 * rng.normal(size=len(ramps))
+    model = CoulombFriction(dt=DT).fit(ramps[:, None], y)
+    assert model.operator_.transition_velocity == pytest.approx(5.0, rel=0.02)
+
+
 def _weights(n):
     """Return what the least-squares slope over n intervals multiplies the samples with."""
     places = np.arange(n + 1) - 0.5 * n

@@ -190,6 +190,13 @@ def test_friction_along_the_way_is_found_within_its_errors():
     assert model.params_std_["friction_gradient"] < 0.02
 
 
+def test_behind_missing_rows_it_begins_elsewhere():
+    plant, kept = FreeMassOperator(0.5, 0.8, intercept=0.2), np.r_[0:200, 215:400]
+    frame = pd.DataFrame({"force": U[:400]}, pd.Index(TIME[:400], name="time"))
+    model = FreeMass().fit(frame.iloc[kept], noisy(plant, 0, U[:400])[kept])  # warnings are errors
+    assert_within(model, plant)
+
+
 @pytest.mark.slow
 def test_each_record_has_its_own_start():
     plant = FreeMassOperator(0.5, 0.8, friction=1.0, force_offset=0.1)

@@ -153,6 +153,14 @@ def test_tangents_are_carried_one_by_one(operator, u):
         np.testing.assert_allclose(one, both[:, [j, *range(2, both.shape[1])]], 1e-12, 1e-13)
 
 
+@pytest.mark.parametrize("driven", sorted(set(OPERATORS) - {"drift", "sinusoid"}))
+def test_behind_a_step_only_what_moves_at_rest_moves(driven, u):
+    operator = OPERATORS[driven]
+    if not operator.moves_at_rest:
+        y, _ = operator.run(np.append(u[:20], np.full(N, 0.37)), DT, operator.init(u[0]))
+        np.testing.assert_allclose(y[35:], y[-1], rtol=1e-12)  # behind a delay of 9 samples
+
+
 @pytest.mark.parametrize("level", [0.0, 0.4, -1.3])
 @pytest.mark.parametrize("driven", sorted(set(OPERATORS) - UNDRIVEN))
 def test_rest_stays_at_rest(driven, level):

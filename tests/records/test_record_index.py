@@ -253,3 +253,12 @@ def test_nothing_is_changed():
     record_slices(TWO, TWO["drive"])
     assert record_slices(TWO.sort_index(level="time").sort_index()) == record_slices(TWO)
     pd.testing.assert_frame_equal(TWO, before)
+
+
+@pytest.mark.parametrize("values", [np.arange(0.0, 40.0, 10.0), np.arange(0, 40, 10)])
+def test_numbers_named_in_another_unit_than_seconds_are_refused(values):
+    with pytest.raises(RecordError, match=r"must be in seconds.*of times in ms.*by 0\.001"):
+        record_slices(pd.DataFrame({"u": values}, pd.Index(values, name="time (ms)")))
+    stamps = pd.to_timedelta(values, unit="ms").rename("time_ms")
+    [record] = record_slices(pd.DataFrame({"u": values}, stamps))
+    assert record.dt == pytest.approx(0.01)
