@@ -66,7 +66,9 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
     suspect_ : tuple of str
         What has changed, the most likely first, followed by what cannot be distinguished from it.
         ``"gain"`` stands for all linear parameters by the same fraction, ``"offset"`` for a step of
-        the sensor or of another additive disturbance. Empty before the first alarm; samples after
+        the sensor or of another additive disturbance. ``"other"`` is a change that none of these
+        explains: with each, innovations are larger than in any block of the fit, such as those of
+        an additional resonance or of a failed sensor. Empty before the first alarm; samples after
         an alarm make it more certain, until :meth:`reset`.
     judged : bool
         Whether the last block of :meth:`update` was within the range and the rate of the drives of
@@ -111,6 +113,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
 
     one_interval = False  # unless its model asks for one interval
     _range = -np.inf, np.inf  # for a monitor saved by a version without a range
+    _worst = np.inf  # nor the mean square of innovations in the worst block of the fit
 
     _parameter_constraints = {
         "observer": [HasMethods(["fit", "compiled_step"])],
@@ -196,6 +199,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         energies = squares.reshape(-1, size).sum(axis=1), np.mean(squares**2)
         self._tests = LocalTests(*sums, dof, self.false_alarms, self.block, orders, *energies)
         self.misfit_ = self._tests.misfit / self.block
+        self._worst = energies[0].max() / size
         return self.reset()
 
     def reset(self) -> Self:
@@ -308,6 +312,8 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         units = 1.0 / np.sqrt(np.einsum("mp,pq,mq->m", scaled, self._tests.known, scaled))
         squares, offset = self._squares_after(directions)
         smallest = [*smallest_squares(squares, units, values), offset]
+        if min(smallest) > self._worst * np.count_nonzero(self._evidence[3]):
+            return ("other",)
         blocks = len(self._evidence[2]) / self.block
         indices = likely(smallest, self._tests.misfit * blocks)
         return tuple([*names, "offset"][i] for i in indices)
