@@ -399,6 +399,8 @@ class FeedforwardPI:
         ------
         ValueError
             If a parameter is invalid, or as in :meth:`stepper`.
+        FloatingPointError
+            By the function, if a reading leads beyond floating point.
         """
         caller, wanted = "FeedforwardPI.controlling", "finite numbers, one per sample"
         reference = finite_numbers(reference, caller, "reference", wanted, ndim=1)
@@ -417,7 +419,10 @@ class FeedforwardPI:
         def control(k, reading):
             acting = begin if stepper.output is None else stepper.output
             row = due[k], reading, *(column[k] for column in columns[1:])
-            return stepper.step((*row, acting) if tracks else row)
+            drive = stepper.step((*row, acting) if tracks else row)
+            if stepper.state[10] == 1.0:  # as before the first step: held
+                raise FloatingPointError(f"The reading {reading!r} leads beyond floating point.")
+            return drive
 
         return control
 
