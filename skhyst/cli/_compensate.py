@@ -38,10 +38,12 @@ def compensate(options):
     where = "" if record is None else f", record {record}"
     part = f"{100.0 * fraction:.3g} % of the range{where}"
     print(f"largest residual of the model: {worst:.4g} ({part})")
+    error = getattr(compensator.model_, "fit_error_", np.nan)  # a saved model may not know it
+    print(f"root mean square error of the model in its fit: {error:.4g}")
     for message in dict.fromkeys(str(warning.message) for warning in caught):
         print(message)
     if not options.force:
-        _refuse(options, worst, fraction, hasattr(compensator, "drive_range_"))
+        _refuse(options, compensator, worst, fraction)
     rate = rate if np.isfinite(rate) else None
     parts = pd.Series(drive, X.index).groupby(level="record", sort=False)
     table = pd.concat([_from_rest(name, part, options.rest, rate) for name, part in parts])
@@ -63,8 +65,16 @@ def _from_rest(record, drive, rest, rate):
     return pd.DataFrame({"record": record, "time": time, "drive": values})
 
 
-def _refuse(options, worst, fraction, known):
-    """Raise a ValueError if the drive has no known limits or misses the reference by too much."""
+def _refuse(options, compensator, worst, fraction):
+    """Raise a ValueError if the drive has no known limits, leaves them, or misses too much."""
+    known = hasattr(compensator, "drive_range_")
+    (low, high), rest = compensator.drive_limits_, options.rest
+    if rest is not None and not low <= rest <= high:
+        raise ValueError(
+            f"{options.output} is not written: the rest of the amplifier, {rest:g} (--rest), is "
+            f"not within the limits of the drive, {low:.6g} to {high:.6g}. Give the limits of the "
+            "amplifier (--limits), or write it all the same with --force."
+        )
     if not (known or options.no_limits or options.limits):
         raise ValueError(
             f"{options.output} is not written: the model, of an earlier version, does not know the "

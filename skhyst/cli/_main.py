@@ -40,7 +40,7 @@ def main(argv=None) -> int:
     parser = _parser()
     if "_ARGCOMPLETE" in os.environ:  # a shell asks for completions
         importlib.import_module("argcomplete").autocomplete(parser)
-    options = parser.parse_args(argv)
+    options = parser.parse_args([_as_number(text) for text in argv])
     options.command = shlex.join(["skhyst", *argv])
     try:
         with warnings.catch_warnings(), ending_on_signals():
@@ -268,6 +268,18 @@ def _add_export(commands):
     for_fmu = parser.add_argument_group("for --fmu")
     for_fmu.add_argument("--fmi-version", choices=("2.0", "3.0"), help="(default: 3.0)")
     parser.set_defaults(run=_later("_export", "export"))
+
+
+def _as_number(text):
+    """Return a negative number such as -1e-9 with a space in front, others as they are.
+
+    Without it argparse takes it for an option, unless it is written as -1 or -0.5.
+    """
+    try:
+        is_number = text[:2] != "--" and text[:1] == "-" and bool(float(text))
+    except ValueError:
+        return text
+    return f" {text}" if is_number and not text[1:].replace(".", "", 1).isdigit() else text
 
 
 def _grid(text):

@@ -201,6 +201,8 @@ class SampledFeedback:
     array([0., 0., 1.])
     """
 
+    signal_linear = False
+
     linear: SampledStateSpace
     e: np.ndarray
     f: np.ndarray
@@ -502,6 +504,8 @@ class ModalFeedback(ModalModel):
     -----
     ConvergenceWarning
         If the budget does not suffice, or a rest within the range of the inputs is unstable.
+    ExtrapolationWarning
+        In ``predict``, if an input leaves its range in the fit.
 
     See Also
     --------

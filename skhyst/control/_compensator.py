@@ -129,7 +129,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
     Warns
     -----
     ReachWarning
-        If limits clip the drive (with the percentage of the samples); if limits are None and the
+        If limits clip the drive (with the percentage of the samples); if there is no limit and the
         drive leaves the range or the rate of the fit, or these are not known; if a stage cannot
         give the output that is required of it (with its name and the value); if the response to the
         drive misses the reference by more than ``max_residual`` allows.
@@ -530,22 +530,24 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
 
     def _limit_messages(self, slices, drive, cut):
         """Return warnings about the samples of a drive (n_samples,) limited or beyond the fit."""
-        limits, fit_limits, messages = self._limits(), DriveLimits(*self._seen()), [self._unknown()]
+        limits, (low, high, rate), messages = self._limits(), self._seen(), [self._unknown()]
         if cut.any():
             messages.append(
                 f"The limits of the drive cut {_percent(cut)} of the samples: {limits}. They are "
                 "'drive_limits' and 'rate_limit', by default the range of the fit."
             )
-        if self.drive_limits is not None:
-            fit_limits = replace(fit_limits, low=-np.inf, high=np.inf)
-        if self.rate_limit is not None:
-            fit_limits = replace(fit_limits, rate=np.inf)
-        fit_limits = replace(fit_limits, rounding=limits.rounding)
-        beyond = np.concatenate([fit_limits.exceeded(drive[s.rows], s.dt) for s in slices])
+        seen = DriveLimits(  # where there is no limit
+            low if np.isinf(limits.low) else -np.inf,
+            high if np.isinf(limits.high) else np.inf,
+            rate if np.isinf(limits.rate) else np.inf,
+            limits.rounding,
+        )
+        beyond = np.concatenate([seen.exceeded(drive[s.rows], s.dt) for s in slices])
         if beyond.any():
             messages.append(
                 f"{_percent(beyond)} of the samples of the drive, which is not limited, are beyond "
-                f"the range of the fit ({fit_limits}): up to {drive[np.abs(drive).argmax()]:.6g}."
+                f"the range of the fit ({seen}): from {drive.min():.6g} to {drive.max():.6g}, up "
+                f"to {max(_fastest(drive[s.rows], s.dt) for s in slices):.6g} per s."
             )
         return messages
 
@@ -572,6 +574,11 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         if self.bandwidth is None or self.bandwidth * dt >= 0.5:
             return signal
         low_pass = butter(_ORDER, self.bandwidth, fs=1.0 / dt, output="sos")
+        if np.sum(low_pass[:, 3:], axis=1).min() <= 0.0:  # its poles are one, but for rounding
+            raise ValueError(
+                "The 'bandwidth' parameter of InverseCompensator must be a frequency that a filter "
+                f"at a sampling interval of {dt:g} s can have. Got {self.bandwidth!r} Hz instead."
+            )
         return sosfiltfilt(low_pass, signal, padtype="constant", padlen=len(signal) - 1)
 
     def _compensated(self, reference, dt):
@@ -648,6 +655,11 @@ def _combined(drives, changes, best):
     target = np.append(changes[best], np.zeros(len(changes[best])))
     weights = np.linalg.lstsq(penalised, target, rcond=None)[0]
     return -(d_drive + d_change) @ weights
+
+
+def _fastest(drive, dt):
+    """Return the largest rate of a drive (n_samples,)."""
+    return np.abs(np.diff(drive)).max(initial=0.0) / dt
 
 
 def _percent(samples):

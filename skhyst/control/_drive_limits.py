@@ -91,8 +91,12 @@ class DriveLimits:
         return (self.low, self.high, self.rate) != (-math.inf, math.inf, math.inf)
 
     def __str__(self):
-        within = f"{self.low:.6g} to {self.high:.6g}"
-        return within if math.isinf(self.rate) else f"{within}, {self.rate:.6g} per s"
+        parts = []
+        if (self.low, self.high) != (-math.inf, math.inf):
+            parts.append(f"{self.low:.6g} to {self.high:.6g}")
+        if not math.isinf(self.rate):
+            parts.append(f"{self.rate:.6g} per s")
+        return ", ".join(parts)
 
     def compiled_step(self, dt, u0):
         """Return one step, from rest at ``u0``; its flag ``limited`` is raised at a limit."""

@@ -4,7 +4,9 @@ At a sample the controller takes the reading, the reference of the same instant 
 feed-forward, the compensator's drive for the next sample. Anti-windup is by conditional
 integration: while the limits clip the drive, the integral part does not move further beyond them.
 If the acting drive is measured, or comes from another controller, the integral part follows it by
-back-calculation (Åström and Hägglund, *Advanced PID Control*, 2006, chapter 3).
+back-calculation (Åström and Hägglund, *Advanced PID Control*, 2006, chapter 3). Where a reading
+leads beyond floating point, such as one that stands for a fault of the sensor, the last drive is
+held.
 
 The derivative part of a signal x, with a filter of time constant T, is by backward differences
 
@@ -75,6 +77,18 @@ def started(reference, reading, c, s):
 
 
 @jit
+def restarted(feedforward, s):
+    """Return the last drive, with which the controller starts again at the next sample.
+
+    For numbers beyond floating point, which no later sample would take out of the state.
+    """
+    s[0] = s[6] - feedforward
+    s[1] = s[2] = s[3] = s[4] = s[7] = 0.0
+    s[5] = s[10] = 1.0
+    return s[6]
+
+
+@jit
 def limited_step(feedforward, reference, reading, damped, c, s):
     """Return the drive for a feed-forward drive and the input of the damping filter.
 
@@ -86,10 +100,15 @@ def limited_step(feedforward, reference, reading, damped, c, s):
     """
     kp, ki, low, high, notch, damping, weight, decay, kd, change = c[:10]
     error = reference - reading
-    s[7] = decay * s[7] - (0.0 if s[9] > 0.0 else kd * (damped - s[8]))
-    s[8], s[9] = damped, 0.0
     step = ki * error
-    direct = kp * (weight * reference - reading) + s[7]
+    derivative = decay * s[7] - (0.0 if s[9] > 0.0 else kd * (damped - s[8]))
+    direct = kp * (weight * reference - reading) + derivative
+    if not (
+        abs(feedforward + (notch[0] * (direct + s[0] + step) + s[1]) + (damping[0] * damped + s[3]))
+        < math.inf
+    ):
+        return restarted(feedforward, s)
+    s[7], s[8], s[9] = derivative, damped, 0.0
     wanted = feedforward + section_step(direct + s[0] + step, notch, s, 1)
     wanted += section_step(damped, damping, s, 3)
     drive = min(max(wanted, s[6] - change), s[6] + change)
@@ -380,6 +399,8 @@ class FeedforwardPI:
         ------
         ValueError
             If a parameter is invalid, or as in :meth:`stepper`.
+        FloatingPointError
+            By the function, if a reading leads beyond floating point.
         """
         caller, wanted = "FeedforwardPI.controlling", "finite numbers, one per sample"
         reference = finite_numbers(reference, caller, "reference", wanted, ndim=1)
@@ -398,7 +419,10 @@ class FeedforwardPI:
         def control(k, reading):
             acting = begin if stepper.output is None else stepper.output
             row = due[k], reading, *(column[k] for column in columns[1:])
-            return stepper.step((*row, acting) if tracks else row)
+            drive = stepper.step((*row, acting) if tracks else row)
+            if stepper.state[10] == 1.0:  # as before the first step: held
+                raise FloatingPointError(f"The reading {reading!r} leads beyond floating point.")
+            return drive
 
         return control
 

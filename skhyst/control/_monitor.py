@@ -66,7 +66,9 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
     suspect_ : tuple of str
         What has changed, the most likely first, followed by what cannot be distinguished from it.
         ``"gain"`` stands for all linear parameters by the same fraction, ``"offset"`` for a step of
-        the sensor or of another additive disturbance. Empty before the first alarm; samples after
+        the sensor or of another additive disturbance. ``"other"`` is a change that none of these
+        explains: with each, innovations are larger than in any block of the fit, such as those of
+        an additional resonance or of a failed sensor. Empty before the first alarm; samples after
         an alarm make it more certain, until :meth:`reset`.
     judged : bool
         Whether the last block of :meth:`update` was within the range and the rate of the drives of
@@ -111,6 +113,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
 
     one_interval = False  # unless its model asks for one interval
     _range = -np.inf, np.inf  # for a monitor saved by a version without a range
+    _worst = np.inf  # nor the mean square of innovations in the worst block of the fit
 
     _parameter_constraints = {
         "observer": [HasMethods(["fit", "compiled_step"])],
@@ -196,6 +199,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         energies = squares.reshape(-1, size).sum(axis=1), np.mean(squares**2)
         self._tests = LocalTests(*sums, dof, self.false_alarms, self.block, orders, *energies)
         self.misfit_ = self._tests.misfit / self.block
+        self._worst = energies[0].max() / size
         return self.reset()
 
     def reset(self) -> Self:
@@ -308,6 +312,8 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         units = 1.0 / np.sqrt(np.einsum("mp,pq,mq->m", scaled, self._tests.known, scaled))
         squares, offset = self._squares_after(directions)
         smallest = [*smallest_squares(squares, units, values), offset]
+        if min(smallest) > self._worst * np.count_nonzero(self._evidence[3]):
+            return ("other",)
         blocks = len(self._evidence[2]) / self.block
         indices = likely(smallest, self._tests.misfit * blocks)
         return tuple([*names, "offset"][i] for i in indices)
@@ -318,14 +324,17 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         These are a function ``squares(i, change)`` for a change along direction ``i``, and the
         smallest sum for a step of the reading.
         """
-        state, dt, rows, judged = self._evidence
-        columns = _Columns(self, dt, rows[0, :-1], state)
-        white = columns.run(rows) / self._scales
-        known = white[:, 1:] @ self._shift
-        higher = rows + self._scales[0] * np.eye(rows.shape[1])[-1]
-        step = _Columns(self, dt, rows[0, :-1], state).run(higher)[:, 0] / self._scales[0]
-        offset = squares_after_step(white[:, 0] - known, step - white[:, 0], judged, self.block)
+        state, dt, rows, judged, known = self._evidence
         driven, disturbances = split_disturbances(self.observer_.model_.operator_)
+
+        def white(rows, operator=None):
+            compiled_step = self.observer_.compiled_step(dt, rows[0, :-1], operator)
+            e = compiled_step.innovating(state.copy())(rows)
+            return lfilter(self.whitening_, 1.0, e) / self._scales[0]
+
+        e, unit = white(rows), self._scales[0] * np.eye(rows.shape[1])[-1]
+        step = white(rows + unit) - e
+        offset = squares_after_step(e - known, step, judged, self.block)
         names = [name for name, _ in driven.entries()]
         positions = [names.index(name) for name in self.parameters_]
 
@@ -334,13 +343,14 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
             values[positions] += change * directions[i]
             try:
                 other = add_disturbances(driven.unpack(values), disturbances)
-                compiled_step = self.observer_.compiled_step(dt, columns.u0, other)
+                found = [white(rows, other)]
             except ValueError:  # parameters that no device can have
                 return np.inf
-            e = compiled_step.innovating(state.copy())(rows)
-            white = lfilter(self.whitening_, 1.0, e) / self._scales[0] - known
-            total = white[judged] @ white[judged]
-            return total if np.isfinite(total) else np.inf
+            if self.observer_.disturbance is not None:
+                # the walk may have followed a change before the alarm: as an offset of the reading
+                found.append(white(rows - (found[0][0] - e[0]) * unit, other))
+            totals = [left @ left for left in ((own - known)[judged] for own in found)]
+            return min(totals) if np.isfinite(totals).all() else np.inf
 
         return squares, offset
 
@@ -350,22 +360,26 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         motion = columns.motion(rows)
         within = ((motion >= self._range[0]) & (motion <= self._range[1])).all(axis=1)
         judged = within.reshape(-1, self.block).all(axis=1)
-        scores, information = self._sums(columns.run(rows, read) / self._scales, self.block)
+        white = columns.run(rows, read) / self._scales
+        scores, information = self._sums(white, self.block)
         alarms = self._tests.decide(scores * judged[:, None], information * judged[:, None, None])
         alarms &= judged  # no alarm of a longer sum whose last block is not judged
         counts = np.repeat(judged, self.block)
         counts = counts if read is None else counts & read
+        # a model that starts again in between would have other sensitivities than the fit
+        known = white[:, 1:] @ self._shift
         if self._evidence is not None:
             state, dt, *evidence = self._evidence
             if len(evidence[0]) < self._n_kept:
-                evidence = zip(evidence, (rows, counts), strict=True)
+                evidence = zip(evidence, (rows, counts, known), strict=True)
                 evidence = [np.concatenate(parts)[: self._n_kept] for parts in evidence]
                 self._evidence = state, dt, *evidence
         elif alarms.any():
             first = int(np.argmax(alarms)) * self.block
             columns.compiled_step.innovating(before)(rows[:first])
             end = first + self._n_kept
-            self._evidence = before, columns.dt, rows[first:end], counts[first:end]
+            parts = (part[first:end] for part in (rows, counts, known))
+            self._evidence = before, columns.dt, *parts
         return alarms, judged
 
     def _sums(self, white, size):
@@ -416,7 +430,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
 class _Columns:
     """Whitened innovations of a record and their sensitivities, sample by sample."""
 
-    def __init__(self, monitor, dt, u0, state=None):
+    def __init__(self, monitor, dt, u0):
         observer, operators = (
             monitor.observer_,
             [None, *(operator for *_, operator in monitor._changed)],
@@ -424,7 +438,7 @@ class _Columns:
         self.dt, self.u0 = dt, u0 if len(np.ravel(u0)) > 1 else float(np.ravel(u0)[0])
         compiled_steps = [observer.compiled_step(dt, self.u0, operator) for operator in operators]
         self.compiled_step = compiled_steps[0]
-        self.states = [(part.state if state is None else state).copy() for part in compiled_steps]
+        self.states = [part.state.copy() for part in compiled_steps]
         self.innovations = [
             part.innovating(s) for part, s in zip(compiled_steps, self.states, strict=True)
         ]

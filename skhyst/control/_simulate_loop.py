@@ -154,7 +154,10 @@ def simulate_loop(
         reading[k] = resolution * round(steps) if math.isfinite(steps) else noisy
         if not math.isfinite(noisy):
             break
-        drive[k] = control(k, reading[k])
+        try:
+            drive[k] = control(k, reading[k])
+        except FloatingPointError:
+            break
         if not math.isfinite(drive[k]):
             break
         response[k] = y = float(device.step(drive[max(k - delay, 0)]))

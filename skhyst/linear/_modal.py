@@ -20,6 +20,7 @@ from .._validation import (
     refuse_std,
     rest_input,
     store_drive_range,
+    warn_beyond,
 )
 from ..base import one_thread
 from ..exceptions import ConvergenceWarning
@@ -87,6 +88,8 @@ class SampledStateSpace:
     >>> system.run([[0.0], [1.0], [1.0]], dt=0.1)[0].ravel()
     array([0.  , 0.  , 0.5])
     """
+
+    signal_linear = True
 
     a: np.ndarray
     b: np.ndarray
@@ -302,6 +305,8 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         Smallest and largest drive (column 0 of X) in the fit, units of the drive.
     drive_rate_ : float
         Fastest change of the drive between two samples in the fit, units of the drive per s.
+    input_range_ : ndarray of shape (2, n_inputs)
+        Smallest and largest value of each input in the fit, its units.
 
     Raises
     ------
@@ -387,6 +392,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         response = response.reshape(len(array), -1)
         self.records_ = slices = read_slices(self, X, y, reset=True, bridge=True)
         store_drive_range(self, array[:, 0], slices)
+        self.input_range_ = np.array([array.min(axis=0), array.max(axis=0)])
         return with_lost_rows(slices, array, response)[:3]
 
     def _fit_linear(self, slices, array, response):
@@ -493,6 +499,8 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         check_is_fitted(self)
         refuse_std(self, return_std, "that is fitted to spectra")
         array = as_floats(self, X, reset=False)
+        if not self.operator_.signal_linear:
+            warn_beyond(self, array, set(range(array.shape[1])))
         slices, array, read = with_lost_rows(read_slices(self, X, reset=False, bridge=True), array)
         y = run_records(self.operator_, array, slices, self.initial_state)
         y = y if read is None else y[read]

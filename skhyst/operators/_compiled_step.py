@@ -12,6 +12,7 @@ Steps are composed as their operators are: a series passes the output of one ste
 import math
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
+from reprlib import repr as shortened
 
 import numpy as np
 
@@ -707,7 +708,7 @@ class Stepper:
         self._refused = not (is_whole and np.isfinite(rows).all())
         if self._refused:
             wanted = "numbers" if n_inputs is None else f"rows of {n_inputs} numbers or more"
-            raise ValueError(f"The input must be finite {wanted}. Got {u!r} instead.")
+            raise ValueError(f"The input must be finite {wanted}. Got {shortened(u)} instead.")
         return rows
 
     def copy(self):

@@ -90,7 +90,7 @@ def test_a_drive_that_misses_the_reference_is_not_written(model_file, tmp_path, 
     assert main([*call, "--time-unit", "s", "--no-limits", "--force"]) == 0
     assert pd.read_csv(out)["drive"].abs().max() > 8.0
     assert "not limited, are beyond the range of the fit" in capsys.readouterr().out
-    assert main([*call, "--time-unit", "s", "--limits", "-9", "9", "--force"]) == 0
+    assert main([*call, "--time-unit", "s", "--limits", "-9e0", "9", "--force"]) == 0
     assert 5.0 < pd.read_csv(out)["drive"].abs().max() <= 9.0
 
 
@@ -294,6 +294,7 @@ def test_references_that_are_none_are_refused(model_file, reference, tmp_path, c
     assert "nothing" in error(reference, "--reference", "nothing")
     assert "lower" in error(reference, "--limits", "2", "1")
     assert "bandwidth" in error(reference, "--bandwidth", "-1")
+    assert "not within the limits of the drive" in error(reference, "--rest", "-1e2")
     table = pd.read_csv(reference)
     table.loc[7, "um"] = np.nan
     table.to_csv(reference, index=False)

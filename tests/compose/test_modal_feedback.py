@@ -5,7 +5,7 @@ import pytest
 
 from skhyst.compose import ModalFeedback, SampledFeedback
 from skhyst.compose._modal_feedback import _Problem
-from skhyst.exceptions import ConvergenceWarning
+from skhyst.exceptions import ConvergenceWarning, ExtrapolationWarning
 from skhyst.linear import ModalModel, SampledStateSpace
 from skhyst.persistence import from_json, to_json
 
@@ -42,6 +42,7 @@ def test_derivatives():
         np.testing.assert_allclose(dy[:, :, k], found, atol=1e-6 * np.abs(dy).max())
 
 
+@pytest.mark.filterwarnings("ignore::skhyst.exceptions.ExtrapolationWarning")
 def test_recovery_and_units():
     """The loops of a device are found, where its best linear approximation is not enough."""
     X = np.random.default_rng(1).normal(size=(500, 2))
@@ -67,6 +68,8 @@ def test_one_response_is_stepped_and_saved():
     whole = model.predict(X)
     np.testing.assert_allclose(model.stepper(u0=X[0]).run(X), whole, rtol=1e-10)
     np.testing.assert_array_equal(from_json(to_json(model)).predict(X), whole)
+    with pytest.warns(ExtrapolationWarning, match="values of column 1"):
+        model.predict(X * [1.0, 9.0])
     first, state = model.operator_.run(X[:50], DT)
     rest = model.operator_.run(X[50:], DT, state)[0]
     np.testing.assert_array_equal(np.concatenate([first, rest])[:, 0], whole)

@@ -271,6 +271,28 @@ def test_a_model_that_does_not_know_its_drive_is_told():
     older.set_params(drive_limits=(-9.0, 9.0), rate_limit=None).predict(smooth(2.0)[:, None])
 
 
+@pytest.mark.parametrize(
+    ("options", "seen"),
+    [
+        ({"drive_limits": (-np.inf, np.inf), "rate_limit": 1e9}, r"\(-1 to 1\)"),
+        ({"drive_limits": (-np.inf, 2.0), "rate_limit": 1e9}, r"\(-1 to inf\)"),
+        ({"limit_margin": 1e308}, r"\(-1 to 1, 20 per s\)"),
+    ],
+)
+def test_limits_that_are_infinite_are_none(options, seen):
+    """What leaves the fit there is told, though it is not cut."""
+    u = np.tile([-1.0, 1.0], 25)[:, None]
+    found = InverseCompensator(Gain(dt=0.1).fit(u, 3.0 * u[:, 0]), **options).fit(u, u[:, 0])
+    with pytest.warns(ReachWarning, match=f"fit {seen}: from -2 to 1, up to 30 per s"):
+        drive = found.predict([[3.0], [-6.0]])
+    np.testing.assert_allclose(drive, [1.0, -2.0])
+
+
+def test_a_bandwidth_that_no_filter_can_have_is_refused():
+    with pytest.raises(ValueError, match="The 'bandwidth' parameter of InverseCompensator must be"):
+        compensator(PLAYS, bandwidth=1e-9).predict(smooth(2.0)[:, None])
+
+
 def test_a_learned_inverse_is_limited_too():
     u = np.tile([-1.0, 1.0], 25)[:, None]
     found = InverseCompensator(LinearRegression(), method="learned").fit(u, 3.0 * u[:, 0])
@@ -281,7 +303,7 @@ def test_a_learned_inverse_is_limited_too():
 
 def test_the_rate_holds_at_any_interval():
     found = compensator(PLAYS, rate_limit=20.0)
-    with pytest.warns(ReachWarning, match="-inf to inf, 20 per s"):
+    with pytest.warns(ReachWarning, match="of the samples: 20 per s"):
         drive = found.drive_for(smooth(2.0)[::2], 2.0 * DT)
     assert np.abs(np.diff(drive)).max() <= 20.0 * 2.0 * DT * (1.0 + 1e-12)
 

@@ -224,3 +224,26 @@ def test_a_wrong_row_leaves_the_controller_as_it_is(row):
     with pytest.raises(ValueError, match="finite rows of 2 numbers"):
         stepper.step(row)
     np.testing.assert_array_equal(stepper.state, before)
+
+
+@pytest.mark.parametrize("row", [(1e308, -1e308), (-1.7e308, 1.7e308)])
+@pytest.mark.parametrize("compensator", [None, Ahead()])
+def test_a_reading_beyond_floating_point_holds_the_drive(compensator, row):
+    """And the next readings are controlled again."""
+    controller = FeedforwardPI(
+        *(0.7, 30.0),
+        kd=0.02,
+        compensator=compensator,
+        notch=(80.0, 0.05),
+        damping=DAMPING,
+        drive_limits=(-5.0, 5.0),
+        start_time=0.01,
+    )
+    stepper, n = controller.stepper(DT), 3 if compensator else 2
+    for at in (0, 40):  # during the start, too
+        held = stepper.run(ROWS[:at, :n])[-1] if at else stepper.state[6]
+        assert stepper.step([*row, 0.0][:n]) == held
+        assert stepper.status == {"limited"}
+    drive = stepper.run(ROWS[:, :n])
+    assert np.abs(drive).max() <= 5.0
+    assert np.ptp(drive) > 1.0

@@ -205,9 +205,11 @@ def test_a_model_that_is_close_and_not_exact_keeps_the_promise(inexact):
 
 
 def test_of_a_model_that_is_not_exact_a_change_beyond_the_misfit_is_found(inexact):
+    """And named, though the random walk has followed it up to the alarm."""
     monitor, u, _ = inexact
-    assert monitor.alarms(u[:, None], other(u, 3, gain=1.1)).any()
-    assert "gain" in monitor.suspect_
+    assert np.argmax(monitor.alarms(u[:, None], other(u, 5, gain=1.01))) >= 256
+    assert monitor.suspect_[0] == "gain"
+    assert "offset" not in monitor.suspect_
 
 
 def test_an_exact_model_has_no_misfit(monitor):
@@ -221,6 +223,14 @@ def test_an_offset_is_a_suspect_of_its_own(monitor, size, start):
     y[start:] += size
     assert monitor.alarms(u[:, None], y).any()
     assert monitor.suspect_ == ("offset",)
+
+
+def test_what_no_change_explains_is_another(monitor):
+    """A sensor that hangs is neither an offset nor a gain."""
+    u, y = service(14 * PERIOD, np.random.default_rng(8))
+    y[4 * PERIOD :] = y[4 * PERIOD]
+    assert monitor.alarms(u[:, None], y).any()
+    assert monitor.suspect_ == ("other",)
 
 
 def test_an_offset_of_a_device_that_the_model_is_close_to(inexact):
