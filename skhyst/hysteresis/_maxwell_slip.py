@@ -87,11 +87,15 @@ class MaxwellSlipOperator(PlaySum):
     non_negative: bool = True
     falling: bool = False
 
-    _of_stops = True
-
     def __post_init__(self):
         super().__post_init__()
         self._require("thresholds", self.thresholds[0] > 0.0, "be positive")
+
+    @property
+    def presliding_displacement(self):
+        """Displacement over which the force builds up, units of the drive; None without a force."""
+        stiffness = self.weights.sum()
+        return float(self.weights @ self.thresholds / stiffness) if stiffness else None
 
     def characteristics(self, seen):
         return force_characteristics(self.weights @ self.thresholds, np.sum(self.weights))

@@ -53,7 +53,6 @@ class PlaySum(Superposition):
 
     resolution = Resolution("plays", "weights", "thresholds", fixed=0.0)
     drive_offset = 0.0
-    _of_stops = False
 
     def __post_init__(self):
         super().__post_init__()
@@ -62,13 +61,6 @@ class PlaySum(Superposition):
         self._require("thresholds", ascending, "be a list of ascending values, none negative")
         matching = self.weights.shape == r.shape
         self._require("weights", matching, f"have one value for each of the {r.size} thresholds")
-
-    @property
-    def presliding_displacement(self):
-        """Displacement over which the force of stops builds up, units of the drive, or None."""
-        weights = np.where(self.thresholds > 0.0, self.weights, 0.0)
-        stiffness = weights.sum() if self._of_stops else 0.0
-        return float(weights @ self.thresholds / stiffness) if stiffness else None
 
     def finer(self, records):
         """Return thresholds of further plays: a fine grid over the span of the drive."""
@@ -143,10 +135,6 @@ class PrandtlIshlinskiiOperator(PlaySum):
     def __post_init__(self):
         super().__post_init__()
         self._require("form", self.form in ("play", "stop"), "be 'play' or 'stop'")
-
-    @property
-    def _of_stops(self):
-        return self.form == "stop"
 
     @cached_property
     def _play_form(self):
