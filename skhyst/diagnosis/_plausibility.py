@@ -76,10 +76,15 @@ def _standard_error(problem, x, function):
 
 
 def _motion(tree, name, records):
-    """Return the output of an effect, or the input of a force; None for an additive disturbance."""
+    """Return the output of an effect, or the motion that drives a force.
+
+    Empty for an additive disturbance.
+    """
     if tree.label(name) in tree.disturbance_names:
         return np.array([])
-    last = tree.place(name) + (not tree.is_part(name))  # a force is driven by the motion
+    part = tree.part(name)
+    is_force = presliding_displacement(part) is not None and part.linear_mode() is None
+    last = tree.place(name) + (not (is_force or tree.is_part(name)))
     motion = np.concatenate(tree.run(records, last=last))
     return motion if motion.ndim == 1 else motion[:, 0]
 

@@ -94,8 +94,7 @@ class MaxwellSlipOperator(PlaySum):
     @property
     def presliding_displacement(self):
         """Displacement over which the force builds up, units of the drive; None without a force."""
-        stiffness = self.weights.sum()
-        return float(self.weights @ self.thresholds / stiffness) if stiffness else None
+        return self._mean_threshold()
 
     def characteristics(self, seen):
         return force_characteristics(self.weights @ self.thresholds, np.sum(self.weights))

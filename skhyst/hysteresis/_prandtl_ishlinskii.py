@@ -62,6 +62,11 @@ class PlaySum(Superposition):
         matching = self.weights.shape == r.shape
         self._require("weights", matching, f"have one value for each of the {r.size} thresholds")
 
+    def _mean_threshold(self):
+        """Return the mean of the thresholds above zero, weighted, or None without a weight."""
+        weights = np.where(self.thresholds > 0.0, self.weights, 0.0)
+        return float(weights @ self.thresholds / weights.sum()) if weights.sum() else None
+
     def finer(self, records):
         """Return thresholds of further plays: a fine grid over the span of the drive."""
         drives = [record.u for record in records]
@@ -135,6 +140,11 @@ class PrandtlIshlinskiiOperator(PlaySum):
     def __post_init__(self):
         super().__post_init__()
         self._require("form", self.form in ("play", "stop"), "be 'play' or 'stop'")
+
+    @property
+    def presliding_displacement(self):
+        """Displacement over which the force of stops builds up, units of the drive, or None."""
+        return self._mean_threshold() if self.form == "stop" else None
 
     @cached_property
     def _play_form(self):
