@@ -11,7 +11,7 @@ _NAMES = "|".join(
 _GIVEN = re.compile(rf"\b({_NAMES})=('[^']*'|[\w.-]*\w)")
 _REPLACED = (
     (r"call skhyst\.records\.resample_records, which EffectSearchCV does with", "interpolate with"),
-    (r" If the rows are a random subset: [^.]*, skhyst\.[^;]*; [^.]*\.", ""),
+    (r"( If the rows [^:]*:)? Use a splitter .*? as its resource\.?", ""),  # of Python alone
 )
 _NAMED = re.compile(r"'(time_unit|sampling_rate|on_missing|missing_code)'")  # not names of columns
 

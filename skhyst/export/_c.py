@@ -653,18 +653,15 @@ def _texts(common, printer, inputs, outputs):
 
 def _of_avr(printer):
     """Return the functions of a program that the library of AVR lacks, compiled for AVR alone."""
-    dialect = printer.dialect
-    numbers = {word: dialect.literal(x) for word, x in (("half", 0.5), ("one", 1.0), ("two", 2.0))}
-    texts = [
-        Template(text).substitute(numbers, t=dialect.type, f=dialect.suffix)
-        for word, text in _OF_AVR.items()
-        if any(re.search(rf"\b{word}{dialect.suffix}\(", own) for own in printer.texts)
-    ]
-    return (
-        "\n".join(["#ifdef __AVR__", *(t.strip("\n") for t in texts), "#endif", "", ""])
-        if texts
-        else ""
-    )
+    dialect, texts = printer.dialect, []
+    if not isinstance(dialect, Dialect):  # integers have functions of their own
+        return ""
+    for word, text in _OF_AVR.items():
+        if any(re.search(rf"\b{word}{dialect.suffix}\(", own) for own in printer.texts):
+            numbers = {"half": dialect.literal(0.5), "one": dialect.literal(1.0)}
+            numbers |= {"two": dialect.literal(2.0), "t": dialect.type, "f": dialect.suffix}
+            texts.append(Template(text).substitute(numbers))
+    return "\n".join(["#ifdef __AVR__", *texts, "#endif", "", ""]) if texts else ""
 
 
 _ARGS = ("u", "state->s", "state->k")  # of the step of a model

@@ -14,7 +14,11 @@ pytest.importorskip("skops.io")
 
 
 # whose outputs were differences of large numbers under a large drive, or of exp(z) and one
-ROUNDED = {"SlewLimit", "TankChain"}
+ROUNDED = {
+    "Dahl": 1e-6,  # the force is not determined by these data, and 1e9 times the response
+    "SlewLimit": 1e-9,
+    "TankChain": 1e-9,
+}
 # until a start from zero began at the first sample, a ramp from zero led to it
 ON_A_RAMP = {"BoucWenStage", "EndStops", "FrictionStage", "RestoringForce"}
 
@@ -55,7 +59,9 @@ def test_what_was_saved_is_read(files, written_on, data, tmp_path):
         X_own = X[list(model.feature_names_in_)]
         ramp = type(model).__name__ in ON_A_RAMP
         own = on_a_ramp(model, X_own) if ramp else answer(model, X_own, y)
-        if json.loads(written_on) == machine() and type(model).__name__ not in ROUNDED:
+        kind = type(model).__name__
+        if json.loads(written_on) == machine() and kind not in ROUNDED:
             np.testing.assert_array_equal(own, expected)
         else:
-            np.testing.assert_allclose(own, expected, rtol=1e-9, atol=1e-9 * np.ptp(expected))
+            tolerance = ROUNDED.get(kind, 1e-9)
+            np.testing.assert_allclose(own, expected, tolerance, tolerance * np.ptp(expected))
