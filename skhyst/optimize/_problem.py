@@ -458,6 +458,7 @@ class OperatorProblem(Unknowns):
             start += size
         return np.concatenate(columns, axis=1)
 
+    @np.errstate(over="ignore", invalid="ignore")  # of a run that diverges
     def total(self, blocks, select=None):
         """Return the Gram matrix of ``[J, r]`` over segments, disturbances eliminated."""
         d = self._n_eliminated
