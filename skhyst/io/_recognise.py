@@ -174,11 +174,12 @@ def roles_and_questions(path, variables, roles, others=(), *, timed):
     found = {role: choice for role, choice in found.items() if choice}
     used = [column for column, _ in found.values()]
     times = [found["time"][0].stored] if "time" in found else []
+    # a second copy of the time is no signal, unless it has the unit of one: a ramp
     signals = [
         c
         for c in free
-        if not any(c is one for one in used)
-        and not any(np.array_equal(c.stored, own) for own in times)
+        if not any(c is column for column in used)
+        and (c.unit_role or not any(np.array_equal(c.stored, time) for time in times))
     ]
     asked = [role for role in ("drive", "response") if role in missing]
     for role in asked:
@@ -242,14 +243,19 @@ class _Candidate:
         return load_column(self.path, self.variables, self.place.position).values
 
     @cached_property
+    def unit_role(self):
+        """Role by the unit, as a set of one or none."""
+        return {role for role, units in _UNITS.items() if re.fullmatch(units, self.unit)}
+
+    @cached_property
     def role(self):
         """Role by name and unit: drive, response, either or neither; "" if these do not show it."""
         if self.has(_NEITHER) or self.counts:
             return "neither"
         kinds = [{role for role, words in level.items() if self.has(words)} for level in _WORDS]
-        kinds.append({role for role, units in _UNITS.items() if re.fullmatch(units, self.unit)})
+        kinds.append(self.unit_role)
         first = next((kind for kind in kinds if kind), {""})
-        return first.pop() if len(first) == 1 else "either"
+        return next(iter(first)) if len(first) == 1 else "either"
 
     @cached_property
     def rises(self):

@@ -100,7 +100,7 @@ def test_places_follow_the_signal(record):
         if not EFFECTS[name].additive and models_of(name)
     }
     for first in ("input_saturation", "dead_zone", "slew_limit", "backlash"):
-        assert order[first] < order["asymmetry"] < order["lag"]
+        assert order[first] < order["lag"]
     assert order["lag"] == order["resonance"] == order["creep"]
     assert (
         order["creep"] < order["static_nonlinearity"] < order["output_saturation"] < order["timing"]
