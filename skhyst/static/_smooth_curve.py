@@ -9,7 +9,7 @@ import numpy as np
 from .._jit import jit
 from .._sklearn import Interval
 from ..base import with_params
-from ..operators import Resolution, as_signal, parameter
+from ..operators import Resolution, Superposition, as_signal, parameter
 from ._base import StaticModel, StaticOperator, range_of_drive
 
 _BEYOND = 3  # highest degree of the terms that are extrapolated beyond the data
@@ -202,5 +202,10 @@ class SmoothCurve(StaticModel):
         low, high = range_of_drive(records)
         scale = 0.5 * self.reach * (high - low) or 1.0
         coefficients = np.zeros(self.degree - 1)
-        center, passed = 0.5 * (low + high), float(self.passes)
-        return [PolynomialCurveOperator(coefficients, center, scale, passed=passed)]
+        # in parallel with a hysteresis, it stands where that does
+        order = PolynomialCurveOperator.stage_order if self.passes else Superposition.stage_order
+        return [
+            PolynomialCurveOperator(
+                coefficients, 0.5 * (low + high), scale, order, float(self.passes)
+            )
+        ]

@@ -3,6 +3,7 @@
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -29,6 +30,8 @@ BARS = {"float64": 1e-12, "float32": 1e-6, "int32": 1.0}  # of the range; units 
 @pytest.mark.parametrize("case", INVERTED)
 def test_inverses_answer_as_in_python(tmp_path, case):
     operator, u = OPERATORS[case], make_drive()
+    if case == "curve":  # where a curve folds, rounding decides whether it has an inverse
+        operator = replace(operator, coefficients=np.array([0.1, -0.05, 0.02]))
     y, _ = operator.run(u, DT, operator.init(u[0]))
     inverse = inverse_of(operator)
     for dtype, bar in BARS.items():

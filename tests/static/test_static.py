@@ -81,6 +81,7 @@ def test_curve_is_legendre_inside_and_straight_outside(coefficients, center, sca
     np.testing.assert_allclose(
         respond(operator, inside), passed * inside + scale * series(inside), atol=1e-12
     )
+    inside = inside[1:-1]  # at the ends, rounding decides which of two slopes it has
     slopes = passed + scale * series.deriv()(inside)
     np.testing.assert_allclose(operator.evaluate(inside)[1], slopes, atol=1e-10)
     for side in (-1, 1):
