@@ -9,8 +9,8 @@ DIAGNOSIS = [
     ),
     (
         "a line within the record's resolution of a harmonic counts as its own",
-        "(np.sinc(turns * off) / np.sinc(off)) ** 2 < 0.5",
-        "np.abs(turns * off) > 0.0",
+        "(np.sinc(n_periods * offsets) / np.sinc(offsets)) ** 2 < 0.5",
+        "np.abs(n_periods * offsets) > 0.0",
         "tests/diagnosis/test_plausibility.py -k turns",
     ),
     (
@@ -133,14 +133,14 @@ DIAGNOSIS = [
 CRITERION = [  # of this way to decide
     (
         "a resonance without a peak is let through, whatever its margin",
-        "return min(margin, shows - np.log1p(NOTICEABLE))",
+        "return min(margin, prominence - np.log1p(NOTICEABLE))",
         "return margin",
         "tests/diagnosis/test_effects.py tests/diagnosis/test_plausibility.py -k peak",
     ),
     (
         "a mode that has become another counts as a further one",
-        "return ringing[0] <= ringing[1]",
-        "return ringing[0] < ringing[1]",
+        "return n_modes[0] <= n_modes[1]",
+        "return n_modes[0] < n_modes[1]",
         "tests/diagnosis/test_plausibility.py -k place",
     ),
     (
@@ -187,7 +187,7 @@ CRITERION = [  # of this way to decide
     ),
     (
         "a play may be as narrow as noise on the drive",
-        "return np.log(operator.half_gap / np.ptp(motion) / reach) if reach > 0.0 else np.inf",
+        "return np.log(operator.half_gap / np.ptp(motion) / noise) if noise > 0.0 else np.inf",
         "return np.inf",
         "tests/diagnosis/test_plausibility.py -k wider",
     ),
@@ -247,7 +247,7 @@ CRITERION = [  # of this way to decide
     ),
     (
         "a curve may turn as often as it likes",
-        "return turned.max() / np.abs(slope).mean()",
+        "return smallest.max() / np.abs(slope).mean()",
         "return np.inf",
         "tests/diagnosis/test_plausibility.py -k turns",
     ),

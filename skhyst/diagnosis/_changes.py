@@ -67,12 +67,9 @@ class HeldDrive:
         for stage in tree.stages:
             holds = getattr(stage.operator, "holds", ())
             if holds or sum(stage.operator.n_poles):
-                own = stage.model.get_params().get("hold")
-                if (
-                    not {own, self.hold} <= set(holds)
-                    or own == self.hold
-                    or self._is_straight(scene)
-                ):
+                present = stage.model.get_params().get("hold")
+                is_possible = {present, self.hold} <= set(holds) and present != self.hold
+                if not is_possible or self._is_straight(scene):
                     return []
                 return [tree.edited(name, Hold(stage.name, self.hold))]
         return []
@@ -91,8 +88,7 @@ class UnderWay:
         unknown = tree.model.get_params().get("initial_state") != "rest"
         if unknown or all(operator.memoryless for operator in tree.operators):
             return []
-        # a history affects the first samples most; the claimed effect's own one is estimated from
-        # whole records
+        # a history affects the first samples most: this is a start for the fit to whole records
         parts = [r.first_part(len(r.u) // 3) for r in scene.records]
         return [tree.edited(name, Begin(tree.with_estimated_history(parts).input_history))]
 
@@ -101,8 +97,8 @@ class UnderWay:
 class FirstHysteresis:
     """A hysteresis as a new stage, in a model that has none.
 
-    In front of the other stages, or behind linear dynamics (``behind``), as in a core behind the
-    lag of its coil.
+    It precedes the other stages, or follows linear dynamics (``behind``), as in a magnetic core
+    behind the lag of its coil.
     """
 
     model: object
@@ -114,18 +110,18 @@ class FirstHysteresis:
             return []
         if not self.behind:
             return inserted(name, self.model, scene)
-        found = []
+        trees = []
         for at, (place, linear) in enumerate(tree.stages, 1):
             if linear.signal_linear and not linear.memoryless:
                 starts = driven_starts(self.model, scene.records_at(at))
                 edits = [InsertAt(place, self.model, start) for start in starts]
-                found += [with_same_input(tree.edited(name, edit), at, scene) for edit in edits]
-        return found
+                trees += [with_same_input(tree.edited(name, edit), at, scene) for edit in edits]
+        return trees
 
 
 @dataclass(frozen=True)
 class BehindHysteresis:
-    """A model at its stage order, where a nonlinear part with memory stands before it."""
+    """A model at its stage order, if a nonlinear part with memory precedes it."""
 
     model: object
 
@@ -143,7 +139,7 @@ class InMotion:
     model: object
 
     def trees(self, name, scene):
-        tree, found = scene.tree, []
+        tree, trees = scene.tree, []
         for at, stage in enumerate(tree.stages):
             if any(operator.owns_gain for operator in tree.operators[:at]):
                 break
@@ -151,16 +147,16 @@ class InMotion:
                 mode, records = stage.operator.linear_mode(), scene.records_at(at)
                 starts = driven_starts(self.model, records, mode=mode)
                 edits = [Enrich(stage.name, self.model, start) for start in starts]
-                found += scene.promising([tree.edited(name, edit) for edit in edits], at)
-        return found
+                trees += scene.promising([tree.edited(name, edit) for edit in edits], at)
+        return trees
 
     def _enriches(self, stage):
         """Whether a stage is a linear mode, or an equation of motion without the model's force."""
         if not stage.operator.n_parameters or stage.operator.linear_mode() is None:
             return False
         if type(stage.model) is type(self.model):
-            more = both_models(stage.model, self.model).get_params()
-            return more != stage.model.get_params()
+            richer = both_models(stage.model, self.model).get_params()
+            return richer != stage.model.get_params()
         return stage.operator.signal_linear
 
 
@@ -171,7 +167,7 @@ class InFeedback:
     curve: object
 
     def trees(self, name, scene):
-        tree, found = scene.tree, []
+        tree, trees = scene.tree, []
         for at, (place, linear) in enumerate(tree.stages):
             if any(operator.owns_gain for operator in tree.operators[:at]):
                 break
@@ -180,8 +176,8 @@ class InFeedback:
                 loop = Feedback(tree.models[at], self.curve)
                 starts = driven_starts(loop, scene.records_at(at), linear=linear)
                 edits = [Enrich(place, loop, start) for start in starts]
-                found += scene.promising([tree.edited(name, edit) for edit in edits], at)
-        return found
+                trees += scene.promising([tree.edited(name, edit) for edit in edits], at)
+        return trees
 
 
 def moves(linear):
@@ -204,18 +200,18 @@ class AtJoints:
     inner: bool = False
 
     def trees(self, name, scene):
-        tree, found = scene.tree, []
-        seen = [tree.position(self.model.stage_order)]
-        ends = range(int(tree.multi_input), len(tree.stages) + 1)
-        for at in range(1, len(tree.stages)) if self.inner else ends:
-            if at in seen or (self._is_linear and any(_commute(tree, at, own) for own in seen)):
+        tree, trees = scene.tree, []
+        tried = [tree.position(self.model.stage_order)]
+        joints = range(int(tree.multi_input), len(tree.stages) + 1)
+        for at in range(1, len(tree.stages)) if self.inner else joints:
+            if at in tried or (self._is_linear and any(_commute(tree, at, i) for i in tried)):
                 continue
-            seen.append(at)
-            place = tree.names[at - 1] if at else None
+            tried.append(at)
+            before = tree.names[at - 1] if at else None
             starts = driven_starts(self.model, scene.records_at(at))
-            edits = [InsertAt(place, self.model, start) for start in starts]
-            found += scene.promising([tree.edited(name, edit) for edit in edits], at)
-        return found
+            edits = [InsertAt(before, self.model, start) for start in starts]
+            trees += scene.promising([tree.edited(name, edit) for edit in edits], at)
+        return trees
 
     @property
     def _is_linear(self):
@@ -230,30 +226,30 @@ def _commute(tree, at, other):
 
 @dataclass(frozen=True)
 class MoreTerms:
-    """A further force that a stage's model has as an option, and that is switched off.
+    """A further force that the model of a stage has as an option, and that is switched off.
 
-    Options are parameters of the model; where they mean nothing else, False is off.
+    Options are boolean parameters of the model, and degrees; see :func:`both_models`.
     """
 
     model: object
 
     def trees(self, name, scene):
-        tree, found = scene.tree, []
-        for at, more in self.places(tree):
+        tree, trees = scene.tree, []
+        for at, richer in self.places(tree):
             stage = tree.stages[at]
-            starts = driven_starts(more, scene.records_at(at), near=stage.operator)
-            edits = [Enrich(stage.name, self.model, replace(own, model=None)) for own in starts]
-            found += scene.promising([tree.edited(name, edit) for edit in edits], at)
-        return found
+            starts = driven_starts(richer, scene.records_at(at), near=stage.operator)
+            edits = [Enrich(stage.name, self.model, replace(start, model=None)) for start in starts]
+            trees += scene.promising([tree.edited(name, edit) for edit in edits], at)
+        return trees
 
     def places(self, tree):
         """Return the stages of a tree that can have the force, and their models with it."""
         found = []
         for at, stage in enumerate(tree.stages):
             if type(stage.model) is type(self.model):
-                more = both_models(stage.model, self.model)
-                if more.get_params() != stage.model.get_params():
-                    found.append((at, more))
+                richer = both_models(stage.model, self.model)
+                if richer.get_params() != stage.model.get_params():
+                    found.append((at, richer))
         return found
 
 
@@ -261,30 +257,31 @@ class MoreTerms:
 class InBetween:
     """A model between two parts of linear dynamics, if the predicted cost falls noticeably.
 
-    With ``with_zeros``, the dynamics are first given as many zeros as poles: zeros of the two parts
-    may cancel poles where nothing stands in between.
+    With ``with_zeros``, the dynamics are first given as many zeros as poles: without a nonlinearity
+    between them, zeros of one part may have cancelled poles of the other.
     """
 
     model: object
     with_zeros: bool = False
 
     def trees(self, name, scene):
-        tree, found = scene.tree, []
+        tree, trees = scene.tree, []
         if tree.multi_input or tree.input_history or tree.lines:
             return []
         for at, place in enumerate(tree.names):
             divisions = scene.kept((at, self.with_zeros), self._divisions)
             if divisions is not None:
-                ways = divisions.started(partial(driven_starts, self.model))
-                found += [
-                    tree.edited(name, Divide(place, self.model, parts))
-                    for left, parts in ways
-                    if left < 1.0 - NOTICEABLE
+                starts = divisions.started(partial(driven_starts, self.model))
+                trees += [
+                    tree.edited(name, Divide(place, self.model, operators))
+                    for relative_cost, operators in starts
+                    if relative_cost < 1.0 - NOTICEABLE
                 ]
-        return found
+        return trees
 
     @staticmethod
     def _divisions(scene, at, with_zeros):
+        """Return the ways to divide a stage in two, or None if it is no such dynamics."""
         tree, operator = scene.tree, scene.tree.operators[at]
         if not hasattr(operator, "divisions") or len(operator.poles()) < 2:
             return None
@@ -310,7 +307,10 @@ def _with_zeros(tree, at, scene):
 
 @dataclass(frozen=True)
 class Knee:
-    """A rounded saturation of the response; the stages before it are refitted to its input."""
+    """A rounded saturation of the response; the stages before it are refitted to its input.
+
+    The recorded response, unsaturated, estimates that input.
+    """
 
     model: object
 
@@ -326,8 +326,8 @@ class Knee:
             reach = max(float(np.abs(r.y - start.center).max()) for r in scene.records) or 1.0
             # all levels have to lie above the largest response
             start = replace(start, level=start.level / lowest * reach / FULL)
-            grown = _refitted_to([_before(r, start) for r in scene.records], tree)
-            found.append(grown.edited(name, Insert(self.model, start)))
+            linear_part = _refitted_to([_before(r, start) for r in scene.records], tree)
+            found.append(linear_part.edited(name, Insert(self.model, start)))
         return scene.promising(found, 0)
 
 
@@ -343,14 +343,19 @@ def _before(record, knee):
 
 
 def _refitted_to(records, tree):
-    """Return a tree whose linear parameters are fitted to records, the others held."""
+    """Return a tree whose linear parameters are fitted to records, the others held.
+
+    A Gauss-Newton step is exact in them.
+    """
     problem = tree.problem(records)
     gram = problem.total(problem.evaluate(problem.x0))
     linear = np.flatnonzero(problem.linear)
-    own = gram[np.ix_(linear, linear)]
-    scale = np.sqrt(np.diag(own))
+    hessian = gram[np.ix_(linear, linear)]
+    scale = np.sqrt(np.diag(hessian))
     scale[scale == 0.0] = 1.0
-    step = np.linalg.lstsq(own / np.outer(scale, scale), gram[linear, -1] / scale, rcond=None)[0]
+    step = np.linalg.lstsq(hessian / np.outer(scale, scale), gram[linear, -1] / scale, rcond=None)[
+        0
+    ]
     x = problem.x0.copy()
     x[linear] -= step / scale
     return tree.at(problem, np.clip(x, problem.lower, problem.upper))
@@ -358,42 +363,42 @@ def _refitted_to(records, tree):
 
 @dataclass(frozen=True)
 class Folded:
-    """A reading that folds back at the end of its range, where unfolding makes it smoother.
+    """A reading that folds back at the end of its range, if unfolding makes it smoother.
 
-    The model is identified from scratch on the unfolded response, since the declared one was fitted
-    to the folded one. Only the record of largest range is used: with several records, the sign of
-    the response in each would have to be found too.
+    The present model was fitted to the folded response, so it is identified from scratch on the
+    unfolded one. Only the record of largest range is used: with several records, the sign of the
+    response in each would have to be found too.
     """
 
     model: object
 
     def trees(self, name, scene):
-        tree, most = scene.tree, max(scene.records, key=lambda r: np.ptp(r.y))
+        tree, widest = scene.tree, max(scene.records, key=lambda r: np.ptp(r.y))
         if tree.input_history or tree.lines:
             return []
-        start = driven_starts(self.model, [replace(most, u=most.y)])[0]
+        start = driven_starts(self.model, [replace(widest, u=widest.y)])[0]
         ends = [record.y.min() if start.side > 0 else record.y.max() for record in scene.records]
         start = replace(start, level=float(start.side * min(start.side * end for end in ends)))
-        y = start.unfolded(most.y)
-        bends = [np.square(np.diff(signal, 2)).sum() for signal in (most.y, y)]
-        if bends[1] > (1.0 - NOTICEABLE) * bends[0]:
+        y = start.unfolded(widest.y)
+        roughness = [np.square(np.diff(signal, 2)).sum() for signal in (widest.y, y)]
+        if roughness[1] > (1.0 - NOTICEABLE) * roughness[0]:
             return []
-        return [tree.identified([replace(most, y=y)]).edited(name, Insert(self.model, start))]
+        return [tree.identified([replace(widest, y=y)]).edited(name, Insert(self.model, start))]
 
 
 @dataclass(frozen=True)
 class InStages:
-    """First-order lags in series become a chain of tanks, if they are the first dynamics."""
+    """First-order lags in series become a chain of tanks, if no stage before them has a gain."""
 
     overflow: bool
     fit_exponents: bool
 
     def trees(self, name, scene):
-        tree, found = scene.tree, []
+        tree, trees = scene.tree, []
         if tree.multi_input or any(operator.owns_gain for operator in tree.operators):
             return []
         for at, (place, operator) in enumerate(tree.stages):
-            old = tree.models[at]
+            linear = tree.models[at]
             rates = lag_rates(operator) if hasattr(operator, "with_poles") else []
             if not rates:
                 continue
@@ -401,8 +406,8 @@ class InStages:
                 len(rates),
                 overflow=self.overflow,
                 fit_exponents=self.fit_exponents,
-                fit_intercept=old.fit_intercept,
-                hold=old.hold,
+                fit_intercept=linear.fit_intercept,
+                hold=linear.hold,
             )
             records = scene.records_at(at)
             starts = model.starts_of(rates, records)
@@ -410,36 +415,29 @@ class InStages:
             candidates = scene.promising(candidates, at)
             if at == len(tree.stages) - 1:
                 # the overflow is so nonlinear that one step from the linear chain does not predict
-                # the cost
+                # the cost of a fit
                 starts = [candidate.operators[at] for candidate in candidates]
                 start = self._approached(model, starts, records, tree.state)
                 candidates.insert(0, tree.edited(name, Enrich(place, model, start)))
-            found += candidates
-        return found
+            trees += candidates
+        return trees
 
     @staticmethod
     def _approached(model, starts, records, state):
-        """Return the tanks fitted briefly to the first part of the records."""
-        share = min(1.0, ENOUGH / sum(len(r.u) for r in records))
-        parts = []
+        """Return the tanks fitted briefly to the first part of the records, exponents last."""
+        fraction = min(1.0, ENOUGH / sum(len(r.u) for r in records))
+        first_parts = []
         for r in records:
-            n = max(int(share * len(r.u)), 2)
+            n = max(int(fraction * len(r.u)), 2)
             weights = None if r.weights is None else r.weights[:n]
-            parts.append(
+            first_parts.append(
                 replace(r, u=r.u[:n], y=r.y[:n], segments=(), weights=weights, auxiliary=None)
             )
         exponents = frozenset(name for name, _ in starts[0].entries() if "exponents" in name)
-        for held in [model.held_parameters() | exponents, model.held_parameters()][
-            : 1 + model.fit_exponents
-        ]:
-            result = identify(
-                [(start, ()) for start in starts],
-                parts,
-                fixed=held,
-                initial_state=state,
-                method=BRIEFLY,
-            )
-            starts = [result.operator]
+        held = model.held_parameters()
+        for fixed in [held | exponents, *([held] if model.fit_exponents else [])]:
+            pairs, options = [(s, ()) for s in starts], {"initial_state": state, "method": BRIEFLY}
+            starts = [identify(pairs, first_parts, fixed=fixed, **options).operator]
         return starts[0]
 
 
@@ -454,24 +452,23 @@ class ParallelForce:
     with_gain: bool = False
 
     def trees(self, name, scene):
-        tree, found = scene.tree, []
+        tree, trees = scene.tree, []
         for at, (place, operator) in enumerate(tree.stages):
             if any(before.owns_gain for before in tree.operators[:at]):
                 break  # behind it there is no motion
             parts = operator.stages if isinstance(operator, SumOperator) else (operator,)
-            if not any(map(self._stands_beside, parts)):
+            if not any(map(self._is_parallel, parts)):
                 continue
-            rest = [
-                replace(r, u=u) for r, u in zip(scene.residuals, scene.signals(at), strict=True)
-            ]
+            inputs = zip(scene.residuals, scene.signals(at), strict=True)
             model = _of_motion(self.model, parts[0])
-            starts = driven_starts(model, rest)
+            starts = driven_starts(model, [replace(r, u=u) for r, u in inputs])
             if all(type(part) is not type(starts[0]) for part in parts):
                 edits = [AddForce(place, model, start) for start in starts]
-                found += [tree.edited(name, edit) for edit in edits]
-        return found
+                trees += [tree.edited(name, edit) for edit in edits]
+        return trees
 
-    def _stands_beside(self, part):
+    def _is_parallel(self, part):
+        """Whether the force may act in parallel with a part of a stage."""
         is_spring = self.with_gain and isinstance(part, GainOperator)
         return is_spring or isinstance(part, DynamicStiffnessOperator | CoulombFrictionOperator)
 
@@ -480,9 +477,9 @@ class ParallelForce:
 class ParallelCurve(ParallelForce):
     """A curve in parallel with a hysteresis or with the forces of a force model."""
 
-    def _stands_beside(self, part):
-        moves = part.linear_mode() is not None or part.n_start  # it is driven by a force
-        return part.stage_order == 10 and not (moves or part.children)
+    def _is_parallel(self, part):
+        force_driven = part.linear_mode() is not None or part.n_start
+        return part.stage_order == 10 and not (force_driven or part.children)
 
 
 def _of_motion(model, declared):
@@ -510,52 +507,53 @@ class LoadedForce:
     model: object
 
     def trees(self, name, scene):
-        tree, found = scene.tree, []
+        tree, trees = scene.tree, []
         if not tree.stages or tree.multi_input:
             return []
         place, operator = tree.stages[0]
         parts = operator.stages if isinstance(operator, SumOperator) else (operator,)
         if not isinstance(parts[0], DynamicStiffnessOperator | CoulombFrictionOperator):
             return []
-        declared = any(isinstance(part, CoulombFrictionOperator) for part in parts)
+        has_friction = any(isinstance(part, CoulombFrictionOperator) for part in parts)
         for column in _moving_columns(scene):
-            own = {"magnitude": True, "scales": _of_friction(operator)}
             load = column, float(np.abs(_column(scene, column)).mean())
-            if declared:
-                found.append(tree.edited(name, ScaleEntries(place, *load, **own)))
+            if has_friction:
+                edit = ScaleEntries(place, *load, scales=_of_friction(operator), magnitude=True)
+                trees.append(tree.edited(name, edit))
                 continue
             force = _of_motion(self.model, parts[0])
             model = Modulated(force, column, magnitude=True)
             for start in driven_starts(force, scene.residuals):
                 loaded = ModulatedBy(of_columns(start), *load, magnitude=True)
-                found.append(tree.edited(name, AddForce(place, model, loaded)))
-        return found
+                trees.append(tree.edited(name, AddForce(place, model, loaded)))
+        return trees
 
 
 @dataclass(frozen=True)
 class LoadedMotion:
     """Friction in the equation of motion that grows with the magnitude of a further column.
 
-    It scales the friction that other changes add, or else the friction of the first stage.
+    The column scales the friction that ``changes`` add, or, if none applies, that of the first
+    stage.
     """
 
     changes: tuple
 
     def trees(self, name, scene):
-        tree, found = scene.tree, []
+        tree, trees = scene.tree, []
         if not tree.stages or tree.multi_input:
             return []
         loads = [(c, float(np.abs(_column(scene, c)).mean())) for c in _moving_columns(scene)]
-        slides = [one for own in self.changes if loads for one in own.trees(name, scene)]
-        for one in slides or [tree]:
-            own = {"magnitude": True, "scales": _within_first(one)}
-            if not _LEVELS.isdisjoint(own["scales"]):
-                edits = [ScaleEntries(one.names[0], *load, **own) for load in loads]
-                found += [one.edited(name, edit) for edit in edits]
-        return found
+        with_friction = [t for change in self.changes if loads for t in change.trees(name, scene)]
+        for changed in with_friction or [tree]:
+            scales = _scalable_by_column(changed)
+            if not _LEVELS.isdisjoint(scales):
+                edits = [ScaleEntries(changed.names[0], *load, scales, True) for load in loads]
+                trees += [changed.edited(name, edit) for edit in edits]
+        return trees
 
 
-def _within_first(tree):
+def _scalable_by_column(tree):
     """Return the parameters that the first stage can scale by a column, sample by sample."""
     return bare(tree.operators[0]).scaled_within if tree.stages else ()
 
@@ -572,13 +570,11 @@ class FollowedWidth:
 
     def trees(self, name, scene):
         tree = scene.tree
-        if tree.multi_input or "thresholds" not in _within_first(tree):
+        if tree.multi_input or "thresholds" not in _scalable_by_column(tree):
             return []
-        return [
-            tree.edited(name, ScaleEntries(tree.names[0], c, float(mean), ("thresholds",)))
-            for c in _moving_columns(scene)
-            for mean in [_column(scene, c).mean()]
-        ]
+        means = {c: float(_column(scene, c).mean()) for c in _moving_columns(scene)}
+        edits = [ScaleEntries(tree.names[0], *item, ("thresholds",)) for item in means.items()]
+        return [tree.edited(name, edit) for edit in edits]
 
 
 @dataclass(frozen=True)
@@ -621,7 +617,7 @@ class Driven:
     to_drive: bool = False
 
     def trees(self, name, scene):
-        tree, found = scene.tree, []
+        tree, trees = scene.tree, []
         if self.to_drive and (tree.input_history or tree.lines):
             return []
         for column in _moving_columns(scene):
@@ -632,11 +628,13 @@ class Driven:
             starts = driven_starts(self.model, records)
             if self.to_drive:  # at zero gain: the first step predicts the gain
                 mean = float(_column(scene, column).mean())
-                edits = [Bias(self.model, replace(s, gain=0.0), column, mean) for s in starts]
+                edits = [
+                    Bias(self.model, replace(start, gain=0.0), column, mean) for start in starts
+                ]
             else:
-                edits = [Drive(self.model, s, column) for s in starts]
-            found += [tree.edited(name, edit) for edit in edits]
-        return found
+                edits = [Drive(self.model, start, column) for start in starts]
+            trees += [tree.edited(name, edit) for edit in edits]
+        return trees
 
 
 @dataclass(frozen=True)
@@ -654,7 +652,7 @@ class Scaled:
         if tree.multi_input:
             return []
         if self.by == "amplitude":
-            amplitudes = _numbers(scene, "amplitude")
+            amplitudes = _values_per_record(scene, "amplitude")
             sizes = [len(r.u) for r in scene.records]
             means = {"amplitude": np.average(amplitudes, weights=sizes)}
             means = means if _differ(amplitudes) else {}
@@ -677,58 +675,56 @@ class PerRecord:
     which: str  # "dynamics" or "all"
 
     def trees(self, name, scene):
-        tree, found = scene.tree, []
+        tree, trees = scene.tree, []
         if tree.lines or tree.multi_input or not Schedule.entries(tree, self.which):
             return []
-        for by in ["amplitude"] if self.by == "amplitude" else _levels(scene):
-            numbers = _numbers(scene, by)
-            if _differ(numbers):
-                edit = Schedule(by, min(numbers), max(numbers), self.which)
-                found.append(tree.edited(name, edit))
-        return found
+        for by in ["amplitude"] if self.by == "amplitude" else _constant_per_record(scene):
+            values = _values_per_record(scene, by)
+            if _differ(values):
+                edit = Schedule(by, min(values), max(values), self.which)
+                trees.append(tree.edited(name, edit))
+        return trees
 
 
 @dataclass(frozen=True)
 class MovedModes:
-    """Modes whose frequency depends on the amplitude, behind dynamics whose poles are not known.
+    """Modes that appear at large amplitudes only, in a model whose last stage is a static gain.
 
-    The poles are those at large amplitudes; at small amplitudes zeros cancel them.
+    Their poles are identified at large amplitudes; at small amplitudes zeros cancel them.
     """
 
     n_modes: int
 
     def trees(self, name, scene):
-        tree, numbers = scene.tree, _numbers(scene, "amplitude")
-        if tree.lines or type(tree.operators[-1]) is not GainOperator or not _differ(numbers):
+        tree, amplitudes = scene.tree, _values_per_record(scene, "amplitude")
+        if tree.lines or type(tree.operators[-1]) is not GainOperator or not _differ(amplitudes):
             return []
-        ends = min(numbers), max(numbers)
-        is_large = np.array(numbers) > 0.5 * sum(ends)
-        large = [
-            r
-            for r, own in zip(tree.records_with_history(scene.records), is_large, strict=True)
-            if own
-        ]
+        ends = min(amplitudes), max(amplitudes)
+        is_large = np.array(amplitudes) > 0.5 * sum(ends)
+        records = tree.records_with_history(scene.records)
+        large = [r for r, is_one in zip(records, is_large, strict=True) if is_one]
         model = TransferFunction(2 * self.n_modes, n_zeros=2 * self.n_modes)
-        found = []
+        trees = []
         for candidate in inserted(name, model, Scene(replace(tree, input_history=()), large)):
             candidate = replace(candidate, input_history=tree.input_history)
             operator = candidate.part(name)
             lines = {f"numerator[{i}]": (0.0, value) for i, value in enumerate(operator.numerator)}
-            found.append(candidate.edited(name, Schedule("amplitude", *ends, lines)))
-        return found
+            trees.append(candidate.edited(name, Schedule("amplitude", *ends, lines)))
+        return trees
 
 
-def _differ(numbers):
+def _differ(values):
     """Whether the values of the records vary enough for parameters to depend on them."""
-    size = max(map(abs, numbers))
-    return len(numbers) > 1 and size > 0.0 and np.ptp(numbers) > NOTICEABLE * size
+    size = max(map(abs, values))
+    return len(values) > 1 and size > 0.0 and np.ptp(values) > NOTICEABLE * size
 
 
 def _column(scene, column):
+    """Return the samples of a column of X in all records."""
     return np.concatenate([r.auxiliary[:, column - 1] for r in scene.records])
 
 
-def _numbers(scene, by):
+def _values_per_record(scene, by):
     """Return a value for each record: its amplitude, or the mean of a column."""
     if by == "amplitude":
         return [amplitude(r.u) for r in scene.records]
@@ -743,8 +739,8 @@ def _moving_columns(scene):
     return [c for c in range(1, n_columns + 1) if np.ptp(_column(scene, c)) > 0.0]
 
 
-def _levels(scene):
-    """Return the columns that are constant in each record."""
+def _constant_per_record(scene):
+    """Return the columns that are constant in each record, but not in all."""
     found = []
     for column in _moving_columns(scene):
         size = np.abs(_column(scene, column)).max()

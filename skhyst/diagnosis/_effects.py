@@ -124,8 +124,9 @@ class Effect:
     def tried(self, tree, additive):
         """Return the effect with the variants that are tried in a model, or None.
 
-        Variants may be an additive disturbance of the response, which is a function of time alone,
-        or a force within the equation of motion, which is a parameter of the model.
+        Driven effects are tried before additive disturbances. An additive effect may have variants
+        of both kinds: a disturbance of the response, which is a function of time alone, or a force
+        within the equation of motion, which is a parameter of the model.
 
         Parameters
         ----------
@@ -147,7 +148,9 @@ class Effect:
         return replace(self, variants=partial(list, forms), additive=additive) if forms else None
 
     def __reduce_ex__(self, protocol):
-        if any(own is self for own in _BUILT_IN):  # pickled by name: its lambdas cannot be pickled
+        if any(
+            effect is self for effect in _BUILT_IN
+        ):  # pickled by name: its lambdas cannot be pickled
             return _built_in, (self.name,)
         return super().__reduce_ex__(protocol)
 
@@ -237,8 +240,8 @@ _BUILT_IN = (
             RateDependence("slope"),
             RateDependence("threshold", "speed"),
             RateDependence("threshold", "velocity"),
-            # weights behind a low-pass of the signed rate follow the displacement since a turning
-            # point, like any hysteresis: tried last
+            # the low-pass of a signed rate follows the displacement since a turning point, so that
+            # these weights imitate any hysteresis: tried last
             RateDependence("slope", "speed"),
         ],
         "The hysteresis itself changes with the rate of the drive.",

@@ -60,11 +60,11 @@ def gather_evidence(claim, before, after, later):
         for name, (value, std, unit) in found.items()
     }
     known = [name for name, (value, std, _) in numbers.items() if not std > abs(value)]
-    shown = [name for name in known if not _LESS_TELLING.match(name)] or known or list(numbers)
-    shown = [
-        f"{name} {plus_minus(*numbers[name][:2])} {numbers[name][2]}".strip() for name in shown[:4]
+    texts = [name for name in known if not _LESS_TELLING.match(name)] or known or list(numbers)
+    texts = [
+        f"{name} {plus_minus(*numbers[name][:2])} {numbers[name][2]}".strip() for name in texts[:4]
     ]
-    shown = f"Identified: {listed(shown)}. " if shown else ""
+    texts = f"Identified: {listed(texts)}. " if texts else ""
     share = 100.0 * (1.0 - (after / before) ** 2) if before > 0.0 else 0.0
     without = f" or {listed(later)}" if later else ""
     removes = (
@@ -73,13 +73,13 @@ def gather_evidence(claim, before, after, later):
     )
     if later and share < 0.1:
         removes = f"It lowers the held-out error only together with {listed(later)}."
-    statement = f"{claim.effect.law} {shown}{removes}"
+    statement = f"{claim.effect.law} {texts}{removes}"
     picture = _tried("picture", draw, claim, Picture(claim.effect.name, "", "", ()))
     return Evidence(claim.effect.name, statement.strip(), numbers, picture)
 
 
 def _tried(what, make, claim, instead):
-    """Return the result of a function of a claim; if it raises any error, warn instead.
+    """Return the result of a function of a claim; if it raises an error, warn and return another.
 
     A user's own law may raise at values that no fit has visited; the search itself is complete.
     """
@@ -95,6 +95,7 @@ def _tried(what, make, claim, instead):
 
 
 def _numbers(claim):
+    """Return the numbers of a claim: of a part, or of the parameters that it changes."""
     return _of_parts(claim.counted()) if claim.operator else changes_by_number(claim)
 
 
@@ -108,63 +109,66 @@ def _of_parts(claim):
     free = [[name for name, _ in entries].index(key) for key in keys]
     x = claim.operator.pack()
     x[free] = [claim.values[key][0] for key in keys]
-    operator, seen = claim.operator.unpack(x), claim.seen
-    found = dict(_derived(operator, seen, free, claim.covariance(keys)))
+    operator, signals = claim.operator.unpack(x), claim.seen
+    found = dict(_derived(operator, signals, free, claim.covariance(keys)))
     if claim.kind == "branch":
         measured, identified = map(np.concatenate, claim.model_residuals(claim.without))
-        part = 100.0 * (1.0 - np.var(measured - identified) / np.var(measured))
-        found["part of the residual that it explains"] = part, np.nan, "%"
-    outputs = np.concatenate(seen.outputs)
-    half = {"drive": 0.5 * np.ptp(seen.ends), "response": 0.5 * np.ptp(outputs)}
+        explained = 100.0 * (1.0 - np.var(measured - identified) / np.var(measured))
+        found["part of the residual that it explains"] = explained, np.nan, "%"
+    outputs = np.concatenate(signals.outputs)
+    half_ranges = {"drive": 0.5 * np.ptp(signals.ends), "response": 0.5 * np.ptp(outputs)}
     for key, index in zip(keys, free, strict=True):
         name, _, number = key.rstrip("]").partition("[")
         size = sum(other.partition("[")[0] == name for other, _ in entries)
         spec = entries[index][1]
-        if size > 6 or name in claim.not_new:  # the values of a longer vector are parameters
+        if size > 6 or name in claim.not_new:  # a longer vector is in the table of parameters only
             continue
         label, factor = _LABELS.get(name, (re.sub("_+", " ", name), 1.0))
         if number:
             label = re.sub("([^s])s$", r"\1", re.sub("ies$", "ys", label))
             label += f" {int(number) + 1}" if size > 1 else ""
         factor, unit = (0.5 / np.pi, "Hz") if spec.unit == "rad/s" else (factor, spec.unit)
-        value, std = (factor * own for own in claim.values[key])
+        value, std = (factor * v for v in claim.values[key])
         found.setdefault(label, (value, std, unit))
-        if unit in half and not number and (spec.log or spec.linear):
-            part = 100.0 / (factor * half[unit])
-            found[f"{label} over the range"] = part * value, part * std, "%"
-    stage = Units(*claim.units, claim.words.time)
-    return {name: (v, std, stage.of(unit)) for name, (v, std, unit) in found.items()}
+        if unit in half_ranges and not number and (spec.log or spec.linear):
+            scale = 100.0 / (factor * half_ranges[unit])
+            found[f"{label} over the range"] = scale * value, scale * std, "%"
+    stage_units = Units(*claim.units, claim.words.time)
+    return {name: (v, std, stage_units.of(unit)) for name, (v, std, unit) in found.items()}
 
 
-def _characteristics(operator, seen):
+def _characteristics(operator, signals):
     """Return name -> (value, unit) of those characteristics of an operator that are finite."""
     found = {}
-    for name, (values, unit) in characteristics(operator, seen).items():
+    for name, (values, unit) in characteristics(operator, signals).items():
         values = np.ravel(values)
-        for i, own in enumerate(values, start=1):
-            if np.isfinite(own):
-                found[f"{name} {i}" if len(values) > 1 else name] = float(own), unit
+        for i, value in enumerate(values, start=1):
+            if np.isfinite(value):
+                found[f"{name} {i}" if len(values) > 1 else name] = float(value), unit
     return found
 
 
-def _derived(operator, seen, free, covariance):
-    """Yield (name, (value, standard error, unit)) of characteristics, errors to first order."""
+def _derived(operator, signals, free, covariance):
+    """Yield (name, (value, standard error, unit)) of characteristics.
+
+    The errors are propagated linearly, with slopes between half a standard error on either side.
+    """
     x, std = operator.pack(), np.sqrt(np.diag(covariance))
     # an error below the rounding of its value makes no difference
     known = np.flatnonzero(np.isfinite(std) & (std > np.spacing(np.abs(x[free]))))
-    values, specs = _characteristics(operator, seen), operator.entries()
+    values, specs = _characteristics(operator, signals), operator.entries()
     slopes = {name: np.zeros(len(known)) for name in values}
     for column, i in enumerate(known):
         spec, ends, sides = specs[free[i]][1], [], []
-        for sign in (-0.5, 0.5):
+        for step in (-0.5 * std[i], 0.5 * std[i]):
             moved = x.copy()
-            moved[free[i]] = np.clip(x[free[i]] + sign * std[i], spec.lower, spec.upper)
+            moved[free[i]] = np.clip(x[free[i]] + step, spec.lower, spec.upper)
             ends.append(moved[free[i]])
-            sides.append(_characteristics(operator.unpack(moved), seen))
+            sides.append(_characteristics(operator.unpack(moved), signals))
         for name, (value, _) in values.items():
             below, above = (side.get(name, (value,))[0] for side in sides)
             slopes[name][column] = (above - below) / (ends[1] - ends[0])
-    own = covariance[np.ix_(known, known)]
+    covariance = covariance[np.ix_(known, known)]
     for name, (value, unit) in values.items():
-        error = np.sqrt(max(slopes[name] @ own @ slopes[name], 0.0))
+        error = np.sqrt(max(slopes[name] @ covariance @ slopes[name], 0.0))
         yield name, (value, error or np.nan, unit)

@@ -17,11 +17,11 @@ from ._constants import FLAT, NOTICEABLE, REPEATS
 from ._traits import n_ringing, presliding_displacement
 from ._turns import turns
 
-_FAR = 1e3  # ranges of the motion: a curve that needs more of its input is flat
+_LONGEST_PIECE = 1e3  # ranges of the motion: a curve that needs more of its input is flat
 
 
 def is_plausible(margin, candidate, before, records, alpha):
-    """Return whether the last effect of a candidate may have its name.
+    """Return whether the last effect of a candidate may keep its name.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def is_plausible(margin, candidate, before, records, alpha):
         Level of the confidence interval.
     """
     name, tree = candidate.effects[-1], candidate.structure
-    if _have_changed_places(before.structure, tree, name) or _are_indistinguishable(tree, records):
+    if _are_swapped(before.structure, tree, name) or _are_indistinguishable(tree, records):
         return False
     return has_its_name(name, margin, tree, records, alpha)
 
@@ -76,7 +76,7 @@ def _standard_error(problem, x, function):
 
 
 def _motion(tree, name, records):
-    """Return the output of an effect, or the motion that drives a force.
+    """Return the output of an effect, or the motion that a force is a function of.
 
     Empty for an additive disturbance.
     """
@@ -89,15 +89,15 @@ def _motion(tree, name, records):
     return motion if motion.ndim == 1 else motion[:, 0]
 
 
-def _have_changed_places(before, tree, name):
-    """Return whether the added stage has taken over the ringing of an earlier one.
+def _are_swapped(before, tree, name):
+    """Return whether the added stage has become the mode that an earlier stage was before.
 
-    The added stage is then the earlier mode, and the earlier stage is the new effect.
+    The earlier stage then describes the new effect, so that the name would be wrong.
     """
     if tree.label(name) not in tree.names or not n_ringing(tree.part(name)):
         return False
-    ringing = [sum(map(n_ringing, own.operators)) for own in (tree, before)]
-    return ringing[0] <= ringing[1]
+    n_modes = [sum(map(n_ringing, model.operators)) for model in (tree, before)]
+    return n_modes[0] <= n_modes[1]
 
 
 def _are_indistinguishable(tree, records):
@@ -107,10 +107,10 @@ def _are_indistinguishable(tree, records):
     by any dynamics: memory cannot be distinguished from a delayed response.
     """
     added = [tree.part(name) for name in tree.effects if tree.label(name) in tree.names]
-    parts = [part for own in tree.operators for _, part, _ in parts_with_resolution(own)]
+    parts = [part for operator in tree.operators for _, part, _ in parts_with_resolution(operator)]
     plays = any(part.owns_gain for part in parts)
-    moving = any(own.signal_linear and not own.memoryless for own in added)
-    if tree.multi_input or not (moving and plays):
+    dynamic = any(operator.signal_linear and not operator.memoryless for operator in added)
+    if tree.multi_input or not (dynamic and plays):
         return False
     drive = np.concatenate([record.drive for record in records])
     period = near_period(drive)
@@ -129,9 +129,9 @@ def has_no_peak(operator, motion, records):
 
 
 def rings(operator, motion, records):
-    """Return the smallest margin: below critical damping, height of the peak, resolved.
+    """Return the smallest margin of a mode: a peak, its height, and resolution by the recording.
 
-    The first is one of the quality factor, which stays bounded where a pole is too fast to be
+    The first is a margin of the quality factor, which stays bounded where a pole is too fast to be
     known; the logarithm of the damping does not. A mode is resolved by the sampling if the upper
     end of its half-power band is below half the sampling rate, and by the records if it repeats in
     the longest of them: a slower one cannot be distinguished from a drift.
@@ -140,34 +140,34 @@ def rings(operator, motion, records):
     if not ratios.size:
         return -np.inf
     modes = getattr(operator, "natural_frequencies", getattr(operator, "natural_frequency", None))
-    least = np.argmin(ratios)
-    mode, ratio = np.ravel(modes)[least], ratios[least]
+    index = np.argmin(ratios)
+    mode, ratio = np.ravel(modes)[index], ratios[index]
     highest = np.pi / min(record.dt for record in records)
     lowest = 2.0 * np.pi * REPEATS / max(len(record.u) * record.dt for record in records)
     resolved = min(highest / (mode * (1.0 + ratio)), mode / lowest)
     margin = min(np.sqrt(0.5) / ratio, resolved) - 1.0
     if not np.size(getattr(operator, "numerator", ())):
         return margin
-    around = np.r_[0.0, np.geomspace(0.1, 10.0, 200), 1e4]  # rest, near the mode, fast motion
-    gain = np.log(np.abs(operator.frequency_response(mode / (2.0 * np.pi) * around)))
-    rest, fast, near = gain[0], gain[-1], gain[1:-1]
-    # a peak, or a notch
-    shows = max(near.max() - max(rest, fast), min(rest, fast) - near.min())
-    return min(margin, shows - np.log1p(NOTICEABLE))
+    multiples = np.r_[0.0, np.geomspace(0.1, 10.0, 200), 1e4]  # static, near the mode, fast
+    gain = np.log(np.abs(operator.frequency_response(mode / (2.0 * np.pi) * multiples)))
+    static, high, between = gain[0], gain[-1], gain[1:-1]
+    # of a peak, or of a notch
+    prominence = max(between.max() - max(static, high), min(static, high) - between.min())
+    return min(margin, prominence - np.log1p(NOTICEABLE))
 
 
 def responds_promptly(operator, motion, records):
     """Return margins of creep: of its prompt response, and of the rate of its fastest unit.
 
-    Creep without a prompt response within a record is a lag. A unit whose time constant is below
-    the sampling interval is part of the prompt response: of the recording it makes a gain.
+    Creep whose prompt response is a negligible part of that within a record is a lag. A unit whose
+    time constant is below the sampling interval is part of the prompt response.
     """
     longest = max(len(record.u) * record.dt for record in records)
-    shown = -np.expm1(-longest / np.ravel(operator.time_constants))
-    prompt = 1.0 / (1.0 + np.ravel(operator.compliances) @ shown)
-    # of what relaxes, the part behind the first sample, bounded where no sample shows the rate
-    slow = np.exp(-min(record.dt for record in records) / np.ravel(operator.time_constants))
-    return min(prompt - NOTICEABLE, slow.min() - np.exp(-1.0))
+    relaxed = -np.expm1(-longest / np.ravel(operator.time_constants))
+    prompt = 1.0 / (1.0 + np.ravel(operator.compliances) @ relaxed)
+    # what still relaxes after the first sample: bounded where no sample determines the rate
+    unsampled = np.exp(-min(record.dt for record in records) / np.ravel(operator.time_constants))
+    return min(prompt - NOTICEABLE, unsampled.min() - np.exp(-1.0))
 
 
 def delay_beyond_sampling(operator, motion, records):
@@ -182,15 +182,15 @@ def is_between_samples(operator, motion, records):
 
 
 def width_beyond_noise(operator, motion, records):
-    """Return by how much a play is wider than the white noise of the recorded drive.
+    """Return the logarithm of a play's half gap over the largest white noise of the drive.
 
-    A narrower one only smooths that noise, which did not act on the device. Both are fractions of
+    A narrower play only smooths that noise, which did not act on the device. Both are fractions of
     the range. The largest of n normal values is about sqrt(2 log(n)) standard deviations away.
     """
     drives = [record.drive for record in records]
-    reach = min(largest_noise(u) * np.sqrt(2.0 * np.log(len(u))) for u in drives)
-    reach /= np.ptp(np.concatenate(drives))
-    return np.log(operator.half_gap / np.ptp(motion) / reach) if reach > 0.0 else np.inf
+    noise = min(largest_noise(u) * np.sqrt(2.0 * np.log(len(u))) for u in drives)
+    noise /= np.ptp(np.concatenate(drives))
+    return np.log(operator.half_gap / np.ptp(motion) / noise) if noise > 0.0 else np.inf
 
 
 def varies_in_rate(operator, motion, records):
@@ -199,12 +199,12 @@ def varies_in_rate(operator, motion, records):
     At one frequency, rate and amplitude of the drive cannot be distinguished.
     """
     durations = [record.dt * np.diff(turns(record.drive)) for record in records]
-    ends = np.array([np.quantile(own, (0.1, 0.9)) for own in durations if len(own)])
-    if not len(ends):
+    quantiles = np.array([np.quantile(times, (0.1, 0.9)) for times in durations if len(times)])
+    if not len(quantiles):
         return -np.inf
-    low, high = ends[:, 0].min(), ends[:, 1].max()
-    coarse = 2.0 * max(record.dt for record in records)
-    return np.inf if high - low > NOTICEABLE * low + coarse else -np.inf
+    low, high = quantiles[:, 0].min(), quantiles[:, 1].max()
+    resolution = 2.0 * max(record.dt for record in records)
+    return np.inf if high - low > NOTICEABLE * low + resolution else -np.inf
 
 
 def levels_off(operator, motion, records):
@@ -241,48 +241,49 @@ def bends(operator, motion, records):
     if not getattr(operator, "passed", 0.0):  # in parallel with a slope, which it cannot turn
         return np.inf
     slope = operator.evaluate(operator.center + operator.scale * np.linspace(-1.0, 1.0, 200))[1]
-    ways = np.array([slope, -slope])  # rising, then falling; falling, then rising
-    before = np.minimum.accumulate(ways, axis=1)
-    after = np.minimum.accumulate(-ways[:, ::-1], axis=1)[:, ::-1]
-    nowhere = np.full((2, 1), np.inf)
-    turned = np.minimum(np.hstack([nowhere, before]), np.hstack([after, nowhere]))
-    return turned.max() / np.abs(slope).mean()
+    directed = np.array([slope, -slope])  # rising, then falling; falling, then rising
+    before = np.minimum.accumulate(directed, axis=1)
+    after = np.minimum.accumulate(-directed[:, ::-1], axis=1)[:, ::-1]
+    # with the extremum before each point, and behind the last
+    end = np.full((2, 1), np.inf)
+    smallest = np.minimum(np.hstack([end, before]), np.hstack([after, end]))
+    return smallest.max() / np.abs(slope).mean()
 
 
 def bends_to_one_side(operator, motion, records):
-    """Return margins of one-sided dead zones: motion beyond the kinks, and their even part.
+    """Return margins of one-sided dead zones: motion beyond the kinks, and the curve's even part.
 
-    A curve is extrapolated with its outermost slopes. If only a small part of the motion determines
-    such a slope, it describes the tip of a hysteresis loop, not the curve of the device. One that
-    bends to one side of the middle of the motion has an even part as large as its odd part; one
-    that bends alike on both sides is no asymmetry.
+    If only a small part of the motion determines an outermost slope, that describes the tip of a
+    hysteresis loop, not the curve of the device. A curve that bends on one side of the middle of
+    the motion has, without its straight line, an even part as large as its odd part; one that bends
+    alike on both sides is no asymmetry.
     """
     kinks = operator.run(operator.thresholds, 1.0)[0]
     low, high = motion.min(), motion.max()
-    behind = np.minimum(high - kinks, kinks - low)
-    seen = behind[behind > 0.0]  # kinks outside of the recorded motion have no effect
-    beyond = seen.min(initial=np.inf) / np.ptp(motion) - NOTICEABLE
-    bend = _bend_of_inverse(operator, np.linspace(low, high, 201))
-    even, odd = np.std([bend + bend[::-1], bend - bend[::-1]], axis=1)
+    distances = np.minimum(high - kinks, kinks - low)
+    inside = distances[distances > 0.0]  # kinks outside of the recorded motion have no effect
+    beyond = inside.min(initial=np.inf) / np.ptp(motion) - NOTICEABLE
+    deviation = _bend_of_inverse(operator, np.linspace(low, high, 201))
+    even, odd = np.std([deviation + deviation[::-1], deviation - deviation[::-1]], axis=1)
     return min(beyond, (even - odd) / max(even + odd, np.finfo(float).tiny))
 
 
 def _bend_of_inverse(curve, outputs):
-    """Return the input of a curve in straight pieces for outputs, less a straight line."""
-    kinks, far = np.sort(curve.thresholds), _FAR * np.ptp(outputs)
-    inputs = np.concatenate([kinks[:1] - far, kinks, kinks[-1:] + far])
-    found = np.interp(outputs, np.maximum.accumulate(curve.run(inputs, 1.0)[0]), inputs)
-    return found - np.polynomial.Polynomial.fit(outputs, found, 1)(outputs)
+    """Return the input of a piecewise linear curve for its outputs, minus a straight line."""
+    kinks, length = np.sort(curve.thresholds), _LONGEST_PIECE * np.ptp(outputs)
+    knots = np.concatenate([kinks[:1] - length, kinks, kinks[-1:] + length])
+    inputs = np.interp(outputs, np.maximum.accumulate(curve.run(knots, 1.0)[0]), knots)
+    return inputs - np.polynomial.Polynomial.fit(outputs, inputs, 1)(outputs)
 
 
 def has_own_lines(operator, motion, records):
     """Return whether sinusoids repeat, are resolved, and are no harmonics of the drive."""
     frequencies = np.sort(operator.frequencies)
     longest = max(len(record.u) * record.dt for record in records)
-    repeat = frequencies[0] * longest >= REPEATS
-    apart = np.all(np.diff(frequencies) * longest >= 1.0)
-    own = any(_are_no_harmonics(frequencies, record) for record in records)
-    return np.inf if repeat and apart and own else -np.inf
+    repeats = frequencies[0] * longest >= REPEATS
+    resolved = np.all(np.diff(frequencies) * longest >= 1.0)
+    independent = any(_are_no_harmonics(frequencies, record) for record in records)
+    return np.inf if repeats and resolved and independent else -np.inf
 
 
 def _are_no_harmonics(frequencies, record):
@@ -296,31 +297,34 @@ def _are_no_harmonics(frequencies, record):
     period = near_period(record.drive)
     if not period:
         return True
-    turns = len(record.u) / period
+    n_periods = len(record.u) / period
     harmonics = frequencies * period * record.dt
-    off = harmonics - np.round(harmonics)
-    return bool(np.all((np.sinc(turns * off) / np.sinc(off)) ** 2 < 0.5))
+    offsets = harmonics - np.round(harmonics)
+    return bool(np.all((np.sinc(n_periods * offsets) / np.sinc(offsets)) ** 2 < 0.5))
 
 
 def slides(operator, motion, records):
-    """Return how soon a force saturates after a reversal of the motion; friction does soon."""
-    way = presliding_displacement(operator)
-    return np.inf if way is None else np.log(NOTICEABLE * np.ptp(motion) / way)
+    """Return the logarithm of a noticeable part of the motion over the presliding displacement.
+
+    Friction saturates soon after a reversal of the motion.
+    """
+    presliding = presliding_displacement(operator)
+    return np.inf if presliding is None else np.log(NOTICEABLE * np.ptp(motion) / presliding)
 
 
 def builds_up(operator, motion, records):
-    """Return how slowly a force builds up after a reversal of the motion.
+    """Return the logarithm of the presliding displacement over that of friction.
 
-    Where it builds up from one sample to the next, or is a force beside a given motion and
-    saturates soon, it is friction.
+    A force that builds up from one sample to the next after a reversal is friction; so is one that
+    is added to others of a given motion, and saturates within a negligible part of it.
     """
-    way, moves = presliding_displacement(operator), np.abs(np.diff(motion))
-    if way is None or not moves.any():
+    presliding, steps = presliding_displacement(operator), np.abs(np.diff(motion))
+    if presliding is None or not steps.any():
         return np.inf
-    least = moves[moves > 0.0].mean()
+    smallest = steps[steps > 0.0].mean()
     if operator.linear_mode() is None:
-        least = max(least, NOTICEABLE * np.ptp(motion))
-    return np.log(way / least)
+        smallest = max(smallest, NOTICEABLE * np.ptp(motion))
+    return np.log(presliding / smallest)
 
 
 def stops(operator, motion, records):
@@ -328,12 +332,14 @@ def stops(operator, motion, records):
 
     A stop that is softer than the spring, or always touched, is a spring.
     """
-    stiffness, place = operator.stop_stiffness, motion
+    stiffness, displacement = operator.stop_stiffness, motion
     if operator.linear_mode() is None:  # without a spring
         stiffness = np.inf
     else:
-        place = (motion - operator.intercept) / operator.gain
-    way = np.ptp(place)
-    beyond = max(operator.lower - place.min(), place.max() - operator.upper) / way
-    free = (min(operator.upper, place.max()) - max(operator.lower, place.min())) / way
-    return min(np.log(stiffness), beyond, free - NOTICEABLE)
+        displacement = (motion - operator.intercept) / operator.gain
+    span = np.ptp(displacement)
+    beyond = max(operator.lower - displacement.min(), displacement.max() - operator.upper) / span
+    clear = (
+        min(operator.upper, displacement.max()) - max(operator.lower, displacement.min())
+    ) / span
+    return min(np.log(stiffness), beyond, clear - NOTICEABLE)

@@ -611,7 +611,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         terms, unknown = find_unknown(base, data, *how), None
         for term in reversed(terms):
             first = str(term.site), term.candidate.structure
-            self._undistinguished += [(*first, site, c.structure) for site, c in term.same]
+            self._undistinguished += [(*first, site, c.structure) for site, c in term.ambiguous]
             unknown = self._term(term, data, contest, declared, unknown)
         if unknown is not None and self.verdict_ == "undetermined":
             # a significant term is structure
@@ -635,7 +635,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
             after.error,
             max(1.0 - (after.error / before.error) ** 2, 0.0),
             term.p_value,
-            tuple(site for site, _ in term.same),
+            tuple(site for site, _ in term.ambiguous),
             pd.DataFrame(laws_of(term, data, contest.criterion), columns=LAW_COLUMNS),
             judged.verdict != "noise",
             after.error * judged.unpredicted**0.5,

@@ -2,24 +2,25 @@ r"""A term without a name, for a residual that no effect explains.
 
 It is sought after a verdict other than ``noise``. A smooth function of one signal, of unknown form
 (:class:`~skhyst.static.UnknownTerm`), is tried at every place of the model: at each joint of the
-series, as a function of the signal there, its rate, its plays or the time since it has turned, and
-in the same ways of the input of the stage before the joint, or of the memory of a Bouc-Wen
-hysteresis there; as a force in the equation of motion of linear dynamics, as a function of the
-displacement or the velocity (:class:`~skhyst.compose.Feedback`); as a parameter that depends on a
-signal, which is the gain at a joint, the stiffness or the damping; and added to the drive, as a
-function of a further column of X, or to the response, as a function of the drive or such a column,
-in the same ways. At each place the functions are restricted to those that the model's parameters
-cannot reproduce, as smooth as restricted maximum likelihood makes them. One evaluation of the model
-with all splines predicts what each function would do (partial residuals); the promising ones are
-refitted jointly with the whole model and held out. The term of least held-out error is tested
-against the model without it by the criterion of the search, corrected for all that the search and
-this step have tried. Terms that the criterion does not distinguish from it are ``ambiguous_with``.
-If structure may remain, a second term is sought in the same way, of functions that neither the
-parameters nor the first term can reproduce: the model is then the sum of two smooth functions, each
-of which is needed: the first is tested again beside the second (a forward and backward selection of
-groups of functions). Its rivals are surfaces of two signals at one place, such as the product of a
-drive and its rate. A surface replaces a sum that it contains only where it is better by the
-criterion, and any other sum where its held-out error is less.
+series, as a function of one feature of the signal there: its value, its rate, a play of it, or the
+time since it has turned; at the same joint as a function of such a feature of the input of the
+stage before, or of the memory of a Bouc-Wen hysteresis there; as a force in the equation of motion
+of linear dynamics, as a function of the displacement or the velocity
+(:class:`~skhyst.compose.Feedback`); as a parameter that depends on a signal: the gain at a joint,
+the stiffness or the damping; added to the drive, as a function of a feature of a further column of
+X; and added to the response, as a function of a feature of the drive or of such a column. At each
+place the functions are restricted to those that the model's parameters cannot reproduce; restricted
+maximum likelihood chooses their smoothness. One evaluation of the model with all splines predicts
+by how much each function reduces the error (partial residuals); the promising ones are refitted
+jointly with the whole model and held out. The term of least held-out error is tested against the
+model without it by the criterion of the search, corrected for all that the search and this step
+have tried. Terms that the criterion does not distinguish from it are ``ambiguous_with``. If
+structure may remain, a second term is sought in the same way, of functions that neither the
+parameters nor the first term can reproduce. The model is then the sum of two smooth functions, and
+the first is tested again with the second in the model (a forward and backward selection of groups
+of functions). The alternative to this sum is a surface, a function of two features of a signal,
+such as the product of a drive and its rate. A surface replaces a sum that it contains only where it
+is better by the criterion, and any other sum where its held-out error is smaller.
 
 **The band.** Let C be the covariance of the weights in the joint fit under coloured noise, plus
 that of the bias of the penalty: under the prior that the penalty represents, the weights have a
@@ -62,12 +63,12 @@ from ._traits import elastic_and_memory
 
 NAME, SECOND = "unknown_term", "second_unknown_term"
 _HALF_GAPS = (0.03, 0.1, 0.3)  # of plays, relative to the range of their input
-_TRIALS = 12  # evaluations of a scale or a half gap
-_FINE = {1: 200, 2: 40}  # intervals of a law's splines: the resolution of its corners
-_GRID = {1: 101, 2: 25}  # points of a curve, and of each side of a surface
+_MAX_EVALUATIONS = 12  # of the predicted cost, for a scale or a half gap
+_LAW_INTERVALS = {1: 200, 2: 40}  # of a law's splines: the resolution of its corners
+_GRID_POINTS = {1: 101, 2: 25}  # points of a curve, and of each side of a surface
 _DRAWS = 2000  # of the simultaneous band: its quantile is then known to about 1 %
-_LEVEL = 0.95
-_SEEN = (0.005, 0.995)  # quantiles of the argument between which the curve is shown
+_BAND_LEVEL = 0.95
+_SHOWN_QUANTILES = (0.005, 0.995)  # of the argument, between which the curve is shown
 LAW_COLUMNS = ["law", "formula", "c", "c_std", "s", "error", "p_value"]
 _ENDS = ("drive", "response")  # places that are no stage's
 _PARAMETERS = ("gain", "stiffness", "damping")
@@ -98,8 +99,8 @@ _FACTORS = ["proportional", "square", "cube", "quadratic with sign", "absolute v
 
 
 def _product(first, second):
-    (one, f, _), (two, g, _) = LAWS[first], LAWS[second]
-    formula = f"{one} {two.removeprefix('c ').replace('v', 'w')}"
+    (first_formula, f, _), (second_formula, g, _) = LAWS[first], LAWS[second]
+    formula = f"{first_formula} {second_formula.removeprefix('c ').replace('v', 'w')}"
     return formula, lambda v, w: f(v) * g(w), False
 
 
@@ -118,10 +119,14 @@ class Site:
     model : UnknownTerm
     make : callable
         Returns the edit that inserts the model with an operator. Its ``part(tree)`` is the operator
-        in a tree, ``leads_to(name, tree)`` says whether an entry belongs to it, and ``unit(tree)``
-        is the unit of the argument.
+        in a tree, ``owns_entry(name, tree)`` says whether an entry belongs to it, and
+        ``unit(tree)`` is the unit of the argument.
     records : list of RecordData
         Driven by the argument's signal.
+    parameter : str
+        ``"gain"``, ``"stiffness"`` or ``"damping"`` if that depends on the argument, else "".
+    scales : str
+        The signal that this parameter multiplies, else "".
     """
 
     place: str
@@ -130,44 +135,45 @@ class Site:
     make: Any
     records: list = field(repr=False)
     second: str = ""
-    parameter: str = ""  # "gain", "stiffness" or "damping" if it is the function of the argument
-    scales: str = ""  # the signal that it multiplies
+    parameter: str = ""
+    scales: str = ""
 
     def __str__(self):
-        return f"{self.where}: a function of the {_both(self.argument, self.second)}"
+        return f"{self.where}: a function of the {_joined(self.argument, self.second)}"
 
     @property
     def where(self):
-        """The place in words, with that of a parameter."""
+        """The place in words, with the parameter that depends on the argument."""
         if not self.parameter:
             return self.place
         place = self.place.removeprefix("motion ")
         return f"{self.parameter} {f'of the {place}' if place in _ENDS else place}"
 
     def signals(self):
-        """Return place and argument of each function of one signal that it is made of."""
-        return [(self.place, own) for own in (self.argument, self.second, self.scales) if own]
+        """Return the place with each signal that the term is a function of."""
+        signals = self.argument, self.second, self.scales
+        return [(self.place, signal) for signal in signals if signal]
 
-    def put(self, tree, operator, model=None):
+    def with_term(self, tree, operator, model=None):
         """Return a tree with an operator of the term, of the site's model or another."""
         edit = self.make(self.model if model is None else model, operator)
         return tree.edited(self.make.name, edit)
 
-    def seen(self, term):
+    def free_arguments(self, term):
         """Return the values of a term's free arguments, (n_samples, n_free)."""
-        return self.all_seen(term)[:, term.free]
+        return self.arguments(term)[:, term.free]
 
-    def all_seen(self, term):
+    def arguments(self, term):
         """Return the values of all arguments of a term, (n_samples, n_arguments)."""
-        seen = np.concatenate([term.arguments(r.u, r.dt)[0] for r in self.records])
-        return seen.reshape(-1, len(term.names))
+        values = np.concatenate([term.arguments(r.u, r.dt)[0] for r in self.records])
+        return values.reshape(-1, len(term.names))
 
-    def weights(self, names, tree):
-        """Return the numbers of those entries that are weights of the term."""
+    def weight_indices(self, names, tree):
+        """Return the indices of those of the named entries that are weights of the term."""
         return [
             i
             for i, name in enumerate(names)
-            if self.make.leads_to(name, tree) and name.split("__")[-1].startswith("weights")
+            if self.make.owns_entry(name, tree) and name.split("__")[-1].startswith("weights")
         ]
 
 
@@ -250,7 +256,7 @@ class Unknown:
 
     def __str__(self):
         """Return a description in one sentence."""
-        arguments = _both(self.argument, self.second_argument)
+        arguments = _joined(self.argument, self.second_argument)
         text = f"a {self._added} that depends on the {arguments}, {self.shape}"
         if len(self.laws):
             first = self.laws.iloc[0]
@@ -263,9 +269,7 @@ class Unknown:
         if self.second is not None:
             return f"{text}; in addition, {self.second}"
         if self.structure_left:
-            text += (
-                "; what is left with it need not be noise, so its place in the model is uncertain"
-            )
+            text += "; the residual with it need not be noise, so its place is uncertain"
         return text
 
     @property
@@ -273,16 +277,16 @@ class Unknown:
         """Line of code that registers the simplest law as an effect for later searches, or ""."""
         if not len(self.laws):
             return ""
-        first, place = self.laws.iloc[0], self.place
+        law, place = self.laws.iloc[0], self.place
         if not place.startswith("gain"):
             place = place.split(" of ")[0]  # of any stage
-        arguments = [own for own in (self.argument, self.second_argument) if own]
-        name = "_".join([*first["law"].lower().split(), "of", *" and ".join(arguments).split()])
-        variant = f"LawAt({', '.join(map(repr, (first['law'], place, *arguments)))})"
-        said = " and ".join(f"{v} the {own}" for v, own in zip("vw", arguments, strict=False))
-        law = f"A {self._added}: {said}, f = {first['formula']}."
-        experiment = f"Move the {_both(self.argument, self.second_argument)} through the range."
-        return f"register_effect(Effect({name!r}, lambda: [{variant}], {law!r}, {experiment!r}))"
+        arguments = [arg for arg in (self.argument, self.second_argument) if arg]
+        name = "_".join([*law["law"].lower().split(), "of", *" and ".join(arguments).split()])
+        variant = f"LawAt({', '.join(map(repr, (law['law'], place, *arguments)))})"
+        letters = " and ".join(f"{v} the {arg}" for v, arg in zip("vw", arguments, strict=False))
+        text = f"A {self._added}: {letters}, f = {law['formula']}."
+        experiment = f"Move the {_joined(self.argument, self.second_argument)} through the range."
+        return f"register_effect(Effect({name!r}, lambda: [{variant}], {text!r}, {experiment!r}))"
 
     @property
     def _added(self):
@@ -300,16 +304,17 @@ class Unknown:
         """
         if self.second_argument:
             return f"{100.0 * self._joint():.0f} % of it beyond a sum of two functions"
-        v, f = self.curve["argument"].to_numpy(), self.curve["value"].to_numpy()
-        half = 0.5 * (self.curve["high"] - self.curve["low"]).to_numpy()
-        reach = min(-v[0], v[-1])
-        words = []
-        if reach > 0.5 * max(-v[0], v[-1]):
-            at = np.linspace(0.0, reach, len(v))
-            ahead, behind = (np.interp(side * at, v, f) for side in (1.0, -1.0))
-            wide = np.interp(at, v, half) + np.interp(-at, v, half)
-            parts = {"odd": ahead + behind - 2.0 * np.interp(0.0, v, f), "even": ahead - behind}
-            words = [name for name, own in parts.items() if np.all(np.abs(own) <= wide)]
+        x, f = self.curve["argument"].to_numpy(), self.curve["value"].to_numpy()
+        half_band = 0.5 * (self.curve["high"] - self.curve["low"]).to_numpy()
+        common, words = min(-x[0], x[-1]), []  # range of both signs
+        if common > 0.5 * max(-x[0], x[-1]):
+            size = np.linspace(0.0, common, len(x))
+            f_plus, f_minus = np.interp(size, x, f), np.interp(-size, x, f)
+            band = np.interp(size, x, half_band) + np.interp(-size, x, half_band)
+            # deviations from an odd function about its value at zero, and from an even one
+            deviations = {"odd": f_plus + f_minus - 2.0 * np.interp(0.0, x, f)}
+            deviations["even"] = f_plus - f_minus
+            words = [name for name, d in deviations.items() if np.all(np.abs(d) <= band)]
             words = words if len(words) == 1 else []  # a band around zero excludes neither
         slopes = np.diff(f)
         if np.all(slopes >= 0.0) or np.all(slopes <= 0.0):
@@ -318,12 +323,12 @@ class Unknown:
 
     def _joint(self):
         """Return the fraction of a surface's power that no sum of two functions reproduces."""
-        levels = [pd.get_dummies(self.curve[name]) for name in ("argument", "second")]
+        indicators = [pd.get_dummies(self.curve[name]) for name in ("argument", "second")]
         root, value = np.sqrt(self.curve["density"].to_numpy()), self.curve["value"].to_numpy()
-        columns = root[:, None] * np.hstack([own.to_numpy(dtype=float) for own in levels])
-        left = root * value - columns @ np.linalg.lstsq(columns, root * value, rcond=None)[0]
-        spread = root * (value - np.average(value, weights=np.square(root)))
-        return float(left @ left / (spread @ spread or 1.0))
+        columns = root[:, None] * np.hstack([one.to_numpy(dtype=float) for one in indicators])
+        residual = root * value - columns @ np.linalg.lstsq(columns, root * value, rcond=None)[0]
+        deviation = root * (value - np.average(value, weights=np.square(root)))
+        return float(residual @ residual / (deviation @ deviation or 1.0))
 
     def picture(self):
         """Return the curve with its band, or the contours of a surface, and the data's density.
@@ -338,11 +343,10 @@ class Unknown:
             surface = grid["value"].columns.to_numpy(), grid.index.to_numpy(), values, density
             title = f"Unexplained: {self._added}"
             return Picture(title, self.argument, self.second_argument, (), surface=surface)
-        v, f, low, high, density = self.curve.to_numpy().T
-        band = ("", v, high, "dashed")
-        curves = ("curve", v, f, "line"), ("95 % band", v, low, "dashed"), band
-        share = ("", v, 100.0 * density, "line")
-        below = Picture("", self.argument, "samples (%)", (share,))
+        x, f, low, high, density = self.curve.to_numpy().T
+        band = ("95 % band", x, low, "dashed"), ("", x, high, "dashed")
+        curves = ("curve", x, f, "line"), *band
+        below = Picture("", self.argument, "samples (%)", (("", x, 100.0 * density, "line"),))
         added = self._added.removeprefix("term ").split(" in the equation")[0]
         return Picture("Unexplained", self.argument, added, curves, below=below)
 
@@ -354,21 +358,13 @@ class Unknown:
         dict
             Without the estimator.
         """
-        names = [
-            "place",
-            "argument",
-            "second_argument",
-            "error_before",
-            "error_after",
-            "share",
-            "p_value",
-        ]
-        names += ["structure_left", "noise_ceiling", "shape"]
-        own = {name: getattr(self, name) for name in names}
-        own |= {"ambiguous_with": list(self.ambiguous_with), "text": str(self), "code": self.code}
-        own["second"] = None if self.second is None else self.second.to_dict()
-        own["curve"] = {name: values.tolist() for name, values in self.curve.items()}
-        return own | {"laws": self.laws.to_dict("records")}
+        names = ["place", "argument", "second_argument", "error_before", "error_after", "share"]
+        names += ["p_value", "structure_left", "noise_ceiling", "shape", "code"]
+        content = {name: getattr(self, name) for name in names} | {"text": str(self)}
+        content["ambiguous_with"] = list(self.ambiguous_with)
+        content["second"] = None if self.second is None else self.second.to_dict()
+        content["curve"] = {name: values.tolist() for name, values in self.curve.items()}
+        return content | {"laws": self.laws.to_dict("records")}
 
 
 def find_unknown(base, data, criterion, n_tried, n_jobs, judgement):
@@ -389,43 +385,41 @@ def find_unknown(base, data, criterion, n_tried, n_jobs, judgement):
     list of Term
         None, one, or two whose sum is meant.
     """
-    how = data, criterion
-    first, n_tried = _sought(base, *how, n_tried, n_jobs)
+    first, n_tried = _best_term(base, data, criterion, n_tried, n_jobs)
     if first is not None and judgement(first.candidate).verdict == "noise":
         return [first]
-    surface, n_tried = _sought(base, *how, n_tried, n_jobs, n_arguments=2)
+    surface, n_tried = _best_term(base, data, criterion, n_tried, n_jobs, n_arguments=2)
     terms = [] if first is None else [first]
     if terms:
-        second, _ = _sought(first.candidate, *how, n_tried, n_jobs)
+        second, _ = _best_term(first.candidate, data, criterion, n_tried, n_jobs)
         terms = terms if second is None else _needed(first, second, data, criterion, n_tried)
     if surface is None or not terms:
         return terms if surface is None else [surface]
-    rivals, last = [terms, [surface]], terms[-1].candidate
-    if {own for term in terms for own in term.site.signals()} <= set(surface.site.signals()):
+    alternatives, sum_candidate = [terms, [surface]], terms[-1].candidate
+    if {s for term in terms for s in term.site.signals()} <= set(surface.site.signals()):
         # a surface contains the sum of terms of its arguments, so it has to be significantly better
-        chosen = criterion.is_better(last, surface.candidate, 1)
+        is_surface = criterion.is_better(sum_candidate, surface.candidate, 1)
     else:
-        chosen = surface.candidate.error < last.error
-    best, other = rivals[chosen], rivals[not chosen]
-    if criterion.p_value(other[-1].candidate, best[-1].candidate) < criterion.alpha:
-        return best
-    same = ", and ".join(str(term.site) for term in other), other[-1].candidate
-    return [replace(best[0], same=[*best[0].same, same]), *best[1:]]
+        is_surface = surface.candidate.error < sum_candidate.error
+    chosen, rejected = alternatives[is_surface], alternatives[not is_surface]
+    if criterion.p_value(rejected[-1].candidate, chosen[-1].candidate) < criterion.alpha:
+        return chosen
+    rival = ", and ".join(str(term.site) for term in rejected), rejected[-1].candidate
+    return [replace(chosen[0], ambiguous=[*chosen[0].ambiguous, rival]), *chosen[1:]]
 
 
 def _needed(first, second, data, criterion, n_tried):
-    """Return those of two terms that are needed: the first may have stood for the second."""
+    """Return those of two terms that are needed; the first may only have imitated the second."""
     records, _, folds = data
-    alone = second.candidate.structure.without(NAME)
-    alone = completed(_candidate(alone, records), records, _budget(records))
+    tree, base = second.candidate.structure.without(NAME), first.base
+    alone = completed(_candidate(tree, records), records, _budget(records))
     alone = held_out(alone, records, folds)
-    base = first.base
     if criterion.is_better(alone, second.candidate, 1):
         return [first, second]
     if not criterion.is_better(base, alone, n_tried):
         return [first]
     p_value = criterion.p_value(base, alone, n_tried)
-    return [replace(second, candidate=alone, base=base, p_value=p_value, same=[])]
+    return [replace(second, candidate=alone, base=base, p_value=p_value, ambiguous=[])]
 
 
 @dataclass(frozen=True)
@@ -438,7 +432,7 @@ class Term:
     candidate, base : Candidate
         With and without the term.
     p_value : float
-    same : list of (str, Candidate)
+    ambiguous : list of (str, Candidate)
         Places and arguments that are not distinguished from it.
     """
 
@@ -446,152 +440,153 @@ class Term:
     candidate: Candidate
     base: Candidate
     p_value: float
-    same: list
+    ambiguous: list
 
 
-def _sought(base, data, criterion, n_tried, n_jobs, n_arguments=1):
-    """Return the best term of so many arguments, or None, and the number of all that was tried."""
+def _best_term(base, data, criterion, n_tried, n_jobs, n_arguments=1):
+    """Return the best significant term of so many arguments, or None, and the number of trials.
+
+    From cheap to dear: predicted cost of all, joint fits of the promising, held-out errors of those
+    whose fit is nearly the best.
+    """
     records, _, folds = data
     scene = Scene(base.structure, records)
     sites = list(_sites(scene, n_arguments))
-    starts, _ = side_by_side([delayed(_started)(site, scene.tree, records) for site in sites], 1)
-    starts = [own or [] for own in starts]
-    family = n_tried + sum(map(len, starts))
-    most = (1.0 - criterion.min_improvement) ** 2 * base.cost
-    both = [(site, own) for site, own in zip(sites, starts, strict=True) if own]
-    best = [(site, min(own, key=lambda c: c.predicted_cost)) for site, own in both]
-    best = [(site, c) for site, c in best if c.predicted_cost < most]
-    plays = sum(_follows_play(site.model) for site, _ in best)
-    near = WORSE * min((c.predicted_cost for _, c in best), default=0.0)
-    best = [
-        (site, _with_gap(c, site, scene.tree, records) if c.predicted_cost < near else c)
-        for site, c in best
+    jobs = [delayed(_started)(site, scene.tree, records) for site in sites]
+    starts, _ = side_by_side(jobs, 1)
+    starts = [candidates or [] for candidates in starts]
+    n_trials = n_tried + sum(map(len, starts))
+    largest_cost = (1.0 - criterion.min_improvement) ** 2 * base.cost
+    promising = [
+        (site, min(candidates, key=lambda c: c.predicted_cost))
+        for site, candidates in zip(sites, starts, strict=True)
+        if candidates
     ]
-    family += _TRIALS * plays
-    jobs = [delayed(completed)(c, records, _budget(records)) for _, c in best]
-    done, _ = side_by_side(jobs, n_jobs)
-    most = min([most, *(WORSE * c.cost for c in done if c is not None)])
-    best = [(s, c) for (s, _), c in zip(best, done, strict=True) if c is not None and c.cost < most]
-    jobs = [delayed(_settled)(c, s, scene.tree, records, folds) for s, c in best]
-    done, _ = side_by_side(jobs, n_jobs)
-    found = [(s, c) for s, c in filter(None, done) if criterion.is_better(base, c, family)]
-    if not found:
-        return None, family
-    site, chosen = min(found, key=lambda own: own[1].error)
-    same = [(s, c) for s, c in found if c is not chosen]
-    same = [(str(s), c) for s, c in same if criterion.p_value(c, chosen) >= criterion.alpha]
-    return Term(site, chosen, base, criterion.p_value(base, chosen, family), same), family
+    promising = [(site, c) for site, c in promising if c.predicted_cost < largest_cost]
+    near_best = WORSE * min((c.predicted_cost for _, c in promising), default=0.0)
+    n_trials += _MAX_EVALUATIONS * sum(_follows_play(site.model) for site, _ in promising)
+    promising = [
+        (site, _with_gap(c, site, scene.tree, records) if c.predicted_cost < near_best else c)
+        for site, c in promising
+    ]
+    jobs = [delayed(completed)(c, records, _budget(records)) for _, c in promising]
+    fitted, _ = side_by_side(jobs, n_jobs)
+    largest_cost = min([largest_cost, *(WORSE * c.cost for c in fitted if c is not None)])
+    jobs = [
+        delayed(_settled)(c, site, scene.tree, records, folds)
+        for (site, _), c in zip(promising, fitted, strict=True)
+        if c is not None and c.cost < largest_cost
+    ]
+    settled, _ = side_by_side(jobs, n_jobs)
+    better = [(s, c) for s, c in filter(None, settled) if criterion.is_better(base, c, n_trials)]
+    if not better:
+        return None, n_trials
+    site, best = min(better, key=lambda pair: pair[1].error)
+    rivals = [(str(s), c) for s, c in better if c is not best]
+    rivals = [(name, c) for name, c in rivals if criterion.p_value(c, best) >= criterion.alpha]
+    return Term(site, best, base, criterion.p_value(base, best, n_trials), rivals), n_trials
 
 
 def _sites(scene, n_arguments=1):
     """Yield all places and arguments of a model."""
     yield from _motions(scene, n_arguments)
-    own = [(name,) for name in ARGUMENTS]
-    pairs = [
-        (*own[0], *other) for other in own[1:]
-    ]  # the signal itself with one of the features computed from it
-    own = pairs if n_arguments == 2 else own
+    # the signal itself with one of the features computed from it
+    pairs = [(ARGUMENTS[0], feature) for feature in ARGUMENTS[1:]]
+    arguments = pairs if n_arguments == 2 else [(name,) for name in ARGUMENTS]
     tree, records, name = scene.tree, scene.records, _name(scene.tree)
     term = tree.label(NAME) if NAME in tree.effects else None
     last = len(tree.stages)
-    for at in range(int(tree.multi_input), last + 1):
-        before = tree.names[at - 1] if at else None
+    for joint in range(int(tree.multi_input), last + 1):
+        before = tree.names[joint - 1] if joint else None
         if before is not None and before == term:  # the joint before it is the same place
             continue
-        is_last = all(name == term for name in tree.names[at:])
-        place = "response" if is_last else f"behind {before}" if at else "drive"
-        signal = f"output of {before}" if at else "drive"
-        make, seen = _Joint(before, name), scene.records_at(at)
-        for names in own:
+        is_response = all(name == term for name in tree.names[joint:])
+        place = "response" if is_response else f"behind {before}" if joint else "drive"
+        signal = f"output of {before}" if joint else "drive"
+        make, driven = _Joint(before, name), scene.records_at(joint)
+        for names in arguments:
             model = UnknownTerm(names[0], second=names[1] if names[1:] else None, passes=True)
             first, second = _in_words(names, signal)
-            yield Site(place, first, model, make, seen, second)
+            yield Site(place, first, model, make, driven, second)
         for names in pairs if n_arguments == 1 else []:
             model = UnknownTerm(*names[:1], second=names[1], passes=True, linear_in="argument")
-            scaled, argument = _in_words(names, signal)
-            own_words = {"parameter": "gain", "scales": scaled}
-            yield Site(place, argument, model, make, seen, **own_words)
+            multiplied, argument = _in_words(names, signal)
+            yield Site(place, argument, model, make, driven, "", "gain", multiplied)
     if n_arguments == 1:
-        yield from _inner(scene, own, term)
-    further = records[0].auxiliary
-    for column in range(1 + (0 if further is None else further.shape[1])):
-        seen = records
+        yield from _inner(scene, arguments, term)
+    auxiliary = records[0].auxiliary
+    for column in range(1 + (0 if auxiliary is None else auxiliary.shape[1])):
+        driven = records
         if column:
-            seen = [replace(r, u=r.auxiliary[:, column - 1], before=None) for r in records]
+            driven = [replace(r, u=r.auxiliary[:, column - 1], before=None) for r in records]
         signal = f"column {column} of X" if column else "drive"
         places = {"response": _Column(column, name)}
         if column and not tree.multi_input:
             places["drive"] = _Bias(column, name)
-        for (place, make), names in product(places.items(), own):
+        for (place, make), names in product(places.items(), arguments):
             model = UnknownTerm(names[0], second=names[1] if names[1:] else None)
             first, second = _in_words(names, signal)
-            yield Site(place, first, model, make, seen, second)
+            yield Site(place, first, model, make, driven, second)
 
 
-def _inner(scene, own, term):
+def _inner(scene, arguments, term):
     """Yield the sites of functions of a stage's input or memory, added to its output."""
     tree, name = scene.tree, _name(scene.tree)
-    for at, (place, operator) in enumerate(tree.stages):
-        if place == term or (not at and tree.multi_input):
+    for at, (stage_name, operator) in enumerate(tree.stages):
+        if stage_name == term or (not at and tree.multi_input):
             continue
-        before = tree.names[at - 1] if at else None
         is_last = all(name == term for name in tree.names[at + 1 :])
-        where, seen = "response" if is_last else f"behind {place}", scene.records_at(at)
-        signal = f"output of {before}" if at else "drive"
-        parallel = _Within(AddForce, place, name)
+        place, driven = "response" if is_last else f"behind {stage_name}", scene.records_at(at)
+        signal = f"output of {tree.names[at - 1]}" if at else "drive"
+        make = _Within(AddForce, stage_name, name)
         # a function of the drive at the response is one of a column
-        for names in own if at or not is_last else []:
-            yield Site(where, _in_words(names, signal)[0], UnknownTerm(*names), parallel, seen)
-        both = elastic_and_memory(operator)
-        if both is None or not both[0]:
+        for names in arguments if at or not is_last else []:
+            yield Site(place, _in_words(names, signal)[0], UnknownTerm(*names), make, driven)
+        elastic, memory = elastic_and_memory(operator) or (None, None)
+        if not elastic:
             continue
-        seen = [replace(r, u=both[1].run(r.u, r.dt)[0], before=None) for r in seen]
-        make, model = _Within(BehindMemory, place, name), UnknownTerm(passes=True)
-        yield Site(where, f"memory of {place}", model, make, seen)
+        driven = [replace(r, u=memory.run(r.u, r.dt)[0], before=None) for r in driven]
+        make, model = _Within(BehindMemory, stage_name, name), UnknownTerm(passes=True)
+        yield Site(place, f"memory of {stage_name}", model, make, driven)
 
 
 def _name(tree):
-    """Return the name of the next term in a tree."""
+    """Return the name of the next term without a name that a tree gets."""
     return SECOND if NAME in tree.effects else NAME
 
 
-# of a loop: what its curve is a function of, and of how many arguments; parameters of the term; and
-# argument, second argument, parameter and the signal that it multiplies, in words
+# forces in an equation of motion: argument of the `Feedback`, number of free arguments, parameters
+# of the term, and the last entries of its `Site` in words: argument, second argument, parameter and
+# the signal that it multiplies
 _BOTH = {"second": "rate"}
+_LINEAR_IN_X = _BOTH | {"linear_in": "argument"}
+_LINEAR_IN_V = _BOTH | {"linear_in": "second"}
 _FORCES = [
-    (("displacement", 1), {}, ("displacement",)),
-    (("velocity", 1), {}, ("velocity",)),
-    (
-        ("both", 1),
-        _BOTH | {"linear_in": "argument"},
-        ("velocity", "", "stiffness", "displacement"),
-    ),
-    (
-        ("both", 1),
-        _BOTH | {"linear_in": "second"},
-        ("displacement", "", "damping", "velocity"),
-    ),
-    (("both", 2), _BOTH, ("displacement", "velocity")),
+    ("displacement", 1, {}, ("displacement",)),
+    ("velocity", 1, {}, ("velocity",)),
+    ("both", 1, _LINEAR_IN_X, ("velocity", "", "stiffness", "displacement")),
+    ("both", 1, _LINEAR_IN_V, ("displacement", "", "damping", "velocity")),
+    ("both", 2, _BOTH, ("displacement", "velocity")),
 ]
 
 
 def _motions(scene, n_arguments):
     """Yield the sites of forces in the equations of motion of linear dynamics."""
-    for at, (place, linear) in enumerate(scene.tree.stages):
+    for at, (stage_name, linear) in enumerate(scene.tree.stages):
         if not moves(linear):
             continue
-        for (argument, n), own, words in _FORCES if has_velocity(linear) else _FORCES[:1]:
-            if n != n_arguments:
+        records = scene.records_at(at)
+        for argument, n_free, options, words in _FORCES if has_velocity(linear) else _FORCES[:1]:
+            if n_free != n_arguments:
                 continue
-            model = UnknownTerm(passes=argument != "velocity", **own)
+            model = UnknownTerm(passes=argument != "velocity", **options)
             loop = Feedback(scene.tree.models[at], model, argument=argument)
-            own = own | {"passed": float(model.passes)}
-            n_splines = 4 ** (1 + ("second" in own))
-            nothing = UnknownTermOperator(np.zeros(1), np.zeros((n_splines, 1)), 0.0, 1.0, **own)
-            around = loop.divided(linear, nothing, scene.records_at(at))
-            motion = _Motion(place, loop, around, _name(scene.tree))
-            driven = motion.driven(motion.around, scene.records_at(at))
-            yield Site(f"motion of {place}", words[0], model, motion, driven, *words[1:])
+            zeros = np.zeros(1), np.zeros((4 ** (1 + ("second" in options)), 1))
+            term = UnknownTermOperator(*zeros, 0.0, 1.0, passed=float(model.passes), **options)
+            closed_loop = loop.divided(linear, term, records)
+            make = _Motion(stage_name, loop, closed_loop, _name(scene.tree))
+            driven = make.driven(closed_loop, records)
+            yield Site(f"motion of {stage_name}", words[0], model, make, driven, *words[1:])
 
 
 def _in_words(names, signal):
@@ -601,7 +596,7 @@ def _in_words(names, signal):
     return first, *(second or [""])
 
 
-def _both(argument, second):
+def _joined(argument, second):
     return f"{argument} and the {second}" if second else argument
 
 
@@ -610,19 +605,21 @@ def _follows_play(model):
 
 
 class _Part:
-    """Base of edits that add a term to a tree as a part of its own, called ``name``."""
+    """Makes an edit that adds a term to a tree as a part with the name ``name``."""
 
     @staticmethod
     def unit(tree):
+        """Return the unit of the argument: that of the signal."""
         return 1.0
 
     def part(self, tree):
+        """Return the operator of the term."""
         label = tree.label(self.name)
         parts = [*tree.stages, *(tree.root.members() if hasattr(tree.root, "members") else [])]
         operator = next(part for name, part in parts if name == label)
         return getattr(operator, "operator", operator)
 
-    def leads_to(self, name, tree):
+    def owns_entry(self, name, tree):
         """Whether an entry belongs to the term."""
         return tree.label(self.name) in name.split("__")
 
@@ -667,22 +664,23 @@ class _Motion:
 
     place: str
     loop: Any
-    around: Any
+    closed_loop: Any
     name: str
 
     def __call__(self, model, operator):
-        stages = self.around.linear, operator
-        return Enrich(self.place, self.loop, replace(self.around, stages=stages))
+        stages = self.closed_loop.linear, operator
+        return Enrich(self.place, self.loop, replace(self.closed_loop, stages=stages))
 
     def part(self, tree):
         return tree.operators[tree.names.index(self.place)].curve
 
-    def leads_to(self, name, tree):
+    def owns_entry(self, name, tree):
         """Whether an entry belongs to the term; a single stage has no name in it."""
         parts = name.split("__")
         return parts[-2:-1] == ["curve"] and parts[-3:-2] in ([self.place], ["model"], [])
 
     def unit(self, tree):
+        """Return the unit of the argument: the loop sees the motion before the gain."""
         return abs(tree.operators[tree.names.index(self.place)].linear.gain)
 
     @staticmethod
@@ -691,33 +689,36 @@ class _Motion:
         return [replace(r, u=loop.arguments(r.u, r.dt)[:, 0], before=None) for r in records]
 
     def renewed(self, site, tree, records, independent):
-        """Return the site and the tree with the argument's range and smoothness at a solution."""
+        """Return the site and the tree with the argument's range and smoothness at a solution.
+
+        The function at the solution is projected onto the splines of the new range; these are then
+        restricted like those of a term at zero.
+        """
         at = tree.names.index(self.place)
         loop, model = tree.operators[at], tree.models[at]
         site = replace(site, records=self.driven(loop, Scene(tree, records).records_at(at)))
         flexible = site.model.flexible(site.records)
-        n = _FINE[len(flexible.names)]
-        sides = [np.linspace(*ends, n) for ends in flexible.ranges]
-        v = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, len(sides))
-        value = loop.curve.functions(v) @ loop.curve.weights
+        n_points = _LAW_INTERVALS[len(flexible.names)]
+        points = _grid([np.linspace(*ends, n_points) for ends in flexible.ranges])
+        values = loop.curve.functions(points) @ loop.curve.weights
 
-        def closed(term):
+        def with_loop(term):
             return tree.with_stage(at, model.tree(replace(loop, stages=(loop.linear, term))))
 
-        def at_value(term, density):
-            columns, root = term.functions(v), np.sqrt(density.ravel())
-            weights = np.linalg.lstsq(columns * root[:, None], value * root)[0]
+        def projected(term, density):
+            root = np.sqrt(density.ravel())
+            weights = np.linalg.lstsq(term.functions(points) * root[:, None], values * root)[0]
             return replace(term, weights=weights)
 
-        flexible = at_value(flexible, np.ones(len(v)))
-        problem = closed(flexible).problem(records)
+        flexible = projected(flexible, np.ones(len(points)))
+        problem = with_loop(flexible).problem(records)
         gram = problem.total(problem.evaluate(problem.x0))
-        own = np.array(site.weights(problem.names, tree))
+        columns = np.array(site.weight_indices(problem.names, tree))
         # target of the whole term: the residual plus the present contribution of the term
-        gram[:, -1] -= gram[:, own] @ flexible.weights
-        gram[-1] -= flexible.weights @ gram[own]
-        term = smooth(flexible, gram, own, problem.segment_weight.sum(), independent)
-        return site, closed(at_value(term, np.histogramdd(site.all_seen(term), n)[0]))
+        gram[:, -1] -= gram[:, columns] @ flexible.weights
+        gram[-1] -= flexible.weights @ gram[columns]
+        term = smooth(flexible, gram, columns, problem.segment_weight.sum(), independent)
+        return site, with_loop(projected(term, np.histogramdd(site.arguments(term), n_points)[0]))
 
 
 @dataclass(frozen=True)
@@ -733,7 +734,7 @@ class _Column(_Part):
 
 @dataclass(frozen=True)
 class _Bias(_Part):
-    """Makes the edit of the drive, of a column of X."""
+    """Makes the edit that adds a term of a column of X to the drive."""
 
     column: int
     name: str
@@ -742,16 +743,16 @@ class _Bias(_Part):
         return Bias(model, operator, self.column, 0.0)
 
     def part(self, tree):
-        both = tree.operators[tree.names.index(tree.label(self.name))]
-        return both.stages[both.names.index("column")].operator
+        operator = tree.operators[tree.names.index(tree.label(self.name))]
+        return operator.stages[operator.names.index("column")].operator
 
 
 def _models(site):
-    """Return the models of a site; several half gaps for plays."""
+    """Return the models of a site; for a play one of each half gap that is tried first."""
     if not _follows_play(site.model) or site.model.half_gap is not None:
         return [site.model]
-    swing = max(float(np.ptp(r.u)) for r in site.records)
-    return [clone(site.model).set_params(half_gap=part * swing) for part in _HALF_GAPS]
+    span = max(float(np.ptp(r.u)) for r in site.records)
+    return [clone(site.model).set_params(half_gap=fraction * span) for fraction in _HALF_GAPS]
 
 
 def _started(site, tree, records):
@@ -767,10 +768,24 @@ def _started(site, tree, records):
 
 @dataclass(frozen=True)
 class _Splines:
-    """A tree with all functions of a term at zero, of which others are linear combinations.
+    """A tree with all splines of a term at zero, of which any function is a linear combination.
 
     One evaluation gives the Gram matrix of every such combination (partial residuals), and so the
     cost that each is predicted to reach.
+
+    Attributes
+    ----------
+    site, model, operator
+        Site, and model and operator of the term with all splines.
+    tree : Tree
+        The model without the term.
+    records : list of RecordData
+    gram : ndarray of shape (n_parameters + 1, n_parameters + 1)
+        With the residual as the last column.
+    columns : ndarray of shape (n_splines,)
+        Indices of the splines' weights among the parameters.
+    n_samples : float
+        Sum of the samples' weights.
     """
 
     site: Site
@@ -779,71 +794,76 @@ class _Splines:
     tree: Any
     records: list
     gram: np.ndarray
-    own: np.ndarray
+    columns: np.ndarray
     n_samples: float
 
     @classmethod
     def of(cls, site, model, operator, tree, records):
-        """Return them for an operator with all functions."""
-        problem = site.put(tree, operator, model).problem(records)
+        """Evaluate a tree with an operator that has all splines."""
+        problem = site.with_term(tree, operator, model).problem(records)
         gram = problem.total(problem.evaluate(problem.x0))
-        own = np.array(site.weights(problem.names, tree))
-        known = gram, own, problem.segment_weight.sum()
-        return cls(site, model, operator, tree, records, *known)
+        columns = np.array(site.weight_indices(problem.names, tree))
+        n_samples = problem.segment_weight.sum()
+        return cls(site, model, operator, tree, records, gram, columns, n_samples)
 
     def smoothed(self, independent=1.0):
-        """Return the operator restricted to functions that the tree's parameters cannot do."""
-        return smooth(self.operator, self.gram, self.own, self.n_samples, independent)
+        """Return the operator restricted to functions that the parameters cannot reproduce."""
+        return smooth(self.operator, self.gram, self.columns, self.n_samples, independent)
 
     def candidate(self, operator, combined=None):
-        """Return the candidate of an operator with combinations of the functions, at zero."""
+        """Return the candidate of an operator whose functions are combinations of the splines.
+
+        ``combined`` has a column of coefficients for each of its functions; their weights are zero.
+        """
         if combined is None:
             combined = np.linalg.lstsq(self.operator.basis, operator.basis, rcond=None)[0]
-        tree = self.site.put(self.tree, operator, self.model)
+        tree = self.site.with_term(self.tree, operator, self.model)
         problem = tree.problem(self.records)
         cost, size = self.cost(problem, combined), len(problem.x0) + tree.n_further_estimates()
         return Candidate(tree.effects[-1:], tree, np.inf, cost, size, problem.x0)
 
     def cost(self, problem, combined):
         """Return the predicted cost of such a candidate's problem."""
-        own, n = np.array(self.site.weights(problem.names, self.tree)), len(self.gram)
-        every = np.zeros((n, len(problem.x0) + 1))
-        every[np.ix_(self.own, own)] = combined
-        rest = (
-            np.setdiff1d(np.arange(size), at)
-            for size, at in zip(every.shape, (self.own, own), strict=True)
-        )
-        every[tuple(rest)] = 1.0
-        gram = every.T @ self.gram @ every
-        gram[own, own] += self.n_samples * problem.penalty[own]
+        columns = np.array(self.site.weight_indices(problem.names, self.tree))
+        transform = np.zeros((len(self.gram), len(problem.x0) + 1))
+        transform[np.ix_(self.columns, columns)] = combined
+        # all other parameters, and the residual, are the same
+        others = [
+            np.setdiff1d(np.arange(size), of_term)
+            for size, of_term in zip(transform.shape, (self.columns, columns), strict=True)
+        ]
+        transform[tuple(others)] = 1.0
+        gram = transform.T @ self.gram @ transform
+        gram[columns, columns] += self.n_samples * problem.penalty[columns]
         _, reduction = damped_step(problem, problem.x0, gram)
         return max(gram[-1, -1] - reduction, 0.0)
 
 
 def _with_gap(candidate, site, tree, records):
-    """Return the candidate of a play with the best predicted half gap; others unchanged."""
+    """Return the candidate of a play with the half gap of least predicted cost; else unchanged."""
     if not _follows_play(site.model):
         return candidate
-    found, gap = [candidate], site.make.part(candidate.structure).half_gap
+    tried, half_gap = [candidate], site.make.part(candidate.structure).half_gap
 
     def cost(log_gap):
         model = clone(site.model).set_params(half_gap=float(np.exp(log_gap)))
-        own = _started(replace(site, model=model), tree, records)
-        found.extend(own)
-        return own[0].predicted_cost if own else np.inf
+        started = _started(replace(site, model=model), tree, records)
+        tried.extend(started)
+        return started[0].predicted_cost if started else np.inf
 
-    apart = 0.5 * np.log(_HALF_GAPS[-1] / _HALF_GAPS[0])
-    bounds = np.log(gap) + np.array([-apart, apart])
-    _minimized(cost, bounds)
-    return min(found, key=lambda c: c.predicted_cost)
+    spacing = 0.5 * np.log(_HALF_GAPS[-1] / _HALF_GAPS[0])  # of the half gaps tried first
+    _minimizer(cost, np.log(half_gap) + np.array([-spacing, spacing]))
+    return min(tried, key=lambda c: c.predicted_cost)
 
 
-def _minimized(cost, bounds):
-    options = {"xatol": 0.01, "maxiter": _TRIALS}
+def _minimizer(cost, bounds):
+    """Return where a function of a logarithm is least, to one percent."""
+    options = {"xatol": 0.01, "maxiter": _MAX_EVALUATIONS}
     return minimize_scalar(cost, bounds=bounds, method="bounded", options=options).x
 
 
 def _candidate(tree, records):
+    """Return the candidate of a tree at its present values."""
     problem = tree.problem(records)
     cost = predicted_cost(problem, problem.x0)
     size = len(problem.x0) + tree.n_further_estimates()
@@ -864,20 +884,20 @@ def _settled(candidate, site, base, records, folds):
     for _ in range(SETTLING):
         tree = candidate.structure
         _, independent = _errors(site, tree, records)
-        before = site.make.part(tree)
+        previous = site.make.part(tree)
         if isinstance(site.make, _Motion):
             site, tree = site.make.renewed(site, tree, records, independent)
         elif independent < 1.0:
             model = clone(site.model)
             if _follows_play(model):
-                model.set_params(half_gap=before.half_gap)
-            own = model.flexible(site.records)
-            own = _Splines.of(site, model, own, base, records).smoothed(independent)
-            tree = site.put(base, own, model)
-        after = site.make.part(tree)
-        if not after.weights.size:
+                model.set_params(half_gap=previous.half_gap)
+            flexible = model.flexible(site.records)
+            operator = _Splines.of(site, model, flexible, base, records).smoothed(independent)
+            tree = site.with_term(base, operator, model)
+        renewed = site.make.part(tree)
+        if not renewed.weights.size:
             return None
-        if abs(after.effective_number - before.effective_number) < 1.0:
+        if abs(renewed.effective_number - previous.effective_number) < 1.0:
             break
         candidate = completed(_candidate(tree, records), records, _budget(records))
     return site, held_out(candidate, records, folds)
@@ -895,41 +915,42 @@ def _errors(site, tree, records):
     gram, penalty = problem.total(problem.evaluate(x)), n * problem.penalty
     scale = np.sqrt(np.diag(gram)[:-1])
     scale[scale == 0.0] = 1.0
-    size, axes = np.linalg.eigh(gram[:-1, :-1] / np.outer(scale, scale))
+    eigenvalues, vectors = np.linalg.eigh(gram[:-1, :-1] / np.outer(scale, scale))
     # without directions that the data do not determine
-    seen = size > 1e-10 * size.max()
-    root = axes[:, seen] / np.sqrt(size[seen]) / scale[:, None]
-    noise = (gram[-1, -1] - penalty @ np.square(x)) / max(n - len(x), 1.0)
-    own = np.array(site.weights(problem.names, tree))
+    determined = eigenvalues > 1e-10 * eigenvalues.max()
+    root = vectors[:, determined] / np.sqrt(eigenvalues[determined]) / scale[:, None]
+    # the penalty is a part of the Gram matrix, of its last entry, too
+    variance = (gram[-1, -1] - penalty @ np.square(x)) / max(n - len(x), 1.0)
     inverse = root @ root.T
-    bias = noise * (inverse * penalty) @ inverse
-    covariance, independent = noise * inverse - bias, 1.0
+    bias = variance * (inverse * penalty) @ inverse
+    covariance, independent = variance * inverse - bias, 1.0
+    columns = np.array(site.weight_indices(problem.names, tree))
     coloured = coloured_covariance(lambda: problem.rows(x), root, n)
     if coloured is not None:
-        white, shrunk = np.diag(covariance)[own], 1.0 / (1.0 + problem.penalty[own])
-        ratio = np.average(np.diag(coloured)[own] / white, weights=shrunk)
-        covariance, independent = coloured, min(1.0 / ratio, 1.0)
-    return (covariance + bias / independent)[np.ix_(own, own)], independent
+        # mean over the weights of the variance's growth; a penalized weight hardly counts
+        growth = np.diag(coloured)[columns] / np.diag(covariance)[columns]
+        growth = np.average(growth, weights=1.0 / (1.0 + problem.penalty[columns]))
+        covariance, independent = coloured, min(1.0 / growth, 1.0)
+    return (covariance + bias / independent)[np.ix_(columns, columns)], independent
 
 
 def _table(term, law, scales):
-    """Return the coefficients of a law's splines of the free arguments, and the largest of them."""
+    """Return a law's spline coefficients relative to the largest of them, and the largest."""
     # the value at a knot is the coefficient of a spline close to the function
-    knots = [term.knots()[i] for i in term.free]
-    relative = [own / scale for own, scale in zip(knots, scales, strict=True)]
-    table = law(*np.meshgrid(*relative, indexing="ij")).reshape(-1, 1)
+    knots = [term.knots()[i] / scale for i, scale in zip(term.free, scales, strict=True)]
+    table = law(*np.meshgrid(*knots, indexing="ij")).reshape(-1, 1)
     size = np.abs(table).max() or 1.0  # a dead band may be wider than the whole range
     return table / size, size
 
 
 def _fine(term):
     """Return an operator with splines that are fine enough for the corners of a law."""
-    n = (_FINE[len(term.names)] + 3) ** len(term.names)
-    return replace(term, weights=np.zeros(1), basis=np.zeros((n, 1)), penalty=0.0)
+    n_splines = (_LAW_INTERVALS[len(term.names)] + 3) ** len(term.names)
+    return replace(term, weights=np.zeros(1), basis=np.zeros((n_splines, 1)), penalty=0.0)
 
 
-def _with(term, table):
-    """Return an operator with other functions, at zero weights."""
+def _with_functions(term, table):
+    """Return an operator with the functions of a table of spline coefficients, at zero weights."""
     return replace(term, weights=np.zeros(table.shape[1]), basis=term.spread(table))
 
 
@@ -971,9 +992,9 @@ class LawAt:
     def __post_init__(self):
         laws = _laws_of(self.second_argument)
         if self.law not in laws:
-            wanted = ", ".join(map(repr, laws))
+            names = ", ".join(map(repr, laws))
             raise ValueError(
-                f"The 'law' parameter of LawAt must be one of {wanted}. Got {self.law!r} instead."
+                f"The 'law' parameter of LawAt must be one of {names}. Got {self.law!r} instead."
             )
 
     def trees(self, name, scene):
@@ -991,78 +1012,77 @@ class LawAt:
         list of Tree
             Empty if the model has no such place.
         """
-        _, law, scaled = _laws_of(self.second_argument)[self.law]
-        found = []
+        _, law, has_scale = _laws_of(self.second_argument)[self.law]
+        trees = []
         for site in _sites(scene, 1 + bool(self.second_argument)):
             places = {site.where, site.where.split(" of ")[0]}
-            own = site.argument, site.second
-            if self.place not in places or own != (self.argument, self.second_argument):
+            arguments = self.argument, self.second_argument
+            if self.place not in places or (site.argument, site.second) != arguments:
                 continue
             for model in _models(site):
                 term = _fine(model.flexible(site.records))
                 largest = _largest(site, term)
-                for part in _SCALES if scaled and np.all(largest) else [1.0]:
-                    table, _ = _table(term, law, part * np.where(largest, largest, 1.0))
-                    edit = site.make(model, _with(term, table))
-                    found.append(scene.tree.edited(name, edit))
-        return found
+                for scale in _SCALES if has_scale and np.all(largest) else [1.0]:
+                    table, _ = _table(term, law, scale * np.where(largest, largest, 1.0))
+                    edit = site.make(model, _with_functions(term, table))
+                    trees.append(scene.tree.edited(name, edit))
+        return trees
 
 
 def _laws_of(second):
+    """Return the laws of one argument, or of two."""
     return PRODUCTS if second else LAWS
 
 
 def _largest(site, term):
     """Return the largest size of each free argument, (n_free,)."""
-    return np.abs(site.seen(term)).max(axis=0)
+    return np.abs(site.free_arguments(term)).max(axis=0)
 
 
 def laws_of(term, data, criterion):
     """Return laws that the function is not better than, as rows of ``Unknown.laws``."""
-    (records, slices, folds), site, chosen, base = data, term.site, term.candidate, term.base
-    term, tree, rows = _fine(site.make.part(chosen.structure)), base.structure, []
-    largest = _largest(site, term)
+    (records, slices, folds), site, free, base = data, term.site, term.candidate, term.base
+    operator, tree, rows = _fine(site.make.part(free.structure)), base.structure, []
+    largest = _largest(site, operator)
     if not np.all(largest > 0.0):
         return []
     laws = _laws_of(site.second)
-    if site.second:  # no law has a scale: together they are all functions that are wanted
-        every = np.hstack([_table(term, law, largest)[0] for _, law, _ in laws.values()])
+    if site.second:  # laws of two arguments have no scale: one function for each is enough
+        functions = np.hstack([_table(operator, law, largest)[0] for _, law, _ in laws.values()])
     else:
-        every = np.eye(_FINE[len(term.names)] + 3)
-    splines = _Splines.of(site, site.model, _with(term, every), tree, records)
+        functions = np.eye(_LAW_INTERVALS[len(operator.names)] + 3)
+    splines = _Splines.of(site, site.model, _with_functions(operator, functions), tree, records)
 
-    most = (1.0 - criterion.min_improvement) ** 2 * base.cost
+    largest_cost = (1.0 - criterion.min_improvement) ** 2 * base.cost
     budget = _budget(records)
-    for number, (name, (formula, law, scaled)) in enumerate(laws.items()):
-        scale = 1.0
-        if scaled:
-            scale = _best_scale(splines, term, law, largest)
-        table, size = _table(term, law, scale * largest)
+    for number, (name, (formula, law, has_scale)) in enumerate(laws.items()):
+        scale = _best_scale(splines, operator, law, largest) if has_scale else 1.0
+        table, size = _table(operator, law, scale * largest)
         combined = np.eye(len(laws))[:, [number]] if site.second else table
-        start = splines.candidate(_with(term, table), combined)
-        if start.predicted_cost >= most:
+        start = splines.candidate(_with_functions(operator, table), combined)
+        if start.predicted_cost >= largest_cost:
             continue
-        c = completed(start, records, budget)
-        if not c.cost < WORSE * chosen.cost:
+        candidate = completed(start, records, budget)
+        if not candidate.cost < WORSE * free.cost:
             continue
-        c = held_out(c, records, folds)
-        p_value = criterion.p_value(c, chosen)
-        if p_value < criterion.alpha and criterion.improves_enough(c, chosen):
+        candidate = held_out(candidate, records, folds)
+        p_value = criterion.p_value(candidate, free)
+        if p_value < criterion.alpha and criterion.improves_enough(candidate, free):
             continue
-        own = site.make.unit(c.structure)
-        unit = 1.0 if scaled else float(law(*(1.0 / (own * largest))))
-        unit /= size
-        _, result = c.structure.fitted(records, slices)
+        unit = site.make.unit(candidate.structure)
+        # a law without a scale is homogeneous; its arguments were relative to the largest
+        factor = (1.0 if has_scale else float(law(*(1.0 / (unit * largest))))) / size
+        _, result = candidate.structure.fitted(records, slices)
         names = list(result.params)
-        weight = names[site.weights(names, tree)[0]]
+        weight = names[site.weight_indices(names, tree)[0]]
         rows.append(
             {
                 "law": name,
                 "formula": formula,
-                "c": float(unit * result.params[weight]),
-                "c_std": float(unit * result.params_std[weight]),
-                "s": own * scale * largest[0] if scaled else np.nan,
-                "error": c.error,
+                "c": float(factor * result.params[weight]),
+                "c_std": float(factor * result.params_std[weight]),
+                "s": unit * scale * largest[0] if has_scale else np.nan,
+                "error": candidate.error,
                 "p_value": float(p_value),
             }
         )
@@ -1071,48 +1091,54 @@ def laws_of(term, data, criterion):
 
 def _best_scale(splines, term, law, largest):
     """Return the scale of a law, relative to the largest argument, of least predicted cost."""
-    operator = _with(term, np.zeros((len(splines.own), 1)))
-    problem = splines.site.put(splines.tree, operator, splines.model).problem(splines.records)
+    operator = _with_functions(term, np.zeros((len(splines.columns), 1)))
+    tree = splines.site.with_term(splines.tree, operator, splines.model)
+    problem = tree.problem(splines.records)
 
     def cost(scale):
         return splines.cost(problem, _table(term, law, scale * largest)[0])
 
     i = int(np.argmin([cost(scale) for scale in _SCALES]))
-    ends = np.log(_SCALES[[max(i - 1, 0), min(i + 1, len(_SCALES) - 1)]])
-    return float(np.exp(_minimized(lambda log_scale: cost(np.exp(log_scale)), bounds=ends)))
+    bounds = np.log(_SCALES[[max(i - 1, 0), min(i + 1, len(_SCALES) - 1)]])
+    return float(np.exp(_minimizer(lambda log_scale: cost(np.exp(log_scale)), bounds)))
 
 
 def curve_of(site, tree, records, rng):
     """Return the curve of the term with its simultaneous band, see :class:`Unknown`."""
     term = site.make.part(tree)
-    seen, n = site.seen(term), _GRID[len(term.free)]
-    sides = [np.linspace(*ends, n) for ends in np.quantile(seen, _SEEN, axis=0).T]
-    edges = [np.append(v, 2.0 * v[-1] - v[-2]) - 0.5 * (v[1] - v[0]) for v in sides]
-    density = np.histogramdd(seen, edges)[0].ravel() / len(seen)
-    v = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, len(sides))
+    samples, n = site.free_arguments(term), _GRID_POINTS[len(term.free)]
+    axes = [np.linspace(*ends, n) for ends in np.quantile(samples, _SHOWN_QUANTILES, axis=0).T]
+    edges = [np.append(v, 2.0 * v[-1] - v[-2]) - 0.5 * (v[1] - v[0]) for v in axes]
+    density = np.histogramdd(samples, edges)[0].ravel() / len(samples)
+    points = _grid(axes)
     if site.second:  # where samples are, or next to them
         near = maximum_filter(density.reshape(n, n), 3).ravel() > 0.0
-        v, density = v[near], density[near]
-    functions = _per_unit(term, v)
+        points, density = points[near], density[near]
+    functions = _per_unit(term, points)
     covariance, _ = _errors(site, tree, records)
-    size = np.sqrt(np.einsum("ij,jk,ik->i", functions, covariance, functions))
-    mean, spread = np.zeros(len(covariance)), np.where(size > 0.0, size, 1.0)
+    std = np.sqrt(np.einsum("ij,jk,ik->i", functions, covariance, functions))
+    mean, divisor = np.zeros(len(covariance)), np.where(std > 0.0, std, 1.0)
     draws = rng.multivariate_normal(mean, covariance, _DRAWS, method="eigh")
-    half = size * np.quantile(np.abs(draws @ functions.T / spread).max(axis=1), _LEVEL)
+    half_band = std * np.quantile(np.abs(draws @ functions.T / divisor).max(axis=1), _BAND_LEVEL)
     value = functions @ term.weights
     unit = site.make.unit(tree)
-    own = {"argument": unit * v[:, 0]} | ({"second": unit * v[:, 1]} if site.second else {})
-    own |= {"value": value, "low": value - half, "high": value + half, "density": density}
-    return pd.DataFrame(own)
+    columns = dict(zip(("argument", "second"), unit * points.T, strict=False))
+    columns |= {"value": value, "low": value - half_band, "high": value + half_band}
+    return pd.DataFrame(columns | {"density": density})
 
 
-def _per_unit(term, v):
+def _grid(axes):
+    """Return the points of a rectangular grid, (n_points, n_axes), the last axis fastest."""
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+
+
+def _per_unit(term, values):
     """Return the functions at values of the free arguments, for one unit of the other one."""
     if term.linear_in is None:
-        return term.functions(v)
+        return term.functions(values)
     (free,) = term.free
     low, high = term.ranges[1 - free]
     largest = high if high > -low else low
-    at = np.full((len(v), 2), largest)
-    at[:, free] = v[:, 0]
-    return term.functions(at) / largest
+    arguments = np.full((len(values), 2), largest)
+    arguments[:, free] = values[:, 0]
+    return term.functions(arguments) / largest

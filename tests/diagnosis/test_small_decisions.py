@@ -11,7 +11,14 @@ import pytest
 from skhyst.compose import amplitude
 from skhyst.diagnosis import EFFECTS, _contest, _open_questions, _structure
 from skhyst.diagnosis._candidates import Candidate
-from skhyst.diagnosis._changes import Folded, Scaled, UnderWay, _before, _differ, _levels
+from skhyst.diagnosis._changes import (
+    Folded,
+    Scaled,
+    UnderWay,
+    _before,
+    _constant_per_record,
+    _differ,
+)
 from skhyst.diagnosis._claim import Claim
 from skhyst.diagnosis._constants import FULL, LAGS, PLAYS, REPEATS, SLOW
 from skhyst.diagnosis._contest import Contest
@@ -831,7 +838,7 @@ def test_the_response_is_scaled_by_what_differs_between_records():
     ]
     assert [edit.column for edit in changed(Scaled("column"), records, scaled_by=("1",))] == [3]
     scene = SimpleNamespace(tree=SimpleNamespace(multi_input=False), records=records)
-    assert _levels(scene) == [3]  # constant in each record, and not the same in all
+    assert _constant_per_record(scene) == [3]  # constant in each record, and not the same in all
 
 
 @pytest.mark.parametrize("segments", [1, 60])
