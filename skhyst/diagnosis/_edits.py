@@ -27,15 +27,8 @@ from ..operators import (
 )
 from ._traits import elastic_and_memory
 
-_KEPT = {
-    "drive",
-    "dt",
-    "fit_intercept",
-    "hold",
-    "initial_state",
-    "mass",
-    "method",
-}  # parameters that an enriched stage keeps
+# parameters that an enriched stage keeps
+_KEPT = {"drive", "dt", "fit_intercept", "hold", "initial_state", "mass", "method"}
 
 
 class _Edit:
@@ -75,7 +68,7 @@ class InsertAt:
 
 @dataclass(frozen=True)
 class BehindMemory:
-    """One more stage behind the internal memory of a hysteresis, beside its elastic part."""
+    """One more stage behind the internal memory of a hysteresis, not behind its elastic part."""
 
     place: str
     model: object
@@ -105,7 +98,7 @@ class Divide:
     def __call__(self, tree, name):
         stages, at = list(tree.stages), tree.names.index(self.place)
         whole, (first, between, second) = tree.models[at], self.operators
-        behind = next(own for i in count(2) if (own := f"{self.place}_{i}") not in tree.names)
+        behind = next(new for i in count(2) if (new := f"{self.place}_{i}") not in tree.names)
         stages[at : at + 1] = [
             Stage(self.place, whole.resolved(first).tree(first)),
             Stage(name, self.model.tree(between)),
@@ -129,13 +122,13 @@ class Enrich:
         if type(model) is type(self.model):
             both = both_models(model, self.model)
             return tree.with_stage(at, both.tree(_both_operators(operator, self.operator)))
-        same = {key: value for key, value in model.get_params().items() if key in _KEPT}
-        if same.get("hold") not in getattr(self.operator, "holds", ()):
-            same.pop("hold", None)
-        richer, known = clone(self.model), {f.name for f in fields(self.operator)}
-        richer.set_params(**{key: same[key] for key in same.keys() & richer.get_params()})
-        held = {key: same[key] for key in {"hold"} & same.keys() & known}
-        return tree.with_stage(at, richer.tree(replace(self.operator, **held)))
+        kept = {key: value for key, value in model.get_params().items() if key in _KEPT}
+        if kept.get("hold") not in getattr(self.operator, "holds", ()):
+            kept.pop("hold", None)
+        richer, field_names = clone(self.model), {f.name for f in fields(self.operator)}
+        richer.set_params(**{key: kept[key] for key in kept.keys() & richer.get_params()})
+        hold = {key: kept[key] for key in {"hold"} & kept.keys() & field_names}
+        return tree.with_stage(at, richer.tree(replace(self.operator, **hold)))
 
 
 @dataclass(frozen=True)
@@ -151,11 +144,11 @@ class ScaleEntries:
 
     def __call__(self, tree, name):
         at = tree.names.index(self.place)
-        stage, own = tree.stages[at], {"magnitude": self.magnitude}
+        stage, options = tree.stages[at], {"magnitude": self.magnitude}
         scales = "thresholds" if self.scales == ("thresholds",) else list(self.scales)
-        model = Modulated(stage.model, self.column, scales=scales, **own)
-        inside = of_columns(stage.operator)
-        operator = Scaled(inside, self.column, self.reference, scales=self.scales, **own)
+        model = Modulated(stage.model, self.column, scales=scales, **options)
+        scaled = of_columns(stage.operator)
+        operator = Scaled(scaled, self.column, self.reference, scales=self.scales, **options)
         return tree.with_stage(at, model.tree(operator))
 
 
@@ -174,7 +167,7 @@ class Hold:
 
 
 def both_models(model, other):
-    """Return a model with the options of two of one class: flags of either, the higher degree."""
+    """Return a model with the options of two of one class: flags of either, higher degrees."""
     old, new = model.get_params(), other.get_params()
     more = {
         name: max(value, new[name])
@@ -185,7 +178,10 @@ def both_models(model, other):
 
 
 def _both_operators(operator, other):
-    """Return an operator with the fields of two of one class: the longer array, nonzero values."""
+    """Return an operator with the fields of two of one class.
+
+    Those of ``other``, unless they are shorter arrays, or zero.
+    """
     changes = {}
     for field in fields(other):
         if field.kw_only:  # fields of the tree, not of the law
@@ -262,7 +258,7 @@ class Bias(_Edit):
 
 @dataclass(frozen=True)
 class Begin(_Edit):
-    """The drive before each record, for records that do not begin at rest."""
+    """A drive before each record, for records that do not begin at rest."""
 
     input_history: tuple
     kind = "start"
@@ -309,17 +305,20 @@ class Schedule(_Edit):
 
     @staticmethod
     def entries(tree, which):
-        """Return the entries of the series that may vary with the record; none if "all" is moot."""
+        """Return the entries of the series that may vary with the record.
+
+        For "all" none if only intercepts are free, or only what "dynamics" already names.
+        """
         free, dynamics = [], []
-        marks = iter(tree.series().free_mask())
+        is_free = iter(tree.series().free_mask())
         for name, operator in tree.stages:
-            moving = operator.signal_linear and sum(operator.n_poles)
+            dynamic = operator.signal_linear and sum(operator.n_poles)
             for entry, spec in operator.entries():
-                if next(marks):
+                if next(is_free):
                     free.append((name, entry))
-                    if moving and not spec.linear:
+                    if dynamic and not spec.linear:
                         dynamics.append((name, entry))
         if which == "dynamics":
             return dynamics
-        more = {entry for _, entry in free} - {"intercept"}
-        return free if len(free) > len(dynamics) and more else []
+        others = {entry for _, entry in free} - {"intercept"}
+        return free if len(free) > len(dynamics) and others else []

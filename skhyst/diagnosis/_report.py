@@ -45,14 +45,14 @@ from ._report_text import chance, change, listed, number, percent, plus_minus, s
 _NO_SETTINGS = ("estimator", "effects", "n_jobs", "verbose")
 _WIDTH = 4.8  # inches, width of a picture: letters of 9 points are as many pixels on a telephone
 _WIDE = 6.2  # inches, width of a picture with a line of text for each row, which is scrolled
-_MOVED = 3  # parameters that are said to move, those that move most
-_LOOPS = 24  # loops of the recording in the report, those with the most cycles
+_N_CHANGED = 3  # parameters whose change is reported, those that change most
+_N_LOOPS = 24  # loops of the recording in the report, those with the most cycles
 _PICTURES = {  # height in inches, caption, and shape of axes
     "course": (4.6, "Response over time, measured and modelled", (2, 1)),
     "loops": (6.4, "Loops, measured and modelled", None),
     "residuals": (5.6, "Residuals in time, by branch, and spectrum", (2, 2)),
 }
-_LEFT = {
+_RESIDUAL = {
     "noise": "noise",
     "undetermined": "noise or structure, which this recording does not determine",
     "unexplained": "structure that no effect explains",
@@ -63,12 +63,12 @@ _EXPLAINED = {  # words for the entries of `explained`
     "black box": "only a black box",
     "nothing": "nothing",
 }
-_REST = {
+_VERDICT = {  # of a search that has claimed effects
     "noise": "The residual is noise.",
     "undetermined": "This recording does not show whether more is missing.",
     "unexplained": "The residual still has structure that no effect on the list explains.",
 }
-_ALONE = {
+_NO_EFFECT = {  # of a search that has claimed none
     "noise": "No missing effect was found: the residual is noise.",
     "undetermined": "This recording does not show whether an effect is missing.",
     "unexplained": "Something is missing, but none of the effects that were tried explains it.",
@@ -210,12 +210,12 @@ class Report:
     @property
     def headline(self) -> str:
         """The verdict in a few words."""
-        return _found(self)[0]
+        return _result(self)[0]
 
     @property
     def sentence(self) -> str:
         """The verdict after any warnings: what is missing, the errors, the noise floor."""
-        return " ".join([*_warnings(self), _found(self)[1]])
+        return " ".join([*_warnings(self), _result(self)[1]])
 
     @property
     def summary(self) -> str:
@@ -260,7 +260,7 @@ class Report:
             JSON.
         """
         text = json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-        return _written(printable(text), path)
+        return _save(printable(text), path)
 
     def to_text(self) -> str:
         """Return what is missing, the errors, the residual and remarks, in a few lines."""
@@ -274,18 +274,17 @@ class Report:
             if claim["provisional"]:
                 lines.append(f"    {_PROVISIONAL}")
         if self.unknown:
-            less = _error(self, (self.unknown["second"] or self.unknown)["error_after"])
+            error = _error(self, (self.unknown["second"] or self.unknown)["error_after"])
             them = "both" if self.unknown["second"] else "it"
-            lines.append(f"unexplained: {self.unknown['text']}; with {them} the error is {less}")
+            lines.append(f"unexplained: {self.unknown['text']}; with {them} the error is {error}")
             lines += [f"  {self.unknown['code']}"] if self.unknown["code"] else []
         errors = [_error(self, value) for value in (self.error_before, self.error_after)]
-        parts = ", ".join(
-            f"{_EXPLAINED[name]} {share(value)}" for name, value in _parts(self).items()
-        )
+        shares = _explained_shares(self).items()
+        parts = ", ".join(f"{_EXPLAINED[name]} {share(value)}" for name, value in shares)
         lines += [
             f"held-out error: {' -> '.join(errors)}; noise floor {_error(self, self.noise_floor)}",
             *([f"explained of the declared model's error, in power: by {parts}"] if parts else []),
-            f"residual: {_LEFT[self.verdict]}",
+            f"residual: {_RESIDUAL[self.verdict]}",
             f"noise of the residual: {self.noise_model['text']}",
             *([_unused_data(self)] if self.held_out else []),
             *self.remarks,
@@ -314,7 +313,7 @@ class Report:
         OSError
             If the file cannot be written, or is a link; an existing file is then unchanged.
         """
-        return _written(_rendered(self, "html"), path)
+        return _save(_rendered(self, "html"), path)
 
     def to_markdown(self, path=None) -> str:
         """Return the text and the tables without pictures.
@@ -337,7 +336,7 @@ class Report:
             If the file cannot be written, or is a link; an existing file is then unchanged.
         """
         text = _rendered(self, "markdown")
-        return _written(re.sub(r"\n{3,}", "\n\n", text).strip() + "\n", path)
+        return _save(re.sub(r"\n{3,}", "\n\n", text).strip() + "\n", path)
 
 
 # --------------------------------------------------------------------------------------- the dict
@@ -350,11 +349,11 @@ def _experiment(search):
     """
     if not search._undistinguished and not search.history_["ambiguous_with"].map(len).any():
         return None
-    driven = search.declared_estimator_
-    if not hasattr(driven, "drive_rate_"):  # a black box, whose range of the drive is not known
+    estimator = search.declared_estimator_
+    if not hasattr(estimator, "drive_rate_"):  # a black box, whose range of the drive is not known
         return None
-    rate = driven.drive_rate_ if np.isfinite(driven.drive_rate_) else None
-    return next_experiment(search, driven.drive_range_, rate)
+    rate = estimator.drive_rate_ if np.isfinite(estimator.drive_rate_) else None
+    return next_experiment(search, estimator.drive_range_, rate)
 
 
 def _collect(search, command, held_out, comparison, experiment):
@@ -417,7 +416,7 @@ def _collect(search, command, held_out, comparison, experiment):
         "suspects": search.suspects_.to_dict("records"),
         "unknown": None if search.unknown_ is None else search.unknown_.to_dict(),
         "explained": search.explained_,
-        "parameters_without": _moved(search),
+        "parameters_without": _changed_parameters(search),
         "warnings": search.warnings_,
     }
     return json.loads(json.dumps(entries, default=_plain), parse_constant=lambda _: None)
@@ -454,15 +453,16 @@ def _not_it(ranking, claims):
     """
     excluded = {name for claim in claims for name in (claim["effect"], *claim["ambiguous_with"])}
     names = ["effect", "round", "screen", "p_value", "error_before", "error_after", "change"]
-    own = ranking.assign(change=ranking["error_after"] / ranking["error_before"] - 1.0)[names]
-    own = own[~own["effect"].isin(excluded)]
-    own = own.sort_values(["change", "screen"], ascending=[True, False], kind="stable")
+    table = ranking.assign(change=ranking["error_after"] / ranking["error_before"] - 1.0)[names]
+    table = table[~table["effect"].isin(excluded)]
+    table = table.sort_values(["change", "screen"], ascending=[True, False], kind="stable")
     claimed = ranking[ranking["claimed"].astype(bool)].drop_duplicates("round").set_index("round")
     winners, rows = claimed.to_dict("index"), []
-    for row in own.drop_duplicates("effect").to_dict("records"):
+    for row in table.drop_duplicates("effect").to_dict("records"):
         winner = winners.get(row["round"], {})
-        instead = winner.get("effect"), winner.get("error_after", math.nan)
-        rows.append(row | {"claimed_instead": instead[0], "claimed_error": instead[1]})
+        row["claimed_instead"] = winner.get("effect")
+        row["claimed_error"] = winner.get("error_after", math.nan)
+        rows.append(row)
     return rows
 
 
@@ -470,17 +470,17 @@ def _folds(search):
     """Return the held-out errors of every fold in every record."""
     rows = []
     for record, name in zip(search.records_, record_names(search.records_), strict=True):
-        own = search.folds_[record.rows]
+        fold_of = search.folds_[record.rows]
         squares = {
             f"error_{name}": getattr(search, f"residual_{name}_")[record.rows] ** 2
             for name in ("before", "after")
         }
         scored = np.isfinite(sum(squares.values()))
-        for fold in np.unique(own[scored & (own >= 0)]):
-            at = scored & (own == fold)
+        for fold in np.unique(fold_of[scored & (fold_of >= 0)]):
+            at = scored & (fold_of == fold)
             errors = {name: float(np.sqrt(square[at].mean())) for name, square in squares.items()}
-            which = {"record": str(name), "fold": int(fold), "n_samples": int(at.sum())}
-            rows.append(which | errors)
+            row = {"record": str(name), "fold": int(fold), "n_samples": int(at.sum())}
+            rows.append(row | errors)
     return rows
 
 
@@ -493,12 +493,12 @@ def _parameters(estimator, words):
     for name, value in getattr(estimator, "params_", {}).items():
         values = np.ravel(value)
         stds = np.broadcast_to(np.ravel(errors.get(name, np.nan)), values.shape)
-        for k, (item, std) in enumerate(zip(values, stds, strict=True)):
+        for k, (entry, std) in enumerate(zip(values, stds, strict=True)):
             label = name if np.ndim(value) == 0 else f"{name}[{k}]"
             # an infinite standard error, or none
             note = "not determined" if np.isinf(std) else "at a bound" if np.isnan(std) else ""
-            own = {"value": float(item), "std": float(std), "unit": units.get(label, "")}
-            rows.append({"name": label, **own, "note": note})
+            row = {"value": float(entry), "std": float(std), "unit": units.get(label, "")}
+            rows.append({"name": label, **row, "note": note})
     return rows
 
 
@@ -506,7 +506,7 @@ def _data(search):
     """Return a description of the recording: records, samples, intervals, ranges."""
     signals, records = {"drive": search.drive_, "response": search.response_}, []
     for record, name in zip(search.records_, record_names(search.records_), strict=True):
-        own = {
+        row = {
             "label": str(name),
             "n_samples": record.n_samples,
             "start_time": record.start_time,
@@ -515,12 +515,12 @@ def _data(search):
         }
         for name, signal in signals.items():
             part = signal[record.rows]
-            own |= {f"{name}_min": float(part.min()), f"{name}_max": float(part.max())}
-        records.append(own)
+            row |= {f"{name}_min": float(part.min()), f"{name}_max": float(part.max())}
+        records.append(row)
     faults = search.data_quality_.astype({"record": str})
     loops = figures_of(*signals.values(), closed_loops(search.drive_, search.records_))
     loops = loops[loops["n_cycles"] > 0].reset_index().astype({"record": str})
-    loops = loops.nlargest(_LOOPS, "n_cycles").sort_index()
+    loops = loops.nlargest(_N_LOOPS, "n_cycles").sort_index()
     return {
         "n_records": len(records),
         "n_samples": len(search.response_),
@@ -540,9 +540,9 @@ def _reference(search):
     """Return the name of the reference and the fraction of the drive that it predicts, or None."""
     if search.reference is None:
         return None
-    at = column_of(search)
+    column = column_of(search)
     names = getattr(search, "feature_names_in_", None)
-    name = f"column {at}" if names is None else str(names[at])
+    name = f"column {column}" if names is None else str(names[column])
     return {"name": name, "share": float(search.reference_share_)}
 
 
@@ -559,8 +559,8 @@ def _held_out(search, X, y):
 def _comparison(comparison):
     """Return the compared models, the best one, and the one to declare."""
     table = comparison.table.reset_index(names="model")
-    own = {"taken": comparison.taken, "best": comparison.best, "reason": comparison.reason}
-    return own | {"models": table.to_dict("records")}
+    choice = {"taken": comparison.taken, "best": comparison.best, "reason": comparison.reason}
+    return choice | {"models": table.to_dict("records")}
 
 
 def _location(table, slices):
@@ -570,8 +570,8 @@ def _location(table, slices):
     return [{**row, "record": labels.get(row["record"])} for row in rows]
 
 
-def _moved(search):
-    """Return the parameters that change if the samples with the strongest residual are left out."""
+def _changed_parameters(search):
+    """Return the parameters that change if the samples with the largest residual are left out."""
     labels = {name: str(name) for name in record_names(search.records_)}
     table = search.parameters_without_
     rows = table[table["moved"].astype(bool)].to_dict("records")
@@ -607,9 +607,9 @@ def _versions():
 def next_steps(claims, not_it, location, verdict, faults, settings, advice="", experiment=None):
     """Return what to measure next, a list of sentences."""
     steps = []
-    if wrong := _to_correct(faults):
+    if kinds := _to_correct(faults):
         steps.append(
-            f"Correct the faults of the recording ({wrong}), listed under Data, and search again."
+            f"Correct the faults of the recording ({kinds}), listed under Data, and search again."
         )
     steps += [
         f"To distinguish {claim['effect']} from {listed(claim['ambiguous_with'])}: "
@@ -617,14 +617,14 @@ def next_steps(claims, not_it, location, verdict, faults, settings, advice="", e
         for claim in claims
         if claim["ambiguous_with"]
     ]
-    misses = [
+    insignificant = [
         row
         for row in not_it
         if row["p_value"] >= settings["alpha"]
         and row["change"] < -0.05
         and row["claimed_instead"] is None
     ]
-    for row in misses[:2]:
+    for row in insignificant[:2]:
         effect = EFFECTS.get(row["effect"])
         steps.append(
             f"{row['effect']} would reduce the error by {number(-100.0 * row['change'], 2)} %, "
@@ -638,20 +638,17 @@ def next_steps(claims, not_it, location, verdict, faults, settings, advice="", e
         )
     elif verdict == "unexplained":
         step = "Record more data where no effect explains the residual"
-        where = _location_text(location)
+        place = _location_text(location)
         steps.append(
-            f"{step}: it is strongest {where}."
-            if where
+            f"{step}: it is strongest {place}."
+            if place
             else f"{step}, and repeat one record exactly: what repeats is structure, the rest "
             "is noise."
         )
     if advice:
-        where = (
-            f" The residual is largest {_location_text(location)}."
-            if _location_text(location)
-            else ""
-        )
-        steps.append(f"{advice[0].upper()}{advice[1:]}.{where}")
+        place = _location_text(location)
+        place = f" The residual is largest {place}." if place else ""
+        steps.append(f"{advice[0].upper()}{advice[1:]}.{place}")
     if experiment is not None:
         steps.append(
             f"Record next, within the range and the rate of the drive so far: {experiment.reason} "
@@ -678,31 +675,31 @@ def _to_correct(faults):
 
 def _better_model(report):
     """Yield a sentence if another model explains far more than the declared and augmented ones."""
-    if report.comparison is None:
+    comparison = report.comparison
+    if comparison is None:
         return
-    best = next(
-        own for own in report.comparison["models"] if own["model"] == report.comparison["best"]
-    )
-    less, enough = report.error_before / best["error"], 1.0 + report.settings["min_improvement"]
-    if less > FAR and report.error_after > enough * best["error"]:
+    best = next(row for row in comparison["models"] if row["model"] == comparison["best"])
+    ratio, margin = report.error_before / best["error"], 1.0 + report.settings["min_improvement"]
+    if ratio > FAR and report.error_after > margin * best["error"]:
         yield (
             f"Another model explains far more: {best['model']} ({best['about']}) has a held-out "
-            f"error of {_error(report, best['error'])}, {number(less, 2)} times smaller than the "
+            f"error of {_error(report, best['error'])}, {number(ratio, 2)} times smaller than the "
             "declared model. Declare it, or take the names of effects as provisional."
         )
 
 
 def _warnings(report):
+    """Yield what makes the result doubtful, one sentence or two each."""
     yield from _better_model(report)
-    worst, part = max(report.error_before, report.error_after), report.data["extrapolated"]
-    if worst > report.response_range:
+    error, fraction = max(report.error_before, report.error_after), report.data["extrapolated"]
+    if error > report.response_range:
         yield (
-            f"A held-out error of {_error(report, worst)} is more than the range of the response: "
+            f"A held-out error of {_error(report, error)} is more than the range of the response: "
             "the model diverges on data to which it was not fitted."
         )
-    if part > NOTICEABLE:
+    if fraction > NOTICEABLE:
         yield (
-            f"The folds extrapolate: {share(part)} of the samples are held out where the drive "
+            f"The folds extrapolate: {share(fraction)} of the samples are held out where the drive "
             "is beyond its range in the records or blocks that the model is fitted to. With "
             "several records, an int as cv holds out a part of each instead."
         )
@@ -723,34 +720,33 @@ def _warnings(report):
 def _summary(report):
     """Yield the result in short sentences."""
     if report.effects:
-        left = (report.error_after / report.error_before) ** 2
-        part = f"{number(100.0 * max(1.0 - left, 0.0))} %"
-        lacks, it = (
-            listed(report.effects),
-            "it explains" if len(report.effects) == 1 else "together they explain",
+        explained = max(1.0 - (report.error_after / report.error_before) ** 2, 0.0)
+        explain = "it explains" if len(report.effects) == 1 else "together they explain"
+        yield (
+            f"The model lacks {listed(report.effects)}: {explain} {number(100.0 * explained)} % of "
+            "the power of its held-out error."
         )
-        yield f"The model lacks {lacks}: {it} {part} of the power of its held-out error."
-        unsure = [claim["effect"] for claim in report.claims if claim["provisional"]]
-        others = [claim for claim in report.claims if claim["ambiguous_with"]]
-        if unsure:
+        provisional = [claim["effect"] for claim in report.claims if claim["provisional"]]
+        ambiguous = [claim for claim in report.claims if claim["ambiguous_with"]]
+        if provisional:
             yield "It is certain that something is missing, but not which effect."
-        elif others:
+        elif ambiguous:
             names = listed(
                 f"{claim['effect']} may be {' or '.join(claim['ambiguous_with'])} instead"
-                for claim in others
+                for claim in ambiguous
             )
             yield f"It is certain that something is missing, but {names}."
         else:
             yield f"Significant at alpha = {report.settings['alpha']}."
-    yield _REST[report.verdict] if report.effects else _ALONE[report.verdict]
-    if wrong := _to_correct(report.data["faults"]):
-        yield f"But the recording has faults, which may be the cause: {wrong}."
+    yield _VERDICT[report.verdict] if report.effects else _NO_EFFECT[report.verdict]
+    if faults := _to_correct(report.data["faults"]):
+        yield f"But the recording has faults, which may be the cause: {faults}."
     count = len(report.next_steps)
     steps = {0: "nothing more to record", 1: "one step, below"}.get(count, f"{count} steps, below")
     yield f"Next: {steps}."
 
 
-def _found(report):
+def _result(report):
     """Return the headline and the sentence of the result."""
     before, after, floor = (
         _error(report, value)
@@ -761,9 +757,9 @@ def _found(report):
         model += f" (declared {', '.join(report.resolution)})"
     explained = report.verdict != "unexplained"
     noise = f"The residual is noise; its floor is {floor}."
-    headline, mark = "Nothing is missing", "" if explained else "; and unexplained structure"
+    headline, suffix = "Nothing is missing", "" if explained else "; and unexplained structure"
     if report.verdict == "undetermined":
-        headline, mark = "Undetermined", "; more may be missing"
+        headline, suffix = "Undetermined", "; more may be missing"
         noise = (
             f"The residual may be noise, of {floor} or more, but this recording does not determine "
             f"it: {report.verdict_reason}."
@@ -778,7 +774,7 @@ def _found(report):
             f"{model} has a residual with structure that none of the effects tried explains: the "
             f"held-out error is {before}, above the noise floor of {floor}. No effect is claimed."
         )
-    found = listed(
+    effects = listed(
         f"{claim['effect']} (which these data do not distinguish from "
         f"{listed(claim['ambiguous_with'])})"
         if claim["ambiguous_with"]
@@ -786,12 +782,12 @@ def _found(report):
         for claim in report.claims
     )
     if any(claim["provisional"] for claim in report.claims):
-        found += ", which may stand for an effect that is not on the list"
+        effects += ", which may stand for an effect that is not on the list"
     them = "it" if len(report.effects) == 1 else "them"
     rest = f"The residual is above the noise floor of {floor}, and no effect tried explains it."
     return (
-        f"Missing: {', '.join(report.effects)}{mark}",
-        f"{model} lacks {found}: with {them} the held-out error falls from {before} to {after}. "
+        f"Missing: {', '.join(report.effects)}{suffix}",
+        f"{model} lacks {effects}: with {them} the held-out error falls from {before} to {after}. "
         f"{noise if explained else rest}",
     )
 
@@ -801,21 +797,21 @@ def _remarks(report):
     data, dropped = report.data, report.dropped
     yield from report.warnings
     if report.suspects:
-        most = ", ".join(
+        suspects = ", ".join(
             f"{row['effect']} ({_error(report, row['error_before'])} to "
             f"{_error(report, row['error_after'])}, p = {number(row['p_value'], 2)})"
             for row in report.suspects[:2]
         )
-        yield f"Would lower the error most, but is not significant: {most}."
+        yield f"Would lower the error most, but is not significant: {suspects}."
     for place in dict.fromkeys(map(_place, report.parameters_without)):
         rows = [row for row in report.parameters_without if _place(row) == place]
         rows.sort(key=lambda row: -abs(row["value_without"] - row["value"]) / row["std_without"])
-        moved = listed(
+        changes = listed(
             f"{row['parameter']} is {plus_minus(row['value_without'], row['std_without'])} instead "
             f"of {plus_minus(row['value'], row['std'])}"
-            for row in rows[:_MOVED]
+            for row in rows[:_N_CHANGED]
         )
-        yield f"Without the samples {place}, where the residual is large, {moved}."
+        yield f"Without the samples {place}, where the residual is large, {changes}."
     if dropped:
         was, them = ("was", "it") if len(dropped) == 1 else ("were", "them")
         yield (
@@ -838,16 +834,16 @@ def _remarks(report):
         )
 
 
-def _known(report):
-    """Return what is known of a residual that need not be noise, and what is not."""
+def _known_and_unknown(report):
+    """Return sentences on what is known of a residual that need not be noise, and what is not."""
     if report.verdict == "noise" or not report.error_after:
         return []
-    most, least = (
+    upper, lower = (
         min(max(1.0 - (error / report.error_after) ** 2, 0.0), 1.0)
         for error in (report.noise_floor, report.noise_ceiling)
     )
-    known = f"Known: at most {share(most)} of the power of the residual can follow the drive"
-    known += f", and at least {share(least)} does." if least >= 0.001 else "; the rest is noise."
+    known = f"Known: at most {share(upper)} of the power of the residual can follow the drive"
+    known += f", and at least {share(lower)} does." if lower >= 0.001 else "; the rest is noise."
     if report.verdict == "undetermined":
         return [known, "Not known: how much of it does, and how much is slow noise."]
     unknown = "Not known: its law; none of the effects tried has it."
@@ -856,13 +852,13 @@ def _known(report):
     return [known, unknown]
 
 
-def _parts(report):
+def _explained_shares(report):
     """Return the fractions of the declared model's error, in power, by what explains them."""
     _, *parts = report.explained.items()
-    whole = sum(value for _, value in parts)
-    if not whole > 0.0 or report.explained["nothing"] >= whole:
+    total = sum(value for _, value in parts)
+    if not total > 0.0 or report.explained["nothing"] >= total:
         return {}
-    return {name: value / whole for name, value in parts if value > 0.0}
+    return {name: value / total for name, value in parts if value > 0.0}
 
 
 def _error(report, value, whole=None):
@@ -874,9 +870,9 @@ def _error(report, value, whole=None):
 
 def _unused_data(report):
     """Return a sentence with the errors on data that the search has not used."""
-    kept, names = report.held_out, ("before", "after")[: 1 + bool(report.effects)]
-    own = [f"{_error(report, kept[f'error_{n}'], kept['response_range'])} {n}" for n in names]
-    return f"On {kept['n_samples']} samples that the search has not used: {', '.join(own)}."
+    new, names = report.held_out, ("before", "after")[: 1 + bool(report.effects)]
+    errors = [f"{_error(report, new[f'error_{n}'], new['response_range'])} {n}" for n in names]
+    return f"On {new['n_samples']} samples that the search has not used: {', '.join(errors)}."
 
 
 def _certainty(claim):
@@ -953,7 +949,7 @@ def _failures(failed):
 
 
 def _displays(search, comparison=None, experiment=None):
-    """Return the pictures by name, not yet drawn."""
+    """Return the pictures by name, to be drawn later."""
     displays = {
         "course": PredictionDisplay.from_search(search, draw=False),
         "loops": HysteresisLoopDisplay.from_search(search, draw=False),
@@ -1010,7 +1006,7 @@ def _drawn(name, display):
 
 @cache
 def _template(form):
-    """Return the page's template in a form, and its script."""
+    """Return the template for "html" or "markdown", and the script of the page."""
     try:
         import jinja2
         import markupsafe
@@ -1029,7 +1025,7 @@ def _template(form):
     )
 
     def escaped(text):
-        """Return escaped text for the page."""
+        """Return text with the characters escaped that HTML or Markdown would interpret."""
         text = " ".join(str(markupsafe.escape(text) if form == "html" else text).split())
         if form == "html":
             return markupsafe.Markup(re.sub(r"(?<=\d) (?=%|×)", "\u00a0", text))
@@ -1048,7 +1044,7 @@ def _template(form):
 
 
 def _rendered(report, form):
-    """Return the page in a form; the error without Jinja2 says how to install it."""
+    """Return the page as "html" or "markdown"."""
     template, script = _template(form)
     figures = {} if form == "markdown" else report.displays or {}
     return printable(
@@ -1056,12 +1052,12 @@ def _rendered(report, form):
             r=report.to_dict(),
             form=form,
             figures={name: _drawn(name, display) for name, display in figures.items()},
-            left=_LEFT,
+            residual=_RESIDUAL,
             provisional=_PROVISIONAL,
-            known=_known(report),
-            parts=_parts(report),
+            known_and_unknown=_known_and_unknown(report),
+            explained_shares=_explained_shares(report),
             explained_by=_EXPLAINED,
-            kept=_unused_data(report) if report.held_out else "",
+            unused_data=_unused_data(report) if report.held_out else "",
             is_full=_is_full(report.claims, report.settings),
             change=change,
             error=partial(_error, report),
@@ -1072,8 +1068,8 @@ def _rendered(report, form):
     )
 
 
-def _written(content, path):
-    """Write the content where a path is given, and return it."""
+def _save(content, path):
+    """Write the content if a path is given, and return it."""
     if path is not None:
         with replacing(path) as (part,):
             part.write_text(content, encoding="utf-8")

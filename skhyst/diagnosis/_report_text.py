@@ -4,6 +4,7 @@ import math
 
 
 def _powers(exponent):
+    """Write a power of ten."""
     return f" × 10{str(exponent).translate(str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹'))}"
 
 
@@ -52,11 +53,12 @@ def plus_minus(value, std):
 
 
 def _rounded(std):
+    """Write a standard error with two significant digits, at most 12 decimals."""
     return f"{std:.{min(max(0, 1 - math.floor(math.log10(std))), 12)}f}"
 
 
 def _signed(text):
-    """Write a minus sign for a hyphen."""
+    """Replace the hyphen of a negative number by a minus sign."""
     return text.replace("-", "−")
 
 
@@ -74,7 +76,7 @@ def share(value):
 
 
 def chance(p_value):
-    """Write a p-value, and a bound below 1e-12, where no assumption about noise holds.
+    """Write a p-value; below 1e-12, where no assumption about the noise holds, as a bound.
 
     Examples
     --------
@@ -112,7 +114,7 @@ def change(before, after):
 
 
 def listed(names):
-    """Join names.
+    """Join names by commas, and the last two by "and".
 
     Examples
     --------

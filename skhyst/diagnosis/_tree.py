@@ -52,11 +52,11 @@ def as_read(model, records):
     X = np.concatenate(
         [r.u[:, None] if r.auxiliary is None else np.c_[r.u, r.auxiliary] for r in records]
     )
-    signal, numbers = model.operator_input(X, slices)
+    signal, schedule_values = model.operator_input(X, slices)
     if model.reads_columns:
         records = [replace(r, u=signal[s.rows]) for r, s in zip(records, slices, strict=True)]
-    if any(number is not None for number in numbers):
-        records = [replace(r, schedule=s) for r, s in zip(records, numbers, strict=True)]
+    if any(value is not None for value in schedule_values):
+        records = [replace(r, schedule=s) for r, s in zip(records, schedule_values, strict=True)]
     return records
 
 
@@ -181,7 +181,7 @@ class Tree:
     @property
     def lines(self):
         """Values of scheduled entries, at the least and at the largest schedule value."""
-        return {key: tuple(own) for key, own in self.values.items() if len(own) > 1}
+        return {key: tuple(values) for key, values in self.values.items() if len(values) > 1}
 
     @property
     def scaled_by(self):
@@ -269,8 +269,8 @@ class Tree:
 
     def with_operators(self, operator, disturbances):
         """Return the tree with other values of the operator and of its disturbances."""
-        both = operator, tuple(disturbances)
-        return replace(self, root=self.model.tree(both) if self.disturbances else operator)
+        parts = operator, tuple(disturbances)
+        return replace(self, root=self.model.tree(parts) if self.disturbances else operator)
 
     def with_stages(self, stages):
         """Return the tree with other stages in its series."""
@@ -294,8 +294,8 @@ class Tree:
     def without(self, effect):
         """Return the declared tree with the edits of all other effects, at the present values.
 
-        Edits of a stage that the effect had added are removed with it. A stage that was placed
-        behind that stage moves up to its place.
+        Edits of a stage that the effect had added are removed with it. A stage that an edit put
+        behind that stage moves up.
         """
         tree = self.declared
         for name in self.effects:
@@ -309,46 +309,40 @@ class Tree:
         """Return an edit at a joint, moved behind the nearest earlier stage of this tree."""
         if not isinstance(edit, InsertAt) or edit.place in (None, *self.names):
             return edit
-        here = [name for name in names[: names.index(edit.place)] if name in self.names]
-        return replace(edit, place=here[-1] if here else None)
+        earlier = [name for name in names[: names.index(edit.place)] if name in self.names]
+        return replace(edit, place=earlier[-1] if earlier else None)
 
     def _at_values_of(self, other):
         """Return the tree with the values of another, for entries of the same names."""
         other = other.cut(*(name for name in other.names if name not in self.names))
-        marks, present = [spec.held for _, spec in other.series().entries()], {}
+        # an entry may be held in the series only, where its neighbours share its freedom
+        marks, known_stages = [spec.held for _, spec in other.series().entries()], {}
         for name, operator in other.stages:
             held, marks = np.split(marks, [operator.n_parameters])
-            present[name] = operator, held.astype(bool)
+            known_stages[name] = operator, held.astype(bool)
         values, stages = stage_values(other.whole, held=False), []
-        # the parts of a divided stage have other poles of the same names
-        parts = {edit.place for _, edit in other.edits if isinstance(edit, Divide)}
-        parts -= {edit.place for _, edit in self.edits if isinstance(edit, Divide)}
-        values = {key: own for key, own in values.items() if key[0] not in parts}
-        for stage in self.stages:
-            fixed = stage.operator.held_entries()
-            found, held = present.get(stage.name, (None, None))
-            if _has_other_terms(stage.operator, found):  # the resolution was raised since
-                stage = stage._replace(operator=_with_terms_of(stage.operator, found))
-            elif _are_equal(
-                stage.operator, found
-            ):  # fixed structure too, but no value that is held
-                held = held | [name in fixed for name, _ in found.entries()]
-                own = np.where(held, stage.operator.pack(), found.pack())
-                found = replace(found.unpack(own), model=stage.operator.model)
-                hold = getattr(stage.operator, "hold", None)
-                if getattr(found, "hold", None) != hold:  # an edit sets it
-                    found = replace(found, hold=hold)
-                stage = stage._replace(operator=found)
-            stages.append(stage)
-            for name in fixed:
-                values.pop((stage.name, name), None)
+        # entries of the parts of a divided stage have the same names, but mean other poles
+        divided = {edit.place for _, edit in other.edits if isinstance(edit, Divide)}
+        divided -= {edit.place for _, edit in self.edits if isinstance(edit, Divide)}
+        values = {key: value for key, value in values.items() if key[0] not in divided}
+        for name, operator in self.stages:
+            known, held = known_stages.get(name, (None, None))
+            fixed = operator.held_entries()
+            if _has_other_terms(operator, known):  # the resolution was raised since
+                operator = _with_terms_of(operator, known)
+            elif _are_equal(operator, known):
+                held = held | [entry in fixed for entry, _ in known.entries()]
+                operator = _with_values_of(operator, known, held)
+            stages.append(Stage(name, operator))
+            for entry in fixed:
+                values.pop((name, entry), None)
         tree = self.with_stages(stages)
         if tree.input_history:
             tree = replace(tree, input_history=other.input_history)
-        additive = dict(zip(other.disturbance_names, other.disturbances, strict=True))
-        own = zip(tree.disturbance_names, tree.disturbances, strict=True)
+        found = dict(zip(other.disturbance_names, other.disturbances, strict=True))
+        starts = zip(tree.disturbance_names, tree.disturbances, strict=True)
         driven = with_stage_values(tree.whole, values)
-        return tree.with_operators(driven, [additive.get(n, start) for n, start in own])
+        return tree.with_operators(driven, [found.get(name, start) for name, start in starts])
 
     # ------------------------------------------------------------------ as an operator
 
@@ -361,8 +355,8 @@ class Tree:
         """Return the records with their input history."""
         if not self.input_history:
             return records
-        both = zip(records, self.input_history, strict=True)
-        return [record_with_history(self.operator, record, own) for record, own in both]
+        pairs = zip(records, self.input_history, strict=True)
+        return [record_with_history(self.operator, record, history) for record, history in pairs]
 
     def read(self, records):
         """Return the records as the model reads them, with their input history."""
@@ -370,8 +364,8 @@ class Tree:
 
     def _as_read(self, records):
         """Return the records unchanged if the model reads the drive alone; see :func:`as_read`."""
-        whole = self.root.reads_columns or self.root.is_scheduled
-        return as_read(self.model, records) if whole else records
+        reads_more = self.root.reads_columns or self.root.is_scheduled
+        return as_read(self.model, records) if reads_more else records
 
     def problem(self, records):
         """Return the least-squares problem of all free parameters."""
@@ -386,19 +380,20 @@ class Tree:
     def at(self, problem, x):
         """Return the tree with the operators at ``x``."""
         tree = self.with_operators(*problem.unpack(x))
-        # of a problem of this tree neither depends on the values
-        own = {name: vars(self)[name] for name in ("model", "held") if name in vars(self)}
-        vars(tree).update(own)
+        # neither depends on the values
+        cached = {name: vars(self)[name] for name in ("model", "held") if name in vars(self)}
+        vars(tree).update(cached)
         return tree
 
     def n_further_estimates(self):
-        """Number of estimates beside the unknowns of the problem.
+        """Return the number of estimates other than the unknowns of the problem.
 
-        These are the coefficients of each record and the positions that were moved.
+        These are the coefficients of disturbances in each record, the positions that were moved,
+        and the input history of one record.
         """
         additive = sum(np.size(disturbance.coefficients) for disturbance in self.disturbances)
         positions = sum(
-            np.count_nonzero(~part.resolution.stays(part))  # whatever its weights are
+            np.count_nonzero(~part.resolution.stays(part))  # also of terms of zero weight
             for name, operator in zip(self.names, self.operators, strict=True)
             if name in self.moved
             for _, part, _ in parts_with_resolution(operator)
@@ -411,34 +406,37 @@ class Tree:
         tree = self
         for at in (at for at, name in enumerate(self.names) if name in self.moved):
             for number in range(len(parts_with_resolution(self.operators[at]))):
-                _, part, put = parts_with_resolution(tree.operators[at])[number]
+                # each replacement makes a new stage, in which the next part is looked up
+                _, part, with_part = parts_with_resolution(tree.operators[at])[number]
                 if part.resolution.holds_positions(part):
-                    tree = tree.with_stage(at, put(MovableOperator.around(part, np.inf)))
+                    tree = tree.with_stage(at, with_part(MovableOperator.around(part, np.inf)))
         return tree
 
     def counted(self, result, records):
         """Return the tree with its moved positions as parameters, and its result with theirs."""
         tree = self.with_operators(result.operator, result.disturbances)._with_positions()
-        how = {"fixed": tree.held, "initial_state": self.state}
-        return tree, as_of(result, tree.operator, self.read(records), **how)
+        options = {"fixed": tree.held, "initial_state": self.state}
+        return tree, as_of(result, tree.operator, self.read(records), **options)
 
-    def stages_at(self, number):
+    def stages_at(self, schedule_value):
         """Return the stages with the parameters of a record of this schedule value."""
-        if number is None:
+        if schedule_value is None:
             return self.stages
-        return series_stages(self.whole._replace(operator=self.root.at(number)))
+        return series_stages(self.whole._replace(operator=self.root.at(schedule_value)))
 
     def run(self, records, first=0, last=None, signals=None):
-        """Return the output of consecutive stages of the series for each record."""
+        """Return the output of stages ``first`` to before ``last`` of the series for each record.
+
+        ``signals`` are the inputs of the first of them, by default those that the records give it.
+        """
         outputs, records = [], self.records_with_history(records)
-        read = self._as_read(records)
-        for number, (record, own) in enumerate(zip(records, read, strict=True)):
-            stages = [stage.operator for stage in self.stages_at(own.schedule)]
+        for i, (record, read) in enumerate(zip(records, self._as_read(records), strict=True)):
+            stages = [stage.operator for stage in self.stages_at(read.schedule)]
             if signals is not None:
-                before = self._history_after(stages[:first], own)
-                record = replace(record, u=signals[number], before=before)
+                before = self._history_after(stages[:first], read)
+                record = replace(record, u=signals[i], before=before)
             elif self.multi_input:
-                record = own
+                record = read
             u, skip = record.with_history()
             for stage in stages[first:last]:
                 start = record.start if stage.n_start and record.start is not None else self.state
@@ -448,13 +446,14 @@ class Tree:
 
     def history_at(self, records, at):
         """Return the input history at a place of the series for each record, None where unknown."""
-        found = []
-        for own in self.read(records):
-            stages = [stage.operator for stage in self.stages_at(own.schedule)[:at]]
-            found.append(self._history_after(stages, own))
-        return found
+        histories = []
+        for record in self.read(records):
+            stages = [stage.operator for stage in self.stages_at(record.schedule)[:at]]
+            histories.append(self._history_after(stages, record))
+        return histories
 
     def _history_after(self, stages, record):
+        """Return the input history behind some stages, None where unknown."""
         if record.before is None:
             return None
         u, skip = record.with_history()
@@ -470,9 +469,9 @@ class Tree:
 
     def with_estimated_history(self, records):
         """Return the tree with the input history of records estimated, the parameters held."""
-        alone = self._as_read(records)
-        found, _ = input_history_of(self.operator, self.disturbances, alone)
-        return replace(self, input_history=tuple(found))
+        read = self._as_read(records)
+        histories, _ = input_history_of(self.operator, self.disturbances, read)
+        return replace(self, input_history=tuple(histories))
 
     # ------------------------------------------------------------------ as an estimator
 
@@ -483,7 +482,7 @@ class Tree:
 
     def with_input_history(self, records):
         """Return the tree refitted together with the input history of the records."""
-        found, input_history = estimate_input_history(
+        result, histories = estimate_input_history(
             self.operator,
             self.disturbances,
             self.read(records),
@@ -491,8 +490,8 @@ class Tree:
             method=BRIEFLY,
             with_errors=False,
         )
-        tree = self.with_operators(found.operator, found.disturbances)
-        return replace(tree, input_history=tuple(input_history))
+        tree = self.with_operators(result.operator, result.disturbances)
+        return replace(tree, input_history=tuple(histories))
 
     @property
     def estimator(self):
@@ -531,23 +530,37 @@ def _has_other_terms(a, b):
 
 
 def _shared_parts(a, b):
-    """Return the parts with a resolution that both have: prefix, own, other, and how it is put."""
+    """Return the parts with a resolution that both have: (prefix, of a, of b, replacement in a).
+
+    The last is a function that returns ``a`` with another part in this place.
+    """
     others = {prefix: part for prefix, part, _ in parts_with_resolution(b)}
     return [
-        (prefix, part, others[prefix], put)
-        for prefix, part, put in parts_with_resolution(a)
+        (prefix, part, others[prefix], with_part)
+        for prefix, part, with_part in parts_with_resolution(a)
         if type(part) is type(others.get(prefix))
     ]
 
 
 def _with_terms_of(a, b):
-    """Return an operator with the terms of another; one of other members keeps its own."""
+    """Return operator ``a`` with the terms of ``b``; members that ``b`` lacks are unchanged."""
     if getattr(a, "names", ()) == getattr(b, "names", ()):
         return replace(b, model=a.model.resolved(b))
-    for prefix, *_ in _shared_parts(a, b):
-        [(part, other, put)] = [own for same, *own in _shared_parts(a, b) if same == prefix]
-        a = put(replace(other, model=part.model.resolved(other)))
+    for i in range(len(_shared_parts(a, b))):
+        _, part, other, with_part = _shared_parts(a, b)[i]  # of the present `a`
+        a = with_part(replace(other, model=part.model.resolved(other)))
     return a
+
+
+def _with_values_of(operator, other, held):
+    """Return an operator with the values of another, except those held, which are its own."""
+    values = np.where(held, operator.pack(), other.pack())
+    # the fixed structure of the other one, too, but the present hold, which an edit may have set
+    found, hold = (
+        replace(other.unpack(values), model=operator.model),
+        getattr(operator, "hold", None),
+    )
+    return found if getattr(found, "hold", None) == hold else replace(found, hold=hold)
 
 
 def _are_equal(a, b):
