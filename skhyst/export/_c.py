@@ -24,8 +24,8 @@ DIALECTS = {
     "float64": Dialect("double", "", np.float64),
     "float32": Dialect("float", "f", np.float32),
 }
-_OF_SIMULINK = {"float64": "SS_DOUBLE", "float32": "SS_SINGLE", "int32": "SS_INT32"}
-_OWN = (  # names of what is not of a model
+_SIMULINK_TYPES = {"float64": "SS_DOUBLE", "float32": "SS_SINGLE", "int32": "SS_INT32"}
+_RESERVED = (  # names in every program, which functions of a model cannot have
     *("init", "step", "state", "status", "test", "refuses", "run", "init_at", "params", "defaults"),
     *("configure", "chebyshev"),
 )
@@ -100,7 +100,7 @@ $conditions}
 """)
 # Functions that the library of AVR lacks, by Kahan's formulas: the logarithm of a rounded value
 # cancels its rounding error.
-_OF_AVR = {
+_AVR_FUNCTIONS = {
     "expm1": """
 static $t expm1$f($t a)
 {
@@ -137,7 +137,8 @@ $inputs};
 static const double ${name}_outputs[N_SAMPLES] = {
 $outputs};
 
-$more_outputs${refuses}/* Run the test after the output y; return whether input was not refused. */
+$more_outputs${refuses}/* Run the test after the output y.
+   Return whether input that is not finite was accepted. */
 static int ${name}_run(${name}_state *state, const double *outputs, $type y, double *largest)
 {
     int k, failed = 0;
@@ -173,7 +174,7 @@ _INTEGERS = {
     "last": "0",
     **dict.fromkeys(("guard", "refuses", "refused", "needs", "bits_of_double"), ""),
 }
-_ADDED = (  # templates by the optional functions of a program
+_OPTIONAL = (  # parts of the templates that optional functions of a program add
     *("params", "tuned", "tuned_first", "more_declared", "more_defined"),
     *("more_outputs", "more_runs"),
 )
@@ -393,9 +394,9 @@ def to_c(
     ValueError
         If the model's law is outside the part of Python that can be written in C, with file and
         line; see :class:`~skhyst.operators.CompiledStep`. If it cannot be written in integers, or
-        its numbers have too few digits for fast drives, or single precision is not sufficient: if
-        its error in the test exceeds the tolerance. If a
-        tunable parameter is none, or changes the structure of the program.
+        its numbers have too few digits for fast drives. If the error of single precision in the
+        test exceeds the tolerance. If a name in ``tunable`` is no parameter that can be changed, or
+        its value changes the structure of the program.
 
     See Also
     --------
@@ -467,7 +468,7 @@ class Program:
     entries : tuple of Entry
         Parameters that can be changed at run time.
     begins_at : bool
-        Whether it can begin at rest at another input.
+        Whether it has ``name_init_at``, for rest at another input.
     """
 
     files: dict
@@ -494,46 +495,48 @@ def program(
     simulink=False,
 ):
     """Return the :class:`Program` that :func:`to_c` writes; parameters are as there."""
-    own = Source(model, dtype, dt, initial_state, u0, tunable, form, tolerance)
-    if simulink and own.dt is None:
+    source = Source(model, dtype, dt, initial_state, u0, tunable, form, tolerance)
+    if simulink and source.dt is None:
         raise ValueError("The 'dt' parameter of to_c must be given, in s, for Simulink.")
     type_ = DIALECTS[dtype].type if dtype in DIALECTS else "int32_t"
-    digest = digest_of(own)
-    common = dict.fromkeys(_ADDED, "") | {
+    digest = digest_of(source)
+    common = dict.fromkeys(_OPTIONAL, "") | {
         "name": name,
-        "what": own.what,
-        "dt": "NAN" if own.dt is None else DIALECTS["float64"].literal(own.dt),
-        "n_inputs": own.n_inputs,
+        "what": source.what,
+        "dt": "NAN" if source.dt is None else DIALECTS["float64"].literal(source.dt),
+        "n_inputs": source.n_inputs,
         "covered": "",
-        "one": "" if own.compiled_step.n_inputs else "[0]",
-        "input": f"const {type_} *u" if own.by_row else f"{type_} u",
-        "preview": own.stepper.preview,
+        "one": "" if source.compiled_step.n_inputs else "[0]",
+        "input": f"const {type_} *u" if source.by_row else f"{type_} u",
+        "preview": source.stepper.preview,
         "needs": "#include <float.h>\n" if dtype == "float64" else "",
         "bits_of_double": _BITS_OF_DOUBLE if dtype == "float64" else "",
-        "n_states": max(len(own.compiled_step.state), 1),
+        "n_states": max(len(source.compiled_step.state), 1),
         "digest": digest,
-        **_status(name, own.stepper, dtype),
+        **_status(name, source.stepper, dtype),
     }
-    is_whole = dtype == "int32"
-    signals, preview = legend(own.stepper, own.dt, (None, None) if is_whole else units)
-    places = [*([f"u[{k}]" for k in range(own.n_inputs)] if own.by_row else ["u"]), "returns"]
-    lines = [f"{place}: {signal}" for place, signal in zip(places, signals, strict=True)]
-    if is_whole:
+    is_integer = dtype == "int32"
+    signals, preview = legend(source.stepper, source.dt, (None, None) if is_integer else units)
+    names = [*([f"u[{k}]" for k in range(source.n_inputs)] if source.by_row else ["u"]), "returns"]
+    lines = [f"{place}: {signal}" for place, signal in zip(names, signals, strict=True)]
+    if is_integer:
         units = _units(drive, *units)
-        drive, begins_at = np.append(own.rest, own.inputs(drive), axis=0), False
+        drive, begins_at = np.append(source.rest, source.inputs(drive), axis=0), False
     else:
-        expected = own.tested(drive)
+        expected = source.tested(drive)
         drive, begins_at = expected.drive, expected.rules is not None
-    common["legend"] = "\n".join(f"   {line}" for line in (*lines, *preview, *own.deviates(drive)))
-    if is_whole:
-        texts = _in_integers(own.stepper, common, drive, units)
+    lines += [*preview, *source.deviates(drive)]
+    common["legend"] = "\n".join(f"   {line}" for line in lines)
+    if is_integer:
+        texts = _in_integers(source.stepper, common, drive, units)
     else:
-        texts = _in_reals(own, expected, common, dtype)
+        texts = _in_reals(source, expected, common, dtype)
     if simulink:
         template = Path(__file__).with_name("sfunction.c").read_text(encoding="utf-8")
-        of = {"type": type_, "simulink_type": _OF_SIMULINK[dtype]}
-        texts[f"{name}_sfun.c"] = Template(template).substitute(common | of)
-    return Program(texts, own.dt, digest, own.n_inputs, own.by_row, own.entries, begins_at)
+        types = {"type": type_, "simulink_type": _SIMULINK_TYPES[dtype]}
+        texts[f"{name}_sfun.c"] = Template(template).substitute(common | types)
+    inputs = source.n_inputs, source.by_row
+    return Program(texts, source.dt, digest, *inputs, source.entries, begins_at)
 
 
 def _range_check(stepper, texts, literal, size, known, eps):
@@ -549,7 +552,7 @@ def _range_check(stepper, texts, literal, size, known, eps):
     size : callable
         Returns the name of the function for an absolute value, which is written if it is used.
     known : str
-        Condition that ``{}`` holds the value of an earlier sample, followed by ``&&``; or ``""``.
+        Condition that ``{}`` is the value of an earlier sample, followed by ``&&``; or ``""``.
     eps : float
         Relative rounding of the numbers of the program.
 
@@ -557,57 +560,61 @@ def _range_check(stepper, texts, literal, size, known, eps):
     -------
     condition : str
         Empty if no range is known.
-    lasts : list of str
-        The signals whose last value is needed.
+    watched : list of str
+        The signals whose last value is needed, since their rate is limited.
     """
-    conditions, lasts = [], []
+    conditions, watched = [], []
     for k, low, high, change in watched_ends(stepper, eps):
         if np.isfinite(low):
             conditions.append(f"{texts[k]} < {literal(k, low, False)}")
         if np.isfinite(high):
             conditions.append(f"{texts[k]} > {literal(k, high, True)}")
         if np.isfinite(change):
-            last = f"state->last[{len(lasts)}]"
-            moved = f"{size()}({texts[k]} - {last}) > {literal(k, change, True)}"
-            conditions.append(f"({known.format(last)}{moved})" if known else moved)
-            lasts.append(texts[k])
-    return " || ".join(conditions), lasts
+            last = f"state->last[{len(watched)}]"
+            change_test = f"{size()}({texts[k]} - {last}) > {literal(k, change, True)}"
+            conditions.append(f"({known.format(last)}{change_test})" if known else change_test)
+            watched.append(texts[k])
+    return " || ".join(conditions), watched
 
 
-def _kept(type_, condition, lasts, unknown, before=("", "")):
-    """Return the members of the state outside the model, their first values, and statements."""
-    members, first, lines = [before[0]], [before[1]], []
+def _outer_state(type_, condition, watched, unknown, first_members=("", "")):
+    """Return the members of the state outside the model with their first values, and statements.
+
+    ``first_members`` is the text of members that precede the others, and of their first values.
+    """
+    members, first, lines = [first_members[0]], [first_members[1]], []
     if condition:
         members.append("    uint32_t extrapolated;\n")
         first.append(", 0u")
         lines += ["state->extrapolated = 0u;", f"if ({condition}) {{"]
         lines += ["    state->extrapolated = 1u;", "}"]
-    if lasts:
-        members.append(f"    {type_} last[{len(lasts)}]; /* of signals whose rate is known */\n")
-        first.append(f", {{{', '.join([unknown] * len(lasts))}}}")
-        lines += [f"state->last[{k}] = {text};" for k, text in enumerate(lasts)]
+    if watched:
+        members.append(f"    {type_} last[{len(watched)}]; /* of signals whose rate is known */\n")
+        first.append(f", {{{', '.join([unknown] * len(watched))}}}")
+        lines += [f"state->last[{k}] = {text};" for k, text in enumerate(watched)]
     return {"kept": "".join(members), "kept_first": "".join(first)}, lines
 
 
 def _status(name, stepper, dtype):
     """Return the parts of header and source for the status bits, which are read from the state."""
     zero = DIALECTS[dtype].literal(0.0) if dtype in DIALECTS else "0"
-    places = [(flag, f"s[{at}] != {zero}") for flag, at in stepper.compiled_step.flags]
-    places += [("refused", "refused != 0u")] * (dtype in DIALECTS)
-    places += [("extrapolated", "extrapolated != 0u")] * bool(stepper.watched)
-    bits = {flag: f"{name}_{flag.upper()}" for flag, _ in places}
+    conditions = [(flag, f"s[{index}] != {zero}") for flag, index in stepper.compiled_step.flags]
+    conditions += [("refused", "refused != 0u")] * (dtype in DIALECTS)
+    conditions += [("extrapolated", "extrapolated != 0u")] * bool(stepper.watched)
+    bits = {flag: f"{name}_{flag.upper()}" for flag, _ in conditions}
     lines = [
-        f"    if (state->{holds}) {{\n        status |= {bits[flag]};\n    }}\n"
-        for flag, holds in places
+        f"    if (state->{condition}) {{\n        status |= {bits[flag]};\n    }}\n"
+        for flag, condition in conditions
     ]
     lines = ["    uint32_t status = 0u;\n", *lines, "    return status;\n"]
     return {
         "bits": "".join(f"#define {bit} {1 << k}u\n" for k, bit in enumerate(bits.values())),
-        "conditions": "".join(lines if places else ["    (void)state;\n    return 0u;\n"]),
+        "conditions": "".join(lines if conditions else ["    (void)state;\n    return 0u;\n"]),
     }
 
 
 def _units(drive, *units):
+    """Return the units of a program in integers; refuse missing ones, and a missing drive."""
     for name, unit in zip(("input_unit", "output_unit"), units, strict=True):
         if not (isinstance(unit, Real) and 0.0 < unit < np.inf):
             raise ValueError(
@@ -619,18 +626,19 @@ def _units(drive, *units):
     return units
 
 
-def digest_of(own):
+def digest_of(source):
     """Return the SHA-256 of a program in double precision, without the prefix of its names."""
     dialect = DIALECTS["float64"]
     printer = Printer("", dialect)
-    printer.function(own.step)
+    printer.function(source.step)
     tables = (text for _, text in printer.tables.values())
-    tuned = [] if own.tuned is None else [_listed(own.tuned.first, dialect.literal)]
-    text = (*tables, *printer.texts, _listed(own.stepper.state, dialect.literal), *tuned)
+    tuned = [] if source.tuned is None else [_listed(source.tuned.first, dialect.literal)]
+    text = (*tables, *printer.texts, _listed(source.stepper.state, dialect.literal), *tuned)
     return hashlib.sha256("\n".join(text).encode()).hexdigest()
 
 
 def _listed(values, literal):
+    """Return the literals of values as a list in C, which cannot be empty."""
     return ", ".join(map(literal, values)) or "0"
 
 
@@ -652,12 +660,12 @@ def _texts(common, printer, inputs, outputs):
 
 
 def _of_avr(printer):
-    """Return the functions of a program that the library of AVR lacks, compiled for AVR alone."""
+    """Return those functions of a program that the library of AVR lacks, to be compiled there."""
     dialect, texts = printer.dialect, []
     if not isinstance(dialect, Dialect):  # integers have functions of their own
         return ""
-    for word, text in _OF_AVR.items():
-        if any(re.search(rf"\b{word}{dialect.suffix}\(", own) for own in printer.texts):
+    for word, text in _AVR_FUNCTIONS.items():
+        if any(re.search(rf"\b{word}{dialect.suffix}\(", function) for function in printer.texts):
             numbers = {"half": dialect.literal(0.5), "one": dialect.literal(1.0)}
             numbers |= {"two": dialect.literal(2.0), "t": dialect.type, "f": dialect.suffix}
             texts.append(Template(text).substitute(numbers))
@@ -668,19 +676,21 @@ _ARGS = ("u", "state->s", "state->k")  # of the step of a model
 
 
 def _reserve(printer):
-    printer.taken |= {f"{printer.prefix}_{own}" for own in _OWN}
+    """Return a printer that does not give a reserved name to another function."""
+    printer.taken |= {f"{printer.prefix}_{name}" for name in _RESERVED}
     return printer
 
 
-def _in_reals(own, expected, common, dtype):
-    dialect, step, stepper, tuned = DIALECTS[dtype], own.step, own.stepper, own.tuned
+def _in_reals(source, expected, common, dtype):
+    """Return the texts of a program in floating point by file name."""
+    dialect, step, stepper, tuned = DIALECTS[dtype], source.step, source.stepper, source.tuned
     double = DIALECTS["float64"].literal
     printer = _reserve(Printer(common["name"], dialect))
     call = f"{printer.function(step)}({', '.join(step.args(_ARGS[: len(step.taken)]))})"
     name, last = common["name"], expected.last
-    inputs = [f"u[{k}]" for k in range(own.n_inputs)] if own.by_row else ["u"]
+    inputs = [f"u[{k}]" for k in range(source.n_inputs)] if source.by_row else ["u"]
     check = _are_finite(inputs)
-    condition, lasts = _range_check(
+    condition, watched = _range_check(
         stepper,
         [*inputs, "state->output"],
         lambda k, value, is_high: dialect.literal(value),
@@ -688,12 +698,13 @@ def _in_reals(own, expected, common, dtype):
         "",
         np.finfo(dialect.number).eps,
     )
-    before = (
+    output = (
         f"    {dialect.type} output; /* of the last sample that was not refused */\n"
         "    uint32_t refused;\n",
         f", {dialect.literal(last)}, 0u",
     )
-    kept, lines = _kept(dialect.type, condition, lasts, dialect.literal(math.nan), before)
+    nan = dialect.literal(math.nan)
+    kept, lines = _outer_state(dialect.type, condition, watched, nan, output)
     lines = "".join(f"        {line}\n" for line in (f"state->output = {call};", *lines))
     common |= kept | {
         "type": dialect.type,
@@ -712,16 +723,16 @@ def _in_reals(own, expected, common, dtype):
         "refuses": _REFUSES.substitute(common, type=dialect.type),
         "refused": f"        failed |= !{name}_refuses(state, y);\n",
     }
-    lists = ["".join(f"    {double(y)},\n" for y in one) for one in expected.outputs]
+    responses = ["".join(f"    {double(y)},\n" for y in response) for response in expected.outputs]
     if expected.rules is not None:
         # a jump to another rest is no rate of the drive: the last values are unknown after it
         forgotten = ["state->extrapolated = 0u;"] * bool(condition)
-        forgotten += [f"state->last[{k}] = {dialect.literal(math.nan)};" for k in range(len(lasts))]
+        forgotten += [f"state->last[{k}] = {nan};" for k in range(len(watched))]
         common["forgotten"] = "".join(f"        {line}\n" for line in forgotten)
-        _add(common, _INIT_AT, outputs=lists[1], **_rest(own, expected, printer))
+        _add(common, _INIT_AT, outputs=responses[1], **_rest(source, expected, printer))
     if tuned is not None:
-        common |= configuration(name, own.entries, tuned, dialect, expected.values)
-        _add(common, _CONFIGURE, outputs=lists[-1])
+        common |= configuration(name, source.entries, tuned, dialect, expected.values)
+        _add(common, _CONFIGURE, outputs=responses[-1])
     inputs = [_listed(row, dialect.literal) for row in expected.drive]
     return _texts(common, printer, inputs, expected.outputs[0])
 
@@ -732,50 +743,52 @@ def _are_finite(inputs):
     return tests[0] if len(tests) == 1 else " && ".join(f"({test})" for test in tests)
 
 
-def _add(common, templates, **more):
-    """Append filled templates to the parts of the program."""
-    made = {key: template.substitute(common, **more) for key, template in templates.items()}
-    for key, text in made.items():
+def _add(common, templates, **values):
+    """Append the text of templates to the parts of the program."""
+    texts = {key: template.substitute(common, **values) for key, template in templates.items()}
+    for key, text in texts.items():
         common[key] += text
 
 
-def _rest(own, expected, printer):
+def _rest(source, expected, printer):
     """Return the values of the templates for a start at rest at another input."""
-    dialect, row = printer.dialect, own.by_row
-    rest = model_step(own.compiled_step, tuned=own.tuned, rules=expected.rules)
+    dialect, by_row = printer.dialect, source.by_row
+    rest = model_step(source.compiled_step, tuned=source.tuned, rules=expected.rules)
     low, high = ([dialect.literal(x) for x in end] for end in expected.ends)
-    given = [f"u[{k}]" for k in range(len(low))] if row else ["u"]
-    holds = [
-        f"{u} < {a} ? {a} : {u} > {b} ? {b} : {u}" for u, a, b in zip(given, low, high, strict=True)
+    inputs = [f"u[{k}]" for k in range(len(low))] if by_row else ["u"]
+    limited = [
+        f"{u} < {a} ? {a} : {u} > {b} ? {b} : {u}"
+        for u, a, b in zip(inputs, low, high, strict=True)
     ]
-    held = f"    const {dialect.type} held{f'[{len(low)}]' if row else ''} = "
-    held += f"{{{', '.join(holds)}}};\n" if row else f"{holds[0]};\n"
+    declaration = f"    const {dialect.type} held{f'[{len(low)}]' if by_row else ''} = "
+    declaration += f"{{{', '.join(limited)}}};\n" if by_row else f"{limited[0]};\n"
     level = [dialect.literal(x) for x in expected.level]
-    kind = f"(const {dialect.type}[])"
+    cast = f"(const {dialect.type}[])"
     ranges = ", ".join(f"{a:.6g} to {b:.6g}" for a, b in expected.ends.T)
     arguments = rest.args(("held", *_ARGS[1:])[: len(rest.taken)])
     return {
         "range": f"Beyond {ranges} it is held at these ends.",
-        "held": held if "held" in arguments else "",
-        "finite": _are_finite(given),
+        "held": declaration if "held" in arguments else "",
+        "finite": _are_finite(inputs),
         "call": f"{printer.function(rest)}({', '.join(arguments)})",
-        "level": f"{kind}{{{', '.join(level)}}}" if row else level[0],
+        "level": f"{cast}{{{', '.join(level)}}}" if by_row else level[0],
     }
 
 
 def _in_integers(stepper, common, drive, units):
+    """Return the texts of a program in integers by file name."""
     counts = np.round(drive / units[0]).astype(np.int64)
     step = model_step(stepper.compiled_step, with_numbers=True)
     step = reachable(step, stepper.state, limits(counts)[0] * units[0])
     ranges = Ranges(step, stepper.state, counts * units[0])
-    own, more = counts, (units, MARGIN, lambda u: answers(stepper, u))
-    counts, ends = explore(ranges, own, *more)
-    check_fast(ranges, own, *more)
+    recorded, options = counts, (units, MARGIN, lambda u: answers(stepper, u))
+    counts, ends = explore(ranges, recorded, *options)
+    check_fast(ranges, recorded, *options)
     printer = _reserve(FixedPrinter(common["name"], Fixed(), ranges=ranges))
     body, first = boundary(printer, step, stepper, ends, units)
     n_inputs = stepper.compiled_step.n_inputs
     texts = ["u"] if n_inputs is None else [f"u[{k}]" for k in range(n_inputs)]
-    condition, lasts = _range_check(
+    condition, watched = _range_check(
         stepper,
         [f"(int64_t){text}" for text in (*texts, "output")],
         lambda k, *end: _count(end[0], units[k == len(texts)], end[1], k < len(texts)),
@@ -783,11 +796,11 @@ def _in_integers(stepper, common, drive, units):
         "{} != INT64_MIN && ",
         0.0,
     )
-    kept, lines = _kept("int64_t", condition, lasts, "INT64_MIN")
+    kept, lines = _outer_state("int64_t", condition, watched, "INT64_MIN")
     body += "".join(f"    {line}\n" for line in (*lines, "return output;"))
     ranges.keep(printer.places)
-    taken, there_are = ranges.branches
-    missed = ", ".join(f"{n} of {name}" for name, n in sorted(ranges.passed_by.items()))
+    taken, known = ranges.branches
+    missed = ", ".join(f"{n} of {name}" for name, n in sorted(ranges.not_taken.items()))
     common |= (
         _INTEGERS
         | kept
@@ -799,7 +812,7 @@ def _in_integers(stepper, common, drive, units):
             ),
             "first": first,
             "body": body,
-            "covered": f"; {taken} of {there_are} branches taken"
+            "covered": f"; {taken} of {known} branches taken"
             + (f", not {missed}" if missed else ""),
         }
     )

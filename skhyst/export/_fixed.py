@@ -1,8 +1,8 @@
 """Print functions in fixed-point arithmetic: integers of 64 bits with a fixed binary point.
 
-Each number has ``f`` binary digits after the point. They are chosen so that its largest value under
-a drive leaves ``MARGIN`` bits to spare, and about 50 significant bits remain. Intermediate products
-and quotients have 128 bits.
+Each number has ``f`` binary digits after the point, in short its digits. They are chosen so that
+its largest value under a drive leaves ``MARGIN`` bits to spare, and about 50 significant bits
+remain. Intermediate products and quotients have 128 bits.
 """
 
 import math
@@ -15,13 +15,14 @@ from ._printer import ATOM, CHOICE, SYMBOLS, UNARY, FunctionText, Printer
 from ._ranges import exponent
 from ._slice import called
 
-_BITS = 62  # of a number, its sign aside
+_BITS = 62  # of a number without its sign
 MARGIN = 12  # bits by which a number may exceed its largest value under the drive
 _EXACT = 52  # bits of the mantissa of a double after the first
-_MOST = 2**62  # represents infinity
-_LONGEST = 126  # largest shift of a product or quotient
-_OF_UPPER, _OF_LOWER = {"<": "<=", ">=": ">"}, {">": ">=", "<=": "<"}
-_OF_ONE = ("cos", "exp", "expm1", "log", "log1p", "sin", "tanh")
+_INFINITY = 2**62
+_LONGEST_SHIFT = 126  # of a product or quotient
+# of `a op b`, if a positive b or a negative a is rounded to zero, and if the other one is
+_UPPER_ROUNDED, _LOWER_ROUNDED = {"<": "<=", ">=": ">"}, {">": ">=", "<=": "<"}
+_OF_ONE_NUMBER = ("cos", "exp", "expm1", "log", "log1p", "sin", "tanh")
 
 
 @dataclass(frozen=True)
@@ -42,12 +43,12 @@ def is_within(value, f):
 
 
 def scaled(value, f, is_limit=False):
-    """Return the literal of a constant; a limit may be out of range, and then is infinite."""
+    """Return the literal of a constant; a limit that is out of range becomes infinite."""
     if is_within(value, f):
         return str(round(math.ldexp(value, f)))
     if math.isnan(value) or not (is_limit or math.isinf(value)):
         raise ValueError(f"The constant {value!r} has no form in integers.")
-    return str(_MOST if value > 0.0 else -_MOST)
+    return str(_INFINITY if value > 0.0 else -_INFINITY)
 
 
 @dataclass
@@ -61,7 +62,7 @@ class FixedPrinter(Printer):
     Attributes
     ----------
     places : set
-        Branches of the program, as the interpreter names them.
+        Branches that the program contains, as the interpreter names them.
     """
 
     ranges: object = None
@@ -112,8 +113,6 @@ class FixedText(FunctionText):
         names = [p.name for p in self._params if isinstance(p, Array)]
         self._arrays = dict(zip(names, arrays, strict=False))
 
-    # digits
-
     def _digits(self, *key, part=None, step=None):
         """Return the digits of a variable, a result by its number, or an expression by its id."""
         step = self._step if step is None else step
@@ -129,8 +128,8 @@ class FixedText(FunctionText):
         """Return the digits of an array, and whether one of its numbers may be infinite."""
         ranges = self._printer.ranges
         if array.values is not None:
-            endless = any(map(math.isinf, array.values))
-            return table_digits(array) if array.kind == "real" else 0, endless
+            is_infinite = any(map(math.isinf, array.values))
+            return table_digits(array) if array.kind == "real" else 0, is_infinite
         if self._step is None:
             key = (step if array.name == "s" else None, array.name)
             return digits(ranges.of(*key)), ranges.may_be_infinite(*key)
@@ -139,10 +138,11 @@ class FixedText(FunctionText):
         return self._digits(array.name), self._may_be_infinite(array.name)
 
     def _may_be_infinite(self, *key, part=None):
+        """Whether a number may be infinite, by its key as in :meth:`_digits`."""
         return self._printer.ranges.may_be_infinite(self._step, part or self._part, *key)
 
-    def _endless(self, x):
-        """Whether a number may be infinite."""
+    def _is_unbounded(self, x):
+        """Whether an expression may be infinite."""
         match x.op:
             case "name":
                 return self._may_be_infinite(*x.args)
@@ -152,8 +152,8 @@ class FixedText(FunctionText):
                 return self._may_be_infinite(0, part=called(x))
         return self._may_be_infinite(id(x))
 
-    def _own(self, x):
-        """Return the digits of a number; None for constants, which can have any."""
+    def _digits_of(self, x):
+        """Return the digits of an expression; None for constants, which can have any."""
         if x.value is not None:
             return None
         match x.op:
@@ -167,32 +167,31 @@ class FixedText(FunctionText):
 
     def _common(self, *values):
         """Return the digits at which numbers can be added and compared: the fewest of them."""
-        own = [self._own(x) for x in values]
-        return min((f for f in own if f is not None), default=digits(1.0))
-
-    # texts
+        known = [self._digits_of(x) for x in values]
+        return min((f for f in known if f is not None), default=digits(1.0))
 
     def _statement(self, statement, path):
-        known = self._decided(statement.test) if isinstance(statement, If) else None
-        if known is None:
+        result = self._decided(statement.test) if isinstance(statement, If) else None
+        if result is None:
             if isinstance(statement, If):
-                self._has(statement, False, True)
+                self._note_branches(statement, False, True)
             return super()._statement(statement, path)
-        part = "body" if known else "orelse"
+        taken = "body" if result else "orelse"
         pad = len(path) * "    "
-        return f"{pad}{self._braced(statement, path, part)}\n" if getattr(statement, part) else ""
+        return f"{pad}{self._braced(statement, path, taken)}\n" if getattr(statement, taken) else ""
 
-    def _has(self, x, *sides):
-        """Note the branches of a statement or an expression that is written."""
+    def _note_branches(self, x, *sides):
+        """Note that the program contains these branches of a statement or an expression."""
         self._printer.places |= {((self._step, self._part), id(x), side) for side in sides}
 
     def _put(self, x, place):
+        """Return the text that assigns to a variable, or to a result, with its digits."""
         return self._fitted(x, self._digits(place))[0] if x.kind == "real" else self._text(x)
 
     def _change(self, target, value, before):
         if value.kind != "real":
             return f"{target} = {self._text(value)}"
-        return f"{target} = {self._fitted(value, self._own(before))[0]}"
+        return f"{target} = {self._fitted(value, self._digits_of(before))[0]}"
 
     def _call(self, part, args, outs, path):
         outs = [out for out in outs if out is not None]
@@ -202,17 +201,18 @@ class FixedText(FunctionText):
         pairs = [(self._digits(k, part=part, step=step), out) for k, out in enumerate(outs)]
         if len(outs) == 1 and kinds[outs[0]] == "real":
             ((f, out),) = pairs
-            return f"{out} = {self._moved(text, ATOM, f, self._digits(out))[0]};"
+            return f"{out} = {self._rescaled(text, ATOM, f, self._digits(out))[0]};"
         if len(outs) == 1:
             return f"{outs[0]} = {text};"
         moves = [
-            f"\n{len(path) * '    '}{out} = {self._moved(out, ATOM, f, self._digits(out))[0]};"
+            f"\n{len(path) * '    '}{out} = {self._rescaled(out, ATOM, f, self._digits(out))[0]};"
             for f, out in pairs
             if kinds[out] == "real" and f != self._digits(out)
         ]
         return "".join((f"{text};", *moves))
 
     def _called(self, part, args, outs=(), step=None):
+        """Return the text of a call; the digits of its arguments are those of the parameters."""
         step = self._step if step is None else step
         texts, arrays = [], []
         for arg, param in zip(part.args(args), part.args(part.function.params), strict=True):
@@ -230,21 +230,21 @@ class FixedText(FunctionText):
     def _bound(self, x):
         """Return the text of an integer or a condition, and its precedence."""
         if x.op in ("and", "or", "choice"):
-            self._has(x, *range(1, len(x.args)))
+            self._note_branches(x, *range(1, len(x.args)))
         if x.op in COMPARISONS and x.args[0].kind == "real":
             f = self._common(*x.args)
             symbol, binding = SYMBOLS[_exact_comparison(x, f)]
             a, b = (self._bracketed(y, f, 5, True) for y in x.args)
             return f"{a} {symbol} {b}", binding
         if x.op == "cast" and x.args[0].kind == "real":
-            return self._whole(x.args[0]), ATOM
+            return self._as_integer(x.args[0]), ATOM
         if x.op in ("+", "-", "*") and not self._is_place(x):
             a, b = map(self._wide, x.args)
-            return self._helper("whole", f"{a} {x.op} {b}"), ATOM
+            return self._helper("to_int32", f"{a} {x.op} {b}"), ATOM
         return super()._bound(x)
 
     def _wide(self, x):
-        """Return the text of an integer of 64 bits."""
+        """Return the text of an integer as one of 64 bits, in which no sum overflows."""
         if x.op in ("+", "-", "*") and self._is_place(x):
             a, b = map(self._wide, x.args)
             return f"({a} {x.op} {b})"
@@ -256,36 +256,35 @@ class FixedText(FunctionText):
             return x.args[0] in self._loops
         return x.op == "const" or (x.op in ("+", "-", "*") and all(map(self._is_place, x.args)))
 
-    def _whole(self, x):
-        """Return a real number as an integer."""
-        word = x.op.removeprefix("math.") if x.op.startswith("math.") else "trunc"
-        (of,) = x.args if x.op.startswith("math.") else (x,)
-        f = min(max(self._common(of), 0), _BITS)
-        text = self._fitted(of, f)[0]
-        if word == "trunc":
-            return self._helper("whole", f"{self._bracketed(of, f, 7)} / {2**f}")
-        if word == "floor":
-            return self._helper("whole", self._helper("floor", text, f))
-        return self._helper("whole", f"-{self._helper('floor', f'-({text})', f)}")
+    def _as_integer(self, x):
+        """Return the text of a real number as an integer: truncated, or its floor or ceiling."""
+        rounding = x.op.removeprefix("math.") if x.op.startswith("math.") else "trunc"
+        (number,) = x.args if x.op.startswith("math.") else (x,)
+        f = min(max(self._common(number), 0), _BITS)
+        text = self._fitted(number, f)[0]
+        if rounding == "trunc":
+            return self._helper("to_int32", f"{self._bracketed(number, f, 7)} / {2**f}")
+        if rounding == "floor":
+            return self._helper("to_int32", self._helper("floor", text, f))
+        return self._helper("to_int32", f"-{self._helper('floor', f'-({text})', f)}")
 
     def _helper(self, op, *args):
+        """Return the text of a call of a helper function."""
         return f"{self._printer.helper(op, 'real')}({', '.join(map(str, args))})"
 
-    def _bracketed(self, x, f, least, is_limit=False):
+    def _bracketed(self, x, f, precedence, is_limit=False):
+        """Return the text of :meth:`_fitted`, in parentheses if it has a lower precedence."""
         text, binding = self._fitted(x, f, is_limit)
-        return text if binding >= least else f"({text})"
+        return text if binding >= precedence else f"({text})"
 
-    def _moved(self, text, binding, own, f, endless=False):
-        """Return a number of ``own`` digits with ``f``, and its precedence.
-
-        ``endless`` is whether the number may be infinite.
-        """
-        if endless and own != f:
-            return self._helper("kept", text, own, f), ATOM
-        if own > f:
-            return self._helper("shift", text, own - f), ATOM
-        if own < f:
-            return self._helper("moved", text, own, f), ATOM
+    def _rescaled(self, text, binding, f_own, f, may_be_infinite=False):
+        """Return a number of ``f_own`` digits with ``f`` digits, and its precedence."""
+        if may_be_infinite and f_own != f:
+            return self._helper("rescaled_finite", text, f_own, f), ATOM
+        if f_own > f:
+            return self._helper("shift", text, f_own - f), ATOM
+        if f_own < f:
+            return self._helper("rescaled", text, f_own, f), ATOM
         return text, binding
 
     def _fitted(self, x, f, is_limit=False):
@@ -295,19 +294,20 @@ class FixedText(FunctionText):
         op, args = x.op, x.args
         match op:
             case "name" | "load":
-                return self._moved(super()._bound(x)[0], ATOM, self._own(x), f, self._endless(x))
+                text = super()._bound(x)[0]
+                return self._rescaled(text, ATOM, self._digits_of(x), f, self._is_unbounded(x))
             case "cast":
                 text, binding = super()._bound(x)
-                return self._moved(text, binding, 0, f)
+                return self._rescaled(text, binding, 0, f)
             case "call":
                 text = self._called(called(x), args[1:])
-                return self._moved(text, ATOM, self._own(x), f, self._endless(x))
+                return self._rescaled(text, ATOM, self._digits_of(x), f, self._is_unbounded(x))
             case "+" | "-":
-                own = self._common(*args, x)
-                b = self._bracketed(args[1], own, ATOM) if op == "-" else None
-                b = f"-{b}" if op == "-" else self._fitted(args[1], own)[0]
-                text = self._helper("sum", self._fitted(args[0], own)[0], b)
-                return self._moved(text, ATOM, own, f)
+                f_args = self._common(*args, x)
+                b = self._bracketed(args[1], f_args, ATOM) if op == "-" else None
+                b = f"-{b}" if op == "-" else self._fitted(args[1], f_args)[0]
+                text = self._helper("sum", self._fitted(args[0], f_args)[0], b)
+                return self._rescaled(text, ATOM, f_args, f)
             case "*" | "/":
                 return self._product(op, *args, f)
             case "powi" if args[1].value is not None:
@@ -317,22 +317,22 @@ class FixedText(FunctionText):
             case "choice":
                 return self._choice(x, f)
             case "min" | "max" | "abs" | "math.fabs":
-                own = self._common(*args)
-                texts = [self._fitted(y, own, True)[0] for y in args]
+                f_args = self._common(*args)
+                texts = [self._fitted(y, f_args, True)[0] for y in args]
                 text = self._helper(op[-3:], *texts)
-                return self._moved(text, ATOM, own, f, self._endless(x))
+                return self._rescaled(text, ATOM, f_args, f, self._is_unbounded(x))
             case "math.sqrt":
                 return self._power(args[0], constant(0.5), f)
             case "**" | "math.pow":
                 return self._power(*args, f)
             case "math.copysign":
-                size, sign = self._helper("abs", self._fitted(args[0], f)[0]), self._common(args[1])
-                below = f"{self._bracketed(args[1], sign, 5)} < 0"
-                return f"{below} ? -{size} : {size}", CHOICE
+                size = self._helper("abs", self._fitted(args[0], f)[0])
+                sign = self._bracketed(args[1], self._common(args[1]), 5)
+                return f"{sign} < 0 ? -{size} : {size}", CHOICE
         name = op.removeprefix("math.")
-        if name in _OF_ONE:
-            own = self._common(*args)
-            return self._helper(name, self._fitted(args[0], own)[0], own, f), ATOM
+        if name in _OF_ONE_NUMBER:
+            f_args = self._common(*args)
+            return self._helper(name, self._fitted(args[0], f_args)[0], f_args, f), ATOM
         raise ValueError(
             f"{name!r} in '{self._part.function.name}' has no form in "
             "integers: the 'dtype' must be 'float32' or 'float64'."
@@ -340,25 +340,25 @@ class FixedText(FunctionText):
 
     def _choice(self, x, f):
         test, a, b = x.args
-        known = self._decided(test)
-        if known is not None:
-            return self._fitted(a if known else b, f)
-        self._has(x, 1, 2)
+        result = self._decided(test)
+        if result is not None:
+            return self._fitted(a if result else b, f)
+        self._note_branches(x, 1, 2)
         a, b = (self._bracketed(y, f, CHOICE + 1) for y in (a, b))
         return f"{self._tight(test, CHOICE + 1)} ? {a} : {b}", CHOICE
 
     def _decided(self, test):
         """Return the result of a test that is always the same, None for other tests.
 
-        That is a comparison of equals, and with a constant out of range.
+        Such a test compares equal expressions, or a number with a constant beyond its range.
         """
         if test.op in ("and", "or"):
-            sides = [self._decided(side) for side in test.args]
-            end = test.op == "or"
-            return end if end in sides else None if None in sides else not end
+            results = [self._decided(side) for side in test.args]
+            deciding = test.op == "or"
+            return deciding if deciding in results else None if None in results else not deciding
         if test.op == "not":
-            of = self._decided(*test.args)
-            return None if of is None else not of
+            result = self._decided(*test.args)
+            return None if result is None else not result
         if test.op not in COMPARISONS or test.args[0].kind != "real":
             return None
         if test.args[0] == test.args[1]:
@@ -366,38 +366,40 @@ class FixedText(FunctionText):
         numbers = [x for x in test.args if x.value is None]
         if len(numbers) != 1:
             return None
-        (known,) = (float(x.value) for x in test.args if x.value is not None)
-        beyond = not (math.isnan(known) or is_within(known, self._common(*numbers)))
-        if not beyond or (math.isinf(known) and self._endless(*numbers)):
+        (bound,) = (float(x.value) for x in test.args if x.value is not None)
+        is_out_of_range = not (math.isnan(bound) or is_within(bound, self._common(*numbers)))
+        if not is_out_of_range or (math.isinf(bound) and self._is_unbounded(*numbers)):
             return None
         return compared(test.op, *(constant(0.0) if x in numbers else x for x in test.args)).value
 
     def _product(self, op, a, b, f):
         """Return the product or quotient of two numbers."""
         fa, fb = (
-            digits(float(x.value), _EXACT) if x.value is not None else self._own(x) for x in (a, b)
+            digits(float(x.value), _EXACT) if x.value is not None else self._digits_of(x)
+            for x in (a, b)
         )
         texts = self._fitted(a, fa)[0], self._fitted(b, fb)[0]
         n = fa + fb - f if op == "*" else f - fa + fb
-        text = self._helper("product" if op == "*" else "ratio", *texts, min(max(n, 0), _LONGEST))
-        remaining = n - min(max(n, 0), _LONGEST)  # shift that the helper cannot do
-        return self._moved(text, ATOM, remaining if op == "*" else -remaining, 0)
+        shift = min(max(n, 0), _LONGEST_SHIFT)
+        text = self._helper("product" if op == "*" else "ratio", *texts, shift)
+        remaining = n - shift  # that the helper cannot do
+        return self._rescaled(text, ATOM, remaining if op == "*" else -remaining, 0)
 
     def _whole_power(self, a, n, f):
-        """Return a power of an integer exponent, by products."""
+        """Return a power with a constant integer exponent, by products."""
         if n == 0:
             return scaled(1.0, f), UNARY
         if n == 2:
             return self._product("*", a, a, f)
-        own = self._common(a)
-        base = text = self._fitted(a, own)[0]
+        f_base = self._common(a)
+        base = text = self._fitted(a, f_base)[0]
         bits = _BITS - MARGIN
-        digits_of = own  # of the power so far: that of the largest base has as many bits
+        f_power = f_base
         for power in range(2, n + 1):
-            wanted = bits - power * (bits - own)
-            text = self._helper("product", text, base, digits_of + own - wanted)
-            digits_of = wanted
-        return self._moved(text, ATOM, digits_of, f)
+            previous = f_power
+            f_power = bits - power * (bits - f_base)  # the power of the largest base has `bits`
+            text = self._helper("product", text, base, previous + f_base - f_power)
+        return self._rescaled(text, ATOM, f_power, f)
 
     def _power(self, a, b, f):
         """Return a power of a non-negative number."""
@@ -407,15 +409,15 @@ class FixedText(FunctionText):
 
 
 def _exact_comparison(x, f):
-    """Return the comparison of numbers of ``f`` digits that zero passes as it does in Python.
+    """Return the comparison of numbers of ``f`` digits that is equivalent to one of real numbers.
 
-    That differs from the one of real numbers where a constant is rounded to zero.
+    They differ where a constant is rounded to zero: a number that is zero would be equal to it.
     """
-    known = [k for k, y in enumerate(x.args) if y.value and abs(y.value) < 0.5 ** (f + 1)]
-    if len(known) != 1:
+    vanishing = [k for k, y in enumerate(x.args) if y.value and abs(y.value) < 0.5 ** (f + 1)]
+    if len(vanishing) != 1:
         return x.op
-    is_upper = (x.args[known[0]].value > 0.0) == (known[0] == 1)  # of the other number
-    return (_OF_UPPER if is_upper else _OF_LOWER).get(x.op, x.op)
+    is_upper = (x.args[vanishing[0]].value > 0.0) == (vanishing[0] == 1)  # of the other number
+    return (_UPPER_ROUNDED if is_upper else _LOWER_ROUNDED).get(x.op, x.op)
 
 
 def boundary(printer, model, stepper, ends, units):
@@ -432,27 +434,31 @@ def boundary(printer, model, stepper, ends, units):
         Drive and response that correspond to the integer 1.
     """
     ranges, n_inputs = printer.ranges, stepper.compiled_step.n_inputs
-    row, state = n_inputs is not None, stepper.state
+    by_row, state = n_inputs is not None, stepper.state
     f = digits(ranges.of(None, "u"))
-    unit = min(max(digits(units[0], _EXACT), f), f + _LONGEST)
+    f_unit = min(max(digits(units[0], _EXACT), f), f + _LONGEST_SHIFT)
+    unit = f"{scaled(units[0], f_unit)}, {f_unit - f}"
     product, least, most = (printer.helper(op, "real") for op in ("product", "min", "max"))
+    names = [f"u[{k}]" for k in range(n_inputs)] if by_row else ["u"]
     inputs = [
-        f"{product}({least}({most}({u}, {low}), {high}), {scaled(units[0], unit)}, {unit - f})"
-        for u, low, high in zip(
-            [f"u[{k}]" for k in range(n_inputs)] if row else ["u"], *ends.tolist(), strict=True
-        )
+        f"{product}({least}({most}({u}, {low}), {high}), {unit})"
+        for u, low, high in zip(names, *ends.tolist(), strict=True)
     ]
-    lines = [f"const int64_t x{f'[{len(inputs)}]' if row else ''} = "]
-    lines[0] += f"{{{', '.join(inputs)}}};" if row else f"{inputs[0]};"
-    own = digits(ranges.of(None, model, 0))
-    per = min(max(digits(1.0 / units[1], _EXACT), -own), _LONGEST - own)
+    lines = [f"const int64_t x{f'[{len(inputs)}]' if by_row else ''} = "]
+    lines[0] += f"{{{', '.join(inputs)}}};" if by_row else f"{inputs[0]};"
+    f = digits(ranges.of(None, model, 0))
+    f_unit = min(max(digits(1.0 / units[1], _EXACT), -f), _LONGEST_SHIFT - f)
+    unit = f"{scaled(1.0 / units[1], f_unit)}, {f + f_unit}"
     call = f"{printer.function(model)}({', '.join(model.args(['x', 'state->s']))})"
-    lines += [f"const int64_t y = {product}({call}, {scaled(1.0 / units[1], per)}, {own + per});"]
-    lines += [f"const int32_t output = {printer.helper('whole', 'real')}(y);"]
-    unused = zip(("x", "state"), model.taken, strict=True)
-    lines[1:1] = [f"(void){name};" for name, used in unused if not used]
+    lines += [f"const int64_t y = {product}({call}, {unit});"]
+    lines += [f"const int32_t output = {printer.helper('to_int32', 'real')}(y);"]
+    arguments = zip(("x", "state"), model.taken, strict=True)
+    lines[1:1] = [f"(void){name};" for name, used in arguments if not used]
     first = []
-    for step, (*_, own) in ((k, s.args) for k, s in enumerate(model.body) if isinstance(s, Call)):
-        begin, f = own.offset.value, digits(ranges.of(step, "s"))
-        first += [scaled(x, f) for x in state[begin : begin + own.shape[0]]]
+    for step, statement in enumerate(model.body):
+        if not isinstance(statement, Call):
+            continue
+        part = statement.args[-1]  # of the state
+        begin, f = part.offset.value, digits(ranges.of(step, "s"))
+        first += [scaled(x, f) for x in state[begin : begin + part.shape[0]]]
     return "".join(f"    {line}\n" for line in lines), ", ".join(first) or "0"

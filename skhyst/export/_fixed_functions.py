@@ -39,15 +39,15 @@ static int64_t {n}(int64_t a, int64_t b)
     return a < -most - b ? -most : a + b;
 }}
 """,
-    "whole": """\
-/* an integer of 32 bits */
+    "to_int32": """\
+/* a, limited to 32 bits */
 static int32_t {n}(int64_t a)
 {{
     return a > INT32_MAX ? INT32_MAX : a < -INT32_MAX ? -INT32_MAX : (int32_t)a;
 }}
 """,
     "floor": """\
-/* the next whole number below a / 2^n */
+/* the largest integer not above a / 2^n */
 static int64_t {n}(int64_t a, int32_t n)
 {{
     const uint32_t down = (uint32_t)n;
@@ -123,8 +123,8 @@ static int64_t {n}(int64_t a, int64_t b, int32_t n)
     return (a < 0) != (b < 0) ? -(int64_t)whole : (int64_t)whole;
 }}
 """,
-    "moved": """\
-/* a with f digits instead of fa; what is too large stays at 2^62 */
+    "rescaled": """\
+/* a with f digits instead of fa; limited to 2^62 */
 static int64_t {n}(int64_t a, int32_t fa, int32_t f)
 {{
     const int64_t most = {TWO_62};
@@ -140,12 +140,12 @@ static int64_t {n}(int64_t a, int32_t fa, int32_t f)
     return a * {two_to}(f - fa);
 }}
 """,
-    "kept": """\
-/* as moved; a number that represents infinity is unchanged */
+    "rescaled_finite": """\
+/* a with f digits instead of fa; one that represents infinity is unchanged */
 static int64_t {n}(int64_t a, int32_t fa, int32_t f)
 {{
     const int64_t most = {TWO_62};
-    return a >= most || a <= -most ? a : {moved}(a, fa, f);
+    return a >= most || a <= -most ? a : {rescaled}(a, fa, f);
 }}
 """,
     "exp": """\
@@ -153,15 +153,15 @@ static int64_t {n}(int64_t a, int32_t fa, int32_t f)
 static int64_t {n}(int64_t a, int32_t fa, int32_t f)
 {{
     const int64_t one = {TWO_60};
-    const int64_t limited = {moved}(a, fa, 55);
+    const int64_t limited = {rescaled}(a, fa, 55);
     const int64_t k = {product}(limited, {LOG2E}, 115);
     const int64_t rest = limited - {product}(k, {LN2}, 5);
-    const int64_t r = k == 0 ? {moved}(a, fa, 60) : {moved}(rest, 55, 60);
+    const int64_t r = k == 0 ? {rescaled}(a, fa, 60) : {rescaled}(rest, 55, 60);
     int64_t y = one;
     for (int32_t i = {TERMS}; i > 0; i--) {{
         y = one + {product}(r, y, 60) / i;
     }}
-    return {moved}(y, 60 - (int32_t)k, f);
+    return {rescaled}(y, 60 - (int32_t)k, f);
 }}
 """,
     "expm1": """\
@@ -170,15 +170,15 @@ static int64_t {n}(int64_t a, int32_t fa, int32_t f)
 {{
     const int64_t one = {TWO_60};
     const int32_t g = f > 60 ? 60 : f < 0 ? 0 : f;
-    const int64_t r = {moved}(a, fa, 60);
+    const int64_t r = {rescaled}(a, fa, 60);
     if (r > -one / 2 && r < one / 2) {{
         int64_t y = one;
         for (int32_t i = {TERMS}; i > 1; i--) {{
             y = one + {product}(r, y, 60) / i;
         }}
-        return {moved}({product}(a, y, 60), fa, f);
+        return {rescaled}({product}(a, y, 60), fa, f);
     }}
-    return {moved}({exp}(a, fa, g) - {two_to}(g), g, f);
+    return {rescaled}({exp}(a, fa, g) - {two_to}(g), g, f);
 }}
 """,
     "tanh": """\
@@ -188,7 +188,7 @@ static int64_t {n}(int64_t a, int32_t fa, int32_t f)
     const int64_t one = {TWO_60};
     const int64_t decay = {exp}(a < 0 ? a : -a, fa - 1, 60);
     const int64_t size = {ratio}(one - decay, one + decay, 60);
-    return {moved}(a < 0 ? -size : size, 60, f);
+    return {rescaled}(a < 0 ? -size : size, 60, f);
 }}
 """,
     "log_ratio": """\
@@ -221,19 +221,22 @@ static int64_t {n}(int64_t a, int32_t fa, int32_t f)
         k--;
     }}
     a = {log_ratio}({ratio}(a - one, a + one, 60));
-    return k == 0 ? {moved}(a, 60, f) : {moved}({shift}(a, 5) + {product}(k, {LN2}, 5), 55, f);
+    if (k == 0) {{
+        return {rescaled}(a, 60, f);
+    }}
+    return {rescaled}({shift}(a, 5) + {product}(k, {LN2}, 5), 55, f);
 }}
 """,
     "log1p": """\
 static int64_t {n}(int64_t a, int32_t fa, int32_t f)
 {{
     const int64_t one = {TWO_60};
-    const int64_t x = {moved}(a, fa, 60);
+    const int64_t x = {rescaled}(a, fa, 60);
     const int32_t g = fa > 60 ? 60 : fa < 0 ? 0 : fa;
     if (x > -one / 4 && x < one / 2) {{
-        return {moved}({log_ratio}({ratio}(x, 2 * one + x, 60)), 60, f);
+        return {rescaled}({log_ratio}({ratio}(x, 2 * one + x, 60)), 60, f);
     }}
-    return {log}({moved}(a, fa, g) + {two_to}(g), g, f);
+    return {log}({rescaled}(a, fa, g) + {two_to}(g), g, f);
 }}
 """,
     "pow": """\
@@ -243,7 +246,7 @@ static int64_t {n}(int64_t a, int64_t b, int32_t fa, int32_t fb, int32_t f)
     if (a > 0) {{
         return {exp}({product}(b, {log}(a, fa, 55), fb), 55, f);
     }}
-    return b > 0 ? 0 : {moved}(b < 0 ? {TWO_62} : 1, 0, f);
+    return b > 0 ? 0 : {rescaled}(b < 0 ? {TWO_62} : 1, 0, f);
 }}
 """,
     "cos": """\
@@ -252,21 +255,21 @@ static int64_t {n}(int64_t a, int32_t fa, int32_t f)
 {{
     const int64_t one = {TWO_58};
     const int32_t g = fa > 56 ? 56 : fa < 0 ? 0 : fa;
-    const int64_t x = {moved}(a, fa, g);
-    const int64_t r = {moved}(x - {product}({product}(x, {TURN}, g + 62), {PI}, 59 - g), g, 58);
+    const int64_t x = {rescaled}(a, fa, g);
+    const int64_t r = {rescaled}(x - {product}({product}(x, {TURN}, g + 62), {PI}, 59 - g), g, 58);
     const int64_t square = {product}(r, r, 58);
     int64_t y = one;
     for (int32_t i = {TERMS}; i > 0; i--) {{
         y = one - {product}(square, y, 58) / (2 * i * (2 * i - 1));
     }}
-    return {moved}(y, 58, f);
+    return {rescaled}(y, 58, f);
 }}
 """,
     "sin": """\
 static int64_t {n}(int64_t a, int32_t fa, int32_t f)
 {{
     const int32_t g = fa > 56 ? 56 : fa < 0 ? 0 : fa;
-    return {cos}({moved}(a, fa, g) - {shift}({PI}, 61 - g), g, f);
+    return {cos}({rescaled}(a, fa, g) - {shift}({PI}, 61 - g), g, f);
 }}
 """,
 }

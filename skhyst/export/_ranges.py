@@ -1,7 +1,7 @@
 """Run a step to find the largest value of each number, and the branches that are taken.
 
-A branch that no sample takes is tried on a copy of the variables wherever it is skipped, so that
-the sizes of its numbers are known, too. If such a trial fails, the branch has no sizes.
+A branch that no sample takes is run on a copy of the variables wherever it is skipped, so that the
+sizes of its numbers are known, too (a trial). If that fails, the branch has no sizes.
 """
 
 import itertools
@@ -15,15 +15,15 @@ from ._interpreter import Interpreter
 
 # operations that are allowed on an infinite number
 _OF_INFINITY = {*COMPARISONS, "min", "max", "abs", "neg", "math.fabs", "math.copysign"}
-_LONGEST_TRIAL = 1000  # iterations of a loop: in a trial of a branch it may not terminate
+_LONGEST_TRIAL = 1000  # iterations of a loop: in a trial it may not terminate
 _FAILED = (ArithmeticError, ValueError, IndexError, NameError)
-_LONGEST_RUN = 1_000_000  # operations after the drive, a second
-_LONGEST_SEARCH = 200_000  # operations that lead to further branches, a fifth of a second
+_MAX_OPERATIONS = 1_000_000  # after the drive: about a second
+_MAX_SEARCH = 200_000  # of these for further branches: a fifth of a second
 _BITS = 50  # of the numbers of the program
-_FEWER = 44  # to find effects of rounding
-_BEYOND = (16, 8, 4, 2)  # multiples of the largest input of the drive at which input is limited
-_REST = 100  # samples
-_PARTS = (1.0, 1 / 16, 1 / 256)  # fractions of the drive's range
+_FEWER_BITS = 44  # with which a response that depends on rounding differs
+_LIMITS = (16, 8, 4, 2)  # multiples of the largest input of the drive at which input is limited
+_N_REST = 100  # samples
+_FRACTIONS = (1.0, 1 / 16, 1 / 256)  # of the drive's range, for jumps
 # relative levels: jumps between the ends every sample and every third sample, rests, ramps
 _JUMPS = [0, 1] * 4 + 2 * ([0] * 3 + [1] * 3) + [0.5] * 3 + [0, 0.2, 0.4, 0.6, 0.8, 1, 0.7, 0.4]
 
@@ -54,12 +54,12 @@ class Ranges(Interpreter):
         self.begin = model, state
         self._names["note"] = self._note
         self._seen, self._attempted, self._infinite = _Sizes(), _Sizes(), set()
-        self._led, self._passed = set(), set()  # branches that samples take, and do not take
-        self._sizes, self._is_trial, self._left = self._seen, False, math.inf
+        self._taken, self._skipped = set(), set()  # branches: each may be in both
+        self._sizes, self._is_trial, self._n_left = self._seen, False, math.inf
         self._is_search = False
         for u in drive:
             self.answer(u)
-        self._left = _LONGEST_RUN
+        self._n_left = _MAX_OPERATIONS
 
     def answer(self, u):
         """Return the response to the next sample of a drive, (n_inputs,)."""
@@ -72,7 +72,7 @@ class Ranges(Interpreter):
         return self.size(self._numbers.get((step, *key)))
 
     def size(self, number):
-        """Return the largest size of what lines name by a number."""
+        """Return the largest size by its key in the program that is run, an integer."""
         return self._seen.get(number, self._attempted.get(number))
 
     def may_be_infinite(self, step, *key):
@@ -82,30 +82,30 @@ class Ranges(Interpreter):
     @property
     def is_cut(self):
         """Whether the number of operations was exhausted before all samples were run."""
-        return self._left <= 0
+        return self._n_left <= 0
 
-    def search(self, most):
-        """Limit the number of further operations, and try no branch a second time."""
-        self._left, self._is_search = min(self._left, most), True
+    def search(self, n_operations):
+        """Limit the number of further operations, and start no second trial of a branch."""
+        self._n_left, self._is_search = min(self._n_left, n_operations), True
 
     @property
     def taken_branches(self):
         """Branches that samples have taken."""
-        return set(self._led)
+        return set(self._taken)
 
     @property
     def branches(self):
         """Number of branches that samples have taken, and of all that are known."""
-        return len(self._led), len(self._led | self._passed)
+        return len(self._taken), len(self._taken | self._skipped)
 
     @property
-    def passed_by(self):
+    def not_taken(self):
         """Number of branches that no sample has taken, by the name of the function."""
         places = {number: place for place, number in self._numbers.items()}
-        missed = (places[number] for number in self._passed - self._led)
+        missed = (places[number] for number in self._skipped - self._taken)
         return Counter(part.function.name for (_, part), *_ in missed)
 
-    def go_on(self, drive, bits, grows):
+    def extend(self, drive, bits, grows):
         """Run more samples; undo them if the law fails there, or numbers grow too large.
 
         Parameters
@@ -115,64 +115,70 @@ class Ranges(Interpreter):
             Number of bits by which sizes may exceed those seen before.
         grows : bool
             Whether all sizes are updated; else only those of numbers that no sample has computed,
-            or that were 0. Those of a branch that was only tried may be far from what it computes.
+            or that were 0. The sizes of a trial may be far from those of samples.
 
         Returns
         -------
         bool
             Whether the samples were accepted; if not, the state is unchanged.
         """
-        before = self.memory()
-        known, tried = self._seen, self._attempted
+        memory = self.memory()
+        known, attempted = self._seen, self._attempted
         self._sizes = self._seen = _Sizes()
-        self._attempted = _Sizes(tried)
+        self._attempted = _Sizes(attempted)
         try:
-            fits = all(self._left <= 0 or math.isfinite(self.answer(u)) for u in drive)
+            fits = all(self._n_left <= 0 or math.isfinite(self.answer(u)) for u in drive)
         except _FAILED:
             fits = False
-        new, self._seen = self._seen, _Sizes(known)
-        self._attempted.update(tried)
-        for key, size in new.items():
+        sizes, self._seen = self._seen, _Sizes(known)
+        self._attempted.update(attempted)
+        for key, size in sizes.items():
             if size and known.get(key):
                 fits = fits and exponent(size) <= exponent(known[key]) + bits
             if grows or not known.get(key):
                 self._seen[key] = max(size, known.get(key, 0.0))
         self._sizes = self._seen
         if not fits:
-            self.restore(before)
+            self.restore(memory)
         return fits
 
     def memory(self):
         """Return a copy of the state, for :meth:`restore`."""
-        seen, tried = _Sizes(self._seen), _Sizes(self._attempted)
-        sets = (set(places) for places in (self._infinite, self._led, self._passed))
-        return self._state.copy(), seen, tried, *sets
+        seen, attempted = _Sizes(self._seen), _Sizes(self._attempted)
+        sets = (set(places) for places in (self._infinite, self._taken, self._skipped))
+        return self._state.copy(), seen, attempted, *sets
 
     def restore(self, memory):
         """Restore the state of a :meth:`memory`, except for the number of operations left."""
         self._state[:], self._seen, self._attempted, *sets = memory
-        self._infinite, self._led, self._passed = sets
+        self._infinite, self._taken, self._skipped = sets
         self._sizes = self._seen
 
     def keep(self, places):
-        """Discard all branches but those of the program."""
+        """Discard the branches that the program does not contain."""
         numbers = {self._number(*place) for place in places}
-        self._led &= numbers
-        self._passed &= numbers
+        self._taken &= numbers
+        self._skipped &= numbers
 
-    def reset_branches(self, led):
+    def reset_branches(self, taken):
         """Reset the branches that are taken to another set; the others count as not taken."""
-        self._passed |= self._led - led
-        self._led = led
+        self._skipped |= self._taken - taken
+        self._taken = taken
 
     def _tables(self):
-        """Return sizes, and the branches taken, not to try again, and to note one in."""
-        passed = self._passed if self._is_search else ()
-        return self._sizes, self._led, passed, self._passed if self._is_trial else self._led
+        """Return what the program that is run calls Z, L, P and E.
+
+        Sizes; branches that samples take; branches of which no trial is needed again; and the set
+        to which a branch is added that is entered now.
+        """
+        tried = self._skipped if self._is_search else ()
+        entered = self._skipped if self._is_trial else self._taken
+        return self._sizes, self._taken, tried, entered
 
     def _noted(self, name, *key, operands=()):
-        number, more = self._number(*key), "".join(f", {x}" for x in operands)
-        return f"if not abs({name}) <= Z[{number}]: note({number}, {name}{more})"
+        """Return the line that notes the size of a variable, see :class:`Interpreter`."""
+        number, arguments = self._number(*key), "".join(f", {x}" for x in operands)
+        return f"if not abs({name}) <= Z[{number}]: note({number}, {name}{arguments})"
 
     def _note(self, number, value, *operands):
         """Note a number that is larger than before, or not finite."""
@@ -181,7 +187,7 @@ class Ranges(Interpreter):
             sizes[number] = max(float(size), sizes[number])
             return
         if operands and not self._is_trial:
-            _, part, _ = next(key for key, own in self._numbers.items() if own == number)
+            _, part, _ = next(key for key, other in self._numbers.items() if other == number)
             self._check(part.function.name, *operands)
         sizes.setdefault(number, 0.0)
         if size == math.inf:
@@ -196,8 +202,9 @@ class Ranges(Interpreter):
             self._note(number, x)
 
     def _checked(self, op, name, part):
-        own = part.function.name
-        return None if op in _OF_INFINITY else f"if {name} - {name}: self._check({own!r}, {name})"
+        if op in _OF_INFINITY:
+            return None
+        return f"if {name} - {name}: self._check({part.function.name!r}, {name})"
 
     def _check(self, function, *operands):
         if not self._is_trial and any(map(math.isinf, operands)):
@@ -214,18 +221,18 @@ class Ranges(Interpreter):
         return f"if not ({known}): self._try({number}, {trial()}, locals())"
 
     def _try(self, number, trial, variables):
-        """Run a branch that no sample has taken."""
-        self._passed.add(number)
-        before, self._sizes, self._is_trial = (self._sizes, self._is_trial), self._attempted, True
+        """Run a trial of a branch that no sample has taken."""
+        self._skipped.add(number)
+        previous, self._sizes, self._is_trial = (self._sizes, self._is_trial), self._attempted, True
         try:
             self._run_trial(trial, variables)
         except _FAILED:
             pass
         finally:
-            self._sizes, self._is_trial = before
+            self._sizes, self._is_trial = previous
 
     def _counted(self, n):
-        return f"self._left -= {n}" if n else None
+        return f"self._n_left -= {n}" if n else None
 
     def _turns(self):
         return range(_LONGEST_TRIAL) if self._is_trial else super()._turns()
@@ -239,7 +246,7 @@ class _Sizes(dict):
 
 
 class _Rounded(Interpreter):
-    """Run a model with saturating numbers of some bits, scaled to the sizes that were seen."""
+    """Run a model with saturating numbers of some bits, scaled to the sizes that are known."""
 
     _first = "E = self.taken_branches"
 
@@ -248,18 +255,18 @@ class _Rounded(Interpreter):
         self._numbers, self._units = ranges._numbers, _Units(ranges, bits)
         self._most = 2.0 ** (bits + spare)
         self._names |= {"U": self._units, "far": self._far}
-        self.taken_branches = set()  # branches that samples have taken
+        self.taken_branches = set()  # by samples
 
     def _stored(self, name, *key):
         number = self._number(*key)
-        near = f"-{self._most!r} <= {name} / U[{number}] <= {self._most!r}"
+        is_within = f"-{self._most!r} <= {name} / U[{number}] <= {self._most!r}"
         rounded = f"round({name} / U[{number}]) * U[{number}]"
-        return f"{name} = {rounded} if {near} else far({name}, U[{number}])"
+        return f"{name} = {rounded} if {is_within} else far({name}, U[{number}])"
 
     def _far(self, value, unit):
-        """Return a number without a size, not finite, or too large."""
-        kept = math.isnan(unit) or not math.isfinite(value)
-        return value if kept else math.copysign(self._most * unit, value)
+        """Return a number that is too large, limited; without a size or not finite, as it is."""
+        is_kept = math.isnan(unit) or not math.isfinite(value)
+        return value if is_kept else math.copysign(self._most * unit, value)
 
     def _entered(self, place):
         return f"E.add({self._number(*place)})"
@@ -273,8 +280,8 @@ class _Rounded(Interpreter):
         self._state[:], self.taken_branches = memory
 
     def agrees(self, drive, outputs, allowed):
-        """Run a drive and return whether the responses are these; if not, nothing has changed."""
-        before = self.memory()
+        """Run a drive; return whether the responses are the given ones; if not, undo the run."""
+        memory = self.memory()
         self._units.clear()  # of sizes that may have changed
         try:
             agrees = all(
@@ -283,12 +290,12 @@ class _Rounded(Interpreter):
         except _FAILED:
             agrees = False
         if not agrees:
-            self.restore(before)
+            self.restore(memory)
         return agrees
 
 
 class _Units(dict):
-    """Last digits of rounded numbers, NaN where a number has no size."""
+    """Values of the last digit of rounded numbers, NaN for a number without a size."""
 
     def __init__(self, ranges, bits):
         self._ranges, self._bits = ranges, bits
@@ -302,9 +309,9 @@ class _Units(dict):
 def explore(ranges, counts, units, spare, answers):
     """Extend a drive by jumps between its ends, and beyond them up to limits of the input.
 
-    A slow drive does not show how large numbers become under jumps and rests. Jumps are over the
-    full range of the drive, then over fractions of it while some branches have not been taken. The
-    test uses them, too, except where a response depends on rounding, as where a law jumps.
+    Numbers may become larger under jumps and rests than under a slow drive. Jumps are over the full
+    range of the drive, then over fractions of it while some branches have not been taken. The test
+    uses them, too, except where a response depends on rounding, as where a law jumps.
 
     Parameters
     ----------
@@ -328,31 +335,31 @@ def explore(ranges, counts, units, spare, answers):
         Limits of the input.
     """
     unit, allowed = units[0], 0.25 * units[1]  # a quarter of the tolerance of the test
-    drive, rounded = unit * counts, _Rounded(ranges, _FEWER, spare)
+    drive, rounded = unit * counts, _Rounded(ranges, _FEWER_BITS, spare)
     rounded.agrees(drive, answers(drive), math.inf)
     ranges.reset_branches(set(rounded.taken_branches))
-    *wider, (low, high) = limits(counts)
+    *wider_limits, (low, high) = limits(counts)
     n_states = len(ranges.begin[1])
 
     def follow(jumps, bits, grows):
         """Run jumps; return whether they are accepted, and whether the test can use them."""
         nonlocal drive
-        led = ranges.taken_branches
-        if not ranges.go_on(unit * jumps, bits, grows):
+        taken_before = ranges.taken_branches
+        if not ranges.extend(unit * jumps, bits, grows):
             return False, False
-        more = np.append(drive, unit * jumps, axis=0)
+        extended = np.append(drive, unit * jumps, axis=0)
         is_tested = not ranges.is_cut and rounded.agrees(
-            unit * jumps, answers(more)[len(drive) :], allowed
+            unit * jumps, answers(extended)[len(drive) :], allowed
         )
         if is_tested:
-            drive = more
+            drive = extended
             ranges.reset_branches(set(rounded.taken_branches))
         else:
-            ranges.reset_branches(led)
+            ranges.reset_branches(taken_before)
         return True, is_tested
 
-    def seek(jumps):
-        """Run jumps, undone unless the test can use them and they take further branches."""
+    def reaches_branches(jumps):
+        """Run jumps; return whether the test can use them for further branches; else undo them."""
         nonlocal drive
         before, taken = (drive, ranges.memory(), rounded.memory()), ranges.branches[0]
         if follow(jumps, spare, False)[1] and ranges.branches[0] > taken:
@@ -362,16 +369,16 @@ def explore(ranges, counts, units, spare, answers):
         rounded.restore(before[2])
         return False
 
-    for part in _PARTS:  # smaller jumps only if larger ones have missed a branch
-        jumps = _jumps(low, high, part)
+    for fraction in _FRACTIONS:  # smaller jumps only if larger ones have missed a branch
+        jumps = _jumps(low, high, fraction)
         # sizes may grow by twice the spare bits, which leaves 38
         if follow(jumps, 2 * spare, True)[1]:
             counts = np.append(counts, jumps, axis=0)
-        taken, there_are = ranges.branches
-        if taken == there_are:
+        taken, known = ranges.branches
+        if taken == known:
             break
     # the widest limits of the input at which no number exceeds its spare bits
-    for ends in (*wider, np.array([low, high])):
+    for ends in (*wider_limits, np.array([low, high])):
         jumps = _jumps(*ends)
         fits, is_tested = follow(jumps, spare, False)
         if is_tested:  # with the extreme integers, so that the test sees the input limited
@@ -380,12 +387,13 @@ def explore(ranges, counts, units, spare, answers):
             counts = np.append(counts, jumps, axis=0)
         if fits:
             break
-    ranges.search(_LONGEST_SEARCH)
-    for jumps in itertools.chain(*(_searches(*own, n_states) for own in ((low, high), ends))):
-        taken, there_are = ranges.branches
-        if taken == there_are or ranges.is_cut:
+    ranges.search(_MAX_SEARCH)
+    searches = (_searches(*pair, n_states) for pair in ((low, high), ends))
+    for jumps in itertools.chain(*searches):
+        taken, known = ranges.branches
+        if taken == known or ranges.is_cut:
             break
-        if seek(jumps):
+        if reaches_branches(jumps):
             counts = np.append(counts, jumps, axis=0)
     return counts, ends
 
@@ -393,18 +401,18 @@ def explore(ranges, counts, units, spare, answers):
 def check_fast(ranges, counts, units, spare, answers):
     """Raise a ValueError if the numbers of a program have too few digits for fast drives.
 
-    Its response to jumps and random values within the range of the drive is to be right to a unit
-    of output, or to twice the change of the Python model's under a rounding of the input.
-    Parameters are those of :func:`explore`.
+    The error of its response to jumps and random values within the range of the drive must be at
+    most a unit of output, or twice the change of the Python model's response under a rounding of
+    the input. Parameters are those of :func:`explore`.
     """
     ends = counts.min(axis=0), counts.max(axis=0)
     drive = units[0] * np.append(_jumps(*ends), _noise(*ends), axis=0)
     rounding = 2.0**-_BITS * (1.0 - 2.0 * (np.arange(len(drive)) % 2))[:, None]
-    expected, *moved = (answers(drive * (1.0 + sign * rounding)) for sign in (0, 1, -1))
-    allowed = max(units[1], 2.0 * np.abs(np.subtract(moved, expected)).max())
-    exact = _Rounded(ranges, _BITS, spare)
+    expected, *disturbed = (answers(drive * (1.0 + sign * rounding)) for sign in (0, 1, -1))
+    allowed = max(units[1], 2.0 * np.abs(np.subtract(disturbed, expected)).max())
+    rounded = _Rounded(ranges, _BITS, spare)
     try:
-        error = np.abs([exact.answer(u) for u in drive] - expected).max()
+        error = np.abs([rounded.answer(u) for u in drive] - expected).max()
     except _FAILED:
         error = math.inf
     if np.isfinite(expected).all() and not error <= allowed:
@@ -422,17 +430,17 @@ def limits(counts):
     low, high = low - (low == high), high + (low == high)
     largest = max(abs(low).max(), abs(high).max())
     symmetric = np.full((2, len(low)), [[-1], [1]])
-    return [*(symmetric * min(n * largest, 2**31 - 1) for n in _BEYOND), np.array([low, high])]
+    return [*(symmetric * min(n * largest, 2**31 - 1) for n in _LIMITS), np.array([low, high])]
 
 
-def _jumps(low, high, part=1.0):
+def _jumps(low, high, fraction=1.0):
     """Return rows of jumps between the ends."""
-    return _rows(0.5 + part * (np.array(_JUMPS) - 0.5), low, high)
+    return _rows(0.5 + fraction * (np.array(_JUMPS) - 0.5), low, high)
 
 
 def _noise(low, high):
     """Return rows of random values."""
-    return _rows(np.random.default_rng(0).random(_REST), low, high)
+    return _rows(np.random.default_rng(0).random(_N_REST), low, high)
 
 
 def _rows(levels, low, high):
@@ -442,17 +450,18 @@ def _rows(levels, low, high):
 
 
 def _searches(low, high, n_states):
-    """Yield drives that lead to branches which jumps do not take.
+    """Yield drives for branches that jumps do not take.
 
-    Values one unit apart, a ramp over the pieces of a curve, random ones, rests longer than
-    dynamics, and swings that grow, and die so slowly that each leaves its turning point in memory.
+    Values one unit apart, a ramp over the pieces of a curve, random values, rests longer than the
+    dynamics, and swings whose amplitude grows, and then falls so slowly that each turning point
+    stays in memory.
     """
     for level in (0.0, 1.0, 0.5):
         nudges = np.array([0, 1, 0, 0, -1, 0, -1, 1, 0])[:, None]
         yield np.clip(_rows(np.full(len(nudges), level), low, high) + nudges, low, high)
-    ramp = np.linspace(0.0, 1.0, _REST)
+    ramp = np.linspace(0.0, 1.0, _N_REST)
     yield _rows(np.append(ramp, ramp[::-1]), low, high)
     yield _noise(low, high)
-    yield _rows(np.repeat([1.0, 0.0], 2 * _REST), low, high)
-    fades = np.append(np.linspace(0.0, 1.0, _REST), np.linspace(1.0, 0.0, n_states + 2))
-    yield _rows(0.5 + 0.5 * fades * (-1.0) ** np.arange(len(fades)), low, high)
+    yield _rows(np.repeat([1.0, 0.0], 2 * _N_REST), low, high)
+    amplitudes = np.append(np.linspace(0.0, 1.0, _N_REST), np.linspace(1.0, 0.0, n_states + 2))
+    yield _rows(0.5 + 0.5 * amplitudes * (-1.0) ** np.arange(len(amplitudes)), low, high)

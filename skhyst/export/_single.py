@@ -1,7 +1,7 @@
-"""Error of a step in single precision: it is run with each number rounded, and compared.
+"""Error of a step in single precision: the step is run with each number rounded.
 
-If a law has fading memory, rounding errors stay small. Otherwise, as in an unstable recursion, or
-if nearly equal numbers are subtracted, they may become as large as the response.
+If a law has fading memory, rounding errors stay small. In an unstable recursion, or if nearly equal
+numbers are subtracted, they may become as large as the response.
 """
 
 import numpy as np
@@ -47,30 +47,31 @@ def check_single(model, state, drive, outputs, span, tolerance, tuned=()):
     Raises
     ------
     ValueError
-        With the step that has the largest error of its own, the error and the sample.
+        With the step whose rounding alone has the largest effect, the error and the sample.
     """
-    error, n = _lost(_Single(model, state, tuned), drive, outputs, tolerance * span)
+    error, n = _largest_error(_Single(model, state, tuned), drive, outputs, tolerance * span)
     if error <= tolerance * span:
         return
-    steps = {k: s.function.name for k, s in enumerate(model.body) if isinstance(s, Call)}
-    until = drive[:n], outputs[:n], np.inf
-    alone = {k: _lost(_Single(model, state, tuned, k), *until)[0] for k in steps}
+    names = {k: s.function.name for k, s in enumerate(model.body) if isinstance(s, Call)}
+    until_failure = drive[:n], outputs[:n], np.inf
+    errors = {k: _largest_error(_Single(model, state, tuned, k), *until_failure)[0] for k in names}
     raise ValueError(
-        f"Single precision cannot hold '{steps[max(alone, key=alone.get)]}': at sample {n} the "
+        f"Single precision cannot hold '{names[max(errors, key=errors.get)]}': at sample {n} the "
         f"response is wrong by {error / span:.1e} of the range, {tolerance:.1e} is allowed. The "
         "'dtype' must be 'float64'."
     )
 
 
-def _lost(single, drive, outputs, enough):
-    """Return the largest error up to the first beyond ``enough``, and the number of samples run."""
-    worst, n = 0.0, 0
+def _largest_error(single, drive, outputs, allowed):
+    """Return the largest error, up to one beyond ``allowed``, and the number of samples run."""
+    largest, n = 0.0, 0
     for n, (u, y) in enumerate(zip(drive, outputs, strict=True), 1):  # noqa: B007
         try:
             error = abs(single.answer(u) - y)
         except _FAILED:
             error = np.inf
-        worst = error if error > worst else worst if error <= worst else np.inf  # NaN: infinite
-        if worst > enough:
+        if not error <= largest:  # NaN counts as infinite
+            largest = np.inf if np.isnan(error) else error
+        if largest > allowed:
             break
-    return worst, n
+    return largest, n

@@ -74,8 +74,8 @@ EXACT = {  # how it is called, what it is, and the largest shift
     "ratio": ("a, b, n", quotient, 126),
     "shift": ("a, n", lambda a, b, n: rounded(a, n), 126),
     "floor": ("a, n", lambda a, b, n: a >> n, 62),
-    "whole": ("a", lambda a, b, n: max(1 - 2**31, min(a, 2**31 - 1)), 0),
-    "moved": ("a, 0, n", lambda a, b, n: a << n, 126),
+    "to_int32": ("a", lambda a, b, n: max(1 - 2**31, min(a, 2**31 - 1)), 0),
+    "rescaled": ("a, 0, n", lambda a, b, n: a << n, 126),
 }
 
 
