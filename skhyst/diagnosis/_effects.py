@@ -240,8 +240,8 @@ _BUILT_IN = (
             RateDependence("slope"),
             RateDependence("threshold", "speed"),
             RateDependence("threshold", "velocity"),
-            # the low-pass of a signed rate follows the displacement since a turning point, so that
-            # these weights imitate any hysteresis: tried last
+            # not behind a low-pass of the signed rate: that follows the displacement since a
+            # turning point, so that such weights imitate any hysteresis
             RateDependence("slope", "speed"),
         ],
         "The hysteresis itself changes with the rate of the drive.",

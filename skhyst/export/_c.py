@@ -59,7 +59,7 @@ extern "C" {
 
 ${params}typedef struct {
     $inner s[$n_states];
-$kept$tuned} ${name}_state;
+$members$tuned} ${name}_state;
 
 /* The state before the first sample. */
 void ${name}_init(${name}_state *state);
@@ -86,7 +86,7 @@ _SOURCE = Template("""\
 $guard$tables$functions
 void ${name}_init(${name}_state *state)
 {
-    static const ${name}_state first = {{$first}$kept_first$tuned_first};
+    static const ${name}_state first = {{$first}$members_first$tuned_first};
     *state = first;
 }
 $more_defined
@@ -592,7 +592,7 @@ def _outer_state(type_, condition, watched, unknown, first_members=("", "")):
         members.append(f"    {type_} last[{len(watched)}]; /* of signals whose rate is known */\n")
         first.append(f", {{{', '.join([unknown] * len(watched))}}}")
         lines += [f"state->last[{k}] = {text};" for k, text in enumerate(watched)]
-    return {"kept": "".join(members), "kept_first": "".join(first)}, lines
+    return {"members": "".join(members), "members_first": "".join(first)}, lines
 
 
 def _status(name, stepper, dtype):
@@ -704,9 +704,9 @@ def _in_reals(source, expected, common, dtype):
         f", {dialect.literal(last)}, 0u",
     )
     nan = dialect.literal(math.nan)
-    kept, lines = _outer_state(dialect.type, condition, watched, nan, output)
+    members, lines = _outer_state(dialect.type, condition, watched, nan, output)
     lines = "".join(f"        {line}\n" for line in (f"state->output = {call};", *lines))
-    common |= kept | {
+    common |= members | {
         "type": dialect.type,
         "inner": dialect.type,
         "guard": _FINITE_MATH,
@@ -796,14 +796,14 @@ def _in_integers(stepper, common, drive, units):
         "{} != INT64_MIN && ",
         0.0,
     )
-    kept, lines = _outer_state("int64_t", condition, watched, "INT64_MIN")
+    members, lines = _outer_state("int64_t", condition, watched, "INT64_MIN")
     body += "".join(f"    {line}\n" for line in (*lines, "return output;"))
     ranges.keep(printer.places)
     taken, known = ranges.branches
     missed = ", ".join(f"{n} of {name}" for name, n in sorted(ranges.not_taken.items()))
     common |= (
         _INTEGERS
-        | kept
+        | members
         | {
             "units": f"An input of 1 is {units[0]!r} and an output of 1 is {units[1]!r}, in the\n"
             "   units of the model's drive and response.",
