@@ -140,9 +140,7 @@ class InMotion:
 
     def trees(self, name, scene):
         tree, trees = scene.tree, []
-        for at, stage in enumerate(tree.stages):
-            if any(operator.owns_gain for operator in tree.operators[:at]):
-                break
+        for at, stage in _stages_to_hysteresis(tree):
             if self._enriches(stage):
                 mode, records = stage.operator.linear_mode(), scene.records_at(at)
                 starts = driven_starts(self.model, records, mode=mode)
@@ -168,9 +166,7 @@ class InFeedback:
 
     def trees(self, name, scene):
         tree, trees = scene.tree, []
-        for at, (place, linear) in enumerate(tree.stages):
-            if any(operator.owns_gain for operator in tree.operators[:at]):
-                break
+        for at, (place, linear) in _stages_to_hysteresis(tree):
             is_mode = linear.linear_mode() is not None  # see InMotion
             if moves(linear) and not is_mode and linear.n_poles[0] + 2 * linear.n_poles[1] > 1:
                 loop = Feedback(tree.models[at], self.curve)
@@ -178,6 +174,15 @@ class InFeedback:
                 edits = [Enrich(place, loop, start) for start in starts]
                 trees += scene.promising([tree.edited(name, edit) for edit in edits], at)
         return trees
+
+
+def _stages_to_hysteresis(tree):
+    """Return the numbers and stages of a series up to the first one that owns the gain.
+
+    The input of a stage behind such a part, a hysteresis, is neither a force nor a motion.
+    """
+    owners = [at for at, operator in enumerate(tree.operators) if operator.owns_gain]
+    return list(enumerate(tree.stages))[: min(owners, default=len(tree.stages)) + 1]
 
 
 def moves(linear):
@@ -453,9 +458,7 @@ class ParallelForce:
 
     def trees(self, name, scene):
         tree, trees = scene.tree, []
-        for at, (place, operator) in enumerate(tree.stages):
-            if any(before.owns_gain for before in tree.operators[:at]):
-                break  # behind it there is no motion
+        for at, (place, operator) in _stages_to_hysteresis(tree):
             parts = operator.stages if isinstance(operator, SumOperator) else (operator,)
             if not any(map(self._is_parallel, parts)):
                 continue

@@ -419,6 +419,7 @@ def _collect(search, command, held_out, comparison, experiment):
         "parameters_without": _changed_parameters(search),
         "warnings": search.warnings_,
     }
+    # NaN and infinity are no JSON: they become None
     return json.loads(json.dumps(entries, default=_plain), parse_constant=lambda _: None)
 
 
@@ -621,7 +622,7 @@ def next_steps(claims, not_it, location, verdict, faults, settings, advice="", e
         row
         for row in not_it
         if row["p_value"] >= settings["alpha"]
-        and row["change"] < -0.05
+        and row["change"] < -settings["min_improvement"]
         and row["claimed_instead"] is None
     ]
     for row in insignificant[:2]:

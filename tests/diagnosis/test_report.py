@@ -333,7 +333,7 @@ def test_what_to_measure_next():
     place |= {"concentration": 3.0, "concentration_low": 2.0, "concentration_high": 4.0}
 
     def steps(claims=(), not_it=(), location=(), verdict="noise", faults=(), experiment=None):
-        settings = {"alpha": 0.01, "max_effects": 3}
+        settings = {"alpha": 0.01, "max_effects": 3, "min_improvement": 0.05}
         return next_steps(claims, not_it, location, verdict, faults, settings, "", experiment)
 
     assert steps() == []
