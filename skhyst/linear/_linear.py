@@ -382,29 +382,30 @@ class LinearOperator(HeldInput):
 
     def _tangents(self, u, du, dt, initial_state, by_parameters):
         """Return the output and its tangents: of the input, then, if asked for, by parameters."""
-        start = np.zeros(len(self._rest()))
-        if not isinstance(initial_state, str):  # the states at the first sample
-            initial_state, start = "start", np.array(initial_state, dtype=float)
-        key = dt, initial_state, by_parameters
+        begins_at_rest = isinstance(initial_state, str) and initial_state == "rest"
+        key = dt, begins_at_rest, by_parameters
         if key not in self._memory:
             self._memory[key] = self._tangent_system(*key)
-        y, dy = state_space_tangents(self._memory[key], start, as_signal(u), as_signal(du))
+        system = self._memory[key]
+        start = np.zeros(len(system[0]))
+        if not isinstance(initial_state, str):  # the states at the first sample
+            start = np.array(initial_state, dtype=float)
+        y, dy = state_space_tangents(system, start, as_signal(u), as_signal(du))
         return y + self.intercept, dy
 
-    def _tangent_system(self, dt, initial_state, by_parameters):
+    def _tangent_system(self, dt, begins_at_rest, by_parameters):
         """Return what the tangents of every input have in common."""
-        discrete, rest = self.discrete(dt), self._rest()
-        n = len(rest)
+        discrete = self.discrete(dt)
+        n = len(discrete[0])
         shapes = (n, n), (n,), (n,), (n,), (), (n,)
-        empty = [np.empty((0, *shape)) for shape in shapes]
-        *by, rest_by = self._discrete_tangents(dt) if by_parameters else empty
-        last_input = self.init(1.0, initial_state)[1] if initial_state != "start" else None
-        if initial_state != "rest":
-            # from a zero state with a last input of zero, the first sample moves it to B1 u[0]
-            rest, rest_by = np.zeros(n), np.zeros_like(rest_by)
-            if last_input is not None:
-                rest, rest_by = discrete[2], by[2]
-        return tangent_system(discrete, by, rest, rest_by, bool(last_input))
+        if by_parameters:
+            *by, rest_by = self._discrete_tangents(dt)
+        else:
+            *by, rest_by = (np.empty((0, *shape)) for shape in shapes)
+        # otherwise the state at the first sample is zero, or given (B1 is zero for "zoh")
+        rest = self._rest() if begins_at_rest else np.zeros(n)
+        rest_by = rest_by if begins_at_rest else np.zeros_like(rest_by)
+        return tangent_system(discrete, by, rest, rest_by, begins_at_rest and not self.integrators)
 
 
 class LinearModel(ParametricModel):

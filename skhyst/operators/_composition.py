@@ -74,7 +74,7 @@ class WrappedOperator(_ByEntries):
         return (self._like,)
 
     def unpack(self, vector):
-        return self._with(self.operator.unpack(vector))
+        return self._with_values({"operator": self.operator.unpack(vector)})
 
     def at(self, schedule):
         return self._with(self.operator.at(schedule))
@@ -399,7 +399,7 @@ class Scaled(WrappedOperator):
             values[self._rows_of_lag()] = vector[n + 1 + len(curvature) :]
             lag = lag.unpack(values)
         changes = {"sensitivity": float(sensitivity), "curvature": tuple(map(float, curvature))}
-        return replace(self, operator=self.operator.unpack(vector[:n]), lag=lag, **changes)
+        return self._with_values({"operator": self.operator.unpack(vector[:n]), "lag": lag, **changes})
 
     @cached_property
     def _is_within(self):
@@ -660,7 +660,7 @@ class Scheduled(WrappedOperator):
         return np.array(self.coefficients, dtype=float)
 
     def unpack(self, vector):
-        return replace(self, coefficients=np.array(vector, dtype=float))
+        return self._with_values({"coefficients": np.array(vector, dtype=float)})
 
     def released(self):
         return replace(self.over(self.base.released()), model=None)
@@ -722,7 +722,7 @@ class Scheduled(WrappedOperator):
 
     def at(self, schedule):
         """Return the operator of a record with this schedule."""
-        return replace(self, schedule=float(schedule))
+        return self._with_values({"schedule": float(schedule)})
 
     @cached_property
     def _basis(self):
@@ -906,7 +906,7 @@ class _Composition(_ByEntries):
         return replace(self, stages=tuple(stage.released() for stage in self.stages), model=None)
 
     def at(self, schedule):
-        return replace(self, stages=tuple(stage.at(schedule) for stage in self.stages))
+        return self._with_values({"stages": tuple(stage.at(schedule) for stage in self.stages)})
 
     def starts(self, u, y, dt):
         return next(stage.starts(u, y, dt) for stage in self.stages if stage.n_start)
