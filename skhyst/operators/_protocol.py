@@ -238,8 +238,11 @@ class Operator(Part, ABC):
 
     def pack(self) -> np.ndarray:
         """Return all identifiable values as one vector."""
-        values = [np.ravel(getattr(self, name)) for name in self._sizes]
-        return np.concatenate(values).astype(float) if values else np.empty(0)
+        vector, start = np.empty(self.n_parameters), 0
+        for name, size in self._sizes.items():
+            vector[start : start + size] = np.ravel(getattr(self, name))
+            start += size
+        return vector
 
     def unpack(self, vector) -> "Operator":
         """Return a copy with other values of the identifiable parameters.
