@@ -1414,9 +1414,7 @@ def _with_movable_positions(tree):
         return MovableOperator.around(tree, np.inf) if moves else tree
     if not isinstance(tree, Series | SumOperator):
         return tree
-    stages = tuple(map(_with_movable_positions, tree.stages))
-    same = all(moved is stage for moved, stage in zip(stages, tree.stages, strict=True))
-    return tree if same else replace(tree, stages=stages)
+    return tree.with_stages([_with_movable_positions(stage) for stage in tree.stages])
 
 
 def behind_gaps(slices):

@@ -319,9 +319,8 @@ class Composition(ParametricModel, BaseComposition):
             if ordered != names:
                 moved = [stages[name] for name in ordered]
                 stages |= dict(zip(names, moved, strict=True))
-        if all(stages[name] is stage for name, stage in operator.members()):
-            return operator
-        return replace(operator, stages=tuple(stages.values())).normalized()
+        ordered = operator.with_stages(stages.values())
+        return operator if ordered is operator else ordered.normalized()
 
     def unfitted(self, operator) -> Self:
         stages = zip(operator.names, operator.stages, strict=True)

@@ -410,10 +410,10 @@ class _Responses(Operator):
         return np.array(self.vector, dtype=float)
 
     def unpack(self, vector):
-        return replace(self, vector=np.array(vector, dtype=float))
+        return self._with_values({"vector": np.array(vector, dtype=float)})
 
     def at(self, schedule):
-        return replace(self, response=int(schedule))
+        return self._with_values({"response": int(schedule)})
 
     @cached_property
     def _parts(self):

@@ -182,13 +182,12 @@ class PrandtlIshlinskiiOperator(PlaySum):
         return CompiledLaw(play_sum_step, constants, self._played(thresholds, state)[acts])
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
-        u, du = as_signal(u), as_signal(du)
-        y, _ = self.run(u, dt, self.init(u[0] if u.size else 0.0, initial_state))
-        thresholds, _, sums = self._play_form
+        thresholds, weights, sums = self._play_form
         m, n_plays = du.shape[1], thresholds.size
-        dy = np.empty((u.size, m + n_plays + 2))
+        dy = np.empty((len(u), m + n_plays + 2))
         v = as_signal(u - self.drive_offset)
-        play_tangents(v, du, thresholds, sums, np.zeros(n_plays), dy)
+        play_tangents(v, as_signal(du), thresholds, sums, np.zeros(n_plays), dy)
+        y = dy[:, m : m + n_plays] @ weights + self.intercept
         if self.form == "stop":
             plays = dy[:, m + 1 : m + n_plays]
             np.subtract(v[:, None], plays, out=plays, where=self.thresholds > 0.0)

@@ -90,7 +90,7 @@ class KelvinVoigtOperator(LinearOperator):
     def _matrices(self, p):
         n = np.size(self.compliances)
         rates = 1.0 / p[n : 2 * n]
-        return np.diag(-rates), rates, p[2 * n] * p[:n], p[2 * n]
+        return np.eye(n)[..., None] * -rates, rates, p[2 * n] * p[:n], p[2 * n]
 
 
 class KelvinVoigt(LinearModel):

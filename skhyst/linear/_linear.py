@@ -68,7 +68,6 @@ def _exponentials(z):
 
 def discretize(a, b, dt, hold):
     """Return Ad, B0, B1 for stacked matrices ``a`` (..., n, n) and ``b`` (..., n)."""
-    refuse_open_hold(hold)
     n = a.shape[-1]
     z = np.diagonal(a, axis1=-2, axis2=-1) * dt
     # `expm` is slow where it squares triangular matrices (a Python loop), and for complex ones,
@@ -85,7 +84,10 @@ def discretize(a, b, dt, hold):
         e = expm(block)
         parts = e[..., :n, :n], e[..., :n, n], e[..., :n, n + 1]
         ad, g1, g2 = map(np.ascontiguousarray, parts)  # kernels are compiled once for each layout
-    return (ad, g1 - g2, g2) if hold == "foh" else (ad, g1, np.zeros_like(g1))
+    if hold == "foh":
+        return ad, g1 - g2, g2
+    refuse_open_hold(hold)
+    return ad, g1, np.zeros_like(g1)
 
 
 def complex_gain(a, b, c, d, points):
@@ -165,16 +167,17 @@ class LinearOperator(HeldInput):
 
     @abstractmethod
     def _matrices(self, p):
-        """Return A (n, n), B (n,), C (n,), D as analytic functions of ``p``, shaped as `pack`.
+        """Return A (n, n, n_points), B (n, n_points), C and D (n_points,), analytic in ``p``.
 
-        ``p`` is complex where derivatives are taken by a complex step.
+        ``p`` (n_parameters, n_points) has the values of :meth:`pack` at several points; it is
+        complex where derivatives are taken by a complex step.
         """
 
     def state_space(self):
         """Return the continuous-time matrices A (n, n), B (n,), C (n,) and the number D."""
         if "matrices" not in self._memory:
-            *parts, d = map(np.real, self._matrices(self.pack()))
-            self._memory["matrices"] = *map(np.ascontiguousarray, parts), float(d)
+            a, b, c, d = self._matrices(self.pack()[:, None])
+            self._memory["matrices"] = a[..., 0].copy(), b[:, 0].copy(), c[:, 0].copy(), float(d[0])
         return self._memory["matrices"]
 
     def frequency_response(self, frequency):
@@ -274,10 +277,9 @@ class LinearOperator(HeldInput):
 
     def _stepped(self):
         """Return A, B, C, D for a complex step in each parameter, (n_parameters, ...) each."""
-        values = self.pack()
-        points = values + 1j * _STEP * np.eye(values.size)
-        parts = zip(*map(self._matrices, points), strict=True)
-        return [np.array(part, dtype=complex) for part in parts]
+        points = self.pack()[:, None] + 1j * _STEP * np.eye(self.n_parameters)
+        a, b, c, d = self._matrices(points)
+        return a.transpose(2, 0, 1), b.T, c.T, d
 
     def _discrete_tangents(self, dt):
         """Return the derivatives of the discrete form and of the state at rest, by parameter."""
@@ -382,29 +384,30 @@ class LinearOperator(HeldInput):
 
     def _tangents(self, u, du, dt, initial_state, by_parameters):
         """Return the output and its tangents: of the input, then, if asked for, by parameters."""
-        start = np.zeros(len(self._rest()))
-        if not isinstance(initial_state, str):  # the states at the first sample
-            initial_state, start = "start", np.array(initial_state, dtype=float)
-        key = dt, initial_state, by_parameters
+        begins_at_rest = isinstance(initial_state, str) and initial_state == "rest"
+        key = dt, begins_at_rest, by_parameters
         if key not in self._memory:
             self._memory[key] = self._tangent_system(*key)
-        y, dy = state_space_tangents(self._memory[key], start, as_signal(u), as_signal(du))
+        system = self._memory[key]
+        start = np.zeros(len(system[0]))
+        if not isinstance(initial_state, str):  # the states at the first sample
+            start = np.array(initial_state, dtype=float)
+        y, dy = state_space_tangents(system, start, as_signal(u), as_signal(du))
         return y + self.intercept, dy
 
-    def _tangent_system(self, dt, initial_state, by_parameters):
+    def _tangent_system(self, dt, begins_at_rest, by_parameters):
         """Return what the tangents of every input have in common."""
-        discrete, rest = self.discrete(dt), self._rest()
-        n = len(rest)
+        discrete = self.discrete(dt)
+        n = len(discrete[0])
         shapes = (n, n), (n,), (n,), (n,), (), (n,)
-        empty = [np.empty((0, *shape)) for shape in shapes]
-        *by, rest_by = self._discrete_tangents(dt) if by_parameters else empty
-        last_input = self.init(1.0, initial_state)[1] if initial_state != "start" else None
-        if initial_state != "rest":
-            # from a zero state with a last input of zero, the first sample moves it to B1 u[0]
-            rest, rest_by = np.zeros(n), np.zeros_like(rest_by)
-            if last_input is not None:
-                rest, rest_by = discrete[2], by[2]
-        return tangent_system(discrete, by, rest, rest_by, bool(last_input))
+        if by_parameters:
+            *by, rest_by = self._discrete_tangents(dt)
+        else:
+            *by, rest_by = (np.empty((0, *shape)) for shape in shapes)
+        # otherwise the state at the first sample is zero, or given (B1 is zero for "zoh")
+        rest = self._rest() if begins_at_rest else np.zeros(n)
+        rest_by = rest_by if begins_at_rest else np.zeros_like(rest_by)
+        return tangent_system(discrete, by, rest, rest_by, begins_at_rest and not self.integrators)
 
 
 class LinearModel(ParametricModel):

@@ -370,8 +370,8 @@ class TransferFunctionOperator(LinearOperator):
         tau, w, zeta, numerator, (gain, _) = np.split(p, np.cumsum(lengths))
         n = n_first + 2 * n_second
         # rows over (states, u): derivatives of the states, and outputs of the sections
-        system = np.zeros((n, n + 1), dtype=p.dtype)
-        unit = np.eye(n + 1, dtype=p.dtype)
+        system = np.zeros((n, n + 1, p.shape[1]), dtype=p.dtype)
+        unit = np.eye(n + 1, dtype=p.dtype)[..., None]
         level, terms = unit[n], []
         for i in range(n_first):
             system[i] = (level - unit[i]) / tau[i]
@@ -394,9 +394,12 @@ class TransferFunctionOperator(LinearOperator):
 def _integrated(a, b, c, d, count):
     """Return the matrices of a system with integrators behind it, their states last."""
     for _ in range(count):
-        n = len(b)
-        a = np.block([[a, np.zeros((n, 1))], [c[None, :], np.zeros((1, 1))]])
-        b, c, d = np.append(b, d), np.eye(n + 1, dtype=a.dtype)[n], 0.0 * d
+        a = np.pad(np.concatenate([a, c[None]]), ((0, 0), (0, 1), (0, 0)))
+        b, c, d = (
+            np.append(b, d[None], axis=0),
+            np.append(0.0 * c, 0.0 * d[None] + 1.0, axis=0),
+            0.0 * d,
+        )
     return a, b, c, d
 
 

@@ -294,8 +294,8 @@ class GrayBoxOperator(Operator):
 
     def unpack(self, vector):
         vector, n = np.asarray(vector, dtype=float), self.static.n_parameters
-        return dataclasses.replace(
-            self, static=self.static.unpack(vector[:n]), weights=vector[n:].copy()
+        return self._with_values(
+            {"static": self.static.unpack(vector[:n]), "weights": vector[n:].copy()}
         )
 
     # --------------------------------------------------------------------------------- the runs

@@ -24,28 +24,27 @@ _ROUNDING = 1e-12  # relative error power below which a series counts as predict
 
 
 def levinson(covariance, longest):
-    """Yield the best linear predictors from 1, 2, ... past samples (Levinson's recursion).
+    """Return the best linear predictors from 1, 2, ... past samples (Levinson's recursion).
 
     Parameters
     ----------
     covariance : ndarray of shape (n_lags,)
     longest : int
 
-    Yields
-    ------
-    weights : ndarray of shape (order,)
-        Of the past samples, the last one first.
-    variance : float
-        Variance of the prediction errors.
+    Returns
+    -------
+    list of (ndarray of shape (order,), float)
+        Weights of the past samples, the last one first, and variance of the prediction errors.
     """
-    weights, variance = np.empty(0), covariance[0]
+    predictors, weights, variance = [], np.empty(0), covariance[0]
     for order in range(1, min(longest, len(covariance) - 1) + 1):
         reflection = (covariance[order] - weights @ covariance[order - 1 : 0 : -1]) / variance
         weights = np.append(weights - reflection * weights[::-1], reflection)
         variance *= 1.0 - reflection**2
         if not variance > _ROUNDING * covariance[0]:
-            return
-        yield weights, variance
+            break
+        predictors.append((weights, variance))
+    return predictors
 
 
 def whitening_filter(series):
@@ -87,9 +86,8 @@ def autoregression(covariance, n):
 
 
 def _candidates(covariance, longest):
-    """Yield weights of the past, latest first, error power, and degrees of freedom."""
-    for weights, variance in levinson(covariance, longest):
-        yield weights, variance, len(weights)
+    """Return a list of weights of the past, latest first, error power, and degrees of freedom."""
+    candidates = [(*predictor, len(predictor[0])) for predictor in levinson(covariance, longest)]
     # sums of the covariance over rectangles of lags from its second integral
     integral = np.cumsum(np.append(0.5 * covariance[0], covariance[1:]))
     integral = np.append(0.0, np.cumsum(integral))
@@ -101,8 +99,9 @@ def _candidates(covariance, longest):
         gram = values[1:, :-1] + values[:-1, 1:] - values[1:, 1:] - values[:-1, :-1]
         right = np.diff(sums[edges])
         weights = np.linalg.lstsq(gram, right, rcond=None)[0]
-        yield np.repeat(weights, np.diff(edges)), covariance[0] - weights @ right, len(weights)
-    yield _fractional(covariance)
+        power = covariance[0] - weights @ right
+        candidates.append((np.repeat(weights, np.diff(edges)), power, len(weights)))
+    return [*candidates, _fractional(covariance)]
 
 
 def _fractional(covariance):

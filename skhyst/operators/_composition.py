@@ -74,7 +74,7 @@ class WrappedOperator(_ByEntries):
         return (self._like,)
 
     def unpack(self, vector):
-        return self._with(self.operator.unpack(vector))
+        return self._with_values({"operator": self.operator.unpack(vector)})
 
     def at(self, schedule):
         return self._with(self.operator.at(schedule))
@@ -399,7 +399,9 @@ class Scaled(WrappedOperator):
             values[self._rows_of_lag()] = vector[n + 1 + len(curvature) :]
             lag = lag.unpack(values)
         changes = {"sensitivity": float(sensitivity), "curvature": tuple(map(float, curvature))}
-        return replace(self, operator=self.operator.unpack(vector[:n]), lag=lag, **changes)
+        return self._with_values(
+            {"operator": self.operator.unpack(vector[:n]), "lag": lag, **changes}
+        )
 
     @cached_property
     def _is_within(self):
@@ -660,7 +662,7 @@ class Scheduled(WrappedOperator):
         return np.array(self.coefficients, dtype=float)
 
     def unpack(self, vector):
-        return replace(self, coefficients=np.array(vector, dtype=float))
+        return self._with_values({"coefficients": np.array(vector, dtype=float)})
 
     def released(self):
         return replace(self.over(self.base.released()), model=None)
@@ -722,7 +724,7 @@ class Scheduled(WrappedOperator):
 
     def at(self, schedule):
         """Return the operator of a record with this schedule."""
-        return replace(self, schedule=float(schedule))
+        return self._with_values({"schedule": float(schedule)})
 
     @cached_property
     def _basis(self):
@@ -874,7 +876,7 @@ class _Composition(_ByEntries):
         return [stage.parameter_units() for stage in self.stages]
 
     def pack(self):
-        return np.concatenate([np.empty(0), *(stage.pack() for stage in self.stages)])
+        return np.concatenate([np.empty(0), *[stage.pack() for stage in self.stages]])
 
     def unpack(self, vector):
         stages, start = [], 0
@@ -889,9 +891,12 @@ class _Composition(_ByEntries):
         return sum([stage.n_parameters for stage in self.stages])
 
     def in_order(self):
-        stages = tuple(stage.in_order() for stage in self.stages)
+        return self.with_stages([stage.in_order() for stage in self.stages])
+
+    def with_stages(self, stages):
+        """Return the node with other stages of the same names, or itself if they are its own."""
         same = all(new is old for new, old in zip(stages, self.stages, strict=True))
-        return self if same else replace(self, stages=stages)
+        return self if same else replace(self, stages=tuple(stages))
 
     def normalized(self):
         """Return a copy whose held static gains and intercepts are at their gauge values."""
@@ -906,7 +911,7 @@ class _Composition(_ByEntries):
         return replace(self, stages=tuple(stage.released() for stage in self.stages), model=None)
 
     def at(self, schedule):
-        return replace(self, stages=tuple(stage.at(schedule) for stage in self.stages))
+        return self._with_values({"stages": tuple(stage.at(schedule) for stage in self.stages)})
 
     def starts(self, u, y, dt):
         return next(stage.starts(u, y, dt) for stage in self.stages if stage.n_start)
@@ -996,7 +1001,7 @@ class Series(_Composition):
 
         If all stages are linear, the stage that keeps them takes over those of the others.
         """
-        return replace(self, stages=_gathered(self.stages))._at_gauge()
+        return self.with_stages(_gathered(self.stages))._at_gauge()
 
     def without(self, name):
         """Return the series without a stage; linear ones take over its static gain and intercept.
@@ -1298,11 +1303,11 @@ def _gathered(stages, without=None):
     ``without`` leaves out a stage. Nothing is moved if a stage owns its gain or is not linear.
     """
     kept = [i for i in range(len(stages)) if i != without]
-    scaled = [i for i, stage in enumerate(stages) if _has_transferable_gain(stage)]
+    has_owner = any(stage.owns_gain for stage in stages)
+    scaled = [i for i in range(len(stages)) if not has_owner and _has_transferable_gain(stages[i])]
     between = stages[scaled[0] : scaled[-1] + 1] if scaled else ()
     if (
         not set(scaled) & set(kept)
-        or any(stage.owns_gain for stage in stages)
         or not all(stage.signal_linear for stage in between)
         or not all({"gain", "intercept"} <= set(stages[i].parameter_specs()) for i in scaled)
     ):

@@ -171,8 +171,6 @@ class Operator(Part, ABC):
     """
 
     def __post_init__(self):
-        if "_sizes" in vars(self):
-            return  # a copy with other values, see `_with_values`
         for name, is_right, wanted in _checks(type(self)):
             if not is_right(getattr(self, name)):
                 self._require(name, False, wanted)
@@ -240,11 +238,16 @@ class Operator(Part, ABC):
 
     def pack(self) -> np.ndarray:
         """Return all identifiable values as one vector."""
-        values = [np.ravel(getattr(self, name)) for name in self._sizes]
-        return np.concatenate(values).astype(float) if values else np.empty(0)
+        vector, start = np.empty(self.n_parameters), 0
+        for name, size in self._sizes.items():
+            vector[start : start + size] = np.ravel(getattr(self, name))
+            start += size
+        return vector
 
     def unpack(self, vector) -> "Operator":
         """Return a copy with other values of the identifiable parameters.
+
+        The values are not checked: a search keeps to the bounds; see :meth:`check_values`.
 
         Parameters
         ----------
@@ -256,19 +259,27 @@ class Operator(Part, ABC):
         Operator
             A copy.
         """
-        vector = np.asarray(vector, dtype=float)
+        vector = np.array(vector, dtype=float)
         changes, start = {}, 0
         for name, size in self._sizes.items():
-            part, shape = vector[start : start + size], np.shape(getattr(self, name))
-            changes[name] = part.copy().reshape(shape) if shape else float(part[0])
+            old, part = getattr(self, name), vector[start : start + size]
+            if np.ndim(old):
+                part = part.reshape(np.shape(old))
+                # compiled loops distinguish arrays that are read-only
+                part.flags.writeable = np.asarray(old).flags.writeable
+                changes[name] = part
+            else:
+                changes[name] = float(part[0])
             start += size
         return self._with_values(changes)
 
     def _with_values(self, changes):
-        """Return a copy with other values of the same structure, faster than ``replace``."""
+        """Return a copy with other values of the same structure, which is not checked again."""
         old, new = vars(self), object.__new__(type(self))
-        vars(new).update({k: old[k] for k in _lasting(type(self)) if k in old} | changes)
-        new.__post_init__()
+        for name in _lasting(type(self)):
+            if name in old:
+                vars(new)[name] = old[name]
+        vars(new).update(changes)
         return new
 
     @abstractmethod

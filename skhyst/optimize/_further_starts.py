@@ -13,7 +13,7 @@ from scipy.special import fdtrc
 from ..noise import whiteness_p_value, whitening_filter
 from ._identify import NOISELESS, identify, problems_of
 from ._problem import OperatorProblem, record_with_history
-from ._variable_projection import random_starts, starts_near, variable_projection
+from ._variable_projection import random_starts, search_box, starts_near, variable_projection
 
 _TINY = np.finfo(float).tiny
 LEVEL = 1e-3  # significance level: the fraction of converged fits that are started again in vain
@@ -36,10 +36,11 @@ def _neighbours(problems, seed):
     problem = problems[0]
     best = variable_projection(problem, problem.x0, max_evaluations=1)
     other_starts = [p.x0 for p in problems[1:] if p.names == problem.names]
-    drawn = random_starts(problems, [best.x, *other_starts], _STARTS, seed)
+    box = search_box(problems)
+    drawn = random_starts(box, problem.linear, [best.x, *other_starts], _STARTS, seed)
     # where a threshold passes a sample, the next optimum is close; only returns of the random
     # starts are counted, since near ones would return to any local optimum
-    near = starts_near(problems, best.x, _STARTS // 2, seed)
+    near = starts_near(box, best.x, _STARTS // 2, seed)
     evaluations, runs_of_kind = 1, []  # one evaluation for the search box
     for starts, n_followed in ((drawn, _FULL_RUNS), (near, 1)):
         trials = [

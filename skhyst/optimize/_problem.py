@@ -198,11 +198,10 @@ class Unknowns:
 
     def __init__(self, entries, values):
         self.names = [name for name, _ in entries]
-        self.linear = np.array([spec.linear for _, spec in entries], dtype=bool)
-        self.log = np.array([spec.log for _, spec in entries], dtype=bool)
-        self.penalty = np.array([spec.penalty for _, spec in entries])
-        lower = np.array([spec.lower for _, spec in entries])
-        upper = np.array([spec.upper for _, spec in entries])
+        rows = [(s.linear, s.log, s.penalty, s.lower, s.upper) for _, s in entries]
+        columns = np.array(rows, dtype=float).reshape(-1, 5).T
+        self.linear, self.log = columns[:2].astype(bool)
+        self.penalty, lower, upper = columns[2:]
         with np.errstate(divide="ignore"):
             self.lower = np.where(self.log, np.log(np.maximum(lower, 0.0)), lower)
             self.upper = np.where(self.log, np.log(np.maximum(upper, 0.0)), upper)
@@ -311,12 +310,8 @@ class OperatorProblem(Unknowns):
         """Return the operator's output for a record, (n_samples,)."""
         u, skip = record.with_history()
         operator = scheduled(operator, record)
-        state = operator.init(u[0], self._begins(record))
-        return operator.run(u, record.dt, state)[0][skip:]
-
-    def _begins(self, record):
-        """Return the initial state of a record, as :meth:`Operator.init` takes it."""
-        return self.initial_state if record.start is None else record.start
+        begins = self.initial_state if record.start is None else record.start
+        return operator.run(u, record.dt, operator.init(u[0], begins))[0][skip:]
 
     def history_sensitivities(self, operator, record):
         """Return the derivatives of the output by the input history, (n, n_values).
@@ -444,9 +439,11 @@ class OperatorProblem(Unknowns):
     def _sensitivities(self, operator, record):
         """Return the operator's output for a record and its derivatives by the entries."""
         u, skip = record.with_history()
-        y, dy = scheduled(operator, record).sensitivities(
-            u, np.empty((len(u), 0)), record.dt, self._begins(record)
+        begins, du = (
+            self.initial_state if record.start is None else record.start,
+            np.empty((len(u), 0)),
         )
+        y, dy = scheduled(operator, record).sensitivities(u, du, record.dt, begins)
         return y[skip:], dy[skip:]
 
     @staticmethod

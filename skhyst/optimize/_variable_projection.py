@@ -406,31 +406,30 @@ def search_box(problems):
     return lower, np.maximum(upper, lower)
 
 
-def random_starts(problems, bases, count, random_state):
-    """Return starts (count, n) in the search box of problems, each with about half of a base.
+def random_starts(box, linear, bases, count, random_state):
+    """Return starts (count, n) in a search box, each with about half of a base.
 
     Part of a solution may be right already: starts that keep it are most often successful. Bases
     (k, n) are drawn at random, the first as often as all others together.
     """
     rng = np.random.default_rng(random_state)
-    lower, upper = search_box(problems)
-    shape = count, len(lower)
-    drawn = rng.uniform(lower, upper, shape)
+    shape = count, len(linear)
+    drawn = rng.uniform(*box, shape)
     kept = rng.random(shape) < _KEPT
-    kept[kept[:, ~problems[0].linear].all(axis=1)] = False  # the linear ones are solved anyway
+    kept[kept[:, ~linear].all(axis=1)] = False  # the linear ones are solved anyway
     if len(bases) > 1:
         others = rng.integers(1, len(bases), count)
         bases = np.asarray(bases)[np.where(rng.random(count) < 0.5, 0, others)]
     return np.where(kept, bases, drawn)
 
 
-def starts_near(problems, base, count, random_state):
-    """Return starts (count, n) between a base (n,) and values drawn from the search box.
+def starts_near(box, base, count, random_state):
+    """Return starts (count, n) between a base (n,) and values drawn from a search box.
 
     The distance from the base is random, too, uniform in its logarithm.
     """
     rng = np.random.default_rng(random_state)
-    drawn = rng.uniform(*search_box(problems), (count, len(base)))
+    drawn = rng.uniform(*box, (count, len(base)))
     return base + np.exp(rng.uniform(np.log(_NEAREST), 0.0, (count, 1))) * (drawn - base)
 
 
@@ -490,8 +489,11 @@ class VariableProjection(Method):
             return *found, evaluations
         problem, solution = found
         alternatives = [p for p in problems if p is not problem]
-        drawing = self.n_random_starts, self.random_state
-        drawn = random_starts([problem, *alternatives], [solution.x], *drawing)
+        box, drawing = (
+            search_box([problem, *alternatives]),
+            (self.n_random_starts, self.random_state),
+        )
+        drawn = random_starts(box, problem.linear, [solution.x], *drawing)
         other, more = self._best_of([(problem, x) for x in drawn])
         best = min(found, other, key=lambda pair: pair[1].cost)
         return *best, evaluations + 1 + more
