@@ -38,8 +38,10 @@ from ._candidates import (
     completed,
     fold_errors,
     halve,
+    halves,
     held_out,
     level_folds,
+    longest_held_out,
     refitted,
     screened,
 )
@@ -47,10 +49,11 @@ from ._constants import FEW, RUNG, TOLERANCE, USUAL
 from ._course import course_p_values
 from ._effects import EFFECTS
 from ._jobs import side_by_side
-from ._plausibility import has_its_name, is_plausible
+from ._plausibility import has_its_name, is_plausible, ringing_time
 from ._resolution import raised
 from ._robust import huber_weights
 from ._shortened import are_long, shortened, suffices
+from ._traits import n_ringing
 
 
 @dataclass
@@ -366,8 +369,27 @@ class Contest:
 
     def _is_needed(self, base, name, reduced):
         """Whether a model is better than without one of its effects, beyond chance."""
-        matters = self.criterion.improves_enough(reduced, base)
-        return matters and self._p_value(base, name, reduced) < self.criterion.alpha
+        return (
+            self.criterion.improves_enough(reduced, base)
+            and self._p_value(base, name, reduced) < self.criterion.alpha
+            and self._predicts_halves(base, name, reduced)
+        )
+
+    def _predicts_halves(self, base, name, reduced):
+        """Whether a mode that rings for longer than what is held out predicts half of each record.
+
+        The blocks before and behind a held-out one determine the envelope of such a ringing within
+        it, whatever has caused it, so that only the other half of the records is a test.
+        """
+        tree, records = base.structure, self.records_of(base)
+        if tree.label(name) not in tree.names or not n_ringing(tree.part(name)):
+            return True
+        if ringing_time(tree.part(name)) <= longest_held_out(records, self.folds):
+            return True
+        folds = halves(records)
+        return self.criterion.improves_enough(
+            held_out(reduced, records, folds), held_out(base, records, folds)
+        )
 
     def _keeps_names(self, candidate, base):
         """Whether effects of a candidate keep the properties of their names."""

@@ -136,12 +136,9 @@ def rings(operator, motion, records):
     end of its half-power band is below half the sampling rate, and by the records if it repeats in
     the longest of them: a slower one cannot be distinguished from a drift.
     """
-    ratios = np.ravel(getattr(operator, "damping_ratios", getattr(operator, "damping_ratio", ())))
-    if not ratios.size:
+    mode, ratio = _lightest_mode(operator)
+    if not mode:
         return -np.inf
-    modes = getattr(operator, "natural_frequencies", getattr(operator, "natural_frequency", None))
-    least = np.argmin(ratios)
-    mode, ratio = np.ravel(modes)[least], ratios[least]
     highest = np.pi / min(record.dt for record in records)
     lowest = 2.0 * np.pi * REPEATS / max(len(record.u) * record.dt for record in records)
     resolved = min(highest / (mode * (1.0 + ratio)), mode / lowest)
@@ -154,6 +151,26 @@ def rings(operator, motion, records):
     # a peak, or a notch
     shows = max(near.max() - max(rest, fast), min(rest, fast) - near.min())
     return min(margin, shows - np.log1p(NOTICEABLE))
+
+
+def _lightest_mode(operator):
+    """Return angular frequency (rad/s) and damping ratio of the least damped mode; 0, inf if none."""
+    ratios = np.ravel(getattr(operator, "damping_ratios", getattr(operator, "damping_ratio", ())))
+    if not ratios.size:
+        return 0.0, np.inf
+    modes = getattr(operator, "natural_frequencies", getattr(operator, "natural_frequency", None))
+    least = np.argmin(ratios)
+    return np.ravel(modes)[least], ratios[least]
+
+
+def ringing_time(operator):
+    """Return the time in which the free vibration of the least damped mode falls to 1/e, s.
+
+    Zero without a mode.
+    """
+    mode, ratio = _lightest_mode(operator)
+    with np.errstate(divide="ignore"):
+        return np.divide(1.0, mode * ratio) if mode else 0.0
 
 
 def responds_promptly(operator, motion, records):
