@@ -430,8 +430,11 @@ class Contest:
     # ------------------------------------------------------------------ name
 
     def named(self, base):
-        """Return a candidate with the best name at each place, and the ambiguous names of each."""
-        seen, base = set(), self._least(base)
+        """Return a candidate with the best name at each place, and the ambiguous names of each.
+
+        It is pruned first: more has been tried, and smaller models have been found, since.
+        """
+        seen, base = set(), self.prune(self._least(base))
         while self._set(base) not in seen:
             seen.add(self._set(base))
             for name in base.structure.effects:
