@@ -154,7 +154,7 @@ def rings(operator, motion, records):
 
 
 def _lightest_mode(operator):
-    """Return angular frequency (rad/s) and damping ratio of the least damped mode; 0, inf if none."""
+    """Return frequency (rad/s) and damping ratio of the least damped mode; 0, inf without one."""
     ratios = np.ravel(getattr(operator, "damping_ratios", getattr(operator, "damping_ratio", ())))
     if not ratios.size:
         return 0.0, np.inf
@@ -179,12 +179,13 @@ def responds_promptly(operator, motion, records):
     Creep without a prompt response within a record is a lag. A unit whose time constant is below
     the sampling interval is part of the prompt response: of the recording it makes a gain.
     """
-    longest = max(len(record.u) * record.dt for record in records)
-    shown = -np.expm1(-longest / np.ravel(operator.time_constants))
-    prompt = 1.0 / (1.0 + np.ravel(operator.compliances) @ shown)
+    times = np.ravel(getattr(operator, "time_constants", getattr(operator, "time_constant", None)))
     # of what relaxes, the part behind the first sample, bounded where no sample shows the rate
-    slow = np.exp(-min(record.dt for record in records) / np.ravel(operator.time_constants))
-    return min(prompt - NOTICEABLE, slow.min() - np.exp(-1.0))
+    slow = np.exp(-min(record.dt for record in records) / times).min() - np.exp(-1.0)
+    if not hasattr(operator, "compliances"):  # in parallel with the prompt response
+        return slow
+    shown = -np.expm1(-max(len(record.u) * record.dt for record in records) / times)
+    return min(1.0 / (1.0 + np.ravel(operator.compliances) @ shown) - NOTICEABLE, slow)
 
 
 def delay_beyond_sampling(operator, motion, records):

@@ -26,6 +26,11 @@ class Names:
     def part(self, name):
         return OffsetOperator(np.ones(1))
 
+    def label(self, name):
+        return name
+
+    names = ()
+
 
 def candidate(effects, error, *, own=None, n_parameters=1, cost=None, size=5, lines=()):
     """Return a candidate with those effects, of which its last step has put in one, or ``own``."""
