@@ -180,6 +180,7 @@ class Contest:
         back and grows without it, as if it were not among the effects.
         """
         barred, every, depth = set(), [], len(base.structure.effects)
+        base = self._least(base)
         while True:
             pruned = set()
             for path in self.grow(base, barred):
@@ -631,11 +632,20 @@ class Contest:
     def _is_done(self, key):
         """Whether a step is finished, by this search or by the one in its checkpoint."""
         if key in self.steps:
-            self._visited[key] = self.steps[key]
+            self._visit(key)
         return key in self.steps
 
+    def _visit(self, key):
+        """Note a step as one of this search, and its candidates as known ones."""
+        if key in self._visited:
+            return
+        self._visited[key] = self.steps[key]
+        if self.renew is None:
+            for candidate in self.steps[key]["candidates"]:
+                self._least(candidate)
+
     def _keep(self, key, candidates, rows=(), n_tried=0, in_pairs=False):
-        self._visited[key] = self.steps[key] = {
+        self.steps[key] = {
             "candidates": candidates,
             "rows": list(rows),
             "n_tried": n_tried,
@@ -645,6 +655,7 @@ class Contest:
             ],
         }
         self._failures.clear()
+        self._visit(key)
         if self.keep is not None:
             self.keep(self.steps)
 
