@@ -241,6 +241,19 @@ def level_folds(records):
     return [(~test, test) for test in (np.abs(levels[owner] - level) <= near for level in inner)]
 
 
+def halves(records):
+    """Return the two folds that hold out one half of the segments of each record."""
+    test = np.concatenate([2 * np.arange(len(r.segments)) < len(r.segments) for r in records])
+    return [(~test, test), (test, ~test)]
+
+
+def longest_held_out(records, folds):
+    """Return the longest time that a fold holds out of one record, s."""
+    owner = np.repeat(np.arange(len(records)), [len(record.segments) for record in records])
+    lengths = [r.dt * (stop - start) for r in records for start, stop in r.segments]
+    return max(np.bincount(owner[test], np.compress(test, lengths)).max() for _, test in folds)
+
+
 def extrapolated(records, folds):
     """Return the fraction of held-out samples whose drive is outside the fitted range."""
     drives = [r.drive[start:stop] for r in records for start, stop in r.segments]

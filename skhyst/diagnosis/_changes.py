@@ -477,8 +477,8 @@ class ParallelForce:
 
 
 @dataclass(frozen=True)
-class ParallelCurve(ParallelForce):
-    """A curve in parallel with a hysteresis or with the forces of a force model."""
+class BesideHysteresis(ParallelForce):
+    """A model in parallel with a hysteresis, or with the forces of a force model."""
 
     def _is_parallel(self, part):
         force_driven = part.linear_mode() is not None or part.n_start

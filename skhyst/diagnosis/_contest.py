@@ -38,8 +38,10 @@ from ._candidates import (
     completed,
     fold_errors,
     halve,
+    halves,
     held_out,
     level_folds,
+    longest_held_out,
     refitted,
     screened,
 )
@@ -47,10 +49,11 @@ from ._constants import FEW, RUNG, TOLERANCE, USUAL
 from ._course import course_p_values
 from ._effects import EFFECTS
 from ._jobs import side_by_side
-from ._plausibility import has_its_name, is_plausible
+from ._plausibility import has_its_name, is_plausible, ringing_time
 from ._resolution import raised
 from ._robust import huber_weights
 from ._shortened import are_long, shortened, suffices
+from ._traits import n_ringing
 
 
 @dataclass
@@ -177,6 +180,7 @@ class Contest:
         back and grows without it, as if it were not among the effects.
         """
         barred, every, depth = set(), [], len(base.structure.effects)
+        base = self._least(base)
         while True:
             pruned = set()
             for path in self.grow(base, barred):
@@ -366,8 +370,27 @@ class Contest:
 
     def _is_needed(self, base, name, reduced):
         """Whether a model is better than without one of its effects, beyond chance."""
-        matters = self.criterion.improves_enough(reduced, base)
-        return matters and self._p_value(base, name, reduced) < self.criterion.alpha
+        return (
+            self.criterion.improves_enough(reduced, base)
+            and self._p_value(base, name, reduced) < self.criterion.alpha
+            and self._predicts_halves(base, name, reduced)
+        )
+
+    def _predicts_halves(self, base, name, reduced):
+        """Whether a mode that rings for longer than what is held out predicts half of each record.
+
+        The blocks before and behind a held-out one determine the envelope of such a ringing within
+        it, whatever has caused it, so that only the other half of the records is a test.
+        """
+        tree, records = base.structure, self.records_of(base)
+        if tree.label(name) not in tree.names or not n_ringing(tree.part(name)):
+            return True
+        if ringing_time(tree.part(name)) <= longest_held_out(records, self.folds):
+            return True
+        folds = halves(records)
+        return self.criterion.improves_enough(
+            held_out(reduced, records, folds), held_out(base, records, folds)
+        )
 
     def _keeps_names(self, candidate, base):
         """Whether effects of a candidate keep the properties of their names."""
@@ -408,8 +431,11 @@ class Contest:
     # ------------------------------------------------------------------ name
 
     def named(self, base):
-        """Return a candidate with the best name at each place, and the ambiguous names of each."""
-        seen, base = set(), self._least(base)
+        """Return a candidate with the best name at each place, and the ambiguous names of each.
+
+        It is pruned first: more has been tried, and smaller models have been found, since.
+        """
+        seen, base = set(), self.prune(self._least(base))
         while self._set(base) not in seen:
             seen.add(self._set(base))
             for name in base.structure.effects:
@@ -606,11 +632,20 @@ class Contest:
     def _is_done(self, key):
         """Whether a step is finished, by this search or by the one in its checkpoint."""
         if key in self.steps:
-            self._visited[key] = self.steps[key]
+            self._visit(key)
         return key in self.steps
 
+    def _visit(self, key):
+        """Note a step as one of this search, and its candidates as known ones."""
+        if key in self._visited:
+            return
+        self._visited[key] = self.steps[key]
+        if self.renew is None:
+            for candidate in self.steps[key]["candidates"]:
+                self._least(candidate)
+
     def _keep(self, key, candidates, rows=(), n_tried=0, in_pairs=False):
-        self._visited[key] = self.steps[key] = {
+        self.steps[key] = {
             "candidates": candidates,
             "rows": list(rows),
             "n_tried": n_tried,
@@ -620,6 +655,7 @@ class Contest:
             ],
         }
         self._failures.clear()
+        self._visit(key)
         if self.keep is not None:
             self.keep(self.steps)
 

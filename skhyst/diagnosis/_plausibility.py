@@ -136,12 +136,9 @@ def rings(operator, motion, records):
     end of its half-power band is below half the sampling rate, and by the records if it repeats in
     the longest of them: a slower one cannot be distinguished from a drift.
     """
-    ratios = np.ravel(getattr(operator, "damping_ratios", getattr(operator, "damping_ratio", ())))
-    if not ratios.size:
+    mode, ratio = _lightest_mode(operator)
+    if not mode:
         return -np.inf
-    modes = getattr(operator, "natural_frequencies", getattr(operator, "natural_frequency", None))
-    index = np.argmin(ratios)
-    mode, ratio = np.ravel(modes)[index], ratios[index]
     highest = np.pi / min(record.dt for record in records)
     lowest = 2.0 * np.pi * REPEATS / max(len(record.u) * record.dt for record in records)
     resolved = min(highest / (mode * (1.0 + ratio)), mode / lowest)
@@ -156,18 +153,40 @@ def rings(operator, motion, records):
     return min(margin, prominence - np.log1p(NOTICEABLE))
 
 
+def _lightest_mode(operator):
+    """Return frequency (rad/s) and damping ratio of the least damped mode; 0, inf without one."""
+    ratios = np.ravel(getattr(operator, "damping_ratios", getattr(operator, "damping_ratio", ())))
+    if not ratios.size:
+        return 0.0, np.inf
+    modes = getattr(operator, "natural_frequencies", getattr(operator, "natural_frequency", None))
+    least = np.argmin(ratios)
+    return np.ravel(modes)[least], ratios[least]
+
+
+def ringing_time(operator):
+    """Return the time in which the free vibration of the least damped mode falls to 1/e, s.
+
+    Zero without a mode.
+    """
+    mode, ratio = _lightest_mode(operator)
+    with np.errstate(divide="ignore"):
+        return np.divide(1.0, mode * ratio) if mode else 0.0
+
+
 def responds_promptly(operator, motion, records):
     """Return margins of creep: of its prompt response, and of the rate of its fastest unit.
 
     Creep whose prompt response is a negligible part of that within a record is a lag. A unit whose
     time constant is below the sampling interval is part of the prompt response.
     """
-    longest = max(len(record.u) * record.dt for record in records)
-    relaxed = -np.expm1(-longest / np.ravel(operator.time_constants))
-    prompt = 1.0 / (1.0 + np.ravel(operator.compliances) @ relaxed)
+    times = np.ravel(getattr(operator, "time_constants", getattr(operator, "time_constant", None)))
     # what still relaxes after the first sample: bounded where no sample determines the rate
-    unsampled = np.exp(-min(record.dt for record in records) / np.ravel(operator.time_constants))
-    return min(prompt - NOTICEABLE, unsampled.min() - np.exp(-1.0))
+    unsampled = np.exp(-min(record.dt for record in records) / times).min() - np.exp(-1.0)
+    if not hasattr(operator, "compliances"):  # in parallel with the prompt response
+        return unsampled
+    relaxed = -np.expm1(-max(len(record.u) * record.dt for record in records) / times)
+    prompt = 1.0 / (1.0 + np.ravel(operator.compliances) @ relaxed)
+    return min(prompt - NOTICEABLE, unsampled)
 
 
 def delay_beyond_sampling(operator, motion, records):

@@ -12,19 +12,21 @@ from skhyst.diagnosis._candidates import (
     Candidate,
     extrapolated,
     halve,
+    halves,
     held_out,
     held_out_residuals,
     level_folds,
+    longest_held_out,
     refitted,
     screened,
 )
 from skhyst.diagnosis._contest import Contest
 from skhyst.diagnosis._criterion import Criterion
-from skhyst.diagnosis._edits import AddDisturbance, Schedule
+from skhyst.diagnosis._edits import AddDisturbance, Insert, Schedule
 from skhyst.diagnosis._tree import Tree
 from skhyst.disturbance import Drift, Offset, PeriodicDisturbance
 from skhyst.hysteresis import PrandtlIshlinskii
-from skhyst.linear import Gain, GainOperator
+from skhyst.linear import Gain, GainOperator, SecondOrderMode, SecondOrderModeOperator
 from skhyst.optimize import OperatorProblem, RecordData, predicted_cost, variable_projection
 
 
@@ -274,3 +276,27 @@ def test_a_line_in_the_level_must_suit_the_levels_between(gains, told):
     folds = block_folds(records)
     contest = Contest(effects, records, folds, criterion, 1, 1, 0.0, print, None, None)
     assert contest._predicts_levels(candidate, base, records) == told
+
+
+def test_halves_and_blocks_are_counted_record_by_record():
+    records = some_records(0, count=2)
+    for train, test in halves(records):
+        assert np.all(train != test)
+        assert test.reshape(2, 6).sum(axis=1).tolist() == [3, 3]
+    assert longest_held_out(records, block_folds(records)) == 0.8  # of two segments
+
+
+@pytest.mark.parametrize(("truth", "damping", "needed"), [(1, 1e-3, 1), (0, 1e-3, 0), (0, 0.1, 1)])
+def test_a_mode_that_outlasts_a_block_predicts_half_of_the_record(truth, damping, needed):
+    """Without a mode in the data the shorter ringing is only tested in blocks."""
+    mode = SecondOrderModeOperator(60.0, damping)
+    [record] = some_records(3, count=1)
+    noise = 0.02 * np.random.default_rng(3).standard_normal(len(record.u))
+    y = (mode.run(record.u, 0.01)[0] if truth else record.u) + noise
+    records = [replace(record, y=y)]
+    base = Tree.from_result(Gain(), Gain().identify(records))
+    trees = base, base.edited("resonance", Insert(SecondOrderMode(), mode))
+    reduced, full = (candidate_of(tree, records) for tree in trees)
+    folds, criterion = block_folds(records), Criterion(0.01, 0.05)
+    contest = Contest([], records, folds, criterion, 1, 1, 0.0, print, None, None)
+    assert contest._predicts_halves(full, "resonance", reduced) == needed

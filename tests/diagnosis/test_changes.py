@@ -12,6 +12,7 @@ from skhyst.diagnosis import EFFECTS
 from skhyst.diagnosis._changes import (
     AtJoints,
     BehindHysteresis,
+    BesideHysteresis,
     Driven,
     FirstHysteresis,
     Folded,
@@ -25,7 +26,6 @@ from skhyst.diagnosis._changes import (
     LoadedMotion,
     MoreTerms,
     MovedModes,
-    ParallelCurve,
     ParallelForce,
     PerRecord,
     RateDependence,
@@ -111,7 +111,8 @@ WITHOUT_COLUMNS = [
     (AtJoints(FirstOrderLag()), {"plays", "plays, mode"}),  # linear dynamics commute
     (ParallelForce(MaxwellSlip()), {"force"}),
     (ParallelForce(MaxwellSlip(), with_gain=True), {"force", "gain"}),
-    (ParallelCurve(SmoothCurve(3, passes=False)), {"force", "plays", "plays, mode"}),
+    (BesideHysteresis(SmoothCurve(3, passes=False)), {"force", "plays", "plays, mode"}),
+    (BesideHysteresis(FirstOrderLag(fit_intercept=False)), {"force", "plays", "plays, mode"}),
     (BehindHysteresis(SmoothCurve(3)), {"plays", "plays, mode"}),
     (MoreTerms(FreeMass(cubic_stiffness=True)), set()),
     (InFeedback(SmoothCurve(3)), set()),

@@ -26,6 +26,11 @@ class Names:
     def part(self, name):
         return OffsetOperator(np.ones(1))
 
+    def label(self, name):
+        return name
+
+    names = ()
+
 
 def candidate(effects, error, *, own=None, n_parameters=1, cost=None, size=5, lines=()):
     """Return a candidate with those effects, of which its last step has put in one, or ``own``."""
@@ -128,6 +133,16 @@ def test_a_step_is_done_once_and_kept(known):
     assert again.n_tried == 4
     assert set(contest.seconds) == {"screening", "contest"}
     assert all(0.0 <= spent < 60.0 for spent in contest.seconds.values())
+
+
+def test_a_model_without_an_effect_is_the_best_that_was_found(known, monkeypatch):
+    """A fit from where an effect was may fail; what was found before is better."""
+    again = contest_of(steps={})
+    for contest in (contest_of(steps=again.steps), again):  # the second goes on with the first's
+        screening(contest, {"a": 0.5, "b": 0.7})
+        contest.extended(candidate("", 1.0))
+        monkeypatch.setattr(contest, "_without_effect", lambda base, name: candidate("a", 0.9))
+        assert contest.without(candidate("ab", 0.4), "b").error == 0.5
 
 
 def test_beside_other_effects_those_are_tried_that_have_helped_before(known):

@@ -299,6 +299,10 @@ def test_creep_has_a_prompt_response(compliance, time_constant, stays):
     operator = KelvinVoigtOperator(np.array([compliance]), np.array([time_constant]))
     records = [RecordData(np.zeros(1001), np.zeros(1001), 0.01)]
     assert (EFFECTS["creep"].plausible(operator, np.zeros(1001), records) > 0.0) == stays
+    beside = FirstOrderLagOperator(1e-2 * compliance)  # of what is prompt
+    assert (EFFECTS["creep"].plausible(beside, np.zeros(1001), records) > 0.0) == (
+        beside.time_constant > 0.01
+    )
 
 
 @pytest.mark.parametrize(("half_gap", "stays"), [(0.02, False), (0.2, True)])
