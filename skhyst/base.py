@@ -739,7 +739,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """Return a fit and its records, those behind missing rows with an input history.
 
         A record that continues behind a gap begins in motion: the drive in the gap is estimated,
-        unless this improves the fit no more than chance does.
+        unless this improves the fit no more than chance does. Beside start values it is not, so that
+        the rows of such records have weight zero then if a part depends on it.
 
         Parameters
         ----------
@@ -762,6 +763,21 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         if operator.n_start:  # it does not forget a wrong start: the other records know better
             others = [r for r, is_behind in zip(records, which, strict=True) if not is_behind]
             begins.append(identified(self, others)[1])
+            if _has_other_memory(operator):
+                n_rows = sum(len(records[number].u) for number in behind)
+                warnings.warn(
+                    f"{n_rows} rows behind missing rows are left out of the fit of "
+                    f"{type(self).__name__}: how they begin is not known, of its part without a "
+                    "state of rest and of others that remember the drive.",
+                    ConvergenceWarning,
+                    stacklevel=5,
+                )
+                records = [
+                    replace(r, weights=np.zeros(len(r.u))) if is_behind else r
+                    for r, is_behind in zip(records, which, strict=True)
+                ]
+                begin = begins[1].operator, begins[1].disturbances
+                return refine(self, [begin], records, method), records
         options = {"which": which, "initial_state": state}
         ends = [with_input_history(begin, records, method, **options) for begin in begins]
         refitted = min(ends, key=lambda end: end.error)
@@ -847,13 +863,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         if estimated and result.input_history is None:
             field_name = "start" if result.operator.n_start else "before"
             if any(getattr(record, field_name) is None for record in records):
-                # the fit from rest may have ended in another local optimum: start a second time
-                # from the later halves of the records, in which the start hardly matters
-                model, late = identified(self, later_halves(records))
-                further = [(late.operator, late.disturbances)]
-                if late.operator.signal_linear:
-                    starts = model.starting_values(records)
-                    further += [(start, late.disturbances) for start in starts]
+                further = () if result.operator.n_start else self._fits_of_later_halves(records)
                 result = with_input_history(result, records, self.method, further=further)
             else:
                 known = np.array([np.atleast_1d(getattr(record, field_name)) for record in records])
@@ -862,6 +872,19 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         for message, kind in self.fit_warnings(result, records):
             warnings.warn(message, kind, stacklevel=4)
         return self.adopt(result)
+
+    def _fits_of_later_halves(self, records):
+        """Return further starts of a fit that estimates how records begin.
+
+        The fit from rest may have ended in another local optimum. In the later halves of the
+        records the start hardly matters.
+        """
+        model, late = identified(self, later_halves(records))
+        further = [(late.operator, late.disturbances)]
+        if late.operator.signal_linear:
+            starts = model.starting_values(records)
+            further += [(start, late.disturbances) for start in starts]
+        return further
 
     def _with_position_errors(self, result, records):
         """Return a result whose standard errors hold those of positions that the fit has moved."""
@@ -928,6 +951,23 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             yield (
                 f"A straight line, {'rising' if slope > 0.0 else 'falling'} with the drive, "
                 f"predicts the response clearly better than {name} does: {remedy}.",
+                ConvergenceWarning,
+            )
+        if (
+            result.input_history is not None
+            and result.operator.n_start
+            and _has_other_memory(result.operator)
+            and is_coloured(
+                result,
+                [
+                    record_with_history(result.operator, *pair)
+                    for pair in zip(records, result.input_history, strict=True)
+                ],
+            )
+        ):
+            yield (
+                f"Start values are those of the part of {name} without a state of rest: the others "
+                "begin at rest, and the residual is not white.",
                 ConvergenceWarning,
             )
         if _is_constant(result.operator) and any(np.ptp(record.y) > 0.0 for record in records):
@@ -1347,7 +1387,7 @@ def _refuse_other_parts(tree):
         _refuse_other_parts(part)
 
 
-def warn_of_unmatched_response(model, run, known):
+def warn_of_unmatched_response(model, run, known, stacklevel=3):
     """Warn if a run of a model has little to do with a known response, as in another unit.
 
     Parameters
@@ -1356,6 +1396,8 @@ def warn_of_unmatched_response(model, run, known):
         Fitted.
     run, known : ndarray of shape (n_samples,)
         The run from the best start, and the response, NaN where it is not known.
+    stacklevel : int, default=3
+        Of the warning.
     """
     given = np.isfinite(known)
     # about as many values are estimated: fewer samples do not suffice
@@ -1376,7 +1418,7 @@ def warn_of_unmatched_response(model, run, known):
             f"{error:.3g}, that of the fit was {model.fit_error_:.3g}. Is it the same device, in "
             "the same units?",
             ConvergenceWarning,
-            stacklevel=3,
+            stacklevel=stacklevel,
         )
 
 
@@ -1415,6 +1457,13 @@ def _with_movable_positions(tree):
     if not isinstance(tree, Series | SumOperator):
         return tree
     return tree.with_stages([_with_movable_positions(stage) for stage in tree.stages])
+
+
+def _has_other_memory(operator):
+    """Whether a part with a state of rest depends on the drive before a record."""
+    if not operator.n_start:
+        return not operator.memoryless
+    return any(map(_has_other_memory, operator.children))
 
 
 def behind_gaps(slices):

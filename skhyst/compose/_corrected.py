@@ -1,5 +1,6 @@
 """Any regressor with physical effects in series and in parallel."""
 
+import warnings
 from copy import copy
 from dataclasses import replace
 from functools import partial
@@ -231,7 +232,11 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         last = backfitting.alternate(
             Turn(targets, predictions, *start), problem_of, refit, train, self.max_iter
         )
-        effects.adopt(last.effects[0])
+        result, begun = last.effects
+        records = records_of(backfitting.out_of_fold(last.predictions), begun)
+        for message, kind in effects.fit_warnings(result, records):
+            warnings.warn(message, kind, stacklevel=3)
+        effects.adopt(result)
         estimator = backfitting.fitted(last.targets)
         return self._assemble(estimator, effects, slices, 1 + last.number)
 

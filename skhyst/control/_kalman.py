@@ -78,6 +78,12 @@ class CompiledObserver(CompiledParts):
         n = len(self.parts[1].constants[1])
         return s[-2 - n], s[-1 - n], np.sqrt(self.variance)
 
+    def predicted(self, estimate, s):
+        """Return the free run of the model at the last sample."""
+        _, gain, output = self.parts[1].constants
+        n = len(gain)
+        return estimate - output @ s[-1 - 2 * n : -1 - n]
+
     def innovating(self, s):
         """Return a function of the next rows that returns their innovations and updates ``s``."""
         run = self.streaming(s)

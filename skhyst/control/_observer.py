@@ -144,7 +144,8 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         self.method = method
 
     def __getstate__(self):
-        return {k: v for k, v in super().__getstate__().items() if k != "_stream"}  # compiled
+        state = super().__getstate__()  # without the stream, which is compiled
+        return {k: v for k, v in state.items() if k not in {"_stream", "_recent"}}
 
     @fit_context(prefer_skip_nested_validation=False)
     def fit(self, X, y) -> Self:
@@ -295,7 +296,9 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
     def update(self, u, y) -> float:
         """Process the drive and the reading at the next sample, and return the estimate.
 
-        The first sample after the fit or a :meth:`reset` is that of a device at rest.
+        The first sample after the fit or a :meth:`reset` is that of a device at rest. Whenever as
+        many samples have passed as the shortest record of the fit has, readings that do not follow
+        the model, such as those in another unit, are warned of.
 
         Parameters
         ----------
@@ -319,9 +322,13 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         compiled_step, stream = getattr(self, "_stream", None) or (None, None)
         if stream is None:
             compiled_step = self.compiled_step(None, u)
-            stream = Stepper(compiled_step)
+            stream, self._recent = Stepper(compiled_step), []
         self.estimate = stream.step(np.append(u, y))
         self._stream = compiled_step, stream
+        self._recent.append((compiled_step.predicted(self.estimate, stream.state), float(y)))
+        if len(self._recent) >= min(record.n_samples for record in self.model_.records_):
+            self._compare(*np.transpose(self._recent))
+            self._recent = []
         return self.estimate
 
     @property
@@ -363,10 +370,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         state = self.model_.free_run_state
         run = run_records(self.model_.operator_, signal, slices, state, schedules)
         for s in slices:
-            own, known = run[s.rows], np.where(read[s.rows], y[s.rows], np.nan)
-            # the random walk takes constants
-            walk = 0.0 if self.disturbance is None else np.nanmean(known - own)
-            warn_of_unmatched_response(self.model_, own + walk, known)
+            self._compare(run[s.rows], np.where(read[s.rows], y[s.rows], np.nan))
             rows, u = np.column_stack([signal[s.rows], y[s.rows]]), signal[s.rows]
             if not read[s.rows].all():
                 step = self.compiled_step(s.dt, u[0])
@@ -374,6 +378,12 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
                     step.innovating, step.state.copy(), rows, ~read[s.rows]
                 )
             yield rows, u, s.dt, read[s.rows]
+
+    def _compare(self, run, known):
+        """Warn if readings, NaN where there is none, have little to do with the model's run."""
+        # the random walk takes constants
+        walk = 0.0 if self.disturbance is None else np.nanmean(known - run)
+        warn_of_unmatched_response(self.model_, run + walk, known, stacklevel=4)
 
     def _streaming(self):
         if getattr(self, "_stream", None) is None:

@@ -61,6 +61,10 @@ class Unscented(CompiledStep):
         n = len(self.core.state) + 1
         return s[-3 - n * n], s[-2], s[-1]
 
+    def predicted(self, estimate, s):
+        """Return the response at the last sample without the random walk."""
+        return estimate - self.read(s)[0]
+
     def bound(self, s, binding):
         raise NotImplementedError(
             "An unscented filter has no compiled step in plain arithmetic: take method='linear'."

@@ -857,10 +857,12 @@ class OscillatorModel(ParametricModel):
             evaluations += other.n_evaluations
             result = other if other.error < result.error else result
         stage = self._divided(result.operator, data, FINE, _MOST_FINE)
-        if stage.n_substeps > result.operator.n_substeps and np.isfinite(self._error(stage, data)):
+        if stage.n_substeps > result.operator.n_substeps:
             method = VariableProjection(bounds=bounds, max_evaluations=_LAST_EVALUATIONS)
-            result = refine(self, [stage], data, method)
-            evaluations += result.n_evaluations
+            finer = refine(self, [stage], data, method)
+            evaluations += finer.n_evaluations
+            # a motion too fast for any substeps may have no finite derivatives at finer ones
+            result = finer if np.isfinite(finer.error) else result
         return dataclasses.replace(result, n_evaluations=evaluations)
 
     def adopt(self, result):

@@ -436,7 +436,9 @@ def solve(problems, method, with_errors=True):
     begin = time.perf_counter()
     method = METHODS[method]() if isinstance(method, str) else method
     problem, solution, n_evaluations = method.solve(problems)
-    minimum_norm = _least_norm(problem, solution)
+    # not if no start has finite derivatives: the error is infinite then
+    is_finite = bool(np.isfinite(solution.gram).all())
+    minimum_norm = _least_norm(problem, solution) if is_finite else solution.x
     if np.any(minimum_norm != solution.x):
         gram = problem.total(problem.evaluate(minimum_norm))
         solution, n_evaluations = replace(solution, x=minimum_norm, gram=gram), n_evaluations + 1
@@ -448,7 +450,9 @@ def solve(problems, method, with_errors=True):
         coefficients = np.empty((len(problem.records), 0))
     else:
         coefficients = problem.coefficients(blocks)
-    uncertainty = _uncertainty(problem, solution, blocks, coefficients) if with_errors else {}
+    uncertainty = {}
+    if with_errors and is_finite:
+        uncertainty = _uncertainty(problem, solution, blocks, coefficients)
     start, filled = 0, []
     for disturbance in disturbances:
         size = np.size(disturbance.coefficients)
@@ -551,7 +555,8 @@ def _is_open(problem, solution, i, error, variance):
     x = solution.x.copy()
     x[i] = min(x[i] + np.log1p(_QUANTILE * error), problem.upper[i])
     cost = variable_projection(problem, x, max_evaluations=1).cost
-    return cost < solution.cost + _QUANTILE**2 * variance
+    # data do not contradict an end at which the derivatives overflow
+    return not np.isfinite(cost) or cost < solution.cost + _QUANTILE**2 * variance
 
 
 def _joint(problem, blocks, coefficients, covariance, chain, noise):

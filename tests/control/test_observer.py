@@ -14,6 +14,7 @@ from sklearn.utils.validation import NotFittedError
 from skhyst.compose import Cascade
 from skhyst.control import Observer
 from skhyst.control._kalman import driven_by_noise, with_predicted_readings
+from skhyst.exceptions import ConvergenceWarning
 from skhyst.export import to_c
 from skhyst.hysteresis import (
     BoucWenStage,
@@ -228,6 +229,12 @@ def test_a_perfect_recording():
     observer = Observer(FirstOrderLag(dt=DT)).fit(u[:, None], y)
     assert 0.0 < observer.noise_std_ < 1e-6
     np.testing.assert_allclose(observer.filter(u[:, None], y), y, atol=1e-6)
+    for value, reading in zip(u, y, strict=True):
+        observer.update(value, reading)
+    observer.reset()
+    with pytest.warns(ConvergenceWarning, match="in the same units"):  # one over the other
+        for value, reading in zip(u, y, strict=True):
+            observer.update(value, 1e-3 * reading)
 
 
 def test_pickled_in_service(observer, data):
