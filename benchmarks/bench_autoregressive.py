@@ -1,6 +1,6 @@
 """Free runs of autoregressive models: ``python benchmarks/bench_autoregressive.py``.
 
-Prints the time a sample of `predict`, validation included, beside the limit, and how far the result
+Prints the time a sample of `predict`, validation included, its limit, and how far the result
 is from calling the regressor row by row. `fastcan` and `sysidentpy` run the same polynomial where
 they are installed (`pip install fastcan sysidentpy`; skhyst does not need them). Best of several
 runs in one thread, in processor time, after compilation; `sysidentpy` 0.9 needs NumPy below 2.4.
@@ -140,7 +140,7 @@ def polynomial(n_samples, repeats):
             continue
         try:
             its = seconds(other, 1) / n_samples
-        except AttributeError as error:  # an older library beside a newer NumPy
+        except AttributeError as error:  # an older library with a newer NumPy
             line(name, "fails", "", str(error))
             continue
         off = distance(run, other())

@@ -3,7 +3,7 @@
 Prints the time a sample of ``BoucWenOperator.run`` and ``sensitivities`` for several drives, the
 best of several interleaved runs in one thread. White noise turns in two of three samples, where
 nobody foresees it; the zigzag turns in each, in a pattern of four that a processor foresees. From
-it and the triangle comes the least that noise can cost, beside the bar of 20 ns. Then identifies
+it and the triangle comes the least that noise can cost, with the limit of 20 ns. Then identifies
 five parameters from 2,000 samples with 0.5 % noise for many seeds, and does the same with SciPy's
 differential evolution, whose objective runs the same compiled operator. Both take one thread, and
 CPU time is compared, so that a busy machine does not matter. ``--seeds`` and ``--evolutions`` set

@@ -1,7 +1,7 @@
 """Speed of the friction models: `python benchmarks/bench_friction.py`.
 
 Prints the time a sample of ``run`` and of ``sensitivities`` for 100,000 samples, best of several
-runs in one thread, beside the limit for ``run``.
+runs in one thread, and the limit for ``run``.
 """
 
 import time

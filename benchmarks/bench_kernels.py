@@ -1,6 +1,6 @@
 """Speed of the play kernels against this machine: ``python benchmarks/bench_kernels.py``.
 
-Prints the write rate of the play basis beside that of plain writes to the same array, the time a
+Prints the write rate of the play basis and that of plain writes to the same array, the time a
 sample of a Prandtl-Ishlinskii operator for few and many plays, the time of its linearisation, and
 the time a sample and state of linear steps with 1 to 28 states, which should be at most 5 ns.
 All numbers are the best of several interleaved runs in one thread. The classes are benchmarks for

@@ -7,7 +7,7 @@ Run from the root of the project::
 
 Without `--long`, recordings of 20,000 samples in five records; the first search of each declared
 model compiles the kernels and is not counted. With `--long`, 1,000,000 samples in five records, and
-in one. Each line names the plant's missing effect, what was named, the wall-clock time beside its
+in one. Each line names the plant's missing effect, what was named, the wall-clock time and its
 limit, the processor time of all processes (what the search would take of one core that nobody
 shares), the most memory that they held together (each shared page counted once), and the time of
 every stage.

@@ -7,7 +7,7 @@ Run from the root of the project::
 First every model and composition, fitted briefly: the largest difference from `predict` on another
 drive, in parts of the range, of steps one by one, of a run, and of what follows when the state is
 put back to where it was in between. Then times: each line is the least of the
-repetitions, beside its limit where there is one. C is left out where there is no compiler.
+repetitions, with its limit where there is one. C is left out where there is no compiler.
 """
 
 import argparse
@@ -217,7 +217,7 @@ def in_c(operator, samples, repeats):
 
 
 def formatted(value, unit, limit=None):
-    """Format a time beside its limit."""
+    """Format a time and its limit."""
     if value is None:
         return "no compiler"
     return f"{value:.2f} {unit}{verdict(value, limit) if limit else ''}"

@@ -360,7 +360,7 @@ def provenance(first_seed):
 
 
 def _claims(single, two, none, coloured, unknown):
-    """Format what was named and claimed, beside its bars."""
+    """Format what was named and claimed, with its limits."""
     seen, faint = single[single["visible"]], single[~single["visible"]]
     lines = [f"first effect named rightly, where it is at least {VISIBLE:g} times the noise:"]
     for noise, bar in NAMED.items():
@@ -418,7 +418,7 @@ def refits(table):
 
 
 def summary(rows, first_seed=REPORTED_SEEDS.start):
-    """Format the confusion matrix, every figure beside its bar, and the failures."""
+    """Format the confusion matrix, every figure with its limit, and the failures."""
     table = judge(rows)
     single, none, two, unknown, coloured = (table[table["kind"] == kind] for kind in KINDS)
     known = table[~table["kind"].isin(["unknown", "none_coloured"])]

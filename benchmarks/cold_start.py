@@ -1,7 +1,7 @@
 """How long the first things take: ``python benchmarks/cold_start.py``.
 
 Each is done in processes of its own, with an empty cache of Numba, so that what is compiled counts.
-Printed are seconds on the clock and of the processor beside the bar, which is for the clock of an
+Printed are seconds on the clock and of the processor, and the limit, which is for the clock of an
 idle machine; where the load average says that others work, the processor's seconds are the better
 guide. ``--only`` takes a part of the names.
 """

@@ -5,7 +5,7 @@
 The cascade of Steinbusch (2020) is identified from recordings of the stage, noise on, and inverted.
 Each line is a reference, a sine that begins and ends at rest: the root mean square error over its
 range with the gain of the slowest triangle alone, with the compensator, and after trials on the
-stage, beside the noise of its sensor. The stage shares no code with the models.
+stage, and the noise of its sensor. The stage shares no code with the models.
 """
 
 import argparse

@@ -5,15 +5,15 @@ Run from the root of the project, in about a minute::
     python benchmarks/decisions.py [--runs 100] [--seed 0]
 
 Sixty candidates, twenty groups of three near copies, are columns of noise with the spectrum of a
-drive; none, one, two or three of them are in the response, beside noise. Two procedures decide by
+drive; none, one, two or three of them are in the response, with noise. Two procedures decide by
 held-out errors and the test that the search has (`skhyst.noise.block_p_value`, raw and on
 innovations), Bonferroni over the sixty:
 
 forward
-    Claim the best where it is significant; go on beside it.
+    Claim the best where it is significant; continue in addition to it.
 grow and prune
     Put in the best without a test until none lowers the error by 5 %; then take out what is not
-    significant beside all others, least first, and again.
+    significant with all others in the model, least first, and again.
 
 Counted are runs with a false claim (a group that is not in the response), and the share of the
 groups in the response that are found. The null is nothing in the response. `unlisted`: one of three

@@ -4,7 +4,7 @@
 
 Small recordings of a plant with a lag, or without, are written; one of them is corrupt. They are
 searched one by one, on a `dask.distributed` LocalCluster one of whose workers is killed meanwhile,
-and on Ray by its backend for joblib (extra `cluster`). Each figure is printed beside its bar.
+and on Ray by its backend for joblib (extra `cluster`). Each figure is printed with its limit.
 """
 
 import argparse
@@ -125,7 +125,7 @@ def lost(found, serial):
 
 
 def bar(name, value, wanted):
-    """Print a figure beside its bar; return whether it is kept."""
+    """Print a figure and its limit; return whether it is kept."""
     kept = value == wanted
     print(f"{name:56s} {value:6} (bar {wanted}) {'kept' if kept else 'MISSED'}", flush=True)
     return kept

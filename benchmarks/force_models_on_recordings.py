@@ -1,9 +1,9 @@
-"""Which force beside a declared force model helps on measured recordings, and in which place.
+"""Which force, added to a declared force model, helps on measured recordings, and in which place.
 
     python benchmarks/force_models_on_recordings.py [--data ../shared/data] [--only emps,mr_damper]
 
 The drive is a measured motion, the response the force that went with it. A declared model is fitted
-alone and with forces added beside it, before it or behind it, each structure identified jointly.
+alone and with forces added in parallel, before it or behind it, each structure identified jointly.
 Errors are the root mean square over the range of the held-out response. The last table turns a
 robot's drive around: the motor's force drives, the position is the response, and the percentage is
 100 (1 - |error| / |position - mean|).
@@ -87,7 +87,7 @@ def inertia():
 
 
 def force(declared, branches):
-    """Return a declared model with forces beside it."""
+    """Return a declared model with forces in parallel."""
     if not branches:
         return declared
     return Sum([("declared", declared), *((name, BRANCHES[name]()) for name in branches)])

@@ -295,12 +295,12 @@ def table_a(name, rates, seeds, iterations):
 
 
 def verdict(text, kept):
-    """Print a figure beside its bar."""
+    """Print a figure and its limit."""
     print(f"  {text}: {'kept' if kept else 'MISSED'}")
 
 
 def judge(found, rates):
-    """Print what is claimed in the paper beside what is found."""
+    """Print what is claimed in the paper and what is found."""
     own = np.array(found["gray box"])
     level = np.median(own[-1])
     largest = f"{own.max():.2f} nm, paper {PRINTED['gray box']} nm at most"

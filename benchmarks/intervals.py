@@ -5,7 +5,7 @@
 Plants of known parameters are driven by random multisines and read with noise of 2 % of the range
 that is white, autoregressive with the coefficient 0.9, or has a power of one over the frequency.
 Each line is a model and a noise: how many of the intervals of 1.96 standard errors hold the true
-value, over all seeds and parameters, beside the bar of 90 to 99 %; the parameter whose intervals
+value, over all seeds and parameters, and the limits of 90 to 99 %; the parameter whose intervals
 hold least often; and what the standard errors of white noise give. The terms of NARMAX are found in
 the data: those that the plant has are counted, and how often there are no others is told.
 """

@@ -68,7 +68,7 @@ def error(operator, drive, wanted):
 
 
 def formatted(value, bar):
-    """Format an error beside its bar."""
+    """Format an error and its limit."""
     return f"{value:8.1e} (at most {bar:.0e}: {'kept' if value <= bar else 'MISSED'})"
 
 

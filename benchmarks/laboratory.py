@@ -127,7 +127,7 @@ def line(row):
 
 
 def summary(rows, first_seed):
-    """Format every figure beside its bar, and a line a condition."""
+    """Format every figure and its limit, with a line for each condition."""
     table = judged(rows)
     nulls, seen = table[table["null"]], table[table["counts"]]
     lines = [

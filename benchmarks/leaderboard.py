@@ -1,9 +1,9 @@
-"""Errors on public benchmarks beside the best published: `python benchmarks/leaderboard.py`.
+"""Errors on public benchmarks and the best published: `python benchmarks/leaderboard.py`.
 
 Each row is one benchmark: the split and the metric that its makers ask for, the best published
 figure with its source, the error of a model built by hand, that of a model found by a search, and
 the seconds that both took. Structures, starts and orders are chosen on the estimation data; the
-test record is predicted once. The recordings are not part of the project: their folder lies beside
+test record is predicted once. The recordings are not part of the project: their folder lies next to
 the checkout or is named by --data, and what is absent is left out. --only names some benchmarks,
 --by-hand leaves the searches out.
 """

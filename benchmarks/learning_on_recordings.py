@@ -1,7 +1,7 @@
 """Learning models on measured benchmarks: `python benchmarks/learning_on_recordings.py`.
 
-Prints the error of the free run on test records beside published figures. The recordings are not
-part of the project; their folder lies beside the checkout or is named by --data.
+Prints the error of the free run on test records and published figures. The recordings are not
+part of the project; their folder lies next to the checkout or is named by --data.
 
 Orders and sizes are chosen on held-out samples of the estimation data, and the model is then fitted
 to all that the choice has seen, before the script looks at a test record. Where several networks or

@@ -1,7 +1,7 @@
 """Linear models on measured recordings: `python benchmarks/linear_models.py`.
 
-Prints the error of the free run on test records beside published figures of linear models. The
-recordings are not part of the project; their folder lies beside the checkout or is named by --data.
+Prints the error of the free run on test records and published figures of linear models. The
+recordings are not part of the project; their folder is next to the checkout, or named by --data.
 
 Limits: piezo_fsm at 100 mV at most 0.120 um, with at most 28 states, fitted in at most 60 s.
 """

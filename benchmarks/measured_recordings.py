@@ -3,7 +3,7 @@
 Each recording comes with a declared model that lacks what its makers, or others, know to be there.
 The search sees the part to fit and the declared model, nothing else; errors before and after are
 those of the part that is held out. The recordings are not part of the project: their folder lies
-beside the checkout or is named by --data, and what is absent is left out.
+next to the checkout or is named by --data, and what is absent is left out.
 
 Targets are errors of the held-out part after the search. References are figures of others, or
 rough fits, for the same recording.

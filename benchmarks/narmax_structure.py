@@ -1,6 +1,6 @@
 """What `NARMAXRegressor` promises: `python benchmarks/narmax_structure.py`.
 
-Prints, beside the limits,
+Prints, with the limits,
 
 - of ten known polynomial systems with noise, for how many exactly the true terms are selected:
   with equation noise one step ahead, in simulation with a tenth of the response on the sensor;
@@ -8,7 +8,7 @@ Prints, beside the limits,
   white equation noise, coloured equation noise and white noise on the sensor;
 - the processor's time of a fit for simulation error: 15 terms, 10,000 samples, one thread.
 
-The systems are simulated here, by plain Python, from the equations beside them.
+The systems are simulated here, by plain Python, from the equations next to them.
 """
 
 import argparse

@@ -4,7 +4,7 @@
 
 The plants are drawn, integrated by Runge-Kutta steps of their own, and read with white noise of
 1 % of the range. Each line is a structure: how many of the intervals of 1.96 standard errors hold
-the true value, over all plants and parameters, beside the bar of 90 to 99 %; the parameter whose
+the true value, over all plants and parameters, and the limits of 90 to 99 %; the parameter whose
 intervals hold least often; and the seconds of a fit.
 """
 
@@ -534,7 +534,7 @@ def velocity(n_plants):
 
 
 def velocity_searched(n_plants):
-    """Yield a row of how often a search around a viscous force names what is beside it.
+    """Yield a row of how often a search around a viscous force names what is added to it.
 
     Which may be called hysteresis while it builds up, and friction for its fall with the speed.
     """

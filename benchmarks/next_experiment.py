@@ -138,7 +138,7 @@ def line(row):
 
 
 def summary(rows, first_seed):
-    """Format the figures, the one with a bar beside it."""
+    """Format the figures, one of them with its limit."""
     table = pd.DataFrame(rows)
     counted = table[table["first"].str.contains("|", regex=False)]
     lines = [

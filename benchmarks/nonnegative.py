@@ -1,9 +1,9 @@
-"""Least squares with bounds beside SciPy's: ``python benchmarks/nonnegative.py``.
+"""Least squares with bounds, compared with SciPy's: ``python benchmarks/nonnegative.py``.
 
 First the quadratic programs of Preisach models of several sizes, fitted to one recording: as they
 are, with every column doubled (collinear), and with a response that leaves every bound a multiplier
 of zero (ties). `scipy.optimize.nnls` gets the Cholesky factor of the program, whose time counts as
-its own. Then the steps of cascades of several sizes, which `bounded_step` finds by `nnls`, beside
+its own. Then the steps of cascades of several sizes, which `bounded_step` finds by `nnls`, and
 `scipy.optimize.lsq_linear` with the method "bvls". Printed are the unknowns, the seconds of either
 solver in one thread (the best of several runs), and the largest difference of the responses of
 their solutions, relative to the larger.

@@ -480,7 +480,7 @@ def table(rows):
 
 
 def compare(rows, before):
-    """Print failures, and evaluations of fits without one, beside those of an earlier run."""
+    """Print failures, and evaluations of fits without one, and those of an earlier run."""
     both = rows.merge(before, on=["model", "seed"], suffixes=("", "_before"))
     good = both[(both.ratio <= BAR) & (both.ratio_before <= BAR)]
     print(f"{len(both)} pairs: {(both.ratio_before > BAR).sum()} failures before, ", end="")

@@ -1,6 +1,6 @@
 """Libraries of system identification on the same recordings: `python benchmarks/peers.py`.
 
-Polynomial NARX models of skhyst, sysidentpy, fastcan and pysindy, beside a model of skhyst that has
+Polynomial NARX models of skhyst, sysidentpy, fastcan and pysindy, and of a model of skhyst that has
 the physics, on measured recordings, which are not part of the project, and on a simulated piezo
 stage. What is not installed is left out (`pip install sysidentpy fastcan pysindy`; skhyst needs
 none of them; `sysidentpy` 0.9 needs NumPy below 2.4).

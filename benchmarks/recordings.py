@@ -1,4 +1,4 @@
-"""Loaders of measured recordings, which are not part of the project and lie beside the checkout."""
+"""Loaders of measured recordings, which are not part of the project: a folder next to it."""
 
 import os
 from itertools import product

@@ -35,7 +35,7 @@ class Small(NamedTuple):
     verdict : str
         Those that are right, by "|"; empty where the truth does not say.
     also : str
-        Effects whose names are right beside these, or no news, by "|".
+        Further effects whose names are right, or known already, by "|".
     """
 
     record: Callable
@@ -146,7 +146,7 @@ def falling_creep(device, rng):
 
 
 def stop_beside_gain(device, rng):
-    """A force over displacement that leads: a stop beside a gain, growing sine."""
+    """A force over displacement that leads: a stop in parallel with a gain, growing sine."""
     n = 900
     t = np.arange(n)
     u = (0.2 + 2 * t / n) * np.sin(2 * np.pi * t / 90)
@@ -171,7 +171,7 @@ def one_sine_play(device, rng):
 
 
 def ramp(device, rng):
-    """A drift of 23 times the noise beside three periods of a sine."""
+    """A drift of 23 times the noise, added to three periods of a sine."""
     n, std = 1500, 0.002
     u = np.sin(2 * np.pi * 3 * np.arange(n) / n)
     additive = 23 * std * np.sqrt(12) * (np.arange(n) / n - 0.5)

@@ -3,9 +3,9 @@
     python benchmarks/thesis_cascade.py [--iterations 600] [--candidates 25] [--seed 0]
 
 The stage is simulated (`skhyst.datasets.make_scanning_stage`): the recordings know nothing of
-skhyst's operators. Printed beside their limits: resonances from white noise of 2 V peak to peak,
+skhyst's operators. Printed with their limits: resonances from white noise of 2 V peak to peak,
 the errors of the cascade on the records of the fit and on the six experiments of chapter 5, its
-cost beside that of differential evolution on (4.2), Table 4.1 and Figure 4.5.
+cost and that of differential evolution on (4.2), Table 4.1 and Figure 4.5.
 """
 
 import argparse
@@ -28,7 +28,7 @@ from skhyst.linear import KelvinVoigt, TransferFunction, frequency_response
 from skhyst.optimize import DifferentialEvolution, OperatorProblem
 
 STAGE = load_scanning_stage_parameters()
-SMALL = 20_000  # samples of white noise beside the triangles where everything is free
+SMALL = 20_000  # samples of white noise in addition to the triangles where everything is free
 
 
 def relative_errors(model, X, y):

@@ -1,4 +1,4 @@
-"""Measured recordings that end unexplained: what a term without a name adds, beside black boxes.
+"""Measured recordings that end unexplained: what a term without a name adds, and black boxes.
 
     python benchmarks/unknown_on_recordings.py [--only NAMES] [--samples N] [--data FOLDER]
 

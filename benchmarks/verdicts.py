@@ -1,4 +1,4 @@
-"""Count the verdicts on residuals of known making: noise, or structure of known size beside it.
+"""Count the verdicts on residuals of known origin: noise, or noise and structure of known size.
 
     python benchmarks/verdicts.py [--runs 6] [--first 100000] [--periods 2 8]
 

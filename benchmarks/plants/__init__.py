@@ -11,7 +11,7 @@ else by its law. In here time counts in sampling intervals and the static respon
 A signal path has these places, in this order; the core is the declared hysteresis or gain, the
 motion the declared mode::
 
-    drive -> first -> core -> middle -> motion -> dynamics -> last -> (sampled) + beside + noise
+    drive -> first -> core -> middle -> motion -> dynamics -> last -> (sampled) + additive + noise
 
 Every record starts as if the device had been loaded from zero to the first drive value for the
 first time, and had then rested until every dynamic settled.

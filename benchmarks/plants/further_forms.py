@@ -1,4 +1,4 @@
-"""Forms of effects that laboratories have, beside those of `effects` and of `other_laws`."""
+"""Further forms of effects that laboratories have than those of `effects` and of `other_laws`."""
 
 from functools import partial
 

@@ -1,4 +1,4 @@
-"""Laws of the plants beside those of `skhyst.datasets.simulation`, written in the plainest way.
+"""Further laws of the plants than those of `skhyst.datasets.simulation`, written plainly.
 
 Stages are called with a signal and the time between its samples, and start at rest.
 """

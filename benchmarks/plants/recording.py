@@ -88,7 +88,7 @@ class Recording:
     Attributes
     ----------
     X_train, X_test : DataFrame of shape (n_samples, n_inputs)
-        Column `drive`, and one beside it in some plants; MultiIndex with levels `record` and
+        Column `drive`, and a further one in some plants; MultiIndex with levels `record` and
         `time` (s, from 0 in each record).
     y_train, y_test : Series of shape (n_samples,)
         Measured response, with sensor noise.

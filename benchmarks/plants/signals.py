@@ -1,4 +1,4 @@
-"""Drives, columns beside them, and noise, of a recording. Time counts in samples."""
+"""Drives, further columns, and noise, of a recording. Time counts in samples."""
 
 import numpy as np
 from scipy.signal import lfilter
@@ -122,7 +122,7 @@ def levels(n, rng):
 
 
 def draw_column(rng, lengths):
-    """Draw a column beside the drive: its name, its values in each record, its middle and size."""
+    """Draw a further column: its name, its values in each record, its middle and size."""
     law, name = ((wandering, "temperature"), (levels, "load"))[rng.integers(2)]
     middle, size = (25.0, rng.uniform(2, 8)) if law is wandering else (50.0, rng.uniform(5, 40))
     return name, [middle + size * law(n, rng) for n in lengths], middle, size

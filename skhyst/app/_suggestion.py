@@ -93,8 +93,8 @@ def suggest_model(moves, *, rate_matters=None, rings=None) -> Suggestion:
             f"{moves!r} instead."
         )
     model = _MODELS[moves][2 if rings else bool(rate_matters)]
-    said = "; then ".join(_REASONS[stage] for stage in model.split("+"))
-    reason = f"{said[0].upper()}{said[1:]}."
+    reason = "; then ".join(_REASONS[stage] for stage in model.split("+"))
+    reason = f"{reason[0].upper()}{reason[1:]}."
     if model == _MODELS[moves][0]:
         reason += " Dynamics are left out: where they are missing, the search names them."
     return Suggestion(model, reason)

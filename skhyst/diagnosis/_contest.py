@@ -11,8 +11,8 @@ in pairs with every other one.
 against the model without it, so that chance is the residual of the full model. Of the effects that
 the criterion (``_criterion``) does not need, the one whose removal costs least goes; and so on. A
 function of time alone stays only where the course of the noise does not explain it (``_course``).
-What was chosen beside an effect that is removed, such as the number of plays, may be wrong without
-it: if it is the first effect of a path, the model grows again without it.
+Choices that were made with an effect that is removed, such as the number of plays, may be wrong
+without it: if it is the first effect of a path, the model grows again without it.
 
 **Name.** Each remaining effect is contested by all others at its place. The name is that of the
 least held-out error. A simpler effect replaces it if it is nested in it, as far as the recording
@@ -176,8 +176,8 @@ class Contest:
     def found(self, base):
         """Return the best model that grows from a base, pruned and named.
 
-        The first effect of a path that is pruned has misled the choices beside it: the search goes
-        back and grows without it, as if it were not among the effects.
+        If the first effect of a path is pruned, the choices that were made with it may be wrong:
+        the search grows again without it, as if it were not among the effects.
         """
         barred, every, depth = set(), [], len(base.structure.effects)
         base = self._least(base)
@@ -776,7 +776,7 @@ class Contest:
             added = (c or fit).n_parameters - base.n_parameters if c or fit else 0
             yield {
                 "round": number,
-                "beside": " + ".join(base.structure.effects),
+                "with_effects": " + ".join(base.structure.effects),
                 "effect": effect.name,
                 "screen": round(max(1.0 - fit.cost / cost, 0.0), 9) if fit else 0.0,
                 "error_before": base.error,

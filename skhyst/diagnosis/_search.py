@@ -179,7 +179,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         (the residual has structure, so that the name may stand for an effect that is not on the
         list), ``experiment``, ``evidence``.
     ranking_ : DataFrame
-        Every candidate of every round: ``round``, ``beside`` (effects in the model), ``effect``,
+        Every candidate of every round: ``round``, ``with_effects`` (in the model), ``effect``,
         ``screen`` (part of the residual's power that it explains), ``error_before``,
         ``error_after``, ``p_value``, ``n_parameters``, ``claimed``.
     cv_results_ : dict of str to ndarray
@@ -649,8 +649,8 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimat
         messages = []
         if not np.ptp(self.drive_):
             messages.append(
-                f"The drive does not move: it is {self.drive_[0]:g} in every sample. Of what "
-                "responds to it nothing can be missed or found."
+                f"The drive does not move: it is {self.drive_[0]:g} in every sample. No effect "
+                "that responds to it can be found."
             )
         # squared error of a straight line over the drive, on scored samples
         known = np.isfinite(self.residual_before_)

@@ -6,8 +6,8 @@ from scipy.stats import rankdata
 
 HISTORY = ["effect", "error_before", "error_after", "p_value", "ambiguous_with"]
 HISTORY += ["provisional", "experiment", "evidence"]
-RANKING = ["round", "beside", "effect", "screen", "error_before", "error_after", "p_value"]
-RANKING += ["n_parameters", "claimed"]
+RANKING = ["round", "with_effects", "effect", "screen", "error_before", "error_after"]
+RANKING += ["p_value", "n_parameters", "claimed"]
 PARAMETERS_WITHOUT = ["by", "record", "low", "high", "unit", "parameter", "value", "std"]
 PARAMETERS_WITHOUT += ["value_without", "std_without", "moved"]
 EXPLAINED = ["declared model", "effects", "unknown term", "black box", "nothing"]

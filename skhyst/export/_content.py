@@ -217,8 +217,8 @@ def _compacted(stepper):
     step = stepper.compiled_step.compacted()
     if not np.array_equal(stepper.state, stepper.compiled_step.state):
         raise ValueError(
-            "The 'form' parameter of to_c must be 'table' for a stepper under way. Got 'step' "
-            "instead."
+            "The 'form' parameter of to_c must be 'table' for a stepper that has been run. Got "
+            "'step' instead."
         )
     signals = {"inputs": stepper.inputs, "result": stepper.result, "preview": stepper.preview}
     return Stepper(step, stepper.dt, **signals)

@@ -15,7 +15,7 @@ MUTED = "#868e96"
 MEASURED = "#9aa1a9"
 FLOOR = "#1f9e77"
 COLORS = ("#d55e00", "#2a85c4", "#b5679f", "#a88400")
-_LONGEST = 18  # characters of a line of a legend beside the data
+_LONGEST = 18  # characters of a line of a legend next to the data
 _NARROW = 5.0  # inches, below which such a legend takes a third of the figure
 
 

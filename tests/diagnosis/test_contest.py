@@ -158,7 +158,7 @@ def test_beside_other_effects_those_are_tried_that_have_helped_before(known):
     assert [c.error for c in contest.extended(path)] == [0.4, 0.3]
     assert asked[2:] == [[("b", "a"), ("c", "a"), ("d", "a")]]
     assert [c.error for c in contest.extended(path, fully=False)] == [0.4, 0.3]  # all is known
-    rounds = [(row["round"], row["beside"], row["effect"]) for row in contest.ranking]
+    rounds = [(row["round"], row["with_effects"], row["effect"]) for row in contest.ranking]
     assert rounds[:4] == [(1, "", n) for n in "abcd"]
     assert {own[:2] for own in rounds[4:]} == {(2, "a")}
 

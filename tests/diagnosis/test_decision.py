@@ -205,7 +205,7 @@ def test_two_effects_are_found_together_where_neither_helps(missing_two):
         contest = contest_of(records, folds, *names, structured=structured, criterion=criterion)
         ends = contest.grow(base)
         found[structured] = set(min(ends, key=lambda c: c.error).structure.effects)
-        alone = [row for row in contest.ranking if not row["beside"]]
+        alone = [row for row in contest.ranking if not row["with_effects"]]
         assert len(alone) == len(names)
         assert all(0.0 <= row["screen"] < 1.0 for row in alone)  # parts of the cost
     assert found[True] >= {"lag", "offset"}

@@ -385,7 +385,7 @@ def test_held_out_data_are_reported(search, recording):
 
 def by_candidate(rows):
     rows = pd.DataFrame(rows).set_index(["round", "effect"]).sort_index()
-    return rows.drop(columns="beside").astype(float), rows["beside"]
+    return rows.drop(columns="with_effects").astype(float), rows["with_effects"]
 
 
 @pytest.mark.parametrize("which", ["report", "nothing"])
