@@ -465,13 +465,12 @@ class Contest:
     def _contest(self, base, name):
         reduced = self.without(base, name)
         tree = base.structure
-        # start from the values before the removal: other effects do not yet compensate for it
-        start = replace(reduced, structure=tree.without(name)) if tree.effects[1:] else reduced
+        start = self._without_effect(base, name)
+        if tree.effects[1:]:
+            # the values before the removal: other effects do not yet compensate for it
+            start = replace(start, structure=tree.without(name))
         rivals = self.extended(start, fully=False) + self.extended(start, additive=True)
         own = replace(base, effects=(name,))
-        if start is reduced:  # a name is no simpler because other parts have fewer terms
-            finer = self._without_effect(base, name).n_parameters - reduced.n_parameters
-            own = replace(own, n_parameters=base.n_parameters - finer)
         rivals = [
             c
             for c in rivals

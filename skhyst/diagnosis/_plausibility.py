@@ -104,7 +104,8 @@ def _are_indistinguishable(tree, records):
     """Whether an effect is linear dynamics in series with plays, and the drive repeats one loop.
 
     A single loop, traversed at one rate, is described by a free set of plays and a curve as well as
-    by any dynamics: memory cannot be distinguished from a delayed response.
+    by any dynamics: memory cannot be distinguished from a delayed response, except where the drive
+    rests.
     """
     added = [tree.part(name) for name in tree.effects if tree.label(name) in tree.names]
     parts = [part for operator in tree.operators for _, part, _ in parts_with_resolution(operator)]
@@ -113,6 +114,9 @@ def _are_indistinguishable(tree, records):
     if tree.multi_input or not (dynamic and plays):
         return False
     drive = np.concatenate([record.drive for record in records])
+    rates = np.abs(np.diff(drive))
+    if np.mean(rates <= NOTICEABLE * rates.mean()) > NOTICEABLE:  # a sine rests for 2 %
+        return False
     period = near_period(drive)
     return bool(period) and round(len(turns(drive)) * period / len(drive)) <= 2
 

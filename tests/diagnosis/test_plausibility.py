@@ -90,6 +90,7 @@ def test_a_mode_behind_what_does_not_ring_is_a_further_mode():
         (lambda t: np.sin(t) + np.sin(2.7 * t), True),
         (lambda t: t * np.sin(t), True),
         (lambda t: (t > 3.0) + 0.0, True),
+        (lambda t: np.clip(2.0 * np.sin(t), -1.0, 1.0), True),  # it rests
     ],
 )
 def test_one_loop_does_not_tell_dynamics_from_plays(drive, told):
