@@ -741,8 +741,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """Return a fit and its records, those behind missing rows with an input history.
 
         A record that continues behind a gap begins in motion: the drive in the gap is estimated,
-        unless this improves the fit no more than chance does. Beside start values it is not, so that
-        the rows of such records have weight zero then if a part depends on it.
+        unless this improves the fit no more than chance does. Beside start values it is not: then
+        the rows of such records have weight zero if a part depends on it.
 
         Parameters
         ----------

@@ -103,7 +103,8 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     Notes
     -----
     The effects are identified with predictions that are somewhat worse than those of the final
-    regressor, which is fitted to all rows.
+    regressor, which is fitted to all rows. Each fold of a single record is the response to the
+    predictions of one regressor for the whole record, unless effects have constants of the record.
 
     Examples
     --------
