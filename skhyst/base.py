@@ -60,6 +60,7 @@ from .optimize import (
     NOISELESS,
     Method,
     RecordData,
+    apart_p_value,
     as_of,
     calibrated,
     has_start_misfit,
@@ -705,6 +706,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             result = self._settled(model, result, records)
             result, records = self.with_history_behind_gaps(result, records)
             self._warn_of_moving_start(model, result, records)
+            self._warn_of_differing_records(model, result, records)
             return self.finish(result, records)
         warnings.warn(
             f"{_NO_REST.format(type(self).__name__)}: with initial_state='zero' the error is "
@@ -739,8 +741,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         """Return a fit and its records, those behind missing rows with an input history.
 
         A record that continues behind a gap begins in motion: the drive in the gap is estimated,
-        unless this improves the fit no more than chance does. Beside start values it is not, so that
-        the rows of such records have weight zero then if a part depends on it.
+        unless this improves the fit no more than chance does. Beside start values it is not: then
+        the rows of such records have weight zero if a part depends on it.
 
         Parameters
         ----------
@@ -762,7 +764,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         begins = [result]
         if operator.n_start:  # it does not forget a wrong start: the other records know better
             others = [r for r, is_behind in zip(records, which, strict=True) if not is_behind]
-            begins.append(identified(self, others)[1])
+            model, apart = identified(self, others)
+            begins.append(apart)
             if _has_other_memory(operator):
                 n_rows = sum(len(records[number].u) for number in behind)
                 warnings.warn(
@@ -776,8 +779,9 @@ class ParametricModel(RegressorMixin, BaseEstimator):
                     replace(r, weights=np.zeros(len(r.u))) if is_behind else r
                     for r, is_behind in zip(records, which, strict=True)
                 ]
-                begin = begins[1].operator, begins[1].disturbances
-                return refine(self, [begin], records, method), records
+                apart = self._settled(model, apart, others)
+                begin = refine(model, [(apart.operator, apart.disturbances)], records, method)
+                return replace(begin, is_local=apart.is_local), records
         options = {"which": which, "initial_state": state}
         ends = [with_input_history(begin, records, method, **options) for begin in begins]
         refitted = min(ends, key=lambda end: end.error)
@@ -822,6 +826,40 @@ class ParametricModel(RegressorMixin, BaseEstimator):
                 f"The records do not begin at rest, as {type(self).__name__} assumes, at their "
                 f"first rows or after missing rows: with initial_state={state!r} the error is "
                 f"{best.error:.3g} instead of {result.error:.3g}.",
+                ConvergenceWarning,
+                stacklevel=5,
+            )
+
+    def _warn_of_differing_records(self, model, result, records):
+        """Warn if no one set of parameters describes the records, such as of two offsets or units.
+
+        ``model`` has a definite hold.
+        """
+        ends = [*np.setdiff1d(np.arange(len(records)), behind_gaps(self.records_)), len(records)]
+        groups = [records[a:b] for a, b in pairwise(ends)]
+        sizes = [sum(record.counts().sum() for record in group) for group in groups]
+        state = self.free_run_state
+        if (
+            min(sizes) <= len(result.params)  # a few samples agree with anything
+            or len(groups) < 2
+            or result.input_history is not None
+            or not is_coloured(result, records, state)
+        ):
+            return
+        model = with_params(model, method="variable_projection")
+        largest = identified(model, groups[int(np.argmax(sizes))])[1]
+        starts = [(fit.operator, fit.disturbances) for fit in (result, largest)]
+        apart = [refine(model, starts, group, with_errors=False) for group in groups]
+        squares = [size * fit.error**2 for size, fit in zip(sizes, apart, strict=True)]
+        error = np.sqrt(sum(squares) / sum(sizes))
+        # records of several ranges also fit a wrong model better each by itself
+        if error**2 < _MOST * result.error**2 and (
+            apart_p_value(result, groups, apart, state) < LEVEL
+        ):
+            warnings.warn(
+                f"No one set of parameters of {type(self).__name__} describes all records: the "
+                f"error is {error:.3g} in place of {result.error:.3g} with one set for each. Do "
+                "they have different offsets (add an Offset in a Sum), units or devices?",
                 ConvergenceWarning,
                 stacklevel=5,
             )

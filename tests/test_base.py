@@ -241,6 +241,23 @@ def test_rows_behind_missing_ones_begin_elsewhere():
     np.testing.assert_allclose(found, y[kept], atol=0.02)
 
 
+@pytest.mark.filterwarnings("ignore:The (data do not|records hold|records do not begin)")
+@pytest.mark.parametrize("state", ["rest", "estimate"])
+def test_records_of_no_common_parameters_are_told(state):
+    """Such as of an offset, which would end in a time constant of hundreds of records."""
+    u, plant, half = drive().cumsum() / 10, FirstOrderLagOperator(0.4), N // 2
+    y = np.concatenate([plant.run(part, DT)[0] for part in (u[:half], u[half:])])
+    y += 1e-3 * np.random.default_rng(0).normal(size=N)
+    index = pd.MultiIndex.from_product([["a", "b"], TIME[:half]], names=["record", "time"])
+    X, second = pd.DataFrame({"u": u}, index), np.arange(N) >= half
+    for other in (y + 5.0 * second, y * np.where(second, 1e3, 1.0)):
+        with pytest.warns(ConvergenceWarning, match="No one set of parameters of FirstOrderLag"):
+            FirstOrderLag(initial_state=state).fit(X, other)
+    model = Sum([("lag", FirstOrderLag()), ("offset", Offset())], initial_state=state)
+    model.fit(X, y + 5.0 * second)  # warnings are errors
+    assert model.params_["lag__time_constant"] == pytest.approx(0.4, rel=0.01)
+
+
 @pytest.mark.parametrize("factor", [1e3, 1e-3, -1.0])
 def test_a_known_response_that_no_start_leads_to_is_told(factor):
     model = FirstOrderLag(dt=DT).fit(X, Y + 1e-3 * np.random.default_rng(0).normal(size=N))

@@ -126,8 +126,8 @@ class Backfitting:
         problem_of : callable
             Returns the :class:`OperatorProblem` of fitted effects, for a prediction (n_samples,).
         refit : callable
-            Takes fitted effects and the out-of-fold predictions; returns the effects fitted to
-            these, and their error.
+            Takes fitted effects and predictions (n_folds, n_samples); returns the effects fitted to
+            these out of fold, and their error.
         folds : sequence of ndarray of bool
             Segments of the problem outside each fold.
         turns : int
@@ -153,7 +153,7 @@ class Backfitting:
 
     def _turn(self, last, targets, refit):
         predictions = self.predict(targets)
-        effects, error = refit(last.effects, self.out_of_fold(predictions))
+        effects, error = refit(last.effects, predictions)
         return Turn(targets, predictions, effects, error, last.number + 1)
 
     def _renewed(self, turn, problem_of, folds):

@@ -37,6 +37,7 @@ from ..base import (
     warn_gaps,
     with_params,
 )
+from ..exceptions import ConvergenceWarning
 from ..linear import Gain
 from ..operators import (
     CompiledColumn,
@@ -46,7 +47,7 @@ from ..operators import (
     Stepper,
     run_records,
 )
-from ..optimize import OperatorProblem
+from ..optimize import OperatorProblem, is_coloured
 from ..records import fill_lost_rows, with_lost_rows
 from ._backfitting import Backfitting, Turn, fold_of_rows
 
@@ -102,7 +103,8 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     Notes
     -----
     The effects are identified with predictions that are somewhat worse than those of the final
-    regressor, which is fitted to all rows.
+    regressor, which is fitted to all rows. Each fold of a single record is the response to the
+    predictions of one regressor for the whole record, unless effects have constants of the record.
 
     Examples
     --------
@@ -183,6 +185,10 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             fold[s.rows][a] for s, runs in zip(slices, segments, strict=True) for a, _ in runs
         ]
         train = [np.array(fold_of_segment) != k for k in range(backfitting.n_folds)]
+        # the predictions of two clones differ by a jump, which effects with a memory would follow:
+        # within a record each clone drives them by itself; but its disturbances are of one record
+        is_cut = len(slices) == 1
+        is_cut &= not (effects.disturbance_names or effects.operator_class.is_disturbance)
         effects.records_, effects.n_features_in_ = slices, columns.shape[1]
 
         def records_of(p, begun):
@@ -207,15 +213,26 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
                 initial_state=effects.free_run_state,
             )
 
-        def refit(last, p):
+        def out_of_fold(predictions, begun):
+            """Return the records, each row driven by the clone that was not trained on it."""
+            if not is_cut:
+                return records_of(backfitting.out_of_fold(predictions), begun)
+            return [
+                replace(record, segments=tuple(rows for rows in segments[0] if fold[rows[0]] == k))
+                for k, p in enumerate(predictions)
+                for record in records_of(p, begun)
+            ]
+
+        def refit(last, predictions):
             """Return the result of the effects and how records behind missing rows begin."""
             with one_thread():
                 if last is None:
-                    records = records_of(p, {})
+                    records = out_of_fold(predictions, {})
                     _, result = identified(effects, records)
                 else:  # from the last result
                     result, begun = last
-                    records, start = records_of(p, begun), (result.operator, result.disturbances)
+                    records = out_of_fold(predictions, begun)
+                    start = result.operator, result.disturbances
                     result = refine(effects, [start], records, "variable_projection")
                 result, records = effects.with_history_behind_gaps(result, records)
             begun = {
@@ -228,14 +245,23 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         response = np.concatenate([record.y for record in records_of(columns[:, 0], {})])
         targets = np.tile(response, (backfitting.n_folds, 1))
         predictions = backfitting.predict(targets)
-        start = refit(None, backfitting.out_of_fold(predictions))
+        start = refit(None, predictions)
         last = backfitting.alternate(
             Turn(targets, predictions, *start), problem_of, refit, train, self.max_iter
         )
         result, begun = last.effects
-        records = records_of(backfitting.out_of_fold(last.predictions), begun)
+        records = out_of_fold(last.predictions, begun)
         for message, kind in effects.fit_warnings(result, records):
             warnings.warn(message, kind, stacklevel=3)
+        stays = last.number == 0 and self.max_iter > 0 and not result.operator.memoryless
+        if stays and is_coloured(result, records, effects.free_run_state):
+            warnings.warn(
+                "Corrected has not separated the regressor from the effects: the regressor was "
+                "fitted to the response with the effects in it, no turn without them has lowered "
+                "the out-of-fold error, and the residual is not white.",
+                ConvergenceWarning,
+                stacklevel=3,
+            )
         effects.adopt(result)
         estimator = backfitting.fitted(last.targets)
         return self._assemble(estimator, effects, slices, 1 + last.number)

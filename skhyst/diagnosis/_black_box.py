@@ -197,8 +197,8 @@ class BlackBox(Declared):
             def problem_of(contestant, p):
                 return contestant.structure.problem(self._driven(p, records))
 
-            def refit(contestant, p):
-                seen = self._driven(p, records)
+            def refit(contestant, predictions):
+                seen = self._driven(self._backfitting.out_of_fold(predictions), records)
                 found = held_out(
                     refitted(contestant, contestant.structure, seen), seen, self._folds
                 )

@@ -10,6 +10,7 @@ from ._exchange import whole_record_folds as whole_record_folds
 from ._frequency_problem import FrequencyProblem as FrequencyProblem
 from ._frequency_problem import identify_response as identify_response
 from ._further_starts import LEVEL as LEVEL
+from ._further_starts import apart_p_value as apart_p_value
 from ._further_starts import has_start_misfit as has_start_misfit
 from ._further_starts import is_coloured as is_coloured
 from ._further_starts import start_p_value as start_p_value

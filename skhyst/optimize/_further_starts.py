@@ -171,11 +171,44 @@ def start_p_value(result, other, records, n_values, states=("rest", "rest")):
         _residuals(fit, data, state)
         for fit, data, state in zip((result, other), (records, with_history), states, strict=True)
     ]
-    n = sum(map(len, residuals[1])) - len(other.params) - n_values
-    p_values = []
-    for weights in (np.ones(1), whitening_filter(residuals[1])):
+    return _improvement_p_value(*residuals, n_values, len(other.params))
+
+
+def apart_p_value(result, groups, apart, initial_state="rest"):
+    """Return the p-value of the improvement by fitting groups of records each by itself.
+
+    This is the test of Chow (*Econometrica*, 1960): one set of parameters for all records is a
+    restriction of one set for each group. As by :func:`start_p_value`, residuals and whitened ones
+    are tested.
+
+    Parameters
+    ----------
+    result : IdentificationResult
+        Of all records.
+    groups : sequence of sequence of RecordData
+        All records, in their order.
+    apart : sequence of IdentificationResult
+        Of each group.
+    initial_state : {"rest", "zero"}, default="rest"
+        State before each record.
+
+    Returns
+    -------
+    float
+    """
+    records = [record for group in groups for record in group]
+    together, pairs = _residuals(result, records, initial_state), zip(apart, groups, strict=True)
+    separate = [residual for pair in pairs for residual in _residuals(*pair, initial_state)]
+    n_values = (len(groups) - 1) * len(result.params)
+    return _improvement_p_value(together, separate, n_values, len(result.params))
+
+
+def _improvement_p_value(residuals, other, n_values, n_params):
+    """Return the p-value of other residuals of ``n_params`` and ``n_values`` more unknowns."""
+    n, p_values = sum(map(len, other)) - n_params - n_values, []
+    for weights in (np.ones(1), whitening_filter(other)):
         cost, other_cost = (
-            sum(float(e @ e) for e in _whitened(residual, weights)) for residual in residuals
+            sum(float(e @ e) for e in _whitened(series, weights)) for series in (residuals, other)
         )
         if n <= 0 or cost <= other_cost:
             return 1.0

@@ -166,8 +166,10 @@ def _loosened(operator, disturbances, records, which, how):
 
 def later_halves(records):
     """Return records of which only the later half counts, which depends least on their start."""
+    counts = [record.counts() for record in records]
     return [
-        replace(r, weights=r.counts() * (np.arange(len(r.u)) >= len(r.u) // 2)) for r in records
+        replace(r, weights=own * (np.cumsum(own) > 0.5 * own.sum()))
+        for r, own in zip(records, counts, strict=True)
     ]
 
 

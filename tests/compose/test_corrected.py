@@ -10,6 +10,7 @@ from sklearn.ensemble import RandomForestRegressor
 from sklearn.linear_model import LinearRegression, Ridge
 from sklearn.neighbors import KNeighborsRegressor
 from sklearn.pipeline import make_pipeline
+from sklearn.tree import DecisionTreeRegressor
 
 from skhyst.compose import (
     Backfitting,
@@ -21,6 +22,7 @@ from skhyst.compose import (
 )
 from skhyst.compose._backfitting import explained_change, fold_of_rows
 from skhyst.disturbance import Offset
+from skhyst.exceptions import ConvergenceWarning
 from skhyst.linear import (
     FirstOrderLag,
     FirstOrderLagOperator,
@@ -92,6 +94,22 @@ def test_a_lag_is_not_left_to_the_regressor():
     np.testing.assert_array_equal(copy.predict(X_new), model.predict(X_new))
     again = clone(model).fit(X, y)
     np.testing.assert_array_equal(again.predict(X_new), model.predict(X_new))
+
+
+def test_a_single_record_is_cut_without_jumps():
+    """A lag would follow those between the predictions of two clones."""
+
+    def recording(seed):
+        rng = np.random.default_rng(seed)
+        u = np.repeat(rng.uniform(-1.0, 1.0, 30), 20)
+        y = FirstOrderLagOperator(0.4).run(2.0 * u, DT)[0]
+        return u[:, None], y + 0.2 * np.std(y) * rng.normal(size=len(u))
+
+    model = Corrected(LinearRegression(), FirstOrderLag(), dt=DT).fit(*recording(101))
+    assert model.params_["time_constant"] == pytest.approx(0.4, abs=3.0 * 0.007)
+    stepwise = Corrected(DecisionTreeRegressor(max_depth=4), FirstOrderLag(), dt=DT)
+    with pytest.warns(ConvergenceWarning, match="Corrected has not separated"):
+        stepwise.fit(*recording(107))
 
 
 def test_weights_and_what_is_not_read():

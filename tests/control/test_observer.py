@@ -233,8 +233,7 @@ def test_a_perfect_recording():
         observer.update(value, reading)
     observer.reset()
     with pytest.warns(ConvergenceWarning, match="in the same units"):  # one over the other
-        for value, reading in zip(u, y, strict=True):
-            observer.update(value, 1e-3 * reading)
+        [observer.update(*row) for row in zip(u, 1e-3 * y, strict=True)]
 
 
 def test_pickled_in_service(observer, data):

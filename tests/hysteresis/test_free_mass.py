@@ -8,13 +8,14 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
+from skhyst.compose import Sum
 from skhyst.diagnosis import EFFECTS
 from skhyst.diagnosis._starts import starting_trees
 from skhyst.diagnosis._tree import Tree
 from skhyst.exceptions import ConvergenceWarning
 from skhyst.hysteresis import FreeMass, FreeMassOperator
-from skhyst.linear import FirstOrderLagOperator
-from skhyst.operators import Series
+from skhyst.linear import FirstOrderLag, FirstOrderLagOperator
+from skhyst.operators import Series, SumOperator
 from skhyst.optimize import OperatorProblem, RecordData
 
 DT = 0.01
@@ -195,6 +196,20 @@ def test_behind_missing_rows_it_begins_elsewhere():
     frame = pd.DataFrame({"force": U[:400]}, pd.Index(TIME[:400], name="time"))
     model = FreeMass().fit(frame.iloc[kept], noisy(plant, 0, U[:400])[kept])  # warnings are errors
     assert_within(model, plant)
+
+
+@pytest.mark.slow
+def test_rows_behind_missing_ones_are_left_out_beside_a_part_that_is_in_motion():
+    u, kept = np.repeat(np.random.default_rng(0).uniform(-1.0, 1.0, 15), 20), np.r_[0:200, 240:300]
+    u[:5] = 0.0
+    plant = SumOperator(("mass", "lag"), (FreeMassOperator(0.5, 0.2), FirstOrderLagOperator(0.5)))
+    frame = pd.DataFrame({"force": u}, pd.Index(TIME[:300], name="time"))
+    model = Sum([("mass", FreeMass(fit_force_offset=False)), ("lag", FirstOrderLag())])
+    with pytest.warns(ConvergenceWarning, match="60 rows behind missing rows are left out"):
+        model.fit(frame.iloc[kept], noisy(plant, 0, u)[kept])
+    for name, value in {"mass__mass": 0.5, "lag__time_constant": 0.5, "lag__gain": 1.0}.items():
+        assert model.params_[name] == pytest.approx(value, abs=4.0 * model.params_std_[name])
+        assert model.params_std_[name] < 0.05 * value
 
 
 @pytest.mark.slow

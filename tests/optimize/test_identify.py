@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from skhyst.disturbance import DriftOperator, OffsetOperator
-from skhyst.hysteresis import PrandtlIshlinskiiOperator
+from skhyst.hysteresis import FrictionStageOperator, PrandtlIshlinskiiOperator
 from skhyst.linear import (
     FirstOrderLagOperator,
     GainOperator,
@@ -248,3 +248,12 @@ def test_equal_plays_share_their_weight_within_its_bounds(start):
     y = 2.0 * PrandtlIshlinskiiOperator(np.array([0.5]), np.array([1.0])).run(u, DT)[0]
     result = identify([twice], [RecordData(u, y, DT)])
     np.testing.assert_allclose(result.operator.weights, [1.0, 1.0], rtol=1e-6)
+
+
+def test_a_start_without_finite_derivatives_has_an_infinite_error():
+    """A motion of 1e7 rad/s, in 64 substeps of 2 ms: its output is finite."""
+    stage = FrictionStageOperator(1.6e7, 0.0035, 12.4, 1.0, 1.8e6, 0.98, n_substeps=64)
+    u = 40.0 * np.sin(0.02 * np.arange(1500))
+    result = identify([stage], [RecordData(u, u, 2e-3)])
+    assert np.isfinite(stage.run(u, 2e-3)[0]).all()
+    assert result.error == np.inf
