@@ -244,10 +244,11 @@ class Modulated(_ColumnModel):
     scales : "response", "thresholds" or list of str, default="response"
         What is scaled: the whole response; all thresholds of a
         :class:`~skhyst.hysteresis.PrandtlIshlinskii`; ``["friction"]`` of a
-        :class:`~skhyst.hysteresis.FreeMass` or a :class:`~skhyst.hysteresis.FrictionStage`, all
-        friction but the viscous one in the equation of motion; or parameters in which the response
-        is linear, by their names in ``params_``, such as ``["coulomb_force"]``. ``"weights"``
-        stands for all of ``"weights[0]"``, ...
+        :class:`~skhyst.hysteresis.FreeMass`, :class:`~skhyst.hysteresis.FrictionStage`,
+        :class:`~skhyst.hysteresis.BoucWenStage` or :class:`~skhyst.hysteresis.RestoringForce`: all
+        friction but the viscous one, or the hysteretic force, in the equation of motion; or
+        parameters in which the response is linear, by their names in ``params_``, such as
+        ``["coulomb_force"]``. ``"weights"`` stands for all of ``"weights[0]"``, ...
     reference : float or None, default=None
         :math:`a_0`, units of the column, at which the factor is one; None: the mean of a over the
         records of the fit.
@@ -382,8 +383,9 @@ class Modulated(_ColumnModel):
         linear = ", ".join(name for name, spec in operator.entries() if spec.linear)
         raise ValueError(
             "The 'scales' parameter of Modulated must be 'response', 'thresholds' of a "
-            "PrandtlIshlinskii, ['friction'] of a FreeMass or FrictionStage without "
-            "hold='bandlimited', or names of parameters in which the response is linear: "
+            "PrandtlIshlinskii, ['friction'] of a FreeMass, or of a FrictionStage, BoucWenStage or "
+            "RestoringForce with hysteresis, without hold='bandlimited', or names of parameters in "
+            "which the response is linear: "
             f"{linear}. Got {self.scales!r} instead."
         )
 

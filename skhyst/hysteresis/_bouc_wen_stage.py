@@ -39,6 +39,7 @@ from ._oscillator import (
     move_tangents,
     oscillator,
     propagate,
+    pull_tangents,
     scaled,
     set_identity,
     solve_tangents,
@@ -304,7 +305,8 @@ def bouc_wen_tangents(
                 dsigma[_EXPONENT] = sharpness(mean, shape, exponent)[3]
             displacement_tangents(x, side, b, w, rho, size, shape, sigma, dsigma, by)
             force = side * size * mean
-            move_tangents(loaded, mode_by, force, by, q, p, u0, u1, start, stop, step)
+            pull_tangents(loaded[3], force, by)
+            move_tangents(loaded, mode_by, by, q, p, u0, u1, start, stop, step)
             q += side * x
             p = free_p - bp * force
             f = side * size * end

@@ -30,6 +30,7 @@ from ._oscillator import (
     move_tangents,
     oscillator,
     propagate,
+    pull_tangents,
     scaled,
     set_identity,
     solve_tangents,
@@ -140,7 +141,8 @@ def end_stops_tangents(
             if upper < math.inf:
                 by[1, column] = -by_upper
             solve_tangents(loaded[2], slope, force, by)
-            move_tangents(loaded, mode_by, force, by, q, p, u0, u1, start, stop, step)
+            pull_tangents(loaded[3], force, by)
+            move_tangents(loaded, mode_by, by, q, p, u0, u1, start, stop, step)
             q = end
             p = free_p - loaded[3] * force
             u0 = u1

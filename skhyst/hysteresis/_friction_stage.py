@@ -30,6 +30,7 @@ from ._oscillator import (
     GRADIENT,
     OWN,
     PARAMETERS,
+    SLOPE_B,
     B,
     F,
     OscillatorModel,
@@ -41,6 +42,7 @@ from ._oscillator import (
     move_tangents,
     oscillator,
     propagate,
+    pull_tangents,
     scaled,
     set_identity,
     solve_tangents,
@@ -165,11 +167,13 @@ def friction_tangents(
             for j in _NONZERO:
                 by[0, j] = 0.0
             by[0, P], by[0, _W] = h * w, h * p
+            by[1, SLOPE_B] = 0.0
             for _ in range(2):
                 delta, force, new = displacement_tangents(
                     delta, free_d, loaded[2], f, constants, vs, -eta / w, eta_bristle, by
                 )
-            move_tangents(loaded, mode_by, force, by, q, p, u0, u1, start, stop, step)
+            pull_tangents(loaded[3], force, by)
+            move_tangents(loaded, mode_by, by, q, p, u0, u1, start, stop, step)
             q += delta
             p = free_p - loaded[3] * force
             f = new
@@ -259,11 +263,6 @@ class FrictionStageOperator(OscillatorOperator, loops=(*loops(friction), frictio
         # friction that changes along the way is a spring of either sign while the mass slides
         spring = self.static_level * abs(self._force_gradient[0])
         return float(self.natural_frequency * math.sqrt(1.0 + self.bristle_stiffness + spring))
-
-    @property
-    def scaled_within(self):
-        """The friction but for its viscous part, where the drive is not refined between samples."""
-        return ("friction",) if self.causal else ()
 
     def physical(self, mass=1.0):
         """Return the quantities of the equation of motion for a known mass.

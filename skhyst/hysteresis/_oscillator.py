@@ -20,15 +20,15 @@ stores and dissipates, at any substep.
 A sample maps the state (q, p, f) and the drive before and now to the next state. Its Jacobian,
 together with the derivatives by the parameters, is accumulated over the substeps
 (:func:`move_tangents`) and applied once per sample to the propagated tangents (:func:`propagate`).
-A law gives the derivatives of D, of the mean F and of the new f by the quantities of the oscillator
+A law gives the derivatives of D, of ``B' F`` and of the new f by the quantities of the oscillator
 that enter it (``FREE_D``: D without F, ``FREE_P``: p1 without F, then q, p, f, B and B'), and by
 the parameters themselves.
 
 A factor of the force, such as that of a load, is a straight line between samples and held at its
 mean over a substep. If the force depends on the displacement by a factor ``1 + c (q - q_f)``, not
 below zero, that is held at its value half a substep ahead of the start. Both are of second order.
-The force enters only as ``B F`` and ``B' F``, so a law under a factor is the same law with B and B'
-multiplied by the factor (:func:`scaled`).
+The hysteretic force enters only as ``B F`` and ``B' F``, so a law under a factor is the same law
+with B and B' multiplied by the factor (:func:`scaled`).
 """
 
 import dataclasses
@@ -210,24 +210,31 @@ def by_state(mode, by, i):
 
 
 @jit
-def move_tangents(mode, mode_by, force, by, q, p, u0, u1, start, stop, step):
+def pull_tangents(slope_b, force, by):
+    """Replace the derivatives of the mean F, ``force``, in ``by[1]`` by those of ``B' F``."""
+    for j in range(by.shape[1]):
+        by[1, j] *= slope_b
+    by[1, SLOPE_B] += force
+
+
+@jit
+def move_tangents(mode, mode_by, by, q, p, u0, u1, start, stop, step):
     """Move the Jacobian ``step`` (3, 8 + n) of a sample over a substep that begins at q and p.
 
-    ``by`` (3, 7 + n) are the derivatives of D, of the mean F (``force``) and of the new f by
-    ``FREE_D``, ... and by the n parameters; B and B' are those of the force. ``mode`` is that of
-    :func:`scaled`, ``mode_by`` (2, 9) are the derivatives of the ``mode`` given to it by the first
-    two parameters. The substep lasts from ``start`` to ``stop``, fractions of the sampling
-    interval.
+    ``by`` (3, 7 + n) are the derivatives of D, of ``B' F`` (see :func:`pull_tangents`) and of the
+    new f by ``FREE_D``, ... and by the n parameters; B and B' are those of the force. ``mode`` is
+    that of :func:`scaled`, ``mode_by`` (2, 9) are the derivatives of the ``mode`` given to it by
+    the first two parameters. The substep lasts from ``start`` to ``stop``, fractions of the
+    sampling interval.
     """
-    bp = mode[3]
     # new q, p and f by the old ones: q1 = q + D, p1 = its value without F, less B' F
     a, b, c = by_state(mode, by, 0)
     e, f, g = by_state(mode, by, 1)
     x, y, z = by_state(mode, by, 2)
-    a, e, f, g = 1.0 + a, -mode[7] - bp * e, mode[1] - bp * f, -bp * g
+    a, e, f, g = 1.0 + a, -mode[7] - e, mode[1] - f, -g
     # by the factor of the force, which depends on q and p along the way
     d_by = by[0, B] * mode[6] + by[0, SLOPE_B] * mode[7]
-    p_by = -mode[7] * force - bp * (by[1, B] * mode[6] + by[1, SLOPE_B] * mode[7])
+    p_by = -(by[1, B] * mode[6] + by[1, SLOPE_B] * mode[7])
     f_by = by[2, B] * mode[6] + by[2, SLOPE_B] * mode[7]
     by_q, by_p = mode[10], mode[10] * mode[12]
     a, e, x = a + by_q * d_by, e + by_q * p_by, x + by_q * f_by
@@ -262,11 +269,11 @@ def move_tangents(mode, mode_by, force, by, q, p, u0, u1, start, stop, step):
             value = by[k, FREE_D] * free_d + by[k, FREE_P] * free_p
             value += by[k, B] * db + by[k, SLOPE_B] * dbp
             if k == 1:
-                value = free_p - dbp * force - bp * value
+                value = free_p - value
             step[k, 3 + i] += value
     for j in range(by.shape[1] - OWN):
         step[0, PARAMETERS + j] += by[0, OWN + j]
-        step[1, PARAMETERS + j] -= bp * by[1, OWN + j]
+        step[1, PARAMETERS + j] -= by[1, OWN + j]
         step[2, PARAMETERS + j] += by[2, OWN + j]
 
 
@@ -316,8 +323,7 @@ class OscillatorOperator(HeldInput):
 
     A subclass passes its loops, ``class MyOperator(OscillatorOperator, loops=(run, compiled_step,
     loaded_step, tangents))``, and defines the state at rest and the constants of the law. Its first
-    two parameters are the first two here, its last two ``gain`` and ``intercept``. Where the force
-    may follow a load, it names it in ``scaled_within``.
+    two parameters are the first two here, its last two ``gain`` and ``intercept``.
 
     Parameters
     ----------
@@ -501,6 +507,12 @@ class OscillatorOperator(HeldInput):
         return self.scaled_sensitivities(u, du, np.ones(len(u)), 0.0 * du, dt, initial_state)
 
     # ------------------------------------------------------------ a force that follows a load
+
+    @property
+    def scaled_within(self):
+        """The hysteretic force, where there is one and the drive is not refined between samples."""
+        slides = self.causal and self.presliding_displacement is not None
+        return ("friction",) if slides else ()
 
     def _loaded_rest(self, u0, factor):
         """Return q and the hysteretic force at rest, and their derivatives (2, 1 + n_own + 1).

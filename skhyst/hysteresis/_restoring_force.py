@@ -23,6 +23,7 @@ from .._jit import jit
 from .._sklearn import Interval
 from ..operators import as_signal, parameter
 from ._oscillator import (
+    FREE_D,
     FREE_P,
     OWN,
     PARAMETERS,
@@ -37,6 +38,7 @@ from ._oscillator import (
     move_tangents,
     oscillator,
     propagate,
+    pull_tangents,
     scaled,
     set_identity,
     solve_tangents,
@@ -93,17 +95,17 @@ def restoring(mode, law, h, q, p, z, u0, u1):
     below overflow, the simulation has diverged and all following values are NaN.
     """
     k_s, limit, preload, scale, bound, springs, dampers = law
-    b, bp = mode[2], mode[3]
+    b_z, bp_z, b, bp = mode[2], mode[3], mode[6], mode[7]
     free_d, free_p = oscillator(mode, q, p, preload + u0, preload + u1)
     force0 = polynomials(q, p, scale, springs, dampers)
-    delta, mean, _, _ = slide(free_d - b * force0, b, z, k_s, limit)
-    end = free_p - bp * (force0 + mean)
+    delta, mean, _, _ = slide(free_d - b * force0, b_z, z, k_s, limit)
+    end = free_p - bp * force0 - bp_z * mean
     force = 0.5 * (force0 + polynomials(q + delta, end, scale, springs, dampers))
-    delta, mean, z, _ = slide(free_d - b * force, b, z, k_s, limit)
+    delta, mean, z, _ = slide(free_d - b * force, b_z, z, k_s, limit)
     q += delta
     if not abs(q) <= bound:
         return math.nan, math.nan, math.nan
-    return q, free_p - bp * (force + mean), z
+    return q, free_p - bp * force - bp_z * mean, z
 
 
 @jit
@@ -116,25 +118,35 @@ def add_powers(x, scale, out, first, n):
 
 
 @jit
-def slide_tangents(b, k, delta, mean, part, polynomial, first, dpolynomial, by):
-    """Write the derivatives of D, F and the new z of :func:`slide` to ``by``.
+def slide_tangents(b, b_z, k, delta, mean, part, force, dforce, first, by):
+    """Write the derivatives of D, of the mean of z and of the new z of :func:`slide` to ``by``.
 
-    ``polynomial`` and ``dpolynomial`` are N and its derivatives, ``first`` is the column of k_s.
+    The polynomials' ``force``, whose derivatives are ``dforce``, acts by ``b``, which does not
+    follow a load, and by whose entry of the last two columns the derivatives are, too. ``first`` is
+    the column of k_s.
     """
     sign = 1.0 if delta > 0.0 else -1.0
-    for j in range(by.shape[1]):
-        by[1, j] = dpolynomial[j]
-    by[1, F] += part
-    by[1, first] += 0.5 * part * part * delta
-    by[1, first + 1] += sign * (1.0 - part)
-    solve_tangents(b, 0.5 * k * part * part, polynomial + mean, by)
-    for j in range(by.shape[1]):
-        by[2, j] = 0.0 if part < 1.0 else k * by[0, j]
+    by[1] = 0.0
+    by[1, F] = part
+    by[1, first] = 0.5 * part * part * delta
+    by[1, first + 1] = sign * (1.0 - part)
+    solve_tangents(b_z, 0.5 * k * part * part, mean, by)
+    by[2] = 0.0
     if part < 1.0:
         by[2, first + 1] = sign
     else:
+        for j in range(by.shape[1]):
+            by[2, j] = k * by[0, j]
         by[2, F] += 1.0
         by[2, first] += delta
+    for i in range(3):
+        pull = by[i, FREE_D]
+        for j in range(by.shape[1]):
+            by[i, j] -= pull * b * dforce[j]
+        by[i, _B] -= pull * force
+
+
+_B, _SLOPE_B = -2, -1  # columns of the derivatives by B and B' of the polynomials
 
 
 @jit
@@ -150,8 +162,8 @@ def restoring_tangents(
     n_springs, n_dampers = springs.size, dampers.size
     first = OWN + 2 + n_springs + n_dampers
     step = np.empty((3, PARAMETERS + first + 3 - OWN))
-    by = np.empty((3, first + 2))
-    dforce0, dforce = np.empty((2, first + 2))
+    by = np.empty((3, first + 4))
+    dforce0, dforce = np.empty((2, first + 4))
     for k in range(u.size):
         u0 = before + preload
         set_identity(step)
@@ -159,7 +171,7 @@ def restoring_tangents(
             start, stop = i / n_substeps, (i + 1) / n_substeps
             u1 = preload + before + (u[k] - before) * stop
             loaded = scaled(mode, mean_factor(factor[k], factor[k + 1], start, stop), q, p)
-            b, bp = loaded[2], loaded[3]
+            b_z, bp_z, b, bp = loaded[2], loaded[3], loaded[6], loaded[7]
             free_d, free_p = oscillator(loaded, q, p, u0, u1)
             # with the force at the start
             from_q, by_q = odd_terms(q, springs, scale)
@@ -169,27 +181,36 @@ def restoring_tangents(
             dforce0[Q], dforce0[P] = by_q, by_p
             add_powers(q, scale, dforce0, OWN + 2, n_springs)
             add_powers(p, scale, dforce0, OWN + 2 + n_springs, n_dampers)
-            delta, mean, _, part = slide(free_d - b * force0, b, z, k_s, limit)
-            slide_tangents(b, k_s, delta, mean, part, force0, first, dforce0, by)
+            delta, mean, _, part = slide(free_d - b * force0, b_z, z, k_s, limit)
+            slide_tangents(b, b_z, k_s, delta, mean, part, force0, dforce0, first, by)
             # with the mean of both ends
-            end = free_p - bp * (force0 + mean)
+            end = free_p - bp * force0 - bp_z * mean
             from_q, by_q = odd_terms(q + delta, springs, scale)
             from_p, by_p = odd_terms(end, dampers, scale)
             for j in range(dforce.size):
-                dforce[j] = dforce0[j] + by_q * by[0, j] - by_p * bp * by[1, j]
+                dend = -bp * dforce0[j] - bp_z * by[1, j]
+                dforce[j] = dforce0[j] + by_q * by[0, j] + by_p * dend
             dforce[Q] += by_q
             dforce[FREE_P] += by_p
-            dforce[SLOPE_B] -= by_p * (force0 + mean)
+            dforce[SLOPE_B] -= by_p * mean
+            dforce[_SLOPE_B] -= by_p * force0
             add_powers(q + delta, scale, dforce, OWN + 2, n_springs)
             add_powers(end, scale, dforce, OWN + 2 + n_springs, n_dampers)
             dforce *= 0.5
             force = 0.5 * (force0 + (from_q + from_p))
-            delta, mean, z, part = slide(free_d - b * force, b, z, k_s, limit)
-            slide_tangents(b, k_s, delta, mean, part, force, first, dforce, by)
-            force += mean
-            move_tangents(loaded, mode_by, force, by, q, p, u0, u1, start, stop, step)
+            delta, mean, z, part = slide(free_d - b * force, b_z, z, k_s, limit)
+            slide_tangents(b, b_z, k_s, delta, mean, part, force, dforce, first, by)
+            pull_tangents(bp_z, mean, by)
+            for j in range(dforce.size):
+                by[1, j] += bp * dforce[j]
+            by[1, _SLOPE_B] += force
+            move_tangents(loaded, mode_by, by[:, :_B], q, p, u0, u1, start, stop, step)
+            for m in range(2):  # w and zeta act through the polynomials' B and B', too
+                for i_state in range(3):
+                    change = by[i_state, _B] * mode_by[m, 2] + by[i_state, _SLOPE_B] * mode_by[m, 3]
+                    step[i_state, PARAMETERS + m] += -change if i_state == 1 else change
             q += delta
-            p = free_p - bp * force
+            p = free_p - bp * force - bp_z * mean
             u0 = u1
         if not abs(q) <= bound:
             out[k:] = np.nan

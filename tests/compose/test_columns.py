@@ -16,12 +16,14 @@ from skhyst.compose import (
 from skhyst.disturbance import Offset
 from skhyst.exceptions import ExtrapolationWarning
 from skhyst.hysteresis import (
+    BoucWenStageOperator,
     CoulombFrictionOperator,
     FreeMass,
     FreeMassOperator,
     FrictionStageOperator,
     PrandtlIshlinskii,
     PrandtlIshlinskiiOperator,
+    RestoringForceOperator,
 )
 from skhyst.linear import (
     FirstOrderLag,
@@ -47,6 +49,10 @@ DT, N = 0.01, 400
 LAG = FirstOrderLagOperator(0.05, gain=1.2)
 PLAYS = PrandtlIshlinskiiOperator([0.0, 0.3], [0.6, 0.4])
 STAGE = FrictionStageOperator(60.0, 0.3, 0.3, 0.65, 4.0, 10.0, 0.2, 0.8, 0.1, n_substeps=3)
+HYSTERETIC = BoucWenStageOperator(40.0, 0.3, 3.0, 0.3, 0.2, 1.7, 1.2, 0.1, n_substeps=2)
+SLIPPING = RestoringForceOperator(
+    40.0, 0.3, [0.4], [0.2], 3.0, 0.3, 0.1, 1.2, 0.1, scale=0.9, n_substeps=2
+)
 MASS = FreeMassOperator(0.02, 0.1, 0.3, 0.5, 0.2, 0.1, force_offset=0.1, intercept=0.2)
 FRICTION = CoulombFrictionOperator(1.3, 0.8, 2.9, 0.3, 0.1, 0.3, 0.02, 0.1)
 
@@ -245,6 +251,12 @@ OPERATORS = {
     "friction of a stage under a load": Scaled(
         OnColumnOperator(STAGE, 0), 1, 0.4, 0.3, magnitude=True, scales=("friction",)
     ),
+    "hysteretic force of a stage under a load": Scaled(
+        OnColumnOperator(HYSTERETIC, 0), 1, 0.4, 0.9, magnitude=True, scales=("friction",)
+    ),
+    "slip beside a curved spring under a load": Scaled(
+        OnColumnOperator(SLIPPING, 0), 1, 0.4, 0.9, magnitude=True, scales=("friction",)
+    ),
     "friction of a stage, along the way, too, down to none, behind a lag": Scaled(
         OnColumnOperator(replace(STAGE, friction_gradient=0.7, friction_center=0.037), 0),
         2,
@@ -333,20 +345,27 @@ def test_a_load_at_rest_makes_a_mass_of_another_friction():
 
 
 @pytest.mark.parametrize("start", [0.5, -0.5])
-def test_a_load_at_rest_makes_a_stage_of_another_friction(start):
-    """All of the friction but the viscous one is that of the load, at rest, too; or none is."""
+@pytest.mark.parametrize(
+    ("stage", "forces"),
+    [
+        (STAGE, ["static_level", "bristle_stiffness", "bristle_damping"]),
+        (HYSTERETIC, ["level", "hysteresis_stiffness"]),
+        (SLIPPING, ["slip_level", "hysteresis_stiffness"]),
+    ],
+    ids=["friction", "Bouc-Wen", "slip"],
+)
+def test_a_load_at_rest_makes_a_stage_of_another_friction(stage, forces, start):
+    """All of it but the viscous one, and no curved spring, at rest, too; or there is none."""
     u = U[:, 0] - U[0, 0] + start
+
+    def times(factor):
+        return replace(stage, **{name: factor * getattr(stage, name) for name in forces})
+
     for load, factor in ((-5.0, 1.5), (1.0, 0.5), (-1.0, 0.5)):
-        other = replace(
-            STAGE,
-            static_level=factor * STAGE.static_level,
-            bristle_stiffness=factor * STAGE.bristle_stiffness,
-            bristle_damping=factor * STAGE.bristle_damping,
-        )
-        y = loaded(STAGE, 0.25, 3.0).run(np.column_stack([u, np.full(len(u), load)]), DT)[0]
-        np.testing.assert_allclose(y, other.run(u, DT)[0], atol=1e-12)
-    y = loaded(STAGE, 0.25, 4.0).run(np.column_stack([u, np.zeros(len(u))]), DT)[0]
-    np.testing.assert_allclose(y, STAGE.linear_mode().run(u, DT)[0], atol=1e-12)
+        y = loaded(stage, 0.25, 3.0).run(np.column_stack([u, np.full(len(u), load)]), DT)[0]
+        np.testing.assert_allclose(y, times(factor).run(u, DT)[0], atol=1e-12)
+    y = loaded(stage, 0.25, 4.0).run(np.column_stack([u, np.zeros(len(u))]), DT)[0]
+    np.testing.assert_allclose(y, replace(stage, **{forces[0]: 0.0}).run(u, DT)[0], atol=1e-12)
 
 
 def test_friction_in_motion_that_grows_steadily_is_of_second_order():
