@@ -732,7 +732,8 @@ class OscillatorModel(ParametricModel):
                 initial_state=self.free_run_state,
                 method=rough_method(self.method),
             )
-            mode = linear.identify(records).operator
+            starts = linear.starting_values(records)
+            mode = refine(linear, starts, records, with_errors=False).operator
         # a gain of zero would scale no hysteretic force
         mode = dataclasses.replace(mode, gain=mode.gain or length / swing)
         laws = self._laws(length, mode.natural_frequency * length)
