@@ -143,7 +143,8 @@ def briefly(estimator, max_evaluations=3):
 @pytest.mark.parametrize("name", [name for name in small_estimators() if name not in QUICK])
 def test_scikit_learn_of_all_others(name):
     """All checks but those that contradict memory: some of each kind show that they fail."""
-    known = briefly(small_estimators()[name], 1)
+    # a weight is as good as repeated rows only at the optimum
+    known = briefly(small_estimators()[name], 4 if name in MEMORYLESS else 1)
     contradicted = expected_failed_checks(known)
     for estimator, check in estimator_checks_generator(known):
         if check.func.__name__ not in contradicted:

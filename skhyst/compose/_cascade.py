@@ -522,7 +522,8 @@ class Cascade(Composition):
         whole, records = first.in_series_with(last), first_parts(data)
         if whole is None or any(s.signal_linear for s in _driven_starts(middle, records)):
             return None
-        linear = refine(whole, whole.starting_values(records), records, _ROUGH)
+        starts = whole.starting_values(records)
+        linear = refine(whole, starts, records, _ROUGH, with_errors=False)
 
         def fitting(parts):
             adapted = [m.adapted(part) for m, part in zip((first, last), parts, strict=True)]

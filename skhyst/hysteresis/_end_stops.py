@@ -252,7 +252,7 @@ class EndStopsOperator(OscillatorOperator, loops=(*loops(impact), end_stops_tang
         q = share * (u0 + kappa * sum(levels))
         by[0, 0] = share
         by[0, 3] = share * sum(level - q for level in levels)
-        for column, name in enumerate(list(self.parameter_specs())[4:-2], start=5):
+        for column, name in enumerate(list(self._sizes)[4:-2], start=5):
             by[0, column] = kappa * share * touched[name]
         return q, 0.0, by
 

@@ -667,10 +667,11 @@ class FreeMassOperator(HeldInput):
         forces = self.friction, self.stribeck_force, self.damping * self.damping_asymmetry
         return not (any(forces) or self._is_placed)
 
+    def _law_names(self):
+        return [name for name in Operator.parameter_specs(self) if name != "intercept"]
+
     def _law(self):
-        known = self.parameter_specs()
-        names = [f.name for f in dataclasses.fields(self) if "parameter" in f.metadata][:-1]
-        values = dict(zip(names, (float(getattr(self, name)) for name in names), strict=True))
+        values = {name: float(getattr(self, name)) for name in self._law_names()}
         for name in (
             "stribeck_force",
             "cubic_stiffness",
@@ -678,7 +679,7 @@ class FreeMassOperator(HeldInput):
             "stop_stiffness",
             "friction_gradient",
         ):
-            values[name] = values[name] if name in known else 0.0
+            values[name] = values[name] if name in self._sizes else 0.0
         place = self.friction_center if math.isfinite(self.friction_center) else 0.0
         return *values.values(), float(place), float(self._is_bent)
 
@@ -704,12 +705,17 @@ class FreeMassOperator(HeldInput):
         held = float(self.hold == "zoh")
         return float(dt) / self.n_substeps, self.n_substeps, held, *self._law()
 
+    def _arguments(self, dt):
+        """Return the constants as the loops take them: the law as a tuple, then the substeps."""
+        constants = self._constants(dt)
+        return constants[3:], *constants[:3]
+
     def _tangents(self, signals, dt, state, d):
         """Return the displacement and its derivatives (n_samples, m + 16); ``d`` as the loop."""
         u, du, factor, dfactor = map(as_signal, signals)
         x, v, before, time, begun = state
         out, dout = np.empty(u.size), np.empty((u.size, d.shape[1]))
-        law = self._law(), *self._constants(dt)[:3]
+        law = self._arguments(dt)
         run = u, du, factor, dfactor, before, time, begun, x, v
         free_mass_tangents(*law, *run, d, out, dout)
         return out, dout
@@ -734,7 +740,7 @@ class FreeMassOperator(HeldInput):
         u, (x, v, before, time, begun, loaded) = as_signal(u), state
         if not u.size:
             return np.empty(0), state
-        out, law = np.empty(u.size), (self._law(), *self._constants(dt)[:3])
+        out, law = np.empty(u.size), self._arguments(dt)
         run = u, as_signal(factor), before, loaded, time, begun, x, v
         x, v, time = free_mass_run(*law, *run, out)
         return out, (x, v, float(u[-1]), time, 1.0, float(factor[-1]))
@@ -752,9 +758,7 @@ class FreeMassOperator(HeldInput):
         d[0, p] = float(isinstance(initial_state, str))
         signals = np.column_stack([du, empty]), factor, np.column_stack([dfactor, empty[:, :1]])
         y, dy = self._tangents((u, *signals), dt, state, d)
-        law = [name for name, _ in Operator.parameter_specs(self).items() if name != "intercept"]
-        known = self.parameter_specs()
-        columns = [p + 1 + i for i, name in enumerate(law) if name in known]
+        columns = [p + 1 + i for i, name in enumerate(self._law_names()) if name in self._sizes]
         return y, np.ascontiguousarray(dy[:, [*range(m), *columns, p, *range(m, p)]])
 
     def scaled_by_start(self, u, factor, dt, start):

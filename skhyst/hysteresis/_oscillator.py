@@ -536,8 +536,9 @@ class OscillatorOperator(HeldInput):
         if "friction_gradient" in self._sizes:  # the last of its own
             dexcess[-1] += factor * (q - place) * (local > 0.0)
         dv = np.concatenate([[1.0], -excess * by[1, 1:] - force * dexcess, [-local * force]]) / by_v
-        by_parameters = np.pad(by[:, 1:], ((0, 0), (1, 1)))
-        return q, force, by[:, :1] * dv + by_parameters
+        tangents = by[:, :1] * dv
+        tangents[:, 1:-1] += by[:, 1:]
+        return q, force, tangents
 
     def scaled_init(self, u0, factor, initial_state="rest"):
         if initial_state == "zero":
@@ -569,7 +570,7 @@ class OscillatorOperator(HeldInput):
     def scaled_sensitivities(self, u, du, factor, dfactor, dt, initial_state="rest"):
         u, factor, dfactor = as_signal(u), as_signal(factor), as_signal(dfactor)
         m, p, n_own = du.shape[1], dfactor.shape[1], self.n_parameters - 2
-        du = np.pad(as_signal(du), ((0, 0), (0, p - m)))  # parameters of the factor: zero
+        du = np.concatenate([du, np.zeros((u.size, p - m))], axis=1)  # none by those of the factor
         d, dy = np.zeros((3, p + n_own)), np.empty((u.size, p + n_own + 2))
         if not u.size:
             return np.empty(0), dy
@@ -744,7 +745,8 @@ class OscillatorModel(ParametricModel):
                 initial_state=self.free_run_state,
                 method=rough_method(self.method),
             )
-            mode = linear.identify(records).operator
+            starts = linear.starting_values(records)
+            mode = refine(linear, starts, records, with_errors=False).operator
         # a gain of zero would scale no hysteretic force
         mode = dataclasses.replace(mode, gain=mode.gain or length / swing)
         laws = self._laws(length, mode.natural_frequency * length)

@@ -115,7 +115,7 @@ class OneStateOperator(Operator):
         """The step given by the subclass."""
 
     def _values(self):
-        names = (*self.parameter_specs(), *self.structure)
+        names = (*self._sizes, *self.structure)
         return tuple(float(getattr(self, name)) for name in names)
 
     def rest(self, u0):

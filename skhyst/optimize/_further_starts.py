@@ -13,7 +13,13 @@ from scipy.special import fdtrc
 from ..noise import whiteness_p_value, whitening_filter
 from ._identify import NOISELESS, identify, problems_of
 from ._problem import OperatorProblem, record_with_history
-from ._variable_projection import random_starts, search_box, starts_near, variable_projection
+from ._variable_projection import (
+    random_starts,
+    search_box,
+    start_descent,
+    starts_near,
+    variable_projection,
+)
 
 _TINY = np.finfo(float).tiny
 LEVEL = 1e-3  # significance level: the fraction of converged fits that are started again in vain
@@ -34,7 +40,7 @@ def _neighbours(problems, seed):
     Starts are drawn around the solution, which is that of the first problem, and the other starts.
     """
     problem = problems[0]
-    best = variable_projection(problem, problem.x0, max_evaluations=1)
+    best = start_descent(problem, problem.x0)
     other_starts = [p.x0 for p in problems[1:] if p.names == problem.names]
     box = search_box(problems)
     drawn = random_starts(box, problem.linear, [best.x, *other_starts], _STARTS, seed)

@@ -12,7 +12,7 @@ from ._levenberg_marquardt import LevenbergMarquardt
 from ._population import CuckooSearch, DifferentialEvolution, ModifiedCuckooSearch, ParticleSwarm
 from ._problem import OperatorProblem
 from ._standard_errors import FEWEST, coloured_covariance
-from ._variable_projection import Solution, VariableProjection, variable_projection
+from ._variable_projection import Solution, VariableProjection, start_descent
 
 METHODS = {
     "variable_projection": VariableProjection,
@@ -554,7 +554,7 @@ def _is_open(problem, solution, i, error, variance):
     """
     x = solution.x.copy()
     x[i] = min(x[i] + np.log1p(_QUANTILE * error), problem.upper[i])
-    cost = variable_projection(problem, x, max_evaluations=1).cost
+    cost = start_descent(problem, x).cost
     # data do not contradict an end at which the derivatives overflow
     return not np.isfinite(cost) or cost < solution.cost + _QUANTILE**2 * variance
 

@@ -508,8 +508,9 @@ class VariableProjection(Method):
             evaluations += len(starts)
             starts = [starts[i] for i in np.argsort(costs, kind="stable")[:_TRIALS]]
         if len(starts) > _FULL_RUNS:
+            budget = min(_TRIAL_EVALUATIONS, self.max_evaluations)
             trials = parallel(
-                delayed(variable_projection)(problem, x, max_evaluations=_TRIAL_EVALUATIONS)
+                delayed(variable_projection)(problem, x, max_evaluations=budget)
                 for problem, x in starts
             )
             evaluations += sum(trial.n_evaluations for trial in trials)

@@ -52,7 +52,7 @@ class SaturationOperator(StaticOperator):
     def evaluate(self, v):
         beyond = {"lower": v < self.lower, "upper": v > self.upper}
         by_levels = np.empty((len(v), self.n_parameters))
-        for column, name in enumerate(self.parameter_specs()):
+        for column, name in enumerate(self._sizes):
             by_levels[:, column] = beyond[name]
         slope = (~(beyond["lower"] | beyond["upper"])).astype(float)
         return np.clip(v, self.lower, self.upper), slope, by_levels
