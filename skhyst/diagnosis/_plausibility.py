@@ -49,7 +49,7 @@ def has_its_name(name, margin, tree, records, alpha):
     x, motion = problem.x0, _motion(tree, name, records)
 
     def at(values):
-        return margin(tree.at(problem, values).part(name), motion, records)
+        return margin(_with_spring(tree.at(problem, values), name), motion, records)
 
     value = at(x)
     if value >= 0.0 or not np.isfinite(value):
@@ -83,10 +83,38 @@ def _motion(tree, name, records):
     if tree.label(name) in tree.disturbance_names:
         return np.array([])
     part = tree.part(name)
-    is_force = presliding_displacement(part) is not None and part.linear_mode() is None
-    last = tree.place(name) + (not (is_force or tree.is_part(name)))
+    last = tree.place(name) + (not (_is_force(part) or tree.is_part(name)))
     motion = np.concatenate(tree.run(records, last=last))
     return motion if motion.ndim == 1 else motion[:, 0]
+
+
+def _is_force(operator):
+    """Whether an operator is a force that builds up over a given motion."""
+    return presliding_displacement(operator) is not None and operator.linear_mode() is None
+
+
+def _with_spring(tree, name):
+    """Return the operator of an effect; of a force beside a gain, the sum of both."""
+    part = tree.part(name)
+    if tree.is_part(name) and _is_force(part):
+        whole = tree.operators[tree.place(name)]
+        if any(own.memoryless and own.signal_linear for own in whole.stages):
+            return whole
+    return part
+
+
+def _dissipates(operator, motion):
+    """Return a margin above zero unless a force beside a gain works against it.
+
+    If the gain is a spring, a force of the other sign would supply energy: the response is then no
+    force, but lags behind its drive. A force whose range exceeds that of the spring has no sign.
+    """
+    if not hasattr(operator, "stages"):
+        return np.inf
+    gain = sum(own.gain for own in operator.stages if own.memoryless and own.signal_linear)
+    force = next(own for own in operator.stages if _is_force(own)).run(motion, 1.0)[0]
+    work = (force[1:] + force[:-1]) @ np.diff(motion)
+    return 1.0 + np.sign(work) * gain * np.ptp(motion) / max(np.ptp(force), np.finfo(float).tiny)
 
 
 def _have_changed_places(before, tree, name):
@@ -325,16 +353,21 @@ def _are_no_harmonics(frequencies, record):
 
 
 def slides(operator, motion, records):
-    """Return how soon a force saturates after a reversal of the motion; friction does soon."""
+    """Return how soon a force saturates after a reversal of the motion; friction does soon.
+
+    It opposes the motion, as a spring in parallel with it does.
+    """
     way = presliding_displacement(operator)
-    return np.inf if way is None else np.log(NOTICEABLE * np.ptp(motion) / way)
+    if way is None:
+        return np.inf
+    return min(np.log(NOTICEABLE * np.ptp(motion) / way), _dissipates(operator, motion))
 
 
 def builds_up(operator, motion, records):
     """Return how slowly a force builds up after a reversal of the motion.
 
     Where it builds up from one sample to the next, or is a force beside a given motion and
-    saturates soon, it is friction.
+    saturates soon, it is friction, unless it would supply energy.
     """
     way, moves = presliding_displacement(operator), np.abs(np.diff(motion))
     if way is None or not moves.any():
@@ -342,7 +375,7 @@ def builds_up(operator, motion, records):
     least = moves[moves > 0.0].mean()
     if operator.linear_mode() is None:
         least = max(least, NOTICEABLE * np.ptp(motion))
-    return np.log(way / least)
+    return max(np.log(way / least), -_dissipates(operator, motion))
 
 
 def stops(operator, motion, records):
