@@ -124,8 +124,8 @@ DIAGNOSIS = [
     ),
     (
         "a finished step is done again",
-        "            self._visited[key] = self.steps[key]\n        return key in self.steps",
-        "            self._visited[key] = self.steps[key]\n        return False",
+        "            self._visit(key)\n        return key in self.steps",
+        "            self._visit(key)\n        return False",
         "tests/diagnosis/test_decision.py -k finished",
     ),
 ]

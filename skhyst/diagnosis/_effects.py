@@ -182,7 +182,7 @@ _BUILT_IN = (
             InMotion(RestoringForce(1, damping_degree=1)),
             InMotion(BoucWenStage()),
             InMotion(BoucWenStage(fit_exponent=True)),
-            ParallelForce(Dahl(fit_damping=False, fit_intercept=False)),
+            ParallelForce(Dahl(fit_damping=False, fit_intercept=False), with_gain=True),
             ParallelForce(BoucWen(fit_gain=False, fit_intercept=False)),
             ParallelForce(MaxwellSlip(10)),
             FirstHysteresis(PrandtlIshlinskii(10)),

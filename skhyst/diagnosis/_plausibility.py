@@ -49,7 +49,7 @@ def has_its_name(name, margin, tree, records, alpha):
     x, motion = problem.x0, _motion(tree, name, records)
 
     def at(values):
-        return margin(tree.at(problem, values).part(name), motion, records)
+        return margin(_with_spring(tree.at(problem, values), name), motion, records)
 
     value = at(x)
     if value >= 0.0 or not np.isfinite(value):
@@ -83,10 +83,38 @@ def _motion(tree, name, records):
     if tree.label(name) in tree.disturbance_names:
         return np.array([])
     part = tree.part(name)
-    is_force = presliding_displacement(part) is not None and part.linear_mode() is None
-    last = tree.place(name) + (not (is_force or tree.is_part(name)))
+    last = tree.place(name) + (not (_is_force(part) or tree.is_part(name)))
     motion = np.concatenate(tree.run(records, last=last))
     return motion if motion.ndim == 1 else motion[:, 0]
+
+
+def _is_force(operator):
+    """Whether an operator is a force that builds up over a given motion."""
+    return presliding_displacement(operator) is not None and operator.linear_mode() is None
+
+
+def _with_spring(tree, name):
+    """Return the operator of an effect; of a force beside a gain, the sum of both."""
+    part = tree.part(name)
+    if tree.is_part(name) and _is_force(part):
+        whole = tree.operators[tree.place(name)]
+        if any(own.memoryless and own.signal_linear for own in whole.stages):
+            return whole
+    return part
+
+
+def _dissipates(operator, motion):
+    """Return a margin above zero unless a force beside a gain works against it.
+
+    If the gain is a spring, a force of the other sign would supply energy: the response is then no
+    force, but lags behind its drive. A force whose range exceeds that of the spring has no sign.
+    """
+    if not hasattr(operator, "stages"):
+        return np.inf
+    gain = sum(own.gain for own in operator.stages if own.memoryless and own.signal_linear)
+    force = next(own for own in operator.stages if _is_force(own)).run(motion, 1.0)[0]
+    work = (force[1:] + force[:-1]) @ np.diff(motion)
+    return 1.0 + np.sign(work) * gain * np.ptp(motion) / max(np.ptp(force), np.finfo(float).tiny)
 
 
 def _are_swapped(before, tree, name):
@@ -329,17 +357,22 @@ def _are_no_harmonics(frequencies, record):
 def slides(operator, motion, records):
     """Return the logarithm of a noticeable part of the motion over the presliding displacement.
 
-    Friction saturates soon after a reversal of the motion.
+    Friction saturates soon after a reversal of the motion, which it opposes, as a spring in
+    parallel with it does.
     """
     presliding = presliding_displacement(operator)
-    return np.inf if presliding is None else np.log(NOTICEABLE * np.ptp(motion) / presliding)
+    if presliding is None:
+        return np.inf
+    soon = np.log(NOTICEABLE * np.ptp(motion) / presliding)
+    return min(soon, _dissipates(operator, motion))
 
 
 def builds_up(operator, motion, records):
     """Return the logarithm of the presliding displacement over that of friction.
 
     A force that builds up from one sample to the next after a reversal is friction; so is one that
-    is added to others of a given motion, and saturates within a negligible part of it.
+    is added to others of a given motion, and saturates within a negligible part of it, unless it
+    would supply energy.
     """
     presliding, steps = presliding_displacement(operator), np.abs(np.diff(motion))
     if presliding is None or not steps.any():
@@ -347,7 +380,7 @@ def builds_up(operator, motion, records):
     smallest = steps[steps > 0.0].mean()
     if operator.linear_mode() is None:
         smallest = max(smallest, NOTICEABLE * np.ptp(motion))
-    return np.log(presliding / smallest)
+    return max(np.log(presliding / smallest), -_dissipates(operator, motion))
 
 
 def stops(operator, motion, records):

@@ -8,6 +8,7 @@ import pytest
 from numpy.polynomial import Legendre, Polynomial
 from scipy.stats import norm
 
+from skhyst.compose import Sum
 from skhyst.diagnosis import EFFECTS, EffectSearchCV
 from skhyst.diagnosis._candidates import Candidate
 from skhyst.diagnosis._edits import Insert
@@ -31,6 +32,7 @@ from skhyst.diagnosis._tree import Tree
 from skhyst.disturbance import SinusoidOperator
 from skhyst.hysteresis import (
     BacklashOperator,
+    DahlOperator,
     LuGreOperator,
     PrandtlIshlinskii,
     PrandtlIshlinskiiOperator,
@@ -46,6 +48,7 @@ from skhyst.linear import (
     SecondOrderModeOperator,
 )
 from skhyst.noise import largest_noise
+from skhyst.operators import Stage, SumOperator
 from skhyst.optimize import RecordData
 from skhyst.records import near_period
 from skhyst.static import (
@@ -123,7 +126,9 @@ def test_a_margin_below_zero_is_refused_beyond_its_standard_error(alpha, unit):
     error = np.sqrt(rest @ rest / (n - 2) / np.sum((u - u.mean()) ** 2))
     tree = SimpleNamespace(  # an effect whose operator is the gain
         problem=fitted.problem,
-        at=lambda problem, x: SimpleNamespace(part=lambda name: fitted.at(problem, x).operators[0]),
+        at=lambda problem, x: SimpleNamespace(
+            part=lambda name: fitted.at(problem, x).operators[0], is_part=lambda name: False
+        ),
         label=lambda name: name,
         disturbance_names=["own"],
     )
@@ -213,6 +218,25 @@ def test_margins_of_friction_are_ways_over_the_motion(unit):
     assert names(0.051) == (False, True)
     assert slides(GainOperator(), motion, []) == np.inf
     assert builds_up(GainOperator(), motion, []) == np.inf
+
+
+@pytest.mark.parametrize(
+    ("spring", "force", "dissipates"),
+    [
+        (1.0, 0.5, True),
+        (-1.0, -0.5, True),
+        (1.0, -0.5, False),
+        (-1.0, 0.5, False),
+        (0.1, -2.0, True),
+    ],
+)
+def test_a_friction_does_not_supply_energy(spring, force, dissipates):
+    """The sign of both is that of the sensor; a force far larger than the spring has none."""
+    motion = np.sin(np.arange(300) / 20.0)
+    parts = Stage("spring", GainOperator(spring)), Stage("friction", DahlOperator(0.02, force))
+    both = SumOperator.of_parts(parts, Sum([]))
+    assert (slides(both, motion, []) > 0.0) == dissipates
+    assert (builds_up(both, motion, []) > 0.0) != dissipates
 
 
 def test_a_curve_that_does_not_level_off_bends():
