@@ -166,6 +166,7 @@ def test_records_and_method_may_be_given(data):
     assert model.records_[0].n_samples == N
 
 
+@pytest.mark.filterwarnings("ignore:No one set of parameters")
 def test_an_edited_tree_is_a_start(data):
     """A stage is put in, with a gain that another carries."""
     alone = cascade().fit(*data)
