@@ -25,7 +25,7 @@ from ..optimize import VariableProjection
 from ._divided import Divisions, first_parts
 
 _HYSTERESIS, _DYNAMICS = 10, 30  # stage orders, see Operator
-_ROUGH = VariableProjection(tolerance=1e-4)  # for fits whose result is refined later
+ROUGH = VariableProjection(tolerance=1e-4)  # for fits whose result is refined later
 _CLEARLY = 1.1  # ratio of errors in thinned records that is a clear difference
 _ENOUGH = 5_000  # number of samples, of all records, that thinning aims at
 _LONG = 20_000  # samples above which thinning saves time
@@ -501,7 +501,7 @@ class Cascade(Composition):
             results = [self._add_steps(data, order, self.method) for order in self._orders()]
             best = min(results, key=lambda result: result.error)
         else:
-            results = [self._add_steps(thinned, order, _ROUGH) for order in self._orders()]
+            results = [self._add_steps(thinned, order, ROUGH) for order in self._orders()]
             # structure such as the thresholds of plays comes from all samples
             distinct = _distinct(results)
             starts = [self._resume(operator.stages, data) or operator for operator in distinct]
@@ -523,7 +523,7 @@ class Cascade(Composition):
         if whole is None or any(s.signal_linear for s in _driven_starts(middle, records)):
             return None
         starts = whole.starting_values(records)
-        linear = refine(whole, starts, records, _ROUGH, with_errors=False)
+        linear = refine(whole, starts, records, ROUGH, with_errors=False)
 
         def fitting(parts):
             adapted = [m.adapted(part) for m, part in zip((first, last), parts, strict=True)]
@@ -534,10 +534,10 @@ class Cascade(Composition):
         starts = [self._compose(names, stages) for _, stages in in_between]
         if not starts:
             return None
-        result = refine(self, starts, records, _ROUGH, with_errors=False)
+        result = refine(self, starts, records, ROUGH, with_errors=False)
         evaluations = linear.n_evaluations + result.n_evaluations
         # the input of the step depends on the present parts, so it starts again on all samples
-        for method in (_ROUGH, self.method):
+        for method in (ROUGH, self.method):
             start = self._resume(result.operator.stages, data) or result.operator
             result = refine(self, [start], data, method, with_errors=method is self.method)
             evaluations += result.n_evaluations
@@ -623,7 +623,7 @@ class Cascade(Composition):
                 return
             records = [replace(record, y=y) for record, y in zip(data, inputs, strict=True)]
             others = with_params(self, steps=self._kept_steps()[:-1])
-            before = others._add_steps(records, others._orders()[0], _ROUGH)
+            before = others._add_steps(records, others._orders()[0], ROUGH)
             start = self._compose(names, [*before.operator.stages, last])
             result = refine(self, [start], data, self.method)
             yield replace(result, n_evaluations=before.n_evaluations + result.n_evaluations)
@@ -654,7 +654,7 @@ class Cascade(Composition):
                     "to the response of a model: use a Sum."
                 )
             last = len(names) == len(steps)
-            options = {"method": method if last else _ROUGH, "with_errors": last}
+            options = {"method": method if last else ROUGH, "with_errors": last}
             result = refine(self, candidates, data, **options)
             stages = dict(zip(places, result.operator.stages, strict=True))
             evaluations += result.n_evaluations

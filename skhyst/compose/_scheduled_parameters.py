@@ -12,12 +12,12 @@ from .._validation import drive_column
 from ..base import as_node, informed, refine, with_params
 from ..exceptions import RecordError
 from ..operators import Scheduled, split_disturbances
-from ..optimize import RecordData, VariableProjection
+from ..optimize import RecordData
 from ..records import record_names
+from ._cascade import ROUGH
 from ._columns import AroundModel, amplitude, is_constant
 
 _LEAST = 1e-3  # least starting value of a positive parameter, relative to its constant value
-_ROUGH = VariableProjection(tolerance=1e-4)
 
 
 class ScheduledParameters(AroundModel):
@@ -225,7 +225,7 @@ def _from_each_record(scheduled, records, plain, model):
     """Return the operator whose polynomials best fit the parameters of single records."""
     fixed = model.held_parameters()
     start = [scheduled.base]
-    alone = [refine(model, start, [record], _ROUGH, with_errors=False) for record in plain]
+    alone = [refine(model, start, [record], ROUGH, with_errors=False) for record in plain]
     values = np.array([result.operator.pack() for result in alone])
     specs = [spec for _, spec in scheduled.entries()]
     coefficients, start = scheduled.pack(), 0
