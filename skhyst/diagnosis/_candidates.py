@@ -247,11 +247,16 @@ def halves(records):
     return [(~test, test), (test, ~test)]
 
 
-def longest_held_out(records, folds):
-    """Return the longest time that a fold holds out of one record, s."""
+def longest_block(records, folds):
+    """Return the longest time that a fold holds out of a record that it fits to, s; else inf."""
     owner = np.repeat(np.arange(len(records)), [len(record.segments) for record in records])
-    lengths = [r.dt * (stop - start) for r in records for start, stop in r.segments]
-    return max(np.bincount(owner[test], np.compress(test, lengths)).max() for _, test in folds)
+    times = np.array([r.dt * (stop - start) for r in records for start, stop in r.segments])
+    blocks = [
+        times[test & (owner == number)].sum()
+        for train, test in folds
+        for number in np.intersect1d(owner[train], owner[test])
+    ]
+    return max(blocks, default=np.inf)
 
 
 def extrapolated(records, folds):

@@ -41,7 +41,7 @@ from ._candidates import (
     halves,
     held_out,
     level_folds,
-    longest_held_out,
+    longest_block,
     refitted,
     screened,
 )
@@ -377,7 +377,7 @@ class Contest:
         )
 
     def _predicts_halves(self, base, name, reduced):
-        """Whether a mode that rings for longer than what is held out predicts half of each record.
+        """Whether a mode that rings for longer than a held-out block predicts half of each record.
 
         The blocks before and behind a held-out one determine the envelope of such a ringing within
         it, whatever has caused it, so that only the other half of the records is a test.
@@ -385,7 +385,7 @@ class Contest:
         tree, records = base.structure, self.records_of(base)
         if tree.label(name) not in tree.names or not n_ringing(tree.part(name)):
             return True
-        if ringing_time(tree.part(name)) <= longest_held_out(records, self.folds):
+        if ringing_time(tree.part(name)) <= longest_block(records, self.folds):
             return True
         folds = halves(records)
         return self.criterion.improves_enough(

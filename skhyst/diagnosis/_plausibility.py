@@ -98,9 +98,15 @@ def _with_spring(tree, name):
     part = tree.part(name)
     if tree.is_part(name) and _is_force(part):
         whole = tree.operators[tree.place(name)]
-        if any(own.memoryless and own.signal_linear for own in whole.stages):
+        if _has_spring(whole):
             return whole
     return part
+
+
+def _has_spring(operator):
+    """Whether an operator is a sum whose first part is a gain."""
+    first, *_ = getattr(operator, "stages", [operator])
+    return first is not operator and first.memoryless and first.signal_linear
 
 
 def _dissipates(operator, motion):
@@ -109,12 +115,12 @@ def _dissipates(operator, motion):
     If the gain is a spring, a force of the other sign would supply energy: the response is then no
     force, but lags behind its drive. A force whose range exceeds that of the spring has no sign.
     """
-    if not hasattr(operator, "stages"):
+    if not _has_spring(operator):
         return np.inf
-    gain = sum(own.gain for own in operator.stages if own.memoryless and own.signal_linear)
-    force = next(own for own in operator.stages if _is_force(own)).run(motion, 1.0)[0]
-    work = (force[1:] + force[:-1]) @ np.diff(motion)
-    return 1.0 + np.sign(work) * gain * np.ptp(motion) / max(np.ptp(force), np.finfo(float).tiny)
+    spring, *forces = operator.stages
+    force = sum(own.run(motion, 1.0)[0] for own in forces if _is_force(own))
+    way = np.sign((force[1:] + force[:-1]) @ np.diff(motion)) * np.ptp(motion)
+    return 1.0 + spring.gain * way / max(np.ptp(force), np.finfo(float).tiny)
 
 
 def _are_swapped(before, tree, name):

@@ -16,7 +16,7 @@ from skhyst.diagnosis._candidates import (
     held_out,
     held_out_residuals,
     level_folds,
-    longest_held_out,
+    longest_block,
     refitted,
     screened,
 )
@@ -283,7 +283,8 @@ def test_halves_and_blocks_are_counted_record_by_record():
     for train, test in halves(records):
         assert np.all(train != test)
         assert test.reshape(2, 6).sum(axis=1).tolist() == [3, 3]
-    assert longest_held_out(records, block_folds(records)) == 0.8  # of two segments
+    assert longest_block(records, block_folds(records)) == 0.8  # of two segments
+    assert longest_block(records, record_folds(records)) == np.inf
 
 
 @pytest.mark.parametrize(("truth", "damping", "needed"), [(1, 1e-3, 1), (0, 1e-3, 0), (0, 0.1, 1)])
