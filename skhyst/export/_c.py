@@ -189,6 +189,10 @@ void ${name}_init_at(${name}_state *state, $input)
 $held    state->refused = 1u;
     if ($finite) {
         state->refused = 0u;
+        state->overrange = 0u;
+        if ($beyond) {
+            state->overrange = 1u;
+        }
         state->output = $call;
 $forgotten    }
 }
@@ -199,8 +203,11 @@ $outputs};
 
 """),
     "more_runs": Template("""\
-    ${name}_init_at(&state, $level);
-    failed |= ${name}_run(&state, ${name}_rest_outputs, state.output, &largest);
+    {
+        static const $type level[] = {$level};
+        ${name}_init_at(&state, level$one);
+        failed |= ${name}_run(&state, ${name}_rest_outputs, state.output, &largest);
+    }
 """),
 }
 _CONFIGURE = {
@@ -267,7 +274,7 @@ _REFUSES = Template("""\
 /* Whether input that is not finite is refused: each column in turn. */
 static int ${name}_refuses(${name}_state *state, $type last)
 {
-    static const $type wrong[] = {NAN, INFINITY, -INFINITY};
+    static const $type wrong[] = {($type)NAN, ($type)INFINITY, -($type)INFINITY};
     int k;
     for (k = 0; k < 3 * ${name}_N_INPUTS; k++) {
         $type u[${name}_N_INPUTS] = {0};
@@ -320,8 +327,11 @@ def to_c(
     :attr:`~skhyst.operators.Stepper.status`: ``name_LIMITED`` if limits have cut the output of a
     compensator or controller, ``name_UNREACHABLE`` if an inverse has found no drive for its
     reference, ``name_EXTRAPOLATED`` if the drive has left the range or the rate of the fit,
-    ``name_REFUSED`` if the input was not finite. The header describes input and output, with their
-    units if they are given, and the preview of a compensator. C++ can include it.
+    ``name_REFUSED`` if the input was not finite, ``name_OVERRANGE`` if the output is not finite, or
+    the input has been beyond the range of the program's numbers since the start: integers are held
+    at its ends, single precision may have lost digits. The header gives that range and describes
+    input and output, with their units if they are given, and the preview of a compensator. C++ can
+    include it.
 
     ``name_init_at`` puts the device to rest at another input. The program has it if the state of
     rest of every part is known as a function of the input: for hysteresis that one step from rest
@@ -577,12 +587,15 @@ def _range_check(stepper, texts, literal, size, known, eps):
     return " || ".join(conditions), watched
 
 
-def _outer_state(type_, condition, watched, unknown, first_members=("", "")):
+def _outer_state(type_, condition, watched, unknown, beyond, first_members=("", "")):
     """Return the members of the state outside the model with their first values, and statements.
 
+    ``beyond`` is the condition that the input exceeds the range of the numbers, or empty.
     ``first_members`` is the text of members that precede the others, and of their first values.
     """
-    members, first, lines = [first_members[0]], [first_members[1]], []
+    members = [first_members[0], "    uint32_t overrange; /* since the start */\n"]
+    first, lines = [first_members[1], ", 0u"], []
+    lines += [f"if ({beyond}) {{", "    state->overrange = 1u;", "}"] if beyond else []
     if condition:
         members.append("    uint32_t extrapolated;\n")
         first.append(", 0u")
@@ -597,20 +610,36 @@ def _outer_state(type_, condition, watched, unknown, first_members=("", "")):
 
 def _status(name, stepper, dtype):
     """Return the parts of header and source for the status bits, which are read from the state."""
-    zero = DIALECTS[dtype].literal(0.0) if dtype in DIALECTS else "0"
-    conditions = [(flag, f"s[{index}] != {zero}") for flag, index in stepper.compiled_step.flags]
-    conditions += [("refused", "refused != 0u")] * (dtype in DIALECTS)
-    conditions += [("extrapolated", "extrapolated != 0u")] * bool(stepper.watched)
+    is_real = dtype in DIALECTS
+    zero = DIALECTS[dtype].literal(0.0) if is_real else "0"
+    conditions = [
+        (flag, f"state->s[{index}] != {zero}") for flag, index in stepper.compiled_step.flags
+    ]
+    conditions += [("refused", "state->refused != 0u")] * is_real
+    conditions += [("extrapolated", "state->extrapolated != 0u")] * bool(stepper.watched)
+    overrange = "state->overrange != 0u"
+    overrange = f"({overrange}) || (isfinite(state->output) == 0)" if is_real else overrange
+    conditions.append(("overrange", overrange))
     bits = {flag: f"{name}_{flag.upper()}" for flag, _ in conditions}
     lines = [
-        f"    if (state->{condition}) {{\n        status |= {bits[flag]};\n    }}\n"
+        f"    if ({condition}) {{\n        status |= {bits[flag]};\n    }}\n"
         for flag, condition in conditions
     ]
-    lines = ["    uint32_t status = 0u;\n", *lines, "    return status;\n"]
     return {
         "bits": "".join(f"#define {bit} {1 << k}u\n" for k, bit in enumerate(bits.values())),
-        "conditions": "".join(lines if conditions else ["    (void)state;\n    return 0u;\n"]),
+        "conditions": "".join(["    uint32_t status = 0u;\n", *lines, "    return status;\n"]),
     }
+
+
+def _beyond(inputs, ends):
+    """Return the condition that an input is beyond its ends, given as literals or None."""
+    tests = [
+        f"{u} {relation} {end}"
+        for u, *pair in zip(inputs, *ends, strict=True)
+        for relation, end in zip("<>", pair, strict=True)
+        if end is not None
+    ]
+    return tests[0] if len(tests) == 1 else " || ".join(f"({test})" for test in tests)
 
 
 def _units(drive, *units):
@@ -703,8 +732,14 @@ def _in_reals(source, expected, common, dtype):
         "    uint32_t refused;\n",
         f", {dialect.literal(last)}, 0u",
     )
+    checked, beyond, range_text = expected.checked, "", ""
+    if checked is not None:
+        beyond = _beyond(inputs, [[dialect.literal(x) for x in end] for end in checked])
+        range_text = "\n   Single precision has been checked for input from {} to {}: beyond them\n"
+        range_text += f"   {name}_OVERRANGE is set until the next start."
+        range_text = range_text.format(*(_listed(end, "{:.6g}".format) for end in checked))
     nan = dialect.literal(math.nan)
-    members, lines = _outer_state(dialect.type, condition, watched, nan, output)
+    members, lines = _outer_state(dialect.type, condition, watched, nan, beyond, output)
     lines = "".join(f"        {line}\n" for line in (f"state->output = {call};", *lines))
     common |= members | {
         "type": dialect.type,
@@ -712,7 +747,7 @@ def _in_reals(source, expected, common, dtype):
         "guard": _FINITE_MATH,
         "units": "Input and output are in the units of the model's drive and response.",
         "caution": "Input that is not finite is refused: the state stays as it is and the\n"
-        f"   output is the last one ({last:.9g} at first), see {name}_REFUSED.",
+        f"   output is the last one ({last:.9g} at first), see {name}_REFUSED.{range_text}",
         "first": _listed(stepper.state, dialect.literal),
         "last": dialect.literal(last),
         "body": f"    state->refused = 1u;\n    if ({check}) {{\n        state->refused = 0u;\n"
@@ -754,7 +789,7 @@ def _rest(source, expected, printer):
     """Return the values of the templates for a start at rest at another input."""
     dialect, by_row = printer.dialect, source.by_row
     rest = model_step(source.compiled_step, tuned=source.tuned, rules=expected.rules)
-    low, high = ([dialect.literal(x) for x in end] for end in expected.ends)
+    low, high = ends = [[dialect.literal(x) for x in end] for end in expected.ends]
     inputs = [f"u[{k}]" for k in range(len(low))] if by_row else ["u"]
     limited = [
         f"{u} < {a} ? {a} : {u} > {b} ? {b} : {u}"
@@ -762,16 +797,16 @@ def _rest(source, expected, printer):
     ]
     declaration = f"    const {dialect.type} held{f'[{len(low)}]' if by_row else ''} = "
     declaration += f"{{{', '.join(limited)}}};\n" if by_row else f"{limited[0]};\n"
-    level = [dialect.literal(x) for x in expected.level]
-    cast = f"(const {dialect.type}[])"
     ranges = ", ".join(f"{a:.6g} to {b:.6g}" for a, b in expected.ends.T)
     arguments = rest.args(("held", *_ARGS[1:])[: len(rest.taken)])
     return {
-        "range": f"Beyond {ranges} it is held at these ends.",
+        "range": f"Beyond {ranges} it is held at these ends,\n"
+        f"   and {printer.prefix}_OVERRANGE is set.",
+        "beyond": _beyond(inputs, ends),
         "held": declaration if "held" in arguments else "",
         "finite": _are_finite(inputs),
         "call": f"{printer.function(rest)}({', '.join(arguments)})",
-        "level": f"{cast}{{{', '.join(level)}}}" if by_row else level[0],
+        "level": ", ".join(dialect.literal(x) for x in expected.level),
     }
 
 
@@ -796,7 +831,13 @@ def _in_integers(stepper, common, drive, units):
         "{} != INT64_MIN && ",
         0.0,
     )
-    members, lines = _outer_state("int64_t", condition, watched, "INT64_MIN")
+    most = np.array([-(2**31), 2**31 - 1])[:, None]
+    literals = [
+        [None if full else str(x) for x, full in zip(*pair, strict=True)]
+        for pair in zip(ends.tolist(), ends == most, strict=True)
+    ]
+    beyond = _beyond(texts, literals)
+    members, lines = _outer_state("int64_t", condition, watched, "INT64_MIN", beyond)
     body += "".join(f"    {line}\n" for line in (*lines, "return output;"))
     ranges.keep(printer.places)
     taken, known = ranges.branches
@@ -807,8 +848,9 @@ def _in_integers(stepper, common, drive, units):
         | {
             "units": f"An input of 1 is {units[0]!r} and an output of 1 is {units[1]!r}, in the\n"
             "   units of the model's drive and response.",
-            "caution": "Input below {} or above {}, and output beyond 32 bits, are held.".format(
-                *(_listed(end, str) for end in ends.tolist())
+            "caution": "Input below {} or above {}, and output beyond 32 bits, are held.\n"
+            "   Such input sets {}_OVERRANGE until the next start.".format(
+                *(_listed(end, str) for end in ends.tolist()), common["name"]
             ),
             "first": first,
             "body": body,

@@ -11,7 +11,7 @@ from ..records import chosen_interval
 from ._interpreter import Interpreter
 from ._model import model_step
 from ._rest import rest_rules
-from ._single import check_single
+from ._single import check_single, checked_ends
 from ._tunable import derived, entries_of
 
 TOLERANCES = {"float64": 1e-12, "float32": 1e-6}  # as fractions of the response's range
@@ -118,7 +118,7 @@ class Source:
         """Return the :class:`Expected` of the program in floating point under a drive."""
         number = np.dtype(self._dtype).type
         drive = self.inputs(drive).astype(number).astype(float)
-        rules = ends = level = values = None
+        rules = ends = level = values = checked = None
         if not self._remembers:
             rules, ends = rest_rules(lambda at: self._at_rest(at, self._model), drive)
         tuned = () if self.tuned is None else self.tuned.first
@@ -146,9 +146,23 @@ class Source:
         if self._dtype == "float32":
             for (stepper, constants), y in zip(runs, outputs, strict=True):
                 check_single(self.step, stepper.state, drive, y, span, tolerance, constants)
+            checked = self._checked(drive, runs, span, tolerance)
         last = self.stepper.output
         last = answers(self.stepper, self.rest)[0] if last is None else last
-        return Expected(drive, outputs, span, tolerance, last, rules, ends, level, values)
+        return Expected(drive, outputs, span, tolerance, last, rules, ends, level, values, checked)
+
+    def _checked(self, drive, runs, span, tolerance):
+        """Return the range of the input that single precision is accurate in, (2, n_inputs)."""
+        ranges = np.array([drive.min(axis=0), drive.max(axis=0)])
+        for k, signal in enumerate(self.stepper.inputs):
+            known = [x for x in (signal.low, signal.high) if np.isfinite(x)]
+            ranges[:, k] = np.min([*ranges[:, k], *known]), np.max([*ranges[:, k], *known])
+        found = [
+            checked_ends(self.step, stepper, ranges, span, tolerance, answers, constants)
+            for stepper, constants in runs[:: max(len(runs) - 1, 1)]
+        ]
+        low, high = np.transpose(found, (1, 0, 2))
+        return np.array([low.max(axis=0), high.min(axis=0)])
 
     def _rounded(self, drive, runs, outputs, number):
         """Return the largest change of the responses under rounding of input and constants."""
@@ -193,6 +207,8 @@ class Expected:
         The other level of rest.
     values : ndarray of shape (n_entries,) or None
         Values of the other parameters.
+    checked : ndarray of shape (2, n_inputs) or None
+        Inputs for which single precision is accurate, None in double precision.
     """
 
     drive: np.ndarray
@@ -204,6 +220,7 @@ class Expected:
     ends: np.ndarray | None
     level: np.ndarray | None
     values: np.ndarray | None
+    checked: np.ndarray | None
 
 
 def answers(stepper, drive):

@@ -94,6 +94,10 @@ class Interpreter:
         """Return a real constant as it is stored."""
         return value
 
+    def _compared(self, names, args, frame):
+        """Return the texts of two real numbers as they are compared."""
+        return names
+
     def _checked(self, op, name, part):
         """See an operand of an operation."""
 
@@ -340,6 +344,8 @@ class _Text:
             return self._new(f"{_TYPES[x.kind].__name__}({names[0]})"), ()
         self._counts[-1][0] += 1
         reals = [name for name, arg in zip(names, args, strict=True) if arg.kind == "real"]
+        if op in COMPARISONS and reals:
+            names = self._runner._compared(names, args, self._frame)
         is_sum = op in ("+", "-", "*")
         for name in () if is_sum else reals:
             self._line(self._runner._checked(op, name, self._frame[1]))

@@ -254,7 +254,7 @@ class _Rounded(Interpreter):
         super().__init__(*ranges.begin)
         self._numbers, self._units = ranges._numbers, _Units(ranges, bits)
         self._most = 2.0 ** (bits + spare)
-        self._names |= {"U": self._units, "far": self._far}
+        self._names |= {"U": self._units, "far": self._far, "common": self._common}
         self.taken_branches = set()  # by samples
 
     def _stored(self, name, *key):
@@ -262,6 +262,18 @@ class _Rounded(Interpreter):
         is_within = f"-{self._most!r} <= {name} / U[{number}] <= {self._most!r}"
         rounded = f"round({name} / U[{number}]) * U[{number}]"
         return f"{name} = {rounded} if {is_within} else far({name}, U[{number}])"
+
+    def _compared(self, names, args, frame):
+        keys = ((*frame, x.args[0] if x.op == "name" else id(x)) for x in args if x.value is None)
+        units = "".join(f", U[{self._number(*key)}]" for key in keys)
+        return [f"common({name}{units})" for name in names]
+
+    @staticmethod
+    def _common(value, *units):
+        """Return a number with the last digit of the coarser of two that are compared."""
+        unit = max(units, default=math.nan)
+        rounded = round(value / unit) * unit if math.isfinite(value / unit) else value
+        return rounded or value  # the program compares exactly with what is below its digits
 
     def _far(self, value, unit):
         """Return a number that is too large, limited; without a size or not finite, as it is."""
@@ -406,7 +418,7 @@ def check_fast(ranges, counts, units, spare, answers):
     the input. Parameters are those of :func:`explore`.
     """
     ends = counts.min(axis=0), counts.max(axis=0)
-    drive = units[0] * np.append(_jumps(*ends), _noise(*ends), axis=0)
+    drive = units[0] * fast_drive(*ends)
     rounding = 2.0**-_BITS * (1.0 - 2.0 * (np.arange(len(drive)) % 2))[:, None]
     expected, *disturbed = (answers(drive * (1.0 + sign * rounding)) for sign in (0, 1, -1))
     allowed = max(units[1], 2.0 * np.abs(np.subtract(disturbed, expected)).max())
@@ -422,6 +434,11 @@ def check_fast(ranges, counts, units, spare, answers):
             "determine (see 'identifiability_'). The 'output_unit' must be larger, or the 'dtype' "
             "'float64'."
         )
+
+
+def fast_drive(low, high):
+    """Return integer rows of jumps between the ends, and of random values."""
+    return np.append(_jumps(low, high), _noise(low, high), axis=0)
 
 
 def limits(counts):

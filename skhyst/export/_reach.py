@@ -34,6 +34,7 @@ from ._slice import called, sliced
 
 _ROUNDING = 2.0**-40  # bound of a rounding error, relative to the largest operand
 _LONGEST = 8  # iterations of a loop up to which they are run one by one
+_LONGEST_COPY = 1000  # the same where it only copies
 _PATIENCE = 3  # rounds before ends that still move are widened, and rounds after that
 _MOST = 300_000  # operations of an analysis at most, about a second
 _WHOLE = 2**31  # integers saturate here
@@ -253,7 +254,8 @@ class _Run:
             if start[0] == start[1] and stop[0] == stop[1]:
                 iterations = range(int(start[0]), int(stop[0]), loop.step)
                 # one by one, intervals stay narrow; long loops would take too many operations
-                iterations = iterations if len(iterations) <= _LONGEST else None
+                longest = _LONGEST_COPY if _only_stores(loop.body) else _LONGEST
+                iterations = iterations if len(iterations) <= longest else None
         for k in iterations if iterations is not None else count():
             begin = self._copied(env)
             if iterations is not None:
@@ -395,6 +397,10 @@ class _Run:
             if first == last and key in env[_ARRAYS]:
                 env[_ARRAYS][key] = numbers = [*numbers]
                 numbers[first] = met
+
+
+def _only_stores(body):
+    return all(isinstance(statement, Store) for statement in body)
 
 
 def _known(test):

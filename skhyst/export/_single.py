@@ -8,8 +8,11 @@ import numpy as np
 
 from ._expressions import Call
 from ._interpreter import Interpreter
+from ._ranges import fast_drive
 
 _FAILED = (ArithmeticError, ValueError, IndexError)
+_BEYOND = (16.0, 256.0)  # multiples of the range of the drive that are tried
+_STEPS = 2**20  # levels of a range
 
 
 class _Single(Interpreter):
@@ -19,6 +22,10 @@ class _Single(Interpreter):
         super().__init__(model, state, np.float32(tuned))
         self._only = only
         self._names["float32"] = np.float32
+
+    def restart(self, state):
+        """Begin in another state."""
+        self._state[:] = np.asarray(state, dtype=float).tolist()
 
     def _stored(self, name, step, *key):
         return f"{name} = float(float32({name}))" if self._only in (None, step) else None
@@ -60,6 +67,94 @@ def check_single(model, state, drive, outputs, span, tolerance, tuned=()):
         f"response is wrong by {error / span:.1e} of the range, {tolerance:.1e} is allowed. The "
         "'dtype' must be 'float64'."
     )
+
+
+def checked_ends(model, stepper, ranges, span, tolerance, answers, tuned=()):
+    """Return the range of the input for which single precision is accurate enough.
+
+    The input jumps within a range, and then within that of the drive: the response to either must
+    be accurate relative to its own range, so that digits which are lost under large inputs do not
+    stay lost. Multiples of the range of the drive are tried as long as this holds.
+
+    Parameters
+    ----------
+    model : Slice
+        See :func:`~skhyst.export._model.model_step`.
+    stepper : Stepper
+        In its first state.
+    ranges : ndarray of shape (2, n_inputs)
+        Smallest and largest values of the drive.
+    span, tolerance : float
+        Range of the response in the test, and the largest error allowed, relative to it, or to the
+        range of the response to the jumps if that is larger; or twice the effect of rounding the
+        input, where that is more.
+    answers : callable
+        Returns the response (n_samples,) of a stepper in Python to a drive (n_samples, n_inputs).
+    tuned : ndarray of shape (n_constants,), optional
+        Constants that can be changed at run time.
+
+    Returns
+    -------
+    ndarray of shape (2, n_inputs)
+
+    Raises
+    ------
+    ValueError
+        If the response to jumps within the range of the drive is not accurate enough.
+    """
+    low, high = ranges
+    single, size = _Single(model, stepper.state, tuned), np.abs(ranges).max(axis=0)
+    size[size == 0.0] = 1.0
+    usual = _fast(low, high)
+
+    def error(*parts):
+        """Return the largest error relative to the one allowed, infinite where a law diverges."""
+        try:
+            return relative_error(*parts)
+        except _FAILED:
+            return np.inf
+
+    def relative_error(*parts):
+        drive, n = np.concatenate(parts), len(parts[0])
+        single.restart(stepper.state)
+        expected, worst = answers(stepper, drive), 0.0
+        if not np.isfinite(expected).all():
+            return np.inf
+        for part in [slice(0, n), slice(n, None)][: len(parts)]:
+            rounding = np.zeros((len(drive), 1))
+            rounding[part, 0] = 0.5 * np.finfo(np.float32).eps
+            rounding[part][1::2] *= -1.0
+            moved = [answers(stepper, drive * (1.0 + sign * rounding))[part] for sign in (1, -1)]
+            allowed = tolerance * max(np.ptp([0.0, *expected[part]]), span)
+            allowed = max(allowed, 2.0 * np.abs(np.subtract(moved, expected[part])).max())
+            largest, _ = _largest_error(single, drive[part], expected[part], allowed)
+            worst = max(worst, largest / allowed)
+            if worst > 1.0:
+                break
+        return worst
+
+    with np.errstate(all="ignore"):
+        lost = error(usual)  # at the first sample that is wrong
+        if 1.0 < lost < np.inf:  # where it is infinite the law diverges, which the status tells
+            raise ValueError(
+                "Single precision cannot hold the response to jumps within the range of the "
+                f"drive: its error is {lost:.3g} times the {tolerance:.1e} of the range that are "
+                "allowed. The 'dtype' must be 'float64', or the 'tolerance' larger."
+            )
+        ends = ranges
+        for multiple in _BEYOND:
+            wider = multiple * np.array([-size, size])
+            if error(_fast(*wider), usual) > 1.0:
+                break
+            ends = wider
+    return ends
+
+
+def _fast(low, high):
+    """Return jumps and random values between two ends, which single precision represents."""
+    levels = fast_drive(np.zeros(len(low)), np.full(len(low), _STEPS)) / _STEPS
+    largest = np.finfo(np.float32).max
+    return np.clip(low + (high - low) * levels, -largest, largest).astype(np.float32).astype(float)
 
 
 def _largest_error(single, drive, outputs, allowed):

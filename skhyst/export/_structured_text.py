@@ -142,8 +142,8 @@ _WORDS = frozenset(
 )
 _OF_BLOCK = frozenset(  # names of the function block's variables
     """
-    cycle extrapolated first hash held init init_at known last limited refused row state u
-    unreachable y
+    beyond cycle extrapolated first hash held init init_at known last limited overrange refused row
+    state u unreachable y
     """.split()  # noqa: SIM905
 )
 
@@ -171,8 +171,9 @@ def to_structured_text(
 
     One call of the block is one sample: it takes ``u`` and gives ``y``, and a flag for each
     condition of :func:`to_c` that can hold: ``limited``, ``unreachable``, ``extrapolated``,
-    ``refused``. While ``init`` is true it is in its first state; while ``init_at`` is true, at rest
-    at ``u``, if that is known. Call it from a task whose cycle is the sampling interval.
+    ``refused``, ``overrange``. While ``init`` is true it is in its first state; while ``init_at``
+    is true, at rest at ``u``, if that is known. Call it from a task whose cycle is the sampling
+    interval.
 
     Parameters
     ----------
@@ -724,16 +725,17 @@ class _Block:
             tables |= rest_tables
         extrapolated, lasts = self._range(inputs)
         largest = printer.number(np.inf)
-        finite = [f"({u} >= -{largest}) AND ({u} <= {largest})" for u in inputs]
-        if real == "REAL":
-            finite = [condition.replace(largest, f"REAL#{largest}") for condition in finite]
+        largest = f"REAL#{largest}" if real == "REAL" else largest
+        *finite, y_finite = (f"({x} >= -{largest}) AND ({x} <= {largest})" for x in (*inputs, "y"))
         # after a start there is no last sample to compare with: no rate is known
         hold = [*["y := {y};"], *["extrapolated := FALSE;"] * bool(extrapolated)]
         hold += ["known := FALSE;"] * bool(lasts)
+        latched = ["beyond"] * (expected.checked is not None or rest_call is not None)
+        start = ["state := first;", *hold, *(f"{name} := FALSE;" for name in latched)]
         lines = [
             "refused := FALSE;",
             "IF init THEN",
-            *[f"    {line}" for line in ("state := first;", *hold)],
+            *[f"    {line}" for line in start],
             "ELSE",
             f"    refused := NOT ({' AND '.join(finite)});",
             "END_IF",
@@ -741,6 +743,8 @@ class _Block:
         ]
         copy_row = ["row := u;"] if source.by_row else []
         sample = [*copy_row, f"y := {step};", *self._watch(extrapolated, lasts)]
+        if expected.checked is not None:
+            sample.append(f"beyond := beyond OR {self._beyond(inputs, expected.checked)};")
         if rest_call is None:
             lines += [f"    {line}" for line in sample]
         else:
@@ -749,12 +753,14 @@ class _Block:
                 target = f"held[{k}]" if source.by_row else "held"
                 low, high = printer.literal(low), printer.literal(high)
                 clips.append(f"{target} := MIN(MAX({inputs[k]}, {low}), {high});")
+            clips.append(f"beyond := {self._beyond(inputs, expected.ends)};")
             begin = [*clips, f"y := {rest_call};", *[line for line in hold if "{y}" not in line]]
             lines += ["    IF init_at THEN", *[f"        {line}" for line in begin], "    ELSE"]
             lines += [*[f"        {line}" for line in sample], "    END_IF"]
         lines.append("END_IF")
         for flag, at in source.compiled_step.flags:
             lines.append(f"{flag} := state[{at}] <> {printer.literal(0.0)};")
+        lines.append(f"overrange := {' OR '.join([*latched, f'NOT ({y_finite})'])};")
         body = "\n".join(lines).replace("{y}", printer.literal(expected.last))
         if not len(source.stepper.state):
             body = body.replace("    state := first;\n", "")
@@ -765,6 +771,12 @@ class _Block:
             )
             + "END_FUNCTION_BLOCK\n"
         )
+
+    def _beyond(self, inputs, ends):
+        """Return the condition that an input is beyond its ends."""
+        literal = self._printer.literal
+        tests = zip(inputs, *ends, strict=True)
+        return " OR ".join(f"({u} < {literal(a)}) OR ({u} > {literal(b)})" for u, a, b in tests)
 
     def _declared(self, tables, lasts, begins_at):
         source, printer, real = self._source, self._printer, self._printer.type
@@ -787,6 +799,7 @@ class _Block:
             ("y", real, printer.number(self._expected.last), self._signals[-1]),
             *flags,
             ("refused", "BOOL", "", ""),
+            ("overrange", "BOOL", "", ""),
             *dt,
             ("hash", "STRING(64)", f"'{digest_of(source)}'", "SHA-256, as of the program in C"),
         ]
@@ -794,6 +807,8 @@ class _Block:
         variables = [(name, _array(n, real), first, "") for name in ("state", "first") if n]
         variables += [("row", row, "", "")] * source.by_row
         variables += [("held", row if source.by_row else real, "", "")] * begins_at
+        is_latched = begins_at or self._expected.checked is not None
+        variables += [("beyond", "BOOL", "", "the input was, since the start")] * is_latched
         variables += [("last", _array(len(lasts), real), "", "")] * bool(lasts)
         variables += [("known", "BOOL", "", "")] * bool(lasts)
         for (kind, values), name in printer.tables.items():
@@ -824,6 +839,10 @@ class _Block:
             + ".",
             "Input that is not finite is refused: the state and the output stay as they are.",
         ]
+        if self._expected.checked is not None:
+            low, high = (", ".join(f"{x:.6g}" for x in end) for end in self._expected.checked)
+            lines.append(f"Single precision has been checked for u from {low} to {high}: beyond")
+            lines.append("them overrange is true until the next start.")
         if any("zero / zero" in text for text in self._printer.texts):
             lines.append(
                 "Where the law diverges its output is not a number: turn the exceptions of"

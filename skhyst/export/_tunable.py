@@ -196,10 +196,12 @@ def _entry(name, spec, value, range_, largest=None, wanted=None):
     low, high = max(float(range_[0]), bounds[0]), min(float(range_[1]), bounds[1])
     is_inside = low > bounds[0] if spec.log else low >= bounds[0]
     if not (is_inside and low < high and low <= value <= high < np.inf):
+        size = abs(value) or 1.0
+        example = max(value - _PART * size, bounds[0]), min(value + _PART * size, bounds[1])
         raise ValueError(
             f"The 'tunable' parameter of to_c must give {name!r} a range around its value "
-            f"{value:g} and within its bounds {bounds}, as {{{name!r}: (0.5, 2.0)}}. Got "
-            f"{range_!r} instead."
+            f"{value:g} and within its bounds {bounds}, as {{{name!r}: ({example[0]:g}, "
+            f"{example[1]:g})}}. Got {range_!r} instead."
         )
     index = None if name == wanted else re.search(r"\[(\d+)\]$", name)
     legal = re.sub(r"\W+", "_", _whole(name) if index else name).strip("_")

@@ -545,7 +545,7 @@ class Stepper:
         Conditions that hold at the last sample: ``"limited"``, limits have clipped the drive;
         ``"unreachable"``, an inverse by root finding has found no drive for its reference;
         ``"extrapolated"``, the drive is outside the range or the rate of the fit; ``"refused"``,
-        the last input was refused, see :meth:`step`.
+        the last input was refused, see :meth:`step`; ``"overrange"``, the output is not finite.
     compiled_step : CompiledStep
         The compiled step, with its initial state.
     inputs, result, preview : tuple of Signal, Signal or None, int
@@ -624,6 +624,8 @@ class Stepper:
     def status(self):
         names = {name for name, at in self.compiled_step.flags if self._state[at] != 0.0}
         names |= {"refused"} if self._refused else set()
+        is_finite = self.output is None or math.isfinite(self.output)
+        names |= set() if is_finite else {"overrange"}
         return frozenset(names | {"extrapolated"} if self._is_extrapolating() else names)
 
     def _is_extrapolating(self):

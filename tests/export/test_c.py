@@ -69,6 +69,8 @@ def test_every_operator_answers_as_in_python(tmp_path, dtype):
         if dtype == "int32":
             span = np.ptp(operator.run(u, DT, operator.init(u[0]))[0]) or 1.0
             options = {"input_unit": 2.0**-20, "output_unit": 2.0**-20 * span}
+        if (dtype, case) == ("float32", "sinusoid"):  # within the bar for as long as this test
+            options = {"tolerance": 1e-5}
         options |= {"dt": DT, "u0": u[0], "drive": u}
         try:
             step = operator.compiled_step(DT, operator.init(u[0]))
@@ -251,35 +253,42 @@ def test_a_double_of_32_bits_is_refused_by_the_compiler(tmp_path):
 
 
 @NEEDS_COMPILER
-@pytest.mark.parametrize(("dtype", "real"), [("float64", "double"), ("float32", "float")])
-def test_input_that_is_not_finite_is_refused(tmp_path, dtype, real):
-    """The state stays, the output is the last one, the status says so, as that of Python does."""
+@pytest.mark.parametrize(
+    ("dtype", "real", "most"), [("float64", "double", "DBL_MAX"), ("float32", "float", "FLT_MAX")]
+)
+def test_input_that_is_not_finite_is_refused(tmp_path, dtype, real, most):
+    """The state stays, the output is the last one, the status says so, as that of Python does.
+
+    It says, too, that an output is not finite.
+    """
     rows = CompiledLaw(sum_of_row_and_last, (), (0.5,), n_inputs=2)
     to_c(rows, tmp_path, "rows", dtype, u0=(1.0, 2.0))
     (tmp_path / "main.c").write_text(f"""
+#include <float.h>
 #include <math.h>
 #include <stdio.h>
 #include "rows.h"
 int main(void)
 {{
-    static const {real} u[7][2] = {{
+    static const {real} u[8][2] = {{
         {{NAN, 0.0f}}, {{4.0f, 8.0f}}, {{0.0f, NAN}}, {{INFINITY, 1.0f}}, {{1.0f, -INFINITY}},
-        {{NAN, NAN}}, {{1.0f, 1.0f}}
+        {{NAN, NAN}}, {{1.0f, 1.0f}}, {{{most}, {most}}}
     }};
     rows_state state;
     int k;
     rows_init(&state);
-    for (k = 0; k < 7; k++) {{
+    for (k = 0; k < 8; k++) {{
         const double y = rows_step(&state, u[k]);
-        printf("%g %u\\n", y, (unsigned)(rows_status(&state) == rows_REFUSED));
+        const uint32_t status = rows_status(&state);
+        printf("%g %d\\n", y, status == rows_REFUSED ? 1 : status == rows_OVERRANGE ? 2 : 0);
     }}
     return 0;
 }}
 """)
     found = compiled(tmp_path, "main.c", "rows.c").stdout.split()
     # at rest 1 + 2 + 0.5; then 4 + 8 + 0.5, four times refused, and 1 + 1 + (4 + 8)
-    assert found[::2] == ["3.5", "12.5", "12.5", "12.5", "12.5", "12.5", "14"]
-    assert found[1::2] == ["1", "0", "1", "1", "1", "1", "0"]
+    assert found[::2] == ["3.5", "12.5", "12.5", "12.5", "12.5", "12.5", "14", "inf"]
+    assert found[1::2] == ["1", "0", "1", "1", "1", "1", "0", "2"]
     stepper = Stepper(rows)
     for row in ([np.nan, 0.0], [1.0, np.inf]):
         with pytest.raises(ValueError, match="must be finite"):
@@ -294,6 +303,8 @@ int main(void)
     header, *_ = to_c(stepper, tmp_path, "later", dtype)  # a program goes on from there
     assert "(12.5 at first)" in header.read_text()
     assert (stepper.run([[1.0, 1.0]])[0], stepper.status, stepper.output) == (14.0, set(), 14.0)
+    with np.errstate(over="ignore"):
+        assert (stepper.step([1e308, 1e308]), stepper.status) == (math.inf, {"overrange"})
 
 
 @NEEDS_COMPILER
@@ -518,6 +529,22 @@ def test_what_single_precision_cannot_hold_is_named(tmp_path, law):
     with pytest.raises(ValueError, match=rf"cannot hold '{law.__name__}'.* of the range"):
         to_c(series, tmp_path, "single", "float32")
     to_c(good, tmp_path, "single", "float32")
+
+
+def of_jumps(u, c, s):
+    """Cancel where the input jumps."""
+    change = 1e4 * abs(u - s[0])
+    s[0] = u
+    return (u + change) - change
+
+
+def test_jumps_that_single_precision_cannot_hold_are_refused(tmp_path):
+    slow = np.linspace(0.0, 1.0, 2000)
+    law = CompiledLaw(of_jumps, (), (0.0,))
+    of_jumps.py_func = of_jumps
+    with pytest.raises(ValueError, match="cannot hold the response to jumps within the range"):
+        to_c(law, tmp_path, "law", "float32", drive=slow)
+    to_c(law, tmp_path, "law", "float32", drive=slow, tolerance=1e-2)
 
 
 @pytest.mark.parametrize("dtype", ["float32", "int32"])

@@ -45,7 +45,9 @@ def test_blocks_answer_as_in_python(tmp_path, case):
     for dtype, bar in BARS.items():
         step = operator.compiled_step(DT, operator.init(u[0]))
         if dtype == "float64" or not step.double_only:
-            units = blocks(tmp_path, operator, dtype=dtype, dt=DT, u0=u[0], drive=u)
+            # a sinusoid of time in single precision is within the bar in this test, not much longer
+            more = {"tolerance": 1e-5} if case == "sinusoid" and dtype == "float32" else {}
+            units = blocks(tmp_path, operator, dtype=dtype, dt=DT, u0=u[0], drive=u, **more)
             assert error_of_test(units) <= bar * span
 
 
