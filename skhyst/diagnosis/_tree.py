@@ -97,9 +97,9 @@ class Tree:
     def of(cls, model, operator, disturbances=(), input_history=()):
         """Return the tree of a declared model, and its operator without additive disturbances."""
         root = model.tree((operator, disturbances))
-        if root.model.get_params().get("initial_state", "rest") is None:
-            # the parts agree on it, those of an effect do not know it
-            state = common_parameter(model, "initial_state")
+        state = common_parameter(model, "initial_state")
+        if root.model.get_params().get("initial_state", state) != state and state != "rest":
+            # only the parts state it, and the parts of effects begin at rest
             root = replace(root, model=clone(root.model).set_params(initial_state=state))
         return cls(root, model, input_history=input_history)
 
