@@ -346,6 +346,7 @@ def data(records):
     return stack_records([(np.column_stack([r.u, r.auxiliary]), r.y) for r in records], dt=DT)
 
 
+@pytest.mark.filterwarnings("ignore:No one set of parameters")
 @pytest.mark.parametrize("names", [("lag",), ("offset",), ("auxiliary_input", "scaled")])
 def test_a_clone_of_the_fitted_model_comes_out_where_the_tree_is(names, records):
     model = PrandtlIshlinskii(thresholds=[0.0, 0.3], dt=DT)
