@@ -11,6 +11,7 @@ from itertools import count
 import numpy as np
 from sklearn.base import clone
 
+from .._validation import common_parameter
 from ..compose import Cascade, Modulated, OnColumn, Sum
 from ..linear import Gain, GainOperator
 from ..operators import (
@@ -66,6 +67,13 @@ class InsertAt:
         return tree.with_stages(stages)
 
 
+def _with_sum(tree, at, parts):
+    """Return the tree with a stage as a sum of parts, which begins records as the stage did."""
+    options = {key: common_parameter(tree.models[at], key) for key in ("initial_state", "dt")}
+    total = Sum([], **options)
+    return tree.with_stage(at, SumOperator.of_parts(parts, total).normalized())
+
+
 @dataclass(frozen=True)
 class BehindMemory:
     """One more stage behind the internal memory of a hysteresis, not behind its elastic part."""
@@ -82,8 +90,7 @@ class BehindMemory:
         parts = inner.tree(memory), self.model.tree(self.operator)
         behind = Series((self.place, name), parts, model=Cascade([]))
         elastic = Stage("elastic", Gain(fit_intercept=False).tree(GainOperator(gain)))
-        parts = [elastic, Stage("memory", behind)]
-        return tree.with_stage(at, SumOperator.of_parts(parts, Sum([])).normalized())
+        return _with_sum(tree, at, [elastic, Stage("memory", behind)])
 
 
 @dataclass(frozen=True)
@@ -207,7 +214,7 @@ class AddForce:
         if isinstance(forces[0].operator, SumOperator):
             forces = forces[0].operator.members()
         forces.append(Stage(name, self.model.tree(self.operator)))
-        return tree.with_stage(at, SumOperator.of_parts(forces, Sum([])).normalized())
+        return _with_sum(tree, at, forces)
 
 
 @dataclass(frozen=True)

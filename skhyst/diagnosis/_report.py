@@ -786,10 +786,17 @@ def _result(report):
         effects += ", which may stand for an effect that is not on the list"
     them = "it" if len(report.effects) == 1 else "them"
     rest = f"The residual is above the noise floor of {floor}, and no effect tried explains it."
+    fall = f"the held-out error falls from {before} to {after}"
+    if report.error_after > report.error_before:
+        first, last = report.claims[0]["error_before"], report.claims[-1]["error_after"]
+        fall = (
+            f"the error on held-out blocks falls from {_error(report, first)} to "
+            f"{_error(report, last)}, but on whole records it rises from {before} to {after}, "
+            "since the records do not predict each other"
+        )
     return (
         f"Missing: {', '.join(report.effects)}{suffix}",
-        f"{model} lacks {effects}: with {them} the held-out error falls from {before} to {after}. "
-        f"{noise if explained else rest}",
+        f"{model} lacks {effects}: with {them} {fall}. {noise if explained else rest}",
     )
 
 

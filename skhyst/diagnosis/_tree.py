@@ -7,6 +7,7 @@ from itertools import count
 import numpy as np
 from sklearn.base import clone
 
+from .._validation import common_parameter
 from ..base import informed, refine
 from ..operators import (
     MovableOperator,
@@ -95,7 +96,12 @@ class Tree:
     @classmethod
     def of(cls, model, operator, disturbances=(), input_history=()):
         """Return the tree of a declared model, and its operator without additive disturbances."""
-        return cls(model.tree((operator, disturbances)), model, input_history=input_history)
+        root = model.tree((operator, disturbances))
+        state = common_parameter(model, "initial_state")
+        if root.model.get_params().get("initial_state", state) != state and state != "rest":
+            # only the parts state it, and the parts of effects begin at rest
+            root = replace(root, model=clone(root.model).set_params(initial_state=state))
+        return cls(root, model, input_history=input_history)
 
     @classmethod
     def from_result(cls, model, result, input_history=()):

@@ -359,7 +359,8 @@ def _left_over(role, signals, found):
         return (possible[0], _LEFT), []
     free = [c for c in free if not c.counts and not c.is_blank]
     free = [c for c in free if c.values is not None] or free
-    return None, [c for c in free if c.role != "neither"] or free
+    likely = [c for c in free if c.role in ("", "either", role) or c.has(_LAST[role])]
+    return None, likely or [c for c in free if c.role != "neither"] or free
 
 
 def _question(path, variables, role, candidates):

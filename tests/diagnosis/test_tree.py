@@ -42,7 +42,7 @@ from skhyst.linear import (
     SecondOrderModeOperator,
     TransferFunction,
 )
-from skhyst.operators import parts_with_resolution, snake_case, split_disturbances
+from skhyst.operators import Series, parts_with_resolution, snake_case, split_disturbances
 from skhyst.optimize import RecordData
 from skhyst.records import stack_records
 from skhyst.static import (
@@ -346,6 +346,7 @@ def data(records):
     return stack_records([(np.column_stack([r.u, r.auxiliary]), r.y) for r in records], dt=DT)
 
 
+@pytest.mark.filterwarnings("ignore:No one set of parameters")
 @pytest.mark.parametrize("names", [("lag",), ("offset",), ("auxiliary_input", "scaled")])
 def test_a_clone_of_the_fitted_model_comes_out_where_the_tree_is(names, records):
     model = PrandtlIshlinskii(thresholds=[0.0, 0.3], dt=DT)
@@ -397,6 +398,22 @@ def test_compositions_nested_in_a_declared_model_are_looked_through(records):
     np.testing.assert_allclose(
         more.without("resonance").respond(records), declared.respond(records), atol=1e-9
     )
+
+
+def test_records_begin_as_declared_with_an_added_part():
+    plays = PrandtlIshlinskii(2, initial_state="estimate")
+    operator = PrandtlIshlinskiiOperator(np.array([0.0, 0.5]), np.ones(2))
+    both = Cascade([("plays", plays), ("lag", FirstOrderLag(initial_state="estimate"))])
+    series = Series(("plays", "lag"), (operator, FirstOrderLagOperator(0.1)))
+    for model, of_model in ((plays, operator), (both, series)):
+        declared = Tree.of(model, of_model)
+        parallel = AddForce(declared.names[0], Gain(fit_intercept=False), GainOperator(1.0))
+        offset = AddDisturbance(Offset(), OffsetOperator(np.ones(1)))
+        behind = Insert(FirstOrderLag(), FirstOrderLagOperator(0.2))
+        for edit in (parallel, offset, behind):
+            tree = declared.edited("added", edit)
+            assert tree.state == declared.state
+            assert tree.model.initial_state == "estimate"
 
 
 def test_what_was_done_to_an_added_stage_goes_with_it():
