@@ -399,7 +399,7 @@ def find_unknown(base, data, criterion, n_tried, n_jobs, judgement):
     if first is None:
         return [] if surface is None else [surface]
     known, n_surfaces = first.candidate, n_tried - before
-    if surface is None or not criterion.is_better(known, surface.candidate, n_surfaces):
+    if surface is None or not _is_more(known, surface.candidate, criterion, n_surfaces):
         if judgement(known).verdict == "noise":
             return [first]
         other, n_tried = _best_term(
@@ -413,8 +413,7 @@ def find_unknown(base, data, criterion, n_tried, n_jobs, judgement):
         return terms
     alternatives, sum_candidate = [terms, [surface]], terms[-1].candidate
     if {s for term in terms for s in term.site.signals()} <= set(surface.site.signals()):
-        # a surface contains the sum of terms of its arguments, so it has to be significantly better
-        is_surface = criterion.is_better(sum_candidate, surface.candidate, 1)
+        is_surface = _is_more(sum_candidate, surface.candidate, criterion)
     else:
         is_surface = surface.candidate.error < sum_candidate.error
     chosen, rejected = alternatives[is_surface], alternatives[not is_surface]
@@ -422,6 +421,15 @@ def find_unknown(base, data, criterion, n_tried, n_jobs, judgement):
         return chosen
     rival = ", and ".join(str(term.site) for term in rejected), rejected[-1].candidate
     return [replace(chosen[0], ambiguous=[*chosen[0].ambiguous, rival]), *chosen[1:]]
+
+
+def _is_more(part, whole, criterion, n_tried=1):
+    """Whether a candidate that contains another one fits noticeably better, and predicts better.
+
+    Splines of one argument may predict worse only because they are finer, where few samples are.
+    """
+    fits_better = whole.cost < (1.0 - criterion.min_improvement) ** 2 * part.cost
+    return fits_better and criterion.is_better(part, whole, n_tried)
 
 
 def _needed(first, second, data, criterion, n_tried):
