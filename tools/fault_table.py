@@ -422,7 +422,7 @@ _OPTIMISATION = [
     ),
     (
         "standard errors of white noise, whatever the residual",
-        "covariance = white if covariance is None else covariance",
+        "covariance, _ = penalised_covariance(problem, white, coloured, variance, penalised)",
         "covariance = white",
         "tests/optimize/test_standard_errors.py -k intervals",
     ),

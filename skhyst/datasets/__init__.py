@@ -1,5 +1,6 @@
 """Test signals, published parameters, and the recordings that they generate."""
 
+from ._catalogue import FEWEST as FEWEST
 from ._catalogue import from_rest_to_rest, signals_within
 from ._inchworm_motor import inchworm_motor_stepper, make_inchworm_motor, walking_drive
 from ._random_test_signals import band_limited_noise, multisine

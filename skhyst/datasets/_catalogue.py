@@ -17,7 +17,7 @@ _FACTOR = 3  # between neighbours of the grid, in frequency and in amplitude
 _PERIODS = 2  # of the slowest: the second period shows what repeats
 _FASTEST = 10  # samples of a period, at least: the drive is a straight line between them
 _STEPS = 4  # of the slowest programme
-_FEWEST = 64  # samples, in which each of the signals has its form
+FEWEST = 64  # samples, in which each of the signals has its form
 
 
 def signals_within(drive_limits, duration, dt, *, rate_limit=None) -> dict[str, np.ndarray]:
@@ -62,8 +62,8 @@ def signals_within(drive_limits, duration, dt, *, rate_limit=None) -> dict[str, 
     dt = check.interval(function, dt)
     duration = check.scalar(function, "duration", duration, positive=True)
     n = check.whole(duration / dt)
-    if n < _FEWEST:
-        check.refuse(function, "duration", f"at least {_FEWEST} intervals of {dt:g} s", duration)
+    if n < FEWEST:
+        check.refuse(function, "duration", f"at least {FEWEST} intervals of {dt:g} s", duration)
     limits = check.number(function, "drive_limits", drive_limits, size=2)
     if np.ndim(drive_limits) != 1 or not limits[0] < limits[1]:
         check.refuse(function, "drive_limits", "two numbers, the lower one first", drive_limits)

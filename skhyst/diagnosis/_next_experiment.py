@@ -8,7 +8,7 @@ import pandas as pd
 from sklearn.utils.validation import check_is_fitted
 
 from .._files import check_outputs, replacing
-from ..datasets import from_rest_to_rest, signals_within
+from ..datasets import FEWEST, from_rest_to_rest, signals_within
 from ..optimize import RecordData
 from ..records import stack_records
 from ._black_box import drive_of
@@ -102,7 +102,8 @@ def next_experiment(search, drive_limits, rate_limit=None, duration=None, dt=Non
     rate_limit : float or None, default=None
         Largest slope, units of the drive over s. None: any.
     duration, dt : float or None, default=None
-        Duration and sampling interval in s. None: those of the longest record of the search.
+        Duration and sampling interval in s. None: those of the longest record of the search, with
+        64 samples at least.
 
     Returns
     -------
@@ -141,7 +142,8 @@ def next_experiment(search, drive_limits, rate_limit=None, duration=None, dt=Non
     check_is_fitted(search)
     longest = max(search.records_, key=lambda s: s.n_samples * s.dt)
     dt = longest.dt if dt is None else dt
-    duration = longest.n_samples * longest.dt if duration is None else duration
+    if duration is None:
+        duration = max(longest.n_samples * longest.dt, FEWEST * dt)
     signals = signals_within(drive_limits, duration, dt, rate_limit=rate_limit)
     question = question_of(search)
     answers = {name: question.evaluate(_record(search, u, dt)) for name, u in signals.items()}

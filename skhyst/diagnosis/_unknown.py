@@ -20,7 +20,9 @@ parameters nor the first term can reproduce. The model is then the sum of two sm
 the first is tested again with the second in the model (a forward and backward selection of groups
 of functions). The alternative to this sum is a surface, a function of two features of a signal,
 such as the product of a drive and its rate. A surface replaces a sum that it contains only where it
-is better by the criterion, and any other sum where its held-out error is smaller.
+is better by the criterion, and any other sum where its held-out error is smaller. Whether a black
+box calls noise what the first term leaves or not, it is tested against the surfaces that contain
+it. A term whose fit is significantly worse than what another one predicts is not held out.
 
 **The band.** Let C be the covariance of the weights in the joint fit under coloured noise, plus
 that of the bias of the penalty: under the prior that the penalty represents, the weights have a
@@ -37,7 +39,7 @@ criterion at the same level, those with fewest parameters and least error first.
 """
 
 from dataclasses import dataclass, field, replace
-from itertools import product
+from itertools import compress, product
 from typing import Any
 
 import numpy as np
@@ -49,9 +51,14 @@ from sklearn.base import clone
 
 from ..compose import Feedback
 from ..operators import has_velocity
-from ..optimize import coloured_covariance, damped_step, predicted_cost
+from ..optimize import (
+    coloured_covariance,
+    damped_step,
+    penalised_covariance,
+    predicted_cost,
+)
 from ..static import ARGUMENTS, UnknownTerm, UnknownTermOperator, smooth
-from ._candidates import Candidate, completed, held_out
+from ._candidates import Candidate, completed, fitted, held_out
 from ._changes import moves
 from ._constants import RUNG, SETTLING, USUAL, WORSE
 from ._edits import AddForce, BehindMemory, Bias, Drive, Enrich, InsertAt
@@ -385,20 +392,28 @@ def find_unknown(base, data, criterion, n_tried, n_jobs, judgement):
     list of Term
         None, one, or two whose sum is meant.
     """
-    first, n_tried = _best_term(base, data, criterion, n_tried, n_jobs)
-    if first is not None and judgement(first.candidate).verdict == "noise":
-        return [first]
-    surface, n_tried = _best_term(base, data, criterion, n_tried, n_jobs, n_arguments=2)
-    terms = [] if first is None else [first]
-    if terms:
-        second, _ = _best_term(first.candidate, data, criterion, n_tried, n_jobs)
-        terms = terms if second is None else _needed(first, second, data, criterion, n_tried)
-    if surface is None or not terms:
-        return terms if surface is None else [surface]
+    setting = data, criterion
+    first, before = _best_term(base, *setting, n_tried, n_jobs)
+    signals = set() if first is None else set(first.site.signals())
+    surface, n_tried = _best_term(base, *setting, before, n_jobs, 2, signals.issubset)
+    if first is None:
+        return [] if surface is None else [surface]
+    known, n_surfaces = first.candidate, n_tried - before
+    if surface is None or not _is_more(known, surface.candidate, criterion, n_surfaces):
+        if judgement(known).verdict == "noise":
+            return [first]
+        other, n_tried = _best_term(
+            base, *setting, n_tried, n_jobs, 2, lambda read: not signals.issubset(read)
+        )
+        surfaces = filter(None, (surface, other))
+        surface = min(surfaces, key=lambda term: term.candidate.error, default=None)
+    second, _ = _best_term(known, *setting, n_tried, n_jobs, alternative=surface)
+    terms = [first] if second is None else _needed(first, second, *setting, n_tried)
+    if surface is None:
+        return terms
     alternatives, sum_candidate = [terms, [surface]], terms[-1].candidate
     if {s for term in terms for s in term.site.signals()} <= set(surface.site.signals()):
-        # a surface contains the sum of terms of its arguments, so it has to be significantly better
-        is_surface = criterion.is_better(sum_candidate, surface.candidate, 1)
+        is_surface = _is_more(sum_candidate, surface.candidate, criterion)
     else:
         is_surface = surface.candidate.error < sum_candidate.error
     chosen, rejected = alternatives[is_surface], alternatives[not is_surface]
@@ -406,6 +421,15 @@ def find_unknown(base, data, criterion, n_tried, n_jobs, judgement):
         return chosen
     rival = ", and ".join(str(term.site) for term in rejected), rejected[-1].candidate
     return [replace(chosen[0], ambiguous=[*chosen[0].ambiguous, rival]), *chosen[1:]]
+
+
+def _is_more(part, whole, criterion, n_tried=1):
+    """Whether a candidate that contains another one fits noticeably better, and predicts better.
+
+    Splines of one argument may predict worse only because they are finer, where few samples are.
+    """
+    fits_better = whole.cost < (1.0 - criterion.min_improvement) ** 2 * part.cost
+    return fits_better and criterion.is_better(part, whole, n_tried)
 
 
 def _needed(first, second, data, criterion, n_tried):
@@ -443,15 +467,26 @@ class Term:
     ambiguous: list
 
 
-def _best_term(base, data, criterion, n_tried, n_jobs, n_arguments=1):
+def _best_term(
+    base,
+    data,
+    criterion,
+    n_tried,
+    n_jobs,
+    n_arguments=1,
+    wanted=lambda signals: True,
+    alternative=None,
+):
     """Return the best significant term of so many arguments, or None, and the number of trials.
 
-    From cheap to dear: predicted cost of all, joint fits of the promising, held-out errors of those
-    whose fit is nearly the best.
+    It is a function of ``wanted`` signals, and competes with an ``alternative`` term. From cheap to
+    dear: predicted cost of all, brief joint fits of the promising, full fits of those near the
+    best, and held-out errors of those whose fit is not significantly worse than what the best of
+    them predicts.
     """
     records, _, folds = data
     scene = Scene(base.structure, records)
-    sites = list(_sites(scene, n_arguments))
+    sites = [site for site in _sites(scene, n_arguments) if wanted(set(site.signals()))]
     jobs = [delayed(_started)(site, scene.tree, records) for site in sites]
     starts, _ = side_by_side(jobs, 1)
     starts = [candidates or [] for candidates in starts]
@@ -463,22 +498,39 @@ def _best_term(base, data, criterion, n_tried, n_jobs, n_arguments=1):
         if candidates
     ]
     promising = [(site, c) for site, c in promising if c.predicted_cost < largest_cost]
-    near_best = WORSE * min((c.predicted_cost for _, c in promising), default=0.0)
     n_trials += _MAX_EVALUATIONS * sum(_follows_play(site.model) for site, _ in promising)
-    promising = [
-        (site, _with_gap(c, site, scene.tree, records) if c.predicted_cost < near_best else c)
-        for site, c in promising
-    ]
-    jobs = [delayed(completed)(c, records, _budget(records)) for _, c in promising]
-    fitted, _ = side_by_side(jobs, n_jobs)
-    largest_cost = min([largest_cost, *(WORSE * c.cost for c in fitted if c is not None)])
+    refined = promising
+    for budget in sorted({RUNG, _budget(records)}):
+        jobs = [delayed(completed)(c, records, budget) for _, c in refined]
+        done, _ = side_by_side(jobs, n_jobs)
+        known = (*done, alternative and alternative.candidate)
+        known = [WORSE * c.predicted_cost for c in known if c is not None]
+        largest_cost = min([largest_cost, *known])
+        is_near = [c is not None and c.predicted_cost < largest_cost for c in done]
+        refined = [(s, c) for (s, _), c in compress(zip(refined, done, strict=True), is_near)]
+        promising = list(compress(promising, is_near))
     jobs = [
-        delayed(_settled)(c, site, scene.tree, records, folds)
-        for (site, _), c in zip(promising, fitted, strict=True)
-        if c is not None and c.cost < largest_cost
+        delayed(_with_gap)(c, site, start, scene.tree, records)
+        for (_, c), (site, start) in zip(refined, promising, strict=True)
     ]
-    settled, _ = side_by_side(jobs, n_jobs)
-    better = [(s, c) for s, c in filter(None, settled) if criterion.is_better(base, c, n_trials)]
+    done, _ = side_by_side(jobs, n_jobs)
+    waiting = [(site, c) for (site, _), c in zip(promising, done, strict=True) if c is not None]
+    waiting.sort(key=lambda pair: pair[1].cost)
+    settled, known = [], [] if alternative is None else [alternative.candidate]
+    while waiting:
+        if known:
+            best = min(known, key=lambda c: c.error)
+            is_next = [criterion.p_value(c, best) >= criterion.alpha for _, c in waiting]
+        else:
+            is_next = [True] + [False] * (len(waiting) - 1)
+        jobs = [
+            delayed(_settled)(c, site, scene.tree, records, folds)
+            for site, c in compress(waiting, is_next)
+        ]
+        done = list(filter(None, side_by_side(jobs, n_jobs)[0]))
+        settled, known = settled + done, known + [c for _, c in done]
+        waiting = list(compress(waiting, np.logical_not(is_next))) if any(is_next) else []
+    better = [(s, c) for s, c in settled if criterion.is_better(base, c, n_trials)]
     if not better:
         return None, n_trials
     site, best = min(better, key=lambda pair: pair[1].error)
@@ -839,21 +891,26 @@ class _Splines:
         return max(gram[-1, -1] - reduction, 0.0)
 
 
-def _with_gap(candidate, site, tree, records):
-    """Return the candidate of a play with the half gap of least predicted cost; else unchanged."""
-    if not _follows_play(site.model):
-        return candidate
-    tried, half_gap = [candidate], site.make.part(candidate.structure).half_gap
+def _with_gap(candidate, site, start, tree, records):
+    """Return a candidate, that of a play with the half gap of least predicted cost.
 
-    def cost(log_gap):
-        model = clone(site.model).set_params(half_gap=float(np.exp(log_gap)))
-        started = _started(replace(site, model=model), tree, records)
-        tried.extend(started)
-        return started[0].predicted_cost if started else np.inf
+    With the residuals of its fit, which are smaller than those of its settled form held out.
+    """
+    if _follows_play(site.model):
+        tried, half_gap = [start], site.make.part(start.structure).half_gap
 
-    spacing = 0.5 * np.log(_HALF_GAPS[-1] / _HALF_GAPS[0])  # of the half gaps tried first
-    _minimizer(cost, np.log(half_gap) + np.array([-spacing, spacing]))
-    return min(tried, key=lambda c: c.predicted_cost)
+        def cost(log_gap):
+            model = clone(site.model).set_params(half_gap=float(np.exp(log_gap)))
+            started = _started(replace(site, model=model), tree, records)
+            tried.extend(started)
+            return started[0].predicted_cost if started else np.inf
+
+        spacing = 0.5 * np.log(_HALF_GAPS[-1] / _HALF_GAPS[0])  # of the half gaps tried first
+        _minimizer(cost, np.log(half_gap) + np.array([-spacing, spacing]))
+        best = min(tried, key=lambda c: c.predicted_cost)
+        candidate = completed(best, records, _budget(records))
+    _, residuals = fitted(candidate, records, [0] * len(records))
+    return replace(candidate, residuals=tuple(residuals))
 
 
 def _minimizer(cost, bounds):
@@ -904,15 +961,10 @@ def _settled(candidate, site, base, records, folds):
 
 
 def _errors(site, tree, records):
-    """Return the covariance of the term's weights, and the independent fraction of samples.
-
-    The prior that the penalty represents has the covariance ``sigma^2 (n P)^-1``; under it the bias
-    of the penalty counts as an error, too. With coloured noise, sigma^2 is known only from the
-    equivalent number of independent samples.
-    """
+    """Return the covariance of the term's weights, and the independent fraction of samples."""
     problem = tree.problem(records)
     n, x = problem.segment_weight.sum(), problem.x0
-    gram, penalty = problem.total(problem.evaluate(x)), n * problem.penalty
+    gram = problem.total(problem.evaluate(x))
     scale = np.sqrt(np.diag(gram)[:-1])
     scale[scale == 0.0] = 1.0
     eigenvalues, vectors = np.linalg.eigh(gram[:-1, :-1] / np.outer(scale, scale))
@@ -920,18 +972,12 @@ def _errors(site, tree, records):
     determined = eigenvalues > 1e-10 * eigenvalues.max()
     root = vectors[:, determined] / np.sqrt(eigenvalues[determined]) / scale[:, None]
     # the penalty is a part of the Gram matrix, of its last entry, too
-    variance = (gram[-1, -1] - penalty @ np.square(x)) / max(n - len(x), 1.0)
-    inverse = root @ root.T
-    bias = variance * (inverse * penalty) @ inverse
-    covariance, independent = variance * inverse - bias, 1.0
+    variance = (gram[-1, -1] - n * problem.penalty @ np.square(x)) / max(n - len(x), 1.0)
     columns = np.array(site.weight_indices(problem.names, tree))
     coloured = coloured_covariance(lambda: problem.rows(x), root, n)
-    if coloured is not None:
-        # mean over the weights of the variance's growth; a penalized weight hardly counts
-        growth = np.diag(coloured)[columns] / np.diag(covariance)[columns]
-        growth = np.average(growth, weights=1.0 / (1.0 + problem.penalty[columns]))
-        covariance, independent = coloured, min(1.0 / growth, 1.0)
-    return (covariance + bias / independent)[np.ix_(columns, columns)], independent
+    known = variance * root @ root.T, coloured, variance, columns
+    covariance, independent = penalised_covariance(problem, *known)
+    return covariance[np.ix_(columns, columns)], independent
 
 
 def _table(term, law, scales):

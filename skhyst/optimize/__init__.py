@@ -48,6 +48,7 @@ from ._single_step import predicted_cost as predicted_cost
 from ._single_step import single_step as single_step
 from ._single_step import start_descent_and_predict as start_descent_and_predict
 from ._standard_errors import coloured_covariance as coloured_covariance
+from ._standard_errors import penalised_covariance as penalised_covariance
 from ._start_values import best_from_own_starts as best_from_own_starts
 from ._start_values import estimate_start_values as estimate_start_values
 from ._start_values import identify_from_own_starts as identify_from_own_starts

@@ -11,7 +11,7 @@ from ._bounded_step import bounded_step
 from ._levenberg_marquardt import LevenbergMarquardt
 from ._population import CuckooSearch, DifferentialEvolution, ModifiedCuckooSearch, ParticleSwarm
 from ._problem import OperatorProblem
-from ._standard_errors import FEWEST, coloured_covariance
+from ._standard_errors import FEWEST, coloured_covariance, penalised_covariance
 from ._variable_projection import Solution, VariableProjection, start_descent
 
 METHODS = {
@@ -517,8 +517,9 @@ def _uncertainty(problem, solution, blocks, coefficients):
     # the coefficients of the disturbances are unknowns too
     variance = solution.cost / max(n_samples - coefficients.size - root.shape[1], 1)
     white = variance * root @ root.T
-    covariance = coloured_covariance(lambda: problem.rows(x), root, n_samples)
-    covariance = white if covariance is None else covariance
+    coloured = coloured_covariance(lambda: problem.rows(x), root, n_samples)
+    penalised = np.flatnonzero(problem.penalty)
+    covariance, _ = penalised_covariance(problem, white, coloured, variance, penalised)
     is_wide = problem.log & (marks == 0.0)
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     is_wide &= _QUANTILE * errors > np.log(max(n_samples, 2.0))

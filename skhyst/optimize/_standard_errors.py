@@ -86,6 +86,45 @@ def coloured_covariance(rows, root, n_samples):
     return root @ total @ root.T
 
 
+def penalised_covariance(problem, white, coloured, noise, weighed):
+    """Return the covariance of penalised least squares, and the independent fraction of samples.
+
+    The prior that a penalty represents has the covariance ``noise (n P)^-1``; under it the bias of
+    the penalty counts as an error, too (Nychka, *Journal of the American Statistical Association*,
+    1988). White noise has it in the inverse of the normal equations. With coloured noise, its
+    variance is known only from the equivalent number of independent samples.
+
+    Parameters
+    ----------
+    problem : OperatorProblem
+        With the penalties P of each squared unknown, per sample.
+    white : ndarray of shape (p, p)
+        Covariance under white noise: ``noise`` times the inverse of the normal equations.
+    coloured : ndarray of shape (p, p) or None
+        That of :func:`coloured_covariance`.
+    noise : float
+        Variance.
+    weighed : ndarray of int
+        Numbers of the unknowns whose errors tell how many samples are independent.
+
+    Returns
+    -------
+    covariance : ndarray of shape (p, p)
+    independent : float
+        At most 1; 1 for white noise.
+    """
+    if coloured is None:
+        return white, 1.0
+    if not (len(weighed) and noise > 0.0):
+        return coloured, 1.0
+    bias = (white * (problem.segment_weight.sum() * problem.penalty)) @ white / noise
+    shrunk = 1.0 / (1.0 + problem.penalty[weighed])
+    alone = np.diag(white - bias)[weighed]
+    ratio = np.average(np.diag(coloured)[weighed] / alone, weights=shrunk)
+    independent = min(1.0 / ratio, 1.0)
+    return coloured + bias / independent, independent
+
+
 @dataclass(frozen=True)
 class _Spectrum:
     """Spectrum of an autoregression with ``weights`` (order + 1,).

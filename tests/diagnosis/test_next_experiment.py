@@ -84,6 +84,8 @@ def test_duration_and_interval_are_as_asked(ambiguous):
     drive = next_experiment(ambiguous, LIMITS, duration=1.0, dt=0.01).drive
     assert len(drive) == 100
     assert drive.index[1] == pytest.approx(0.01)
+    # of a record of so few samples that no signal has its form, the shortest that has
+    assert len(next_experiment(ambiguous, LIMITS, dt=0.1).drive) == 64
 
 
 def test_what_a_linear_model_misses_is_what_a_refit_leaves(ambiguous, slow):

@@ -1,6 +1,7 @@
 """Standard errors whatever the colour of the noise."""
 
 import warnings
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from scipy.signal import lfilter
 
 from skhyst.exceptions import ShortRecordWarning
 from skhyst.linear import FirstOrderLag, FirstOrderLagOperator
-from skhyst.optimize import RecordData, coloured_covariance, identify
+from skhyst.optimize import RecordData, coloured_covariance, identify, penalised_covariance
 
 DT, A = 0.01, 0.9
 TRUTH = FirstOrderLagOperator(0.1, gain=2.0, intercept=0.5)
@@ -47,6 +48,28 @@ def test_the_covariance_is_that_of_the_noise_between_the_jacobians(missing):
     # of an estimated spectrum, at low frequencies
     np.testing.assert_allclose(np.diag(found), np.diag(exact), rtol=0.35)
     assert np.all(np.diag(found) > 8.0 * np.diag(root @ root.T))
+
+
+def test_the_bias_of_a_penalty_is_an_error():
+    n, level = 500, 0.09
+    jacobian, _, _ = design(n, np.ones(n))
+    problem = SimpleNamespace(segment_weight=np.array([n]), penalty=np.array([0.0, 3.0, 900.0]))
+    inverse = np.linalg.inv(jacobian.T @ jacobian + n * np.diag(problem.penalty))
+    white = level * inverse
+
+    def sandwich(correlation):
+        return level * inverse @ jacobian.T @ correlation @ jacobian @ inverse
+
+    found, independent = penalised_covariance(problem, white, sandwich(np.eye(n)), level, [1, 2])
+    assert independent == pytest.approx(1.0)
+    np.testing.assert_allclose(found, white)
+    own = sandwich(toeplitz(A ** np.arange(n)))
+    found, independent = penalised_covariance(problem, white, own, level, [1, 2])
+    assert 0.01 < independent < 0.5
+    # of weights with the variance that the penalty stands for
+    prior = np.diag([0.0, 1.0 / 3.0, 1.0 / 900.0]) * level / (n * independent)
+    left = inverse * n * problem.penalty  # fraction of the weights that the penalty removes
+    np.testing.assert_allclose(found, own + left @ prior @ left.T)
 
 
 def test_records_are_independent_of_each_other():
