@@ -859,7 +859,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             warnings.warn(
                 f"No one set of parameters of {type(self).__name__} describes all records: the "
                 f"error is {error:.3g} in place of {result.error:.3g} with one set for each. Do "
-                "they have different offsets (add an Offset in a Sum), units or devices?",
+                "they differ in their offset (add an Offset in a Sum), amplitude (see "
+                "ScheduledParameters), unit or device?",
                 ConvergenceWarning,
                 stacklevel=5,
             )

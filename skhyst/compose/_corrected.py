@@ -104,7 +104,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
     -----
     The effects are identified with predictions that are somewhat worse than those of the final
     regressor, which is fitted to all rows. Each fold of a single record is the response to the
-    predictions of one regressor for the whole record, unless effects have constants of the record.
+    predictions of one regressor for the whole record, unless a disturbance is among the effects.
 
     Examples
     --------
@@ -187,8 +187,9 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         train = [np.array(fold_of_segment) != k for k in range(backfitting.n_folds)]
         # the predictions of two clones differ by a jump, which effects with a memory would follow:
         # within a record each clone drives them by itself; but its disturbances are of one record
-        is_cut = len(slices) == 1
-        is_cut &= not (effects.disturbance_names or effects.operator_class.is_disturbance)
+        is_single = len(slices) == 1
+        is_disturbed = effects.disturbance_names or effects.operator_class.is_disturbance
+        is_cut = is_single and not is_disturbed
         effects.records_, effects.n_features_in_ = slices, columns.shape[1]
 
         def records_of(p, begun):
@@ -253,6 +254,21 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         records = out_of_fold(last.predictions, begun)
         for message, kind in effects.fit_warnings(result, records):
             warnings.warn(message, kind, stacklevel=3)
+        if is_single and is_disturbed:
+
+            def output(p):
+                problem = problem_of(last.effects, p)
+                return problem.simulate(result.operator, problem.records[0])
+
+            each = np.array([output(p) for p in last.predictions])[fold, np.arange(len(fold))]
+            jumps = output(backfitting.out_of_fold(last.predictions)) - each
+            if np.mean(np.square(jumps)) > 0.5 * result.error**2:  # most of the residual
+                warnings.warn(
+                    "The effects of Corrected follow jumps between the predictions of two folds "
+                    "of one record: give several records, or effects without a disturbance.",
+                    ConvergenceWarning,
+                    stacklevel=3,
+                )
         stays = last.number == 0 and self.max_iter > 0 and not result.operator.memoryless
         if stays and is_coloured(result, records, effects.free_run_state):
             warnings.warn(

@@ -96,6 +96,7 @@ def test_a_lag_is_not_left_to_the_regressor():
     np.testing.assert_array_equal(again.predict(X_new), model.predict(X_new))
 
 
+@pytest.mark.filterwarnings("ignore:Corrected has not separated")
 def test_a_single_record_is_cut_without_jumps():
     """A lag would follow those between the predictions of two clones."""
 
@@ -110,6 +111,9 @@ def test_a_single_record_is_cut_without_jumps():
     stepwise = Corrected(DecisionTreeRegressor(max_depth=4), FirstOrderLag(), dt=DT)
     with pytest.warns(ConvergenceWarning, match="Corrected has not separated"):
         stepwise.fit(*recording(107))
+    both = Sum([("lag", FirstOrderLag()), ("offset", Offset())])
+    with pytest.warns(ConvergenceWarning, match="The effects of Corrected follow jumps"):
+        Corrected(LinearRegression(), both, dt=DT).fit(*recording(102))
 
 
 def test_weights_and_what_is_not_read():
