@@ -221,8 +221,20 @@ def _tanks_error(model, data):
 
 
 def tanks_by_hand(data=SHARED):
-    """Return the error in V of two tanks that overflow."""
-    model = TankChain(2, overflow=True, initial_state="estimate", dt=TANKS_INTERVAL)
+    """Return the error in V of two tanks that overflow, whose outflows follow powers of the level.
+
+    Fitted to three quarters of the estimation record it leaves 0.225 V of the last one; with an
+    offset of the drive 0.350, with square roots of the level 0.499, and a ceiling of the sensor in
+    place of the lower tank 0.851.
+    """
+    model = TankChain(
+        2,
+        overflow=True,
+        fit_exponents=True,
+        fit_offset=False,
+        initial_state="estimate",
+        dt=TANKS_INTERVAL,
+    )
     return _tanks_error(model.fit(*load_cascaded_tanks("train", data)), data)
 
 

@@ -446,7 +446,7 @@ class _Problem:
                     run, dy = self.tangents(operator, u[rows], state, dx)
                     kept = slice(max(self.washout - begin, 0), None)
                     residual = (run - y[rows])[kept].reshape(-1, 1)
-                    columns = np.hstack([dy[kept].reshape(len(residual), -1), residual])
+                    columns = np.hstack([dy[kept].reshape(len(residual), len(x)), residual])
                     gram += columns.T @ columns
         return gram
 

@@ -64,6 +64,18 @@ def test_derivatives_of_the_poles_and_what_is_determined():
     np.testing.assert_allclose(by @ np.linalg.eigh(gram[:-1, :-1])[1][:, :3], 0.0, atol=1e-7)
 
 
+def test_samples_that_are_not_scored():
+    """Only later ones count, whatever part of them is in memory at once."""
+    u = np.random.default_rng(0).normal(size=(600, 2))
+    y = device().run(u, DT)[0] + 1.0
+    problem = _Problem([(u, y)], device(), 550)
+    operator = problem.operator(problem.x0)
+    run, dy = problem.tangents(operator, u, *problem.begun(operator, u[0]))
+    columns = np.concatenate([dy, (run - y)[:, :, None]], axis=2)[550:].reshape(100, -1)
+    gram = problem.evaluate(problem.x0)
+    np.testing.assert_allclose(gram, columns.T @ columns, rtol=1e-9, atol=1e-9)
+
+
 @pytest.mark.filterwarnings("ignore::skhyst.exceptions.ExtrapolationWarning")
 def test_recovery_and_units():
     """The loops of a device are found, where its best linear approximation is not enough."""
