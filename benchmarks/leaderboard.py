@@ -280,16 +280,14 @@ def bouc_wen_searched(data=SHARED):
 # -------------------------------------------------------------------------------------- mirror
 
 MIRROR_PERIOD = 8_192  # samples; a record is two periods of the steady state
-MIRROR_LEAD = 2_048  # samples in which a free run from rest enters the steady state
 MIRROR_LEVELS = 200, 300  # mV
 MIRROR_STATES, MIRROR_LOOPS = 32, 3
 
 
-def _mirror(level, split, realisations, n_samples, data):
-    """Return the first samples of realisations at a level, with the level in their names."""
+def _mirror(level, split, realisations, data):
+    """Return realisations at a level, with the level in their names."""
     X, Y = load_piezo_fsm(level, split, data)
-    number = np.arange(len(X)) // (2 * MIRROR_PERIOD)
-    kept = np.isin(number, realisations) & (np.arange(len(X)) % (2 * MIRROR_PERIOD) < n_samples)
+    kept = np.isin(np.arange(len(X)) // (2 * MIRROR_PERIOD), realisations)
     return tuple(
         part[kept].rename(index=lambda name: f"{level} mV, {name}", level="record")
         for part in (X, Y)
@@ -299,22 +297,22 @@ def _mirror(level, split, realisations, n_samples, data):
 def mirror_by_hand(data=SHARED):
     """Return the errors in um of modes with loops at 200 mV, and at 300 mV, of all displacements.
 
-    Fitted to the first three realisations at both levels. There is no test record at 300 mV: the
-    other three realisations take its place.
+    Fitted to the first three realisations at both levels, in whose first periods a free run from
+    rest enters the steady state. There is no test record at 300 mV: the other three realisations
+    take its place.
     """
-    n_samples = MIRROR_LEAD + MIRROR_PERIOD
-    records = [_mirror(level, "train", (0, 1, 2), n_samples, data) for level in MIRROR_LEVELS]
+    records = [_mirror(level, "train", (0, 1, 2), data) for level in MIRROR_LEVELS]
     X, Y = (pd.concat(parts) for parts in zip(*records, strict=True))
     model = ModalFeedback(
         MIRROR_STATES,
         n_loops=MIRROR_LOOPS,
-        washout=MIRROR_LEAD,
+        washout=MIRROR_PERIOD,
         transient_periods=0,
         dt=1.0 / FSM_RATE,
     ).fit(X, Y)
     errors = []
     for level, split, held_out in ((200, "test", (0, 1, 2)), (300, "train", (3, 4, 5))):
-        X, Y = _mirror(level, split, held_out, 2 * MIRROR_PERIOD, data)
+        X, Y = _mirror(level, split, held_out, data)
         steady = np.arange(len(X)) % (2 * MIRROR_PERIOD) >= MIRROR_PERIOD
         error = (model.predict(X) - Y.to_numpy())[steady]
         errors.append(1e6 * float(np.sqrt(np.mean(error**2))))
