@@ -30,6 +30,8 @@ from ..optimize import variable_projection
 
 _CHUNK = 512  # samples whose tangents are in memory at once
 _TRIALS = 50  # most steps of Newton's method for the state at rest
+_SINGULAR = 1e-10  # eigenvalue of a direction that is not determined, relative to the largest
+_DETERMINED = 1e-6  # largest entry in such a direction of an unknown that is
 
 
 @jit
@@ -444,13 +446,69 @@ class _Problem:
                     run, dy = self.tangents(operator, u[rows], state, dx)
                     kept = slice(max(self.washout - begin, 0), None)
                     residual = (run - y[rows])[kept].reshape(-1, 1)
-                    columns = np.hstack([dy[kept].reshape(len(residual), -1), residual])
+                    columns = np.hstack([dy[kept].reshape(len(residual), len(x)), residual])
                     gram += columns.T @ columns
         return gram
 
     def total(self, blocks, select=None):
         """Return the Gram matrix."""
         return blocks
+
+    def covariance(self, solution):
+        """Return the covariance of the unknowns, and which of them the data determine.
+
+        It assumes that the residual is white. The states of a block can be scaled and turned, which
+        B, C, E and F exchange among each other: those directions are left out.
+        """
+        hessian = solution.gram[:-1, :-1]
+        scale = np.sqrt(np.maximum(np.diag(hessian), np.finfo(float).tiny))
+        values, vectors = np.linalg.eigh(hessian / np.outer(scale, scale))
+        known = values > _SINGULAR * values[-1]
+        n_rows = sum(max(len(y) - self.washout, 0) for _, y in self.records) * len(
+            self.records[0][1].T
+        )
+        variance = solution.cost / max(n_rows - known.sum(), 1)
+        root = vectors[:, known] / np.sqrt(values[known]) / scale[:, None]
+        determined = np.abs(vectors[:, ~known]).max(axis=1, initial=0.0) < _DETERMINED
+        return variance * root @ root.T, determined
+
+    def pole_slopes(self, x, u0):
+        """Return the poles of small motions about the rest at ``u0``, and their derivatives by x.
+
+        The poles (n,) are in the z-plane. With its left and right vectors w and v, the derivative
+        of an eigenvalue of M is ``w dM v / (w v)``.
+        """
+        operator, ((n, m), (_, n_loops), *_) = self.operator(x), self.shapes
+        state, dstate = self.begun(operator, u0)
+        e, f = operator.e, operator.f
+        w = np.tanh(f @ state + operator.g @ u0 + operator.bias)
+        poles, right = np.linalg.eig(operator.slope(f @ state + operator.g @ u0 + operator.bias))
+        left = np.linalg.inv(right)
+        by = np.zeros((n, len(x)), dtype=complex)
+        # A, whose pairs have a real and an imaginary part
+        for i in range(self.n_real):
+            by[:, i] = left[:, i] * right[i]
+        for i in range(self.n_real, n, 2):
+            j = i + 1
+            by[:, i] = left[:, i] * right[i] + left[:, j] * right[j]
+            by[:, j] = left[:, i] * right[j] - left[:, j] * right[i]
+        # E and F at a constant slope of the loops
+        at_e = n + n * m
+        at_f = at_e + n * n_loops
+        at_g = at_f + n_loops * n
+        slope, sensed, sent = 1.0 - w**2, f @ right, left @ e
+        to_e = left[:, :, None] * (slope[:, None] * sensed).T[:, None, :]
+        to_f = (sent * slope)[:, :, None] * right.T[:, None, :]
+        by[:, at_e:at_f], by[:, at_f:at_g] = to_e.reshape(n, -1), to_f.reshape(n, -1)
+        # the slopes of the loops, which depend on their signals at rest
+        dsignal = np.zeros((n_loops, len(x)))
+        dsignal[:, : self.n_dynamic] = f @ dstate
+        for i in range(n_loops):
+            dsignal[i, at_f + i * n : at_f + (i + 1) * n] += state
+            dsignal[i, at_g + i * m : at_g + (i + 1) * m] += u0
+            dsignal[i, self.n_dynamic - n_loops + i] += 1.0
+        by += (sent * sensed.T) @ (-2.0 * (w * slope)[:, None] * dsignal)
+        return poles, by
 
 
 class ModalFeedback(ModalModel):
@@ -495,7 +553,12 @@ class ModalFeedback(ModalModel):
     operator_ : SampledFeedback
         ``linear``, ``e``, ``f``, ``g``, ``bias``; ``init``, ``step``, ``run`` and ``poles_at``.
     poles_ : ndarray of shape (n_poles,), complex
-        rad/s, of small motions about the rest at the mean inputs; without standard errors.
+        rad/s, of small motions about the rest at the mean inputs.
+    params_, params_std_ : dict of str to float
+        Values and standard errors of the parameters that do not depend on the choice of states:
+        ``"bias[i]"`` and ``"g[i,j]"`` (one over the units of the input) of loop i, ``"d[k,j]"`` and
+        ``"intercept[k]"`` of response k. Standard errors, those of the poles too, assume that the
+        residual is white; NaN: not determined.
     n_evaluations_ : int
     fit_error_ : float
         Root mean square of the residual, relative to the standard deviation of each response.
@@ -610,8 +673,34 @@ class ModalFeedback(ModalModel):
             fitted.intercept * sizes[1],
         )
         self.operator_ = replace(fitted, linear=linear, g=fitted.g / sizes[0])
+        covariance, determined = problem.covariance(solution)
+        poles, by = problem.pole_slopes(solution.x, array.mean(axis=0) / sizes[0])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            by = np.where(np.abs(by) > 0.0, by / (poles[:, None] * fitted.dt), 0.0)
+            self._set_modes(np.log(poles.astype(complex)) / fitted.dt, by, covariance)
+        std = np.where(determined, np.sqrt(np.diag(covariance)), np.nan)
+        self._set_parameters(problem.operator(std), sizes)
         self._judge_rests(array)
         return self
+
+    def _set_parameters(self, spread, sizes):
+        """Store the parameters that do not depend on the choice of states, and their errors.
+
+        ``spread`` is an operator with the standard errors in place of the parameters, in units of
+        the ``sizes`` of inputs and responses.
+        """
+        found = self.operator_
+        values = {
+            "bias": (found.bias, spread.bias),
+            "g": (found.g, spread.g / sizes[0]),
+            "d": (found.linear.d, spread.linear.d * sizes[1][:, None] / sizes[0]),
+            "intercept": (found.intercept, spread.intercept * sizes[1]),
+        }
+        self.params_, self.params_std_ = {}, {}
+        for name, (value, std) in values.items():
+            for at in np.ndindex(value.shape):
+                key = f"{name}[{','.join(map(str, at))}]"
+                self.params_[key], self.params_std_[key] = float(value[at]), float(std[at])
 
     def _start(self, linear, mean):
         """Return loops of zero effect, each of which senses a response relative to its mean.
@@ -626,14 +715,9 @@ class ModalFeedback(ModalModel):
         return SampledFeedback(linear, e, linear.c[sensed], linear.d[sensed], bias)
 
     def _judge_rests(self, array):
-        """Store the poles at the mean inputs, and warn of rests that are unstable."""
+        """Warn of rests that are unstable."""
         rests = [array.mean(axis=0), array.min(axis=0), array.max(axis=0)]
-        poles = [self.operator_.poles_at(u0) for u0 in rests]
-        n = len(poles[0])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            seconds = np.log(poles[0].astype(complex)) / self.operator_.dt
-        self._set_modes(seconds, np.zeros((n, 1), dtype=complex), np.full((1, 1), np.nan))
-        if max(np.abs(of_rest).max() for of_rest in poles) >= 1.0:
+        if max(np.abs(self.operator_.poles_at(u0)).max() for u0 in rests) >= 1.0:
             warnings.warn(
                 "ModalFeedback is not stable at rest at the lowest, mean or highest inputs: a free "
                 "run leaves it.",

@@ -7,6 +7,7 @@ from skhyst.compose import ModalFeedback, SampledFeedback
 from skhyst.compose._modal_feedback import _Problem
 from skhyst.exceptions import ConvergenceWarning, ExtrapolationWarning
 from skhyst.linear import ModalModel, SampledStateSpace
+from skhyst.optimize._variable_projection import Solution
 from skhyst.persistence import from_json, to_json
 
 DT = 0.01
@@ -40,6 +41,39 @@ def test_derivatives():
             ends.append(problem.operator(x).run(u, DT)[0])
         found = (ends[0] - ends[1]) / 2e-5
         np.testing.assert_allclose(dy[:, :, k], found, atol=1e-6 * np.abs(dy).max())
+
+
+def test_derivatives_of_the_poles_and_what_is_determined():
+    """At rest under any inputs; scaled and turned states leave three directions undetermined."""
+    u, u0 = np.random.default_rng(0).normal(size=(200, 2)), np.array([0.7, -0.4])
+    y = device().run(u, DT)[0]
+    problem = _Problem([(u, y)], device(), 0)
+    poles, by = problem.pole_slopes(problem.x0, u0)
+    for k in range(len(problem.x0)):
+        ends = []
+        for sign in (1.0, -1.0):
+            x = problem.x0.copy()
+            x[k] += sign * 1e-5
+            moved = problem.operator(x).poles_at(u0)
+            ends.append([moved[np.argmin(np.abs(moved - pole))] for pole in poles])
+        np.testing.assert_allclose(by[:, k], np.subtract(*ends) / 2e-5, atol=1e-8)
+    gram = problem.evaluate(problem.x0)
+    _, determined = problem.covariance(Solution(problem.x0, 1.0, gram, 1, True, ""))
+    # A, G and the bias, D and the intercept of either response
+    np.testing.assert_array_equal(np.flatnonzero(determined), np.r_[0:3, 21:27, 30:33, 36:39])
+    np.testing.assert_allclose(by @ np.linalg.eigh(gram[:-1, :-1])[1][:, :3], 0.0, atol=1e-7)
+
+
+def test_samples_that_are_not_scored():
+    """Only later ones count, whatever part of them is in memory at once."""
+    u = np.random.default_rng(0).normal(size=(600, 2))
+    y = device().run(u, DT)[0] + 1.0
+    problem = _Problem([(u, y)], device(), 550)
+    operator = problem.operator(problem.x0)
+    run, dy = problem.tangents(operator, u, *problem.begun(operator, u[0]))
+    columns = np.concatenate([dy, (run - y)[:, :, None]], axis=2)[550:].reshape(100, -1)
+    gram = problem.evaluate(problem.x0)
+    np.testing.assert_allclose(gram, columns.T @ columns, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.filterwarnings("ignore::skhyst.exceptions.ExtrapolationWarning")
