@@ -50,6 +50,7 @@ def mode(amplitude):
     return SecondOrderModeOperator(60.0 - 4.0 * amplitude, 0.1, gain=1.0 + 0.2 * amplitude)
 
 
+@pytest.mark.filterwarnings("ignore:No one set of parameters")
 def test_a_mode_that_moves_with_the_amplitude():
     X, y = recording(mode, noise=1e-3)
     model = ScheduledParameters(SecondOrderMode(), parameters=["natural_frequency", "gain"])

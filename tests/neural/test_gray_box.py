@@ -218,6 +218,7 @@ def test_stages(data, staged, joint):
     assert history["loss"][-1] == pytest.approx(np.mean((y - joint.predict(X)) ** 2), rel=1e-6)
 
 
+@pytest.mark.filterwarnings("ignore:No one set of parameters")
 def test_the_slow_records_alone_train_the_static_model(data, staged):
     X, y = data
     other = y.copy()
@@ -252,6 +253,7 @@ def test_kilovolts_and_metres(data, staged):
     assert other.n_epochs_ == staged.n_epochs_
 
 
+@pytest.mark.filterwarnings("ignore:No one set of parameters")
 def test_the_printed_dynamics_and_products(data):
     """(35) has levels in it: alone it does not reach the noise, and rates with products do."""
     printed = GrayBoxHysteresis(dynamics="printed", degree=1).fit(*data)
