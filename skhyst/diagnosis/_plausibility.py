@@ -169,10 +169,11 @@ def has_no_peak(operator, motion, records):
 def rings(operator, motion, records):
     """Return the smallest margin of a mode: a peak, its height, and resolution by the recording.
 
-    The first is a margin of the quality factor, which stays bounded where a pole is too fast to be
-    known; the logarithm of the damping does not. A mode is resolved by the sampling if the upper
-    end of its half-power band is below half the sampling rate, and by the records if it repeats in
-    the longest of them: a slower one cannot be distinguished from a drift.
+    The first is a margin of the squared quality factor, which stays bounded where a pole is too
+    fast to be known, and is linear in one that is too slow; the logarithm of the damping is
+    neither. A mode is resolved by the sampling if the upper end of its half-power band is below
+    half the sampling rate, and by the records if it repeats in the longest of them: a slower one
+    cannot be distinguished from a drift.
     """
     mode, ratio = _lightest_mode(operator)
     if not mode:
@@ -180,7 +181,7 @@ def rings(operator, motion, records):
     highest = np.pi / min(record.dt for record in records)
     lowest = 2.0 * np.pi * REPEATS / max(len(record.u) * record.dt for record in records)
     resolved = min(highest / (mode * (1.0 + ratio)), mode / lowest)
-    margin = min(np.sqrt(0.5) / ratio, resolved) - 1.0
+    margin = min(0.5 / ratio**2, resolved**2) - 1.0
     if not np.size(getattr(operator, "numerator", ())):
         return margin
     multiples = np.r_[0.0, np.geomspace(0.1, 10.0, 200), 1e4]  # static, near the mode, fast
