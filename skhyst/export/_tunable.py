@@ -268,6 +268,12 @@ def derived(entries, step_for):
     ends = expected.min(axis=0), expected.max(axis=0)
     moved = np.subtract(ends[1], ends[0], where=ends[0] != ends[1], out=np.zeros(len(ends[0])))
     varying = np.flatnonzero(moved > 0.1 * _SAME * np.maximum(*np.abs(ends)))
+    if not len(varying):
+        names = ", ".join(entry.name for entry in entries)
+        raise ValueError(
+            "The 'tunable' parameter of to_c must be parameters that change the step of the model, "
+            f"not only the state that it starts from. Got {names} instead."
+        )
     places, positions = _places(layout, set(varying.tolist()))
     size = np.abs(expected[:, positions]).max(axis=0, initial=0.0)
     constants_of = lambda x: constants(x)[positions]  # noqa: E731

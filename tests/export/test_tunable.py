@@ -126,6 +126,11 @@ def test_what_cannot_be_changed_is_refused(tmp_path, tunable, message):
         to_c(FirstOrderLagOperator(0.05), tmp_path, "lag", dt=DT, tunable=tunable)
 
 
+def test_what_only_the_start_depends_on_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="not only the state that it starts from"):
+        to_c(OPERATORS["free mass"], tmp_path, "mass", dt=DT, tunable=["intercept"])
+
+
 def test_the_model_of_what_is_tunable_is_known(tmp_path):
     lag = FirstOrderLagOperator(0.05)
     stepper = Stepper(lag.compiled_step(DT, lag.init(0.0)), DT)
