@@ -214,7 +214,8 @@ class Unknown:
     share : float
         Fraction of the power of the held-out residual that it explains.
     p_value : float
-        Against the model without it, corrected for all that was tried.
+        Against the model without it, corrected for all that was tried. If no function of one
+        signal is significant, but a surface that contains it is, that of the surface.
     ambiguous_with : tuple of str
         Places and arguments that the recording does not distinguish from it;
         :func:`next_experiment` proposes a drive that does.
@@ -393,21 +394,21 @@ def find_unknown(base, data, criterion, n_tried, n_jobs, judgement):
         None, one, or two whose sum is meant.
     """
     setting = data, criterion
-    first, before = _best_term(base, *setting, n_tried, n_jobs)
+    first, before, functions = _best_term(base, *setting, n_tried, n_jobs)
     signals = set() if first is None else set(first.site.signals())
-    surface, n_tried = _best_term(base, *setting, before, n_jobs, 2, signals.issubset)
+    surface, n_tried, _ = _best_term(base, *setting, before, n_jobs, 2, signals.issubset)
     if first is None:
-        return [] if surface is None else [surface]
+        return [] if surface is None else [_simplest(surface, functions, criterion)]
     known, n_surfaces = first.candidate, n_tried - before
     if surface is None or not _is_more(known, surface.candidate, criterion, n_surfaces):
         if judgement(known).verdict == "noise":
             return [first]
-        other, n_tried = _best_term(
+        other, n_tried, _ = _best_term(
             base, *setting, n_tried, n_jobs, 2, lambda read: not signals.issubset(read)
         )
         surfaces = filter(None, (surface, other))
         surface = min(surfaces, key=lambda term: term.candidate.error, default=None)
-    second, _ = _best_term(known, *setting, n_tried, n_jobs, alternative=surface)
+    second, *_ = _best_term(known, *setting, n_tried, n_jobs, alternative=surface)
     terms = [first] if second is None else _needed(first, second, *setting, n_tried)
     if surface is None:
         return terms
@@ -430,6 +431,23 @@ def _is_more(part, whole, criterion, n_tried=1):
     """
     fits_better = whole.cost < (1.0 - criterion.min_improvement) ** 2 * part.cost
     return fits_better and criterion.is_better(part, whole, n_tried)
+
+
+def _simplest(surface, functions, criterion):
+    """Return a surface, or the best function that it contains and is no noticeable improvement on.
+
+    Where a function of one signal alone is not significant, the surface is the evidence.
+    """
+    signals, whole = set(surface.site.signals()), surface.candidate
+    parts = [(s, c) for s, c in functions if signals.issuperset(s.signals())]
+    parts = [(s, c) for s, c in parts if not _is_more(c, whole, criterion)]
+    if not parts:
+        return surface
+    site, best = min(parts, key=lambda pair: pair[1].error)
+    others = [(str(surface.site), whole), *surface.ambiguous]
+    others += [(str(s), c) for s, c in parts if c is not best]
+    rivals = [(name, c) for name, c in others if criterion.p_value(c, best) >= criterion.alpha]
+    return replace(surface, site=site, candidate=best, ambiguous=rivals)
 
 
 def _needed(first, second, data, criterion, n_tried):
@@ -478,6 +496,8 @@ def _best_term(
     alternative=None,
 ):
     """Return the best significant term of so many arguments, or None, and the number of trials.
+
+    And the sites and candidates that were held out.
 
     It is a function of ``wanted`` signals, and competes with an ``alternative`` term. From cheap to
     dear: predicted cost of all, brief joint fits of the promising, full fits of those near the
@@ -532,11 +552,12 @@ def _best_term(
         waiting = list(compress(waiting, np.logical_not(is_next))) if any(is_next) else []
     better = [(s, c) for s, c in settled if criterion.is_better(base, c, n_trials)]
     if not better:
-        return None, n_trials
+        return None, n_trials, settled
     site, best = min(better, key=lambda pair: pair[1].error)
     rivals = [(str(s), c) for s, c in better if c is not best]
     rivals = [(name, c) for name, c in rivals if criterion.p_value(c, best) >= criterion.alpha]
-    return Term(site, best, base, criterion.p_value(base, best, n_trials), rivals), n_trials
+    p_value = criterion.p_value(base, best, n_trials)
+    return Term(site, best, base, p_value, rivals), n_trials, settled
 
 
 def _sites(scene, n_arguments=1):
