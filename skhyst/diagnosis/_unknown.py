@@ -500,9 +500,9 @@ def _best_term(
     And the sites and candidates that were held out.
 
     It is a function of ``wanted`` signals, and competes with an ``alternative`` term. From cheap to
-    dear: predicted cost of all, brief joint fits of the promising, full fits of those near the
-    best, and held-out errors of those whose fit is not significantly worse than what the best of
-    them predicts.
+    dear: predicted cost of all, joint fits of the promising, half gaps of plays near the best, and
+    held-out errors of those whose fit is not significantly worse than what the best of them
+    predicts.
     """
     records, _, folds = data
     scene = Scene(base.structure, records)
@@ -519,22 +519,17 @@ def _best_term(
     ]
     promising = [(site, c) for site, c in promising if c.predicted_cost < largest_cost]
     n_trials += _MAX_EVALUATIONS * sum(_follows_play(site.model) for site, _ in promising)
-    refined = promising
-    for budget in sorted({RUNG, _budget(records)}):
-        jobs = [delayed(completed)(c, records, budget) for _, c in refined]
-        done, _ = side_by_side(jobs, n_jobs)
-        known = (*done, alternative and alternative.candidate)
-        known = [WORSE * c.predicted_cost for c in known if c is not None]
-        largest_cost = min([largest_cost, *known])
-        is_near = [c is not None and c.predicted_cost < largest_cost for c in done]
-        refined = [(s, c) for (s, _), c in compress(zip(refined, done, strict=True), is_near)]
-        promising = list(compress(promising, is_near))
+    jobs = [delayed(completed)(c, records, _budget(records)) for _, c in promising]
+    done, _ = side_by_side(jobs, n_jobs)
+    known = (*done, alternative and alternative.candidate)
+    largest_cost = min([largest_cost, *(WORSE * c.cost for c in known if c is not None)])
+    is_near = [c is not None and c.cost < largest_cost for c in done]
+    promising = list(compress(zip(done, promising, strict=True), is_near))
     jobs = [
-        delayed(_with_gap)(c, site, start, scene.tree, records)
-        for (_, c), (site, start) in zip(refined, promising, strict=True)
+        delayed(_with_gap)(c, site, start, scene.tree, records) for c, (site, start) in promising
     ]
     done, _ = side_by_side(jobs, n_jobs)
-    waiting = [(site, c) for (site, _), c in zip(promising, done, strict=True) if c is not None]
+    waiting = [(s, c) for (_, (s, _)), c in zip(promising, done, strict=True) if c is not None]
     waiting.sort(key=lambda pair: pair[1].cost)
     settled, known = [], [] if alternative is None else [alternative.candidate]
     while waiting:
