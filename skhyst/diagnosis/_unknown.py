@@ -214,7 +214,8 @@ class Unknown:
     share : float
         Fraction of the power of the held-out residual that it explains.
     p_value : float
-        Against the model without it, corrected for all that was tried.
+        Against the model without it, corrected for all that was tried. If no function of one
+        signal is significant, but a surface that contains it is, that of the surface.
     ambiguous_with : tuple of str
         Places and arguments that the recording does not distinguish from it;
         :func:`next_experiment` proposes a drive that does.
@@ -393,21 +394,21 @@ def find_unknown(base, data, criterion, n_tried, n_jobs, judgement):
         None, one, or two whose sum is meant.
     """
     setting = data, criterion
-    first, before = _best_term(base, *setting, n_tried, n_jobs)
+    first, before, functions = _best_term(base, *setting, n_tried, n_jobs)
     signals = set() if first is None else set(first.site.signals())
-    surface, n_tried = _best_term(base, *setting, before, n_jobs, 2, signals.issubset)
+    surface, n_tried, _ = _best_term(base, *setting, before, n_jobs, 2, signals.issubset)
     if first is None:
-        return [] if surface is None else [surface]
+        return [] if surface is None else [_simplest(surface, functions, criterion)]
     known, n_surfaces = first.candidate, n_tried - before
     if surface is None or not _is_more(known, surface.candidate, criterion, n_surfaces):
         if judgement(known).verdict == "noise":
             return [first]
-        other, n_tried = _best_term(
+        other, n_tried, _ = _best_term(
             base, *setting, n_tried, n_jobs, 2, lambda read: not signals.issubset(read)
         )
         surfaces = filter(None, (surface, other))
         surface = min(surfaces, key=lambda term: term.candidate.error, default=None)
-    second, _ = _best_term(known, *setting, n_tried, n_jobs, alternative=surface)
+    second, *_ = _best_term(known, *setting, n_tried, n_jobs, alternative=surface)
     terms = [first] if second is None else _needed(first, second, *setting, n_tried)
     if surface is None:
         return terms
@@ -430,6 +431,23 @@ def _is_more(part, whole, criterion, n_tried=1):
     """
     fits_better = whole.cost < (1.0 - criterion.min_improvement) ** 2 * part.cost
     return fits_better and criterion.is_better(part, whole, n_tried)
+
+
+def _simplest(surface, functions, criterion):
+    """Return a surface, or the best function that it contains and is no noticeable improvement on.
+
+    Where a function of one signal alone is not significant, the surface is the evidence.
+    """
+    signals, whole = set(surface.site.signals()), surface.candidate
+    parts = [(s, c) for s, c in functions if signals.issuperset(s.signals())]
+    parts = [(s, c) for s, c in parts if not _is_more(c, whole, criterion)]
+    if not parts:
+        return surface
+    site, best = min(parts, key=lambda pair: pair[1].error)
+    others = [(str(surface.site), whole), *surface.ambiguous]
+    others += [(str(s), c) for s, c in parts if c is not best]
+    rivals = [(name, c) for name, c in others if criterion.p_value(c, best) >= criterion.alpha]
+    return replace(surface, site=site, candidate=best, ambiguous=rivals)
 
 
 def _needed(first, second, data, criterion, n_tried):
@@ -479,10 +497,12 @@ def _best_term(
 ):
     """Return the best significant term of so many arguments, or None, and the number of trials.
 
+    And the sites and candidates that were held out.
+
     It is a function of ``wanted`` signals, and competes with an ``alternative`` term. From cheap to
-    dear: predicted cost of all, brief joint fits of the promising, full fits of those near the
-    best, and held-out errors of those whose fit is not significantly worse than what the best of
-    them predicts.
+    dear: predicted cost of all, joint fits of the promising, half gaps of plays near the best, and
+    held-out errors of those whose fit is not significantly worse than what the best of them
+    predicts.
     """
     records, _, folds = data
     scene = Scene(base.structure, records)
@@ -499,22 +519,17 @@ def _best_term(
     ]
     promising = [(site, c) for site, c in promising if c.predicted_cost < largest_cost]
     n_trials += _MAX_EVALUATIONS * sum(_follows_play(site.model) for site, _ in promising)
-    refined = promising
-    for budget in sorted({RUNG, _budget(records)}):
-        jobs = [delayed(completed)(c, records, budget) for _, c in refined]
-        done, _ = side_by_side(jobs, n_jobs)
-        known = (*done, alternative and alternative.candidate)
-        known = [WORSE * c.predicted_cost for c in known if c is not None]
-        largest_cost = min([largest_cost, *known])
-        is_near = [c is not None and c.predicted_cost < largest_cost for c in done]
-        refined = [(s, c) for (s, _), c in compress(zip(refined, done, strict=True), is_near)]
-        promising = list(compress(promising, is_near))
+    jobs = [delayed(completed)(c, records, _budget(records)) for _, c in promising]
+    done, _ = side_by_side(jobs, n_jobs)
+    known = (*done, alternative and alternative.candidate)
+    largest_cost = min([largest_cost, *(WORSE * c.cost for c in known if c is not None)])
+    is_near = [c is not None and c.cost < largest_cost for c in done]
+    promising = list(compress(zip(done, promising, strict=True), is_near))
     jobs = [
-        delayed(_with_gap)(c, site, start, scene.tree, records)
-        for (_, c), (site, start) in zip(refined, promising, strict=True)
+        delayed(_with_gap)(c, site, start, scene.tree, records) for c, (site, start) in promising
     ]
     done, _ = side_by_side(jobs, n_jobs)
-    waiting = [(site, c) for (site, _), c in zip(promising, done, strict=True) if c is not None]
+    waiting = [(s, c) for (_, (s, _)), c in zip(promising, done, strict=True) if c is not None]
     waiting.sort(key=lambda pair: pair[1].cost)
     settled, known = [], [] if alternative is None else [alternative.candidate]
     while waiting:
@@ -532,11 +547,12 @@ def _best_term(
         waiting = list(compress(waiting, np.logical_not(is_next))) if any(is_next) else []
     better = [(s, c) for s, c in settled if criterion.is_better(base, c, n_trials)]
     if not better:
-        return None, n_trials
+        return None, n_trials, settled
     site, best = min(better, key=lambda pair: pair[1].error)
     rivals = [(str(s), c) for s, c in better if c is not best]
     rivals = [(name, c) for name, c in rivals if criterion.p_value(c, best) >= criterion.alpha]
-    return Term(site, best, base, criterion.p_value(base, best, n_trials), rivals), n_trials
+    p_value = criterion.p_value(base, best, n_trials)
+    return Term(site, best, base, p_value, rivals), n_trials, settled
 
 
 def _sites(scene, n_arguments=1):
