@@ -183,9 +183,8 @@ def start_p_value(result, other, records, n_values, states=("rest", "rest")):
 def apart_p_value(result, groups, apart, initial_state="rest"):
     """Return the p-value of the improvement by fitting groups of records each by itself.
 
-    This is the test of Chow (*Econometrica*, 1960): one set of parameters for all records is a
-    restriction of one set for each group. As by :func:`start_p_value`, residuals and whitened ones
-    are tested.
+    One set of parameters for all records is a restriction of one set for each group (Chow,
+    *Econometrica*, 1960). As by :func:`start_p_value`, residuals and whitened ones are tested.
 
     Parameters
     ----------
