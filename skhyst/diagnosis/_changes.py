@@ -9,6 +9,7 @@ from functools import partial
 
 import numpy as np
 
+from .._validation import common_parameter
 from ..base import with_params
 from ..compose import (
     Cascade,
@@ -85,7 +86,7 @@ class UnderWay:
 
     def trees(self, name, scene):
         tree = scene.tree
-        unknown = tree.model.get_params().get("initial_state") != "rest"
+        unknown = common_parameter(tree.model, "initial_state") != "rest"
         if unknown or all(operator.memoryless for operator in tree.operators):
             return []
         # a history affects the first samples most: this is a start for the fit to whole records

@@ -894,7 +894,18 @@ class _Composition(_ByEntries):
         return self.with_stages([stage.in_order() for stage in self.stages])
 
     def with_stages(self, stages):
-        """Return the node with other stages of the same names, or itself if they are its own."""
+        """Return the node with other stages of the same names.
+
+        Parameters
+        ----------
+        stages : sequence of Operator
+            As many as the node has.
+
+        Returns
+        -------
+        Operator
+            The node itself if the stages are its own.
+        """
         same = all(new is old for new, old in zip(stages, self.stages, strict=True))
         return self if same else replace(self, stages=tuple(stages))
 
