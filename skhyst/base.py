@@ -87,6 +87,7 @@ _NO_REST = (
     "a known response, 'y_start' of predict"
 )
 _MOST = 0.5  # ratio of squared errors below which a change removes more of the error than it leaves
+_NOTICEABLE = 0.05  # of the response: an error below a few per cent of it misleads nobody
 _FEW = "The records hold few independent samples, so that params_std_ is too small for"
 
 
@@ -852,9 +853,11 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         apart = [refine(model, starts, group, with_errors=False) for group in groups]
         squares = [size * fit.error**2 for size, fit in zip(sizes, apart, strict=True)]
         error = np.sqrt(sum(squares) / sum(sizes))
+        noticeable = _NOTICEABLE * np.std(np.concatenate([record.y for record in records]))
         # records of several ranges also fit a wrong model better each by itself
-        if error**2 < _MOST * result.error**2 and (
-            apart_p_value(result, groups, apart, state) < LEVEL
+        if (
+            error**2 < min(_MOST * result.error**2, result.error**2 - noticeable**2)
+            and apart_p_value(result, groups, apart, state) < LEVEL
         ):
             warnings.warn(
                 f"No one set of parameters of {type(self).__name__} describes all records: the "

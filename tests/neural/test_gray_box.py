@@ -253,7 +253,6 @@ def test_kilovolts_and_metres(data, staged):
     assert other.n_epochs_ == staged.n_epochs_
 
 
-@pytest.mark.filterwarnings("ignore:No one set of parameters")
 def test_the_printed_dynamics_and_products(data):
     """(35) has levels in it: alone it does not reach the noise, and rates with products do."""
     printed = GrayBoxHysteresis(dynamics="printed", degree=1).fit(*data)
