@@ -465,7 +465,8 @@ class ParallelForce:
                 continue
             inputs = zip(scene.residuals, scene.signals(at), strict=True)
             model = _of_motion(self.model, parts[0])
-            starts = driven_starts(model, [replace(r, u=u) for r, u in inputs])
+            records = [replace(r, u=u) for r, u in inputs]
+            starts = [_with_best_gain(start, records) for start in driven_starts(model, records)]
             if all(type(part) is not type(starts[0]) for part in parts):
                 edits = [AddForce(place, model, start) for start in starts]
                 trees += [tree.edited(name, edit) for edit in edits]
@@ -475,6 +476,16 @@ class ParallelForce:
         """Whether the force may act in parallel with a part of a stage."""
         is_spring = self.with_gain and isinstance(part, GainOperator)
         return is_spring or isinstance(part, DynamicStiffnessOperator | CoulombFrictionOperator)
+
+
+def _with_best_gain(operator, records):
+    """Return linear dynamics with the gain that fits the records best; others as they are."""
+    if not (operator.signal_linear and "gain" in vars(operator)):
+        return operator
+    fitted = np.concatenate([operator.run(r.u, r.dt)[0] for r in records])
+    power = fitted @ fitted
+    gain = fitted @ np.concatenate([r.y for r in records]) / power if power else 1.0
+    return replace(operator, gain=float(operator.gain * gain))
 
 
 @dataclass(frozen=True)
