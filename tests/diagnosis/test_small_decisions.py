@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from skhyst.compose import amplitude
+from skhyst.compose import Cascade, amplitude
 from skhyst.diagnosis import EFFECTS, _contest, _open_questions, _structure
 from skhyst.diagnosis._candidates import Candidate
 from skhyst.diagnosis._changes import (
@@ -49,7 +49,7 @@ from skhyst.diagnosis._structure import (
 from skhyst.diagnosis._tree import Tree
 from skhyst.diagnosis._turns import turns
 from skhyst.hysteresis import PrandtlIshlinskii
-from skhyst.linear import Gain, GainOperator
+from skhyst.linear import FirstOrderLag, Gain, GainOperator
 from skhyst.noise import NoiseModel
 from skhyst.noise._block_test import _autocovariance
 from skhyst.optimize import RecordData
@@ -848,7 +848,7 @@ def test_what_came_before_records_is_seen_in_their_first_third(segments):
     record = RecordData(u, u, 0.01, segments=tuple(pairwise(edges)))
     seen = []
     known = {
-        "model": SimpleNamespace(get_params=lambda: {"initial_state": "rest"}),
+        "model": Cascade([("lag", FirstOrderLag()), ("gain", Gain())]),
         "operators": [SimpleNamespace(memoryless=False), SimpleNamespace(memoryless=True)],
         "with_estimated_history": lambda parts: (
             seen.extend(parts) or SimpleNamespace(input_history=("past",))
@@ -859,7 +859,7 @@ def test_what_came_before_records_is_seen_in_their_first_third(segments):
     assert [len(part.u) for part in seen] == [max(30, segments)]
     still = {**known, "operators": [SimpleNamespace(memoryless=True)]}
     assert changed(UnderWay(), [record], **still) == []
-    zero = {**known, "model": SimpleNamespace(get_params=lambda: {"initial_state": "zero"})}
+    zero = {**known, "model": Cascade([("lag", FirstOrderLag(initial_state="zero"))])}
     assert changed(UnderWay(), [record], **zero) == []
     (edit,) = changed(UnderWay(), [record], **{**known, "multi_input": True})
     assert edit.input_history == ("past",)
