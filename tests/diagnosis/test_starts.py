@@ -179,9 +179,7 @@ def test_dynamics_that_start_anew_keep_their_number_of_poles(name):
             assert isinstance(dynamics, LinearOperator)
             assert dynamics.n_poles == declared.n_poles
         first = candidates[0]  # what is behind it stays, unless it is added behind all
-        if first.names[0] != "hysteresis" or first.is_part(
-            name
-        ):
+        if first.names[0] != "hysteresis" or first.is_part(name):
             continue
         # a declared model that lacks a pole has bent its own: one start at least is not bent
         assert any(
