@@ -84,7 +84,7 @@ def test_sizes_are_those_of_the_compiler(tmp_path, monkeypatch):
     sizes = program_sizes(tmp_path, "plays")
     assert sizes.index.tolist() == list(TOOLS)
     found = sizes.dropna(subset="flash")
-    assert (found["state"] == 4 * (3 + 2)).all()  # three plays, the output and a flag
+    assert (found["state"] == 4 * (3 + 3)).all()  # three plays, the output and two flags
     assert found["flash"].between(100, 2000).all()
     counted = sizes.dropna(subset="instructions")
     assert (counted["instructions"] <= counted["most_instructions"]).all()
