@@ -706,8 +706,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         if moving is None:
             result = self._settled(model, result, records)
             result, records = self.with_history_behind_gaps(result, records)
-            self._warn_of_moving_start(model, result, records)
-            self._warn_of_differing_records(model, result, records)
+            moves = self._warn_of_moving_start(model, result, records)
+            self._warn_of_differing_records(model, result, records, moves)
             return self.finish(result, records)
         warnings.warn(
             f"{_NO_REST.format(type(self).__name__)}: with initial_state='zero' the error is "
@@ -794,21 +794,21 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         return replace(refitted, input_history=None), records
 
     def _warn_of_moving_start(self, model, result, records):
-        """Warn if records do not begin at rest, which biases the fit.
+        """Warn if records do not begin at rest, which biases the fit; return whether they do not.
 
         ``model`` has a definite hold.
         """
         operator, is_given = result.operator, common_parameter(self, "initial_state") != "rest"
         if is_given or operator.memoryless or result.input_history is not None:
-            return
+            return False
         if not np.ptp(np.concatenate([record.drive for record in records])):  # which is warned of
-            return
+            return False
         # an operator without a state of rest remembers its start throughout the record
         is_suspect = (
             is_coloured(result, records) if operator.n_start else has_start_misfit(result, records)
         )
         if not is_suspect:
-            return
+            return False
         state, best, best_state = "rest", result, "rest"
         start, method = [(operator, result.disturbances)], "variable_projection"
         zero = with_params(model, initial_state="zero")
@@ -830,16 +830,17 @@ class ParametricModel(RegressorMixin, BaseEstimator):
                 ConvergenceWarning,
                 stacklevel=5,
             )
+        return state != "rest"
 
-    def _warn_of_differing_records(self, model, result, records):
+    def _warn_of_differing_records(self, model, result, records, moves):
         """Warn if no one set of parameters describes the records, such as of two offsets or units.
 
-        ``model`` has a definite hold.
+        ``model`` has a definite hold; with ``moves``, records do not begin at rest.
         """
         ends = [*np.setdiff1d(np.arange(len(records)), behind_gaps(self.records_)), len(records)]
         groups = [records[a:b] for a, b in pairwise(ends)]
         sizes = [sum(record.counts().sum() for record in group) for group in groups]
-        state = self.free_run_state
+        operator, state = result.operator, self.free_run_state
         if (
             min(sizes) <= len(result.params)  # a few samples agree with anything
             or len(groups) < 2
@@ -847,13 +848,20 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             or not is_coloured(result, records, state)
         ):
             return
-        model = with_params(model, method="variable_projection")
+        method = "variable_projection"
+        model = with_params(model, method=method)
         largest = identified(model, groups[int(np.argmax(sizes))])[1]
         starts = [(fit.operator, fit.disturbances) for fit in (result, largest)]
         apart = [refine(model, starts, group, with_errors=False) for group in groups]
+        if moves or (
+            common_parameter(self, "initial_state") == "estimate" and not operator.memoryless
+        ):
+            result = with_input_history(result, records, method)
+            pairs = zip(apart, groups, strict=True)
+            apart = [with_input_history(*pair, method) for pair in pairs]
         squares = [size * fit.error**2 for size, fit in zip(sizes, apart, strict=True)]
         error = np.sqrt(sum(squares) / sum(sizes))
-        noticeable = _NOTICEABLE * np.std(np.concatenate([record.y for record in records]))
+        noticeable = _NOTICEABLE * np.sqrt(np.mean([np.var(record.y) for record in records]))
         # records of several ranges also fit a wrong model better each by itself
         if (
             error**2 < min(_MOST * result.error**2, result.error**2 - noticeable**2)

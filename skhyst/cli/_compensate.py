@@ -42,8 +42,12 @@ def compensate(options):
     print(f"root mean square error of the model in its fit: {error:.4g}")
     for message in dict.fromkeys(str(warning.message) for warning in caught):
         print(message)
-    if not options.force:
+    try:
         _refuse(options, compensator, worst, fraction)
+    except ValueError as refusal:
+        if not options.force:
+            raise
+        print(f"overridden by --force: {refusal}")
     rate = rate if np.isfinite(rate) else None
     parts = pd.Series(drive, X.index).groupby(level="record", sort=False)
     table = pd.concat([_from_rest(name, part, options.rest, rate) for name, part in parts])
@@ -56,7 +60,14 @@ def compensate(options):
 def _from_rest(record, drive, rest, rate):
     """Return the rows of a record with ramps from the rest of the amplifier and back."""
     time = drive.index.get_level_values("time").to_numpy()
-    dt = (time[-1] - time[0]) / (len(time) - 1)
+    steps = np.diff(time)
+    dt = float(np.median(steps))
+    if steps.max() > 1.5 * dt:  # where a new piece begins from rest
+        raise ValueError(
+            f"No drive is written: the reference has a gap of {steps.max():.6g} s behind the time "
+            f"{time[np.argmax(steps)]:.6g}, in which the drive would jump. Fill it, or give its "
+            "parts as records of their own."
+        )
     values, n_before = from_rest_to_rest(drive, dt, rest, rate_limit=rate)
     n_after = len(values) - n_before - len(time)
     before = time[0] - dt * np.arange(n_before, 0, -1)

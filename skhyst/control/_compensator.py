@@ -52,13 +52,14 @@ from .._sklearn import (
 from .._validation import (
     finite_number,
     finite_numbers,
+    fitted_interval,
     interval_of,
     refuse_large,
     refuse_other_unit,
     used_interval,
 )
 from ..base import ParametricModel, read_data
-from ..exceptions import ReachWarning
+from ..exceptions import ReachWarning, RecordError
 from ..linear import DelayOperator, GainOperator
 from ..operators import (
     ROUNDING,
@@ -470,8 +471,20 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         check_is_fitted(self)
         if self.method == "learned":
             raise NotImplementedError("A learned inverse cannot be run sample by sample.")
-        dt = used_interval(self.model_, dt, f"InverseCompensator.{caller}")
+        dt = self._used_interval(dt, caller)
         return _InvertiblePlant(self.model_.operator_, dt, self._limits())
+
+    def _used_interval(self, dt, caller):
+        """Return the interval of a drive; refuse one in s where the rate of the fit has no time."""
+        used = used_interval(self.model_, dt, f"InverseCompensator.{caller}")
+        fitted_dt, unit = fitted_interval(self.model_)
+        if unit == "sample" and used != fitted_dt and self.rate_limit == "fit":
+            raise RecordError(
+                "The model was fitted without a time, so that the largest rate of its drive is per "
+                f"sample. Got the interval {used:g} s instead: fit it with a time index or 'dt', "
+                "or give a 'rate_limit' in units per s."
+            )
+        return used
 
     def _preview_tol(self):
         """Return the relative error that a finite preview may leave, at least that of rounding."""
@@ -536,18 +549,13 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
                 f"The limits of the drive cut {_percent(cut)} of the samples: {limits}. They are "
                 "'drive_limits' and 'rate_limit', by default the range of the fit."
             )
-        seen = DriveLimits(  # where there is no limit
-            low if np.isinf(limits.low) else -np.inf,
-            high if np.isinf(limits.high) else np.inf,
-            rate if np.isinf(limits.rate) else np.inf,
-            limits.rounding,
-        )
+        seen = DriveLimits(low, high, rate, limits.rounding)
         beyond = np.concatenate([seen.exceeded(drive[s.rows], s.dt) for s in slices])
         if beyond.any():
             messages.append(
-                f"{_percent(beyond)} of the samples of the drive, which is not limited, are beyond "
-                f"the range of the fit ({seen}): from {drive.min():.6g} to {drive.max():.6g}, up "
-                f"to {max(_fastest(drive[s.rows], s.dt) for s in slices):.6g} per s."
+                f"{_percent(beyond)} of the samples of the drive are beyond the range of the fit "
+                f"({seen}): from {drive.min():.6g} to {drive.max():.6g}, up to "
+                f"{max(_fastest(drive[s.rows], s.dt) for s in slices):.6g} per s."
             )
         return messages
 
@@ -586,6 +594,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
 
         The warning names a stage that cannot give its required output; it may be empty.
         """
+        dt = self._used_interval(dt, "predict")
         plant = _InvertiblePlant(self.model_.operator_, dt, self._limits())
         n = len(reference)
         rest = np.full(min(plant.preview(self._preview_tol()), n), reference[-1])

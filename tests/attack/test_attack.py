@@ -23,7 +23,10 @@ from small_estimators import SLOW, small_estimators
 from skhyst.base import ParametricModel
 from skhyst.compose import Cascade, Modulated, OnColumn, ScheduledParameters, Sum
 
-pytestmark = pytest.mark.filterwarnings("ignore::skhyst.exceptions.ConvergenceWarning")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::skhyst.exceptions.ConvergenceWarning"),
+    pytest.mark.filterwarnings("ignore::skhyst.exceptions.ReachWarning"),
+]
 
 QUICK = [name for name in small_estimators() if name not in SLOW]
 MODELS = [name for name in QUICK if isinstance(small_estimators()[name], ParametricModel)]

@@ -85,13 +85,25 @@ def test_a_drive_that_misses_the_reference_is_not_written(model_file, tmp_path, 
     )
     assert re.search(r"The limits of the drive cut \d+\.?\d* % of the samples", said.out)
     assert main([*call, "--time-unit", "s", "--force"]) == 0
+    assert "overridden by --force: " in capsys.readouterr().out
     drive = pd.read_csv(out)["drive"]
     assert drive.abs().max() <= 5.0  # of the recording
     assert main([*call, "--time-unit", "s", "--no-limits", "--force"]) == 0
     assert pd.read_csv(out)["drive"].abs().max() > 8.0
-    assert "not limited, are beyond the range of the fit" in capsys.readouterr().out
+    assert "of the drive are beyond the range of the fit" in capsys.readouterr().out
     assert main([*call, "--time-unit", "s", "--limits", "-9e0", "9", "--force"]) == 0
     assert 5.0 < pd.read_csv(out)["drive"].abs().max() <= 9.0
+
+
+def test_a_reference_with_a_gap_has_no_drive(model_file, tmp_path, capsys):
+    """An amplifier would jump from one piece to the next."""
+    t = 1e-3 * np.arange(200)
+    wanted = pd.DataFrame({"t": t + (t > 0.1), "um": np.sin(np.arange(200) / 30)})
+    wanted.to_csv(tmp_path / "gap.csv", index=False)
+    call = ["compensate", str(model_file), str(tmp_path / "gap.csv"), "--time-unit", "s"]
+    assert main([*call, "-o", str(tmp_path / "drive.csv"), "--force"]) == 1
+    assert "has a gap of 1.001 s behind the time 0.1," in capsys.readouterr().err
+    assert not (tmp_path / "drive.csv").exists()
 
 
 def test_a_model_that_does_not_know_its_drive_needs_limits(model, reference, tmp_path, capsys):

@@ -15,7 +15,7 @@ from skhyst.compose import Cascade, OnColumn, Sum
 from skhyst.control import FeedforwardPI, InverseCompensator, simulate_loop
 from skhyst.control._drive_limits import DriveLimits
 from skhyst.disturbance import Offset
-from skhyst.exceptions import ReachWarning
+from skhyst.exceptions import ReachWarning, RecordError
 from skhyst.hysteresis import (
     BoucWen,
     BoucWenOperator,
@@ -153,7 +153,7 @@ def test_a_reference_that_moves_at_its_ends_asks_for_no_more_than_it_needs(dampi
     """The direction that the response does not show stays out, whatever the limits are."""
     reference = np.sin(40.0 * np.pi * DT * np.arange(300) + phase)
     found, mode = fitted_mode(damping_ratio, **NONE)
-    with pytest.warns(ReachWarning, match="which is not limited, are beyond the range of the fit"):
+    with pytest.warns(ReachWarning, match="of the drive are beyond the range of the fit"):
         drive = found.predict(reference[:, None])
     needed = bounded(mode, reference)
     np.testing.assert_allclose(drive[-20:], needed[-20:], atol=0.05)
@@ -216,7 +216,7 @@ def test_three_times_the_reference_is_cut_and_told():
     assert wide.drive_limits_ == pytest.approx((u.min() - 0.5 * span, u.max() + 0.5 * span))
     assert wide.rate_limit_ == pytest.approx(1.5 * found.drive_rate_)
     free = clone(found).set_params(**NONE).fit(u[:, None], y)
-    with pytest.warns(ReachWarning, match="not limited, are beyond the range of the fit"):
+    with pytest.warns(ReachWarning, match="of the drive are beyond the range of the fit"):
         drive = free.predict(3.0 * y[:, None])
     np.testing.assert_allclose(PLAYS.run(drive, DT)[0], 3.0 * y, atol=1e-5)
 
@@ -272,18 +272,18 @@ def test_a_model_that_does_not_know_its_drive_is_told():
 
 
 @pytest.mark.parametrize(
-    ("options", "seen"),
+    "options",
     [
-        ({"drive_limits": (-np.inf, np.inf), "rate_limit": 1e9}, r"\(-1 to 1\)"),
-        ({"drive_limits": (-np.inf, 2.0), "rate_limit": 1e9}, r"\(-1 to inf\)"),
-        ({"limit_margin": 1e308}, r"\(-1 to 1, 20 per s\)"),
+        {"drive_limits": (-np.inf, np.inf), "rate_limit": 1e9},
+        {"drive_limits": (-np.inf, 2.0), "rate_limit": 1e9},
+        {"drive_limits": (-1000.0, 1000.0), "rate_limit": 1e9},
+        {"limit_margin": 1e308},
     ],
 )
-def test_limits_that_are_infinite_are_none(options, seen):
-    """What leaves the fit there is told, though it is not cut."""
+def test_what_leaves_the_fit_is_told_whatever_the_limits(options):
     u = np.tile([-1.0, 1.0], 25)[:, None]
     found = InverseCompensator(Gain(dt=0.1).fit(u, 3.0 * u[:, 0]), **options).fit(u, u[:, 0])
-    with pytest.warns(ReachWarning, match=f"fit {seen}: from -2 to 1, up to 30 per s"):
+    with pytest.warns(ReachWarning, match=r"fit \(-1 to 1, 20 per s\): from -2 to 1, up to 30 "):
         drive = found.predict([[3.0], [-6.0]])
     np.testing.assert_allclose(drive, [1.0, -2.0])
 
@@ -635,3 +635,12 @@ def test_feedback_keeps_to_the_limits_of_its_compensator():
             u0=0.0,
         )
     assert loop.drive.max() == 2.0
+
+
+def test_a_model_fitted_without_a_time_has_no_drive_per_second():
+    """Its rate is per sample: at another interval it would be exceeded."""
+    u = np.tile([-1.0, 1.0], 25)[:, None]
+    found = InverseCompensator(Gain().fit(u, 3.0 * u[:, 0])).fit(u, u[:, 0])
+    with pytest.raises(RecordError, match="was fitted without a time"):
+        found.drive_for([0.0, 1.0, 2.0], 10.0)
+    np.testing.assert_allclose(found.predict([[3.0], [1.0]]), [1.0, 1.0 / 3.0])
