@@ -90,7 +90,7 @@ def on_controller(folder, dtype):
     """Return drive and response with the controller in the loop, and instructions of a sample."""
     parts = {"feedback": feedback, "compensator": compensator}
     for name, part in parts.items():
-        to_c(part, folder, f"{name}_{dtype}", dtype, dt=DT)
+        to_c(part, folder, f"{name}_{dtype}", dtype, dt=DT, tolerance=1e-5)  # of the range
     with (
         EmulatedController(folder, f"feedback_{dtype}") as loop,
         EmulatedController(folder, f"compensator_{dtype}") as inverse,

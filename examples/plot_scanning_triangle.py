@@ -15,6 +15,8 @@ stage itself, or by feedback.
 # recordings are four triangles of 1 Hz to 1 kHz, and the response to white noise that is too small
 # for hysteresis, which identifies the vibration. The sensor has 0.5 nm of noise.
 
+import warnings
+
 import matplotlib.pyplot as plt
 import numpy as np
 from sklearn.frozen import FrozenEstimator
@@ -22,6 +24,7 @@ from sklearn.frozen import FrozenEstimator
 from skhyst.compose import Cascade
 from skhyst.control import FeedforwardPI, InverseCompensator, simulate_loop
 from skhyst.datasets import make_scanning_stage, scanning_stage_stepper
+from skhyst.exceptions import ReachWarning
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import KelvinVoigt, TransferFunction, frequency_response
 from skhyst.records import stack_records
@@ -68,6 +71,7 @@ lines = np.abs(slope) > 0.999 * slope.max()  # where a scanner records
 slow = X.loc["1 Hz", "drive"].to_numpy(), y.loc["1 Hz"].to_numpy()
 gain = np.polyfit(*slow, 1)[0]
 compensator = InverseCompensator(model, bandwidth=20e3, rate_limit=2e6).fit(X, y)  # V/s
+warnings.simplefilter("ignore", ReachWarning)  # its turns are faster than those of the recording
 
 
 def stage(drive, noise=0.0, seed=0):

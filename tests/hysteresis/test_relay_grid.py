@@ -164,6 +164,7 @@ def test_levels_follow_the_response():
     assert dense.fit_error_ < 0.5 * even.fit_error_
 
 
+@pytest.mark.filterwarnings("ignore:No one set of parameters of PrandtlIshlinskii")
 def test_amplitude_that_was_not_in_the_fit():
     """What plays cannot do: loops of an asymmetric density, at an amplitude in between."""
     levels = np.linspace(-1, 1, 25)
