@@ -17,6 +17,8 @@ closed loop.
 
 from itertools import pairwise
 
+import warnings
+
 import matplotlib.pyplot as plt
 import numpy as np
 from scipy.ndimage import maximum_filter1d
@@ -33,6 +35,7 @@ from skhyst.datasets import (
     swept_sine,
     walking_drive,
 )
+from skhyst.exceptions import ReachWarning
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import SecondOrderMode
 from skhyst.neural import SCNRegressor
@@ -103,6 +106,7 @@ class NetworkByPath(RegressorMixin, BaseEstimator):
 
 learned = InverseCompensator(NetworkByPath(), method="learned", rate_limit=2e3).fit(*slow)
 inverse = InverseCompensator(model, bandwidth=500.0, rate_limit=2e3).fit(*slow)
+warnings.simplefilter("ignore", ReachWarning)  # the drive is faster than that of the fit
 
 # %%
 # Walking
