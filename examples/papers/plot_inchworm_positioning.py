@@ -15,9 +15,8 @@ closed loop.
 # One pair of benders is clamped and driven by a decaying voltage, for the hysteresis, and by a
 # sweep, for the mode. The sensor has 0.1 nm of noise and a resolution of 0.1 nm.
 
-from itertools import pairwise
-
 import warnings
+from itertools import pairwise
 
 import matplotlib.pyplot as plt
 import numpy as np
