@@ -61,8 +61,11 @@ from skhyst.static import DeadZones, Saturation, SmoothCurve, SoftSaturation
 
 DT = 0.01
 N = 240
-# data from elsewhere do not determine all parameters of a model, and it says so
-pytestmark = pytest.mark.filterwarnings("ignore::skhyst.exceptions.ConvergenceWarning")
+# data from elsewhere do not determine all parameters of a model, and ask for other drives
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::skhyst.exceptions.ConvergenceWarning"),
+    pytest.mark.filterwarnings("ignore::skhyst.exceptions.ReachWarning"),
+]
 
 # nothing is remembered from one sample to the next
 MEMORYLESS = {
