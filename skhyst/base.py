@@ -841,10 +841,12 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         groups = [records[a:b] for a, b in pairwise(ends)]
         sizes = [sum(record.counts().sum() for record in group) for group in groups]
         operator, state = result.operator, self.free_run_state
+        noticeable = _NOTICEABLE * np.sqrt(np.mean([np.var(record.y) for record in records]))
         if (
             min(sizes) <= len(result.params)  # a few samples agree with anything
             or len(groups) < 2
             or result.input_history is not None
+            or result.error <= noticeable
             or not is_coloured(result, records, state)
         ):
             return
@@ -861,7 +863,6 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             apart = [with_input_history(*pair, method) for pair in pairs]
         squares = [size * fit.error**2 for size, fit in zip(sizes, apart, strict=True)]
         error = np.sqrt(sum(squares) / sum(sizes))
-        noticeable = _NOTICEABLE * np.sqrt(np.mean([np.var(record.y) for record in records]))
         # records of several ranges also fit a wrong model better each by itself
         if (
             error**2 < min(_MOST * result.error**2, result.error**2 - noticeable**2)

@@ -439,10 +439,8 @@ class OperatorProblem(Unknowns):
     def _sensitivities(self, operator, record):
         """Return the operator's output for a record and its derivatives by the entries."""
         u, skip = record.with_history()
-        begins, du = (
-            self.initial_state if record.start is None else record.start,
-            np.empty((len(u), 0)),
-        )
+        begins = self.initial_state if record.start is None else record.start
+        du = np.empty((len(u), 0))
         y, dy = scheduled(operator, record).sensitivities(u, du, record.dt, begins)
         return y[skip:], dy[skip:]
 

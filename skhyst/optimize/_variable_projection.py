@@ -489,10 +489,8 @@ class VariableProjection(Method):
             return *found, evaluations
         problem, solution = found
         alternatives = [p for p in problems if p is not problem]
-        box, drawing = (
-            search_box([problem, *alternatives]),
-            (self.n_random_starts, self.random_state),
-        )
+        box = search_box([problem, *alternatives])
+        drawing = self.n_random_starts, self.random_state
         drawn = random_starts(box, problem.linear, [solution.x], *drawing)
         other, more = self._best_of([(problem, x) for x in drawn])
         best = min(found, other, key=lambda pair: pair[1].cost)
