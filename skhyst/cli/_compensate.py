@@ -6,11 +6,12 @@ import numpy as np
 import pandas as pd
 
 from .._files import check_outputs, replacing
+from ..base import behind_gaps
 from ..control import InverseCompensator
 from ..datasets import from_rest_to_rest
 from ..exceptions import ReachWarning
 from ..persistence import load_model
-from ..records import read_records
+from ..records import read_records, record_slices
 
 
 def compensate(options):
@@ -20,6 +21,7 @@ def compensate(options):
     columns = {"drive": options.reference, "time": options.time, "time_unit": options.time_unit}
     X, _ = read_records(options.file, **columns)
     reference = X.iloc[:, 0]
+    intervals = _intervals(X)
     fitted = None if options.no_limits else "fit"
     compensator = InverseCompensator(
         model,
@@ -50,24 +52,30 @@ def compensate(options):
         print(f"overridden by --force: {refusal}")
     rate = rate if np.isfinite(rate) else None
     parts = pd.Series(drive, X.index).groupby(level="record", sort=False)
-    table = pd.concat([_from_rest(name, part, options.rest, rate) for name, part in parts])
+    ends = options.rest, rate
+    table = pd.concat([_from_rest(name, part, intervals[name], *ends) for name, part in parts])
     single = table["record"].nunique() == 1
     with replacing(options.output) as (part,):
         table.drop(columns="record" if single else []).to_csv(part, index=False)
     print(f"written: {options.output}")
 
 
-def _from_rest(record, drive, rest, rate):
+def _intervals(X):
+    """Return the sampling interval of each record; refuse gaps, in which a drive would jump."""
+    slices, time = record_slices(X), X.index.get_level_values("time")
+    for number in behind_gaps(slices):
+        before, after = (time[slices[number].rows.start - k] for k in (1, 0))
+        raise ValueError(
+            f"No drive is written: the reference has a gap of {after - before:.6g} s behind the "
+            f"time {before:.6g}, in which the drive would jump. Fill it, or give its parts as "
+            "records of their own."
+        )
+    return {s.label: s.dt for s in slices}
+
+
+def _from_rest(record, drive, dt, rest, rate):
     """Return the rows of a record with ramps from the rest of the amplifier and back."""
     time = drive.index.get_level_values("time").to_numpy()
-    steps = np.diff(time)
-    dt = float(np.median(steps))
-    if steps.max() > 1.5 * dt:  # where a new piece begins from rest
-        raise ValueError(
-            f"No drive is written: the reference has a gap of {steps.max():.6g} s behind the time "
-            f"{time[np.argmax(steps)]:.6g}, in which the drive would jump. Fill it, or give its "
-            "parts as records of their own."
-        )
     values, n_before = from_rest_to_rest(drive, dt, rest, rate_limit=rate)
     n_after = len(values) - n_before - len(time)
     before = time[0] - dt * np.arange(n_before, 0, -1)
