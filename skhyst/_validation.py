@@ -58,6 +58,7 @@ def read_data(estimator, X, *y, reset, dt=None, bridge=False):
     slices = read_slices(estimator, X, *y, reset=reset, dt=dt, bridge=bridge)
     if reset:
         estimator._response_units = _units(*y)
+        estimator._response_range = float(response.min()), float(response.max())
         if not _is_memoryless(estimator):
             refuse_drawn(X, drive, array, response)
             _warn_of_shuffled_rows(X, drive, response)
