@@ -1223,14 +1223,14 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         drives = np.concatenate([getattr(self, "drive_range_", ()), *(r.drive for r in data)])
         limits = drives.min(), drives.max()
         driven, additive = split_disturbances(self.operator_)
-        parts = data
-        if not driven.n_start:  # whose effect on the whole record counts
-            parts = [r.first_part(1 + np.flatnonzero(r.weights)[-1]) for r in data]
+        parts = [r.first_part(1 + np.flatnonzero(r.weights)[-1]) for r in data]
+        longest = max((s.n_samples for s in self.records_), default=0)
+        if driven.n_start:  # start values count by their effect on as many samples as the fit had
+            parts = [_prolonged(part, longest) for part in parts]
         response_range = np.ptp(getattr(self, "_response_range", y[np.isfinite(y)])) or 1.0
         covariance, noise = (getattr(self, name, None) for name in ("covariance_", "noise_std_"))
         noise = max(noise or 0.0, _LEAST_NOISE * response_range)
-        options = {"n_samples": [len(r.u) for r in data], "noise_std": noise}
-        options["response_range"] = response_range
+        options = {"oldest": longest // 2, "noise_std": noise, "response_range": response_range}
         input_history, _ = input_history_of(driven, additive, parts, limits, **options)
         runs = {}
         for i, record, part, before in zip(numbers, data, parts, input_history, strict=True):
@@ -1525,6 +1525,14 @@ def _with_movable_positions(tree):
     if not isinstance(tree, Series | SumOperator):
         return tree
     return tree.with_stages([_with_movable_positions(stage) for stage in tree.stages])
+
+
+def _prolonged(record, n):
+    """Return a record of at least n samples, at a constant input and without a response."""
+    more = max(n - len(record.u), 0)
+    u = np.concatenate([record.u, np.repeat(record.u[-1:], more, axis=0)])
+    y, weights = np.pad(record.y, (0, more)), np.pad(record.weights, (0, more))
+    return replace(record, u=u, y=y, weights=weights, segments=())
 
 
 def _has_other_memory(operator):

@@ -194,14 +194,10 @@ def _count(records, oldest=0):
     return int(np.log2(max(longest // 2, oldest, 1))) + 1
 
 
-def _memory(operator, record, n_samples):
-    """Return the samples before the first part of a record on which it may depend, if known.
-
-    At most half of ``n_samples``, those of the complete record.
-    """
+def _memory(operator, record, oldest):
+    """Return the samples before a record, at most ``oldest``, on which it may depend, if known."""
     decay = -np.log(_FADED) * operator.slowest_decay() / record.dt
-    known = decay > 0.0 or operator.signal_linear
-    return int(min(0.5 * n_samples, decay or np.inf)) if known else 0
+    return int(min(oldest, decay or (oldest if operator.signal_linear else 0)))
 
 
 def _is_known(record, count):
@@ -222,7 +218,7 @@ def input_history_of(
     *,
     which=None,
     initial_state="rest",
-    n_samples=None,
+    oldest=0,
     noise_std=0.0,
     response_range=np.inf,
 ):
@@ -233,8 +229,8 @@ def input_history_of(
     ``initial_state`` are as for :func:`estimate_input_history`. For an operator without a state of
     rest, the start values (n_records, n_start) are returned.
 
-    Of records that are first parts, ``n_samples`` are the numbers of samples of the complete ones.
-    With ``noise_std``, the standard deviation of the noise, what few samples do not determine stays
+    The history reaches back by half of a record, or, for records shorter than the memory of the
+    operator, to what has decayed, at most by ``oldest`` samples. With ``noise_std``, the standard deviation of the noise, what few samples do not determine stays
     as at rest: they may agree exactly with many histories, and the penalty of changes is not below
     that of the noise; ``response_range`` is that of :func:`start_precision`.
     """
@@ -242,9 +238,7 @@ def input_history_of(
         stiffness = noise_std / response_range
         return start_values_of(operator, disturbances, records, which, stiffness)
     limits = _limits(records, drive_range)
-    whole = [0] * len(records) if n_samples is None else n_samples
-    oldest = max(_memory(operator, *pair) for pair in zip(records, whole, strict=True))
-    count = _count(records, oldest)
+    count = _count(records, max(_memory(operator, record, oldest) for record in records))
     options = {"disturbances": disturbances, "initial_state": initial_state}
     problem = OperatorProblem(operator, records, **options)
     which = [True] * len(records) if which is None else which

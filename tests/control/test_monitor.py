@@ -349,10 +349,16 @@ def test_samples_one_by_one(monitor):
     monitor.reset()
     assert monitor.suspect_ == ()
     found = []
-    for row in zip(u, y, strict=True):
+    for k, row in enumerate(zip(u, y, strict=True)):
         monitor.update(*row)
         found.append(monitor.drift_detected)
+        if k == 710:  # in the middle of a block
+            copied = pickle.loads(pickle.dumps(monitor))
     np.testing.assert_array_equal(found, expected)
+    for k in range(711, len(u)):
+        copied.update(u[k], y[k])
+        assert copied.drift_detected == expected[k]
+    assert copied.suspect_ == suspect
     assert monitor.suspect_ == suspect
     again = pickle.loads(pickle.dumps(monitor))
     assert again.suspect_ == suspect
