@@ -13,7 +13,7 @@ from threading import Lock
 from typing import Literal, Self, overload
 
 import numpy as np
-from sklearn.base import BaseEstimator, RegressorMixin, clone
+from sklearn.base import BaseEstimator, clone
 from sklearn.utils.validation import check_is_fitted
 from threadpoolctl import ThreadpoolController
 
@@ -21,6 +21,7 @@ from ._documentation import inherit_documentation
 from ._signals import input_signals
 from ._sklearn import Interval, StrOptions, fit_context
 from ._validation import (
+    ScoredMixin,
     as_floats,
     common_parameter,
     drive_column,
@@ -34,6 +35,7 @@ from ._validation import (
     used_interval,
     warn_beyond,
     warn_schedules,
+    with_unread,
 )
 from .exceptions import (
     ConvergenceWarning,
@@ -250,7 +252,7 @@ class _Run:
         return run_variance(self.operator, self.covariance, self.u, self.dt, **options)
 
 
-class ParametricModel(RegressorMixin, BaseEstimator):
+class ParametricModel(ScoredMixin, BaseEstimator):
     """Base of the models whose free run is the run of an operator.
 
     A subclass gives :meth:`starting_values`, ``operator_class``, which determines its place in a
@@ -409,6 +411,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         -------
         self
         """
+        y = with_unread(y, sample_weight)
         data = self._read_records(X, y, sample_weight)
         # the matrices are tiny: synchronising threads costs more than they gain
         with _calculable():
@@ -1166,8 +1169,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
                 stacklevel=2,
             )
         warn_gaps(self, self.operator_, slices, known_runs)
-        if not self.operator_.signal_linear:
-            warn_beyond(self, X, self.operator_.acting_columns)
+        linear = self.operator_.signal_linear
+        warn_beyond(self, X, self.operator_.acting_columns, linear=linear)
         warn_schedules(self, self.operator_, schedules)
         y, rest = np.empty(len(signal)), [i for i in range(len(slices)) if i not in known_runs]
         if rest:

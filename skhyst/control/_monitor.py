@@ -76,7 +76,8 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
     misfit_ : float
         Misfit of the model in the records of the fit: its largest energy per sample in the
         directions of the parameters, as a fraction of the variance of the noise; zero where the
-        model is exact.
+        model is exact, and where no direction tells its misfit from noise, as that of a model far
+        from its device.
     n_features_in_ : int
 
     See Also

@@ -12,6 +12,7 @@ from ._formats import reading
 
 # Largest deviation of one interval, as a fraction of it: both ends rounded by a tenth, with margin.
 JITTER = 0.25
+_NEXT = 1.5  # intervals to the next sample, also over midnight
 _NATIONAL = (  # dates that pandas does not parse by itself, or can parse in several ways
     {"dayfirst": True},
     {"dayfirst": False},
@@ -86,7 +87,7 @@ def times(path, column, unit):
     # a comma is a decimal one, which pandas would leave out
     clock = pd.to_timedelta(column.map(_with_point, na_action="ignore"), errors="coerce")
     if clock.notna().any() and (clock.notna() | column.isna()).all():
-        return pd.TimedeltaIndex(clock)
+        return _over_midnight(pd.TimedeltaIndex(clock))
     with reading(path):
         try:
             dates = pd.to_datetime(column, format="ISO8601", utc=True)
@@ -100,6 +101,16 @@ def times(path, column, unit):
                     f"(hh:mm:ss.fff). It starts with {first!r} instead"
                 ) from error
     return pd.DatetimeIndex(dates).tz_localize(None)
+
+
+def _over_midnight(clock):
+    """Return clock times that go on behind midnight, where they step back to begin a day anew."""
+    day, seconds = pd.Timedelta(days=1), clock.total_seconds().to_numpy()
+    steps = np.diff(seconds)
+    if not (steps > 0.0).any() or clock.max() >= day:
+        return clock
+    goes_on = (steps < 0.0) & (steps + day.total_seconds() <= _NEXT * np.median(steps[steps > 0.0]))
+    return clock + np.cumsum(np.append(False, goes_on)) * day
 
 
 def _with_point(cell):

@@ -11,6 +11,7 @@ worse than a question.
 import re
 from dataclasses import dataclass
 from functools import cached_property
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -144,6 +145,12 @@ def recognise_columns(
     )
 
 
+def are_swapped(drive, response) -> bool:
+    """Whether the names of a drive and a response say that each is the other."""
+    roles = [_Candidate(None, None, SimpleNamespace(name=str(n))).said for n in (drive, response)]
+    return roles == [{"response"}, {"drive"}]
+
+
 def find_roles(path, variables, roles, others=(), *, timed):
     """Return a dict of a RecognisedColumn for each role without a given column.
 
@@ -250,7 +257,17 @@ class _Candidate:
     @cached_property
     def role(self):
         """Role by name and unit: drive, response, either or neither; "" if these do not show it."""
-        if self.has(_NEITHER) or self.counts:
+        return "neither" if self.counts else self.named_role
+
+    @cached_property
+    def said(self):
+        """Roles that words for a role, not for a quantity, say, as a set."""
+        return {role for role, words in _WORDS[0].items() if self.has(words)}
+
+    @cached_property
+    def named_role(self):
+        """Role by name and unit, whatever the values."""
+        if self.has(_NEITHER):
             return "neither"
         kinds = [{role for role, words in level.items() if self.has(words)} for level in _WORDS]
         kinds.append(self.unit_role)

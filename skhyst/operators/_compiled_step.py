@@ -661,12 +661,12 @@ class Stepper:
         """
         if self.compiled_step.n_inputs is None:
             try:
-                value = float(u)
+                value, wanted = float(u), "finite"
             except (TypeError, ValueError):
-                value = math.nan
+                value, wanted = math.nan, "one number"
             self._refused = not math.isfinite(value)
             if self._refused:
-                raise ValueError(f"The drive must be finite. Got {u!r} instead.")
+                raise ValueError(f"The drive must be {wanted}. Got {u!r} instead.")
         else:
             value = self._checked(u, 1)
         self.output = self._step(value)
@@ -709,8 +709,11 @@ class Stepper:
         is_whole = rows.ndim == ndim and not (n_inputs and rows.shape[-1] < n_inputs)
         self._refused = not (is_whole and np.isfinite(rows).all())
         if self._refused:
-            wanted = "numbers" if n_inputs is None else f"rows of {n_inputs} numbers or more"
-            raise ValueError(f"The input must be finite {wanted}. Got {shortened(u)} instead.")
+            wanted = "finite"
+            if not is_whole:
+                row = "a number" if n_inputs is None else f"a row of {n_inputs} numbers or more"
+                wanted = row if ndim == 1 and n_inputs else f"a sequence with {row} per sample"
+            raise ValueError(f"The input must be {wanted}. Got {shortened(u)} instead.")
         return rows
 
     def copy(self):

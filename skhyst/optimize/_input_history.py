@@ -189,7 +189,7 @@ def with_input_history(result, records, method="variable_projection", **options)
 
 
 def _count(records, oldest=0):
-    """Return the number of values of an input history, to half of a record or ``oldest`` samples."""
+    """Return the number of values of a history to half of a record, or ``oldest`` samples."""
     longest = max(len(record.u) for record in records)
     return int(np.log2(max(longest // 2, oldest, 1))) + 1
 
@@ -230,9 +230,10 @@ def input_history_of(
     rest, the start values (n_records, n_start) are returned.
 
     The history reaches back by half of a record, or, for records shorter than the memory of the
-    operator, to what has decayed, at most by ``oldest`` samples. With ``noise_std``, the standard deviation of the noise, what few samples do not determine stays
-    as at rest: they may agree exactly with many histories, and the penalty of changes is not below
-    that of the noise; ``response_range`` is that of :func:`start_precision`.
+    operator, to what has decayed, at most by ``oldest`` samples. With ``noise_std``, the standard
+    deviation of the noise, what few samples do not determine stays as at rest: they may agree
+    exactly with many histories, and the penalty of changes is not below that of the noise;
+    ``response_range`` is that of :func:`start_precision`.
     """
     if operator.n_start:
         stiffness = noise_std / response_range
