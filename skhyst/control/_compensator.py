@@ -296,11 +296,11 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         read = slice(None) if read is None else read
         slices, references = self._model_references(X) if return_residual else self._references(X)
         if self.method == "learned":  # the limits are applied, but there is no model to iterate on
+            for s in slices:
+                self._require_rate(s.dt)
             learned = self.model_.predict(_indexed(references, X))
             learned = np.ravel(learned).astype(float)
             limits = self._limits()
-            for s in slices:
-                self._require_rate(s.dt)
             parts = [(limits.applied(learned[s.rows], s.dt), learned[s.rows]) for s in slices]
             drive, requested = (np.concatenate(part) for part in zip(*parts, strict=True))
             cut = np.abs(requested - drive) > limits.rounding
@@ -865,4 +865,4 @@ def _indexed(values, X):
     """Return values as a column with the index of ``X``, where it has one."""
     if not hasattr(X, "iloc"):
         return values[:, None]
-    return pd.DataFrame({"response": values}, X.index)
+    return pd.DataFrame(values[:, None], X.index)

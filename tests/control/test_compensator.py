@@ -637,10 +637,20 @@ def test_feedback_keeps_to_the_limits_of_its_compensator():
     assert loop.drive.max() == 2.0
 
 
+def test_a_single_value_and_a_rest_within_the_limits():
+    """A value is held; what the rate cuts to a rest is told, and why it rests."""
+    found = compensator(FirstOrderLagOperator(0.05), rate_limit=1.0, drive_limits=None)
+    np.testing.assert_allclose(found.drive_for([3.0], DT), [3.0])
+    with pytest.warns(ReachWarning, match="than at rest, where it stays.*cut 9.* per s"):
+        drive = found.predict(np.sin(2.0 * np.arange(200.0))[:, None])
+    assert np.ptp(drive) == 0.0
+
+
 def test_a_model_fitted_without_a_time_has_no_drive_per_second():
     """Its rate is per sample: at another interval it would be exceeded."""
     u = np.tile([-1.0, 1.0], 25)[:, None]
     found = InverseCompensator(Gain().fit(u, 3.0 * u[:, 0])).fit(u, u[:, 0])
-    with pytest.raises(RecordError, match="was fitted without a time"):
-        found.drive_for([0.0, 1.0, 2.0], 10.0)
+    for own in (found, InverseCompensator(Gain(), method="learned").fit(u, 3.0 * u[:, 0])):
+        with pytest.raises(RecordError, match="was fitted without a time"):
+            own.drive_for([0.0, 1.0, 2.0], 10.0)
     np.testing.assert_allclose(found.predict([[3.0], [1.0]]), [1.0, 1.0 / 3.0])
