@@ -24,9 +24,12 @@ def range_step(u, c, s):
     """Return the drive within its range.
 
     ``c`` is (lowest, highest). ``s`` is 1 where the drive is at a limit, else 0: an inverse by root
-    finding stops at the limit by itself, so that clipping alone would not show it.
+    finding stops at the limit by itself, so that clipping alone would not show it. No limit is the
+    drive for a number beyond floating point, which is passed on.
     """
     low, high = c
+    if not abs(u) < math.inf:
+        return u
     s[0] = 1.0 if u <= low or u >= high else 0.0
     return min(max(u, low), high)
 
@@ -36,9 +39,12 @@ def limit_step(u, c, s):
     """Return the drive within its range, and within its largest change from the last sample.
 
     ``c`` is (lowest, highest, largest change, rounding). ``s`` is the drive of the last sample, and
-    1 where the drive is at a limit or more than rounding was cut, else 0.
+    1 where the drive is at a limit or more than rounding was cut, else 0. A number beyond floating
+    point is passed on as in :func:`range_step`.
     """
     low, high, change, rounding = c
+    if not abs(u) < math.inf:
+        return u
     y = min(max(u, low), high)
     y = min(max(y, s[0] - change), s[0] + change)
     s[0] = y
@@ -103,9 +109,12 @@ class DriveLimits:
         change, start = self.rate * dt, min(max(u0, self.low), self.high)
         if math.isinf(change):
             constants = self.low, self.high
-            return CompiledLaw(range_step, constants, [0.0], flags=(("limited", 0),))
-        constants = self.low, self.high, change, self.rounding
-        return CompiledLaw(limit_step, constants, [start, 0.0], flags=(("limited", 1),))
+            flags = (("limited", 0),)
+            return CompiledLaw(range_step, constants, [0.0], flags=flags, limited=(0, 1))
+        constants, flags = (self.low, self.high, change, self.rounding), (("limited", 1),)
+        return CompiledLaw(
+            limit_step, constants, [start, 0.0], flags=flags, limited=(0, 1, 2), held=(0,)
+        )
 
     def applied(self, drive, dt):
         """Return the nearest drive (n_samples,) within the limits, from rest at its first value."""

@@ -161,7 +161,7 @@ def simulate_loop(
         if not math.isfinite(drive[k]):
             break
         response[k] = y = float(device.step(drive[max(k - delay, 0)]))
-        if not math.isfinite(y):
+        if not math.isfinite(y) or "overrange" in getattr(device, "status", ()):
             break
     else:
         k = n

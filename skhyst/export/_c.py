@@ -27,7 +27,7 @@ DIALECTS = {
 _SIMULINK_TYPES = {"float64": "SS_DOUBLE", "float32": "SS_SINGLE", "int32": "SS_INT32"}
 _RESERVED = (  # names in every program, which functions of a model cannot have
     *("init", "step", "state", "status", "test", "refuses", "run", "init_at", "params", "defaults"),
-    *("configure", "chebyshev"),
+    *("configure", "chebyshev", "first", "begin_anew"),
 )
 
 _HEADER = Template("""\
@@ -84,10 +84,11 @@ _SOURCE = Template("""\
 #include "$name.h"
 
 $guard$tables$functions
+static const ${name}_state ${name}_first = {{$first}$members_first$tuned_first};
+
 void ${name}_init(${name}_state *state)
 {
-    static const ${name}_state first = {{$first}$members_first$tuned_first};
-    *state = first;
+    *state = ${name}_first;
 }
 $more_defined
 $type ${name}_step(${name}_state *state, $input)
@@ -210,6 +211,17 @@ $outputs};
     }
 """),
 }
+_BEGIN_ANEW = Template("""
+/* Only limits continue from the output that is held. */
+static void ${name}_begin_anew(${name}_state *state)
+{
+    int32_t i;
+$held    for (i = 0; i < $n_states; i++) {
+        state->s[i] = ${name}_first.s[i];
+    }
+$kept    state->overrange = 1u;
+}
+""")
 _CONFIGURE = {
     "params": Template("""\
 /* Parameters that can be changed at run time. */
@@ -327,11 +339,12 @@ def to_c(
     :attr:`~skhyst.operators.Stepper.status`: ``name_LIMITED`` if limits have cut the output of a
     compensator or controller, ``name_UNREACHABLE`` if an inverse has found no drive for its
     reference, ``name_EXTRAPOLATED`` if the drive has left the range or the rate of the fit,
-    ``name_REFUSED`` if the input was not finite, ``name_OVERRANGE`` if the output is not finite, or
-    the input has been beyond the range of the program's numbers since the start: integers are held
-    at its ends, single precision may have lost digits. The header gives that range and describes
-    input and output, with their units if they are given, and the preview of a compensator. C++ can
-    include it.
+    ``name_REFUSED`` if the input was not finite, ``name_OVERRANGE`` if numbers have been beyond the
+    range of the program since the start: integers are held at its ends, single precision may have
+    lost digits, and where a finite input leads beyond floating point the last output is held while
+    the state begins anew, see :meth:`~skhyst.operators.Stepper.step`. The header gives the range
+    and describes input and output, with their units if they are given, the limits of the output
+    and the preview of a compensator. C++ can include it.
 
     ``name_init_at`` puts the device to rest at another input. The program has it if the state of
     rest of every part is known as a function of the input: for hysteresis that one step from rest
@@ -617,9 +630,7 @@ def _status(name, stepper, dtype):
     ]
     conditions += [("refused", "state->refused != 0u")] * is_real
     conditions += [("extrapolated", "state->extrapolated != 0u")] * bool(stepper.watched)
-    overrange = "state->overrange != 0u"
-    overrange = f"({overrange}) || (isfinite(state->output) == 0)" if is_real else overrange
-    conditions.append(("overrange", overrange))
+    conditions.append(("overrange", "state->overrange != 0u"))
     bits = {flag: f"{name}_{flag.upper()}" for flag, _ in conditions}
     lines = [
         f"    if ({condition}) {{\n        status |= {bits[flag]};\n    }}\n"
@@ -740,7 +751,13 @@ def _in_reals(source, expected, common, dtype):
         range_text = range_text.format(*(_listed(end, "{:.6g}".format) for end in checked))
     nan = dialect.literal(math.nan)
     members, lines = _outer_state(dialect.type, condition, watched, nan, beyond, output)
-    lines = "".join(f"        {line}\n" for line in (f"state->output = {call};", *lines))
+    lines = [
+        f"const {dialect.type} y = {call};",
+        *("if (isfinite(y) != 0) {", "    state->output = y;", "} else {"),
+        *(f"    {name}_begin_anew(state);", "}", *lines),
+    ]
+    lines = "".join(f"        {line}\n" for line in lines)
+    held = list(enumerate(stepper.compiled_step.held))
     common |= members | {
         "type": dialect.type,
         "inner": dialect.type,
@@ -768,6 +785,11 @@ def _in_reals(source, expected, common, dtype):
     if tuned is not None:
         common |= configuration(name, source.entries, tuned, dialect, expected.values)
         _add(common, _CONFIGURE, outputs=responses[-1])
+    common["more_defined"] += _BEGIN_ANEW.substitute(
+        common,
+        held="".join(f"    const {dialect.type} held_{k} = state->s[{at}];\n" for k, at in held),
+        kept="".join(f"    state->s[{at}] = held_{k};\n" for k, at in held),
+    )
     inputs = [_listed(row, dialect.literal) for row in expected.drive]
     return _texts(common, printer, inputs, expected.outputs[0])
 

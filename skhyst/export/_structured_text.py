@@ -142,8 +142,8 @@ _WORDS = frozenset(
 )
 _OF_BLOCK = frozenset(  # names of the function block's variables
     """
-    beyond cycle extrapolated first hash held init init_at known last limited overrange refused row
-    state u unreachable y
+    cycle extrapolated first hash held init init_at kept known last limited next overrange refused
+    row state u unreachable y
     """.split()  # noqa: SIM905
 )
 
@@ -726,12 +726,11 @@ class _Block:
         extrapolated, lasts = self._range(inputs)
         largest = printer.number(np.inf)
         largest = f"REAL#{largest}" if real == "REAL" else largest
-        *finite, y_finite = (f"({x} >= -{largest}) AND ({x} <= {largest})" for x in (*inputs, "y"))
+        finite = (f"({x} >= -{largest}) AND ({x} <= {largest})" for x in inputs)
         # after a start there is no last sample to compare with: no rate is known
         hold = [*["y := {y};"], *["extrapolated := FALSE;"] * bool(extrapolated)]
         hold += ["known := FALSE;"] * bool(lasts)
-        latched = ["beyond"] * (expected.checked is not None or rest_call is not None)
-        start = ["state := first;", *hold, *(f"{name} := FALSE;" for name in latched)]
+        start = ["state := first;", *hold, "overrange := FALSE;"]
         lines = [
             "refused := FALSE;",
             "IF init THEN",
@@ -742,9 +741,22 @@ class _Block:
             "IF NOT (init OR refused) THEN",
         ]
         copy_row = ["row := u;"] if source.by_row else []
-        sample = [*copy_row, f"y := {step};", *self._watch(extrapolated, lasts)]
+        held = list(enumerate(source.compiled_step.held))
+        sample = [
+            *copy_row,
+            f"next := {step};",
+            # the largest number stands for an infinite one
+            f"IF (next > -{largest}) AND (next < {largest}) THEN",
+            "    y := next;",
+            "ELSE (* the last output is held; only limits continue from it *)",
+            *(f"    kept[{k}] := state[{at}];" for k, at in held),
+            "    state := first;",
+            *(f"    state[{at}] := kept[{k}];" for k, at in held),
+            *("    overrange := TRUE;", "END_IF"),
+            *self._watch(extrapolated, lasts),
+        ]
         if expected.checked is not None:
-            sample.append(f"beyond := beyond OR {self._beyond(inputs, expected.checked)};")
+            sample.append(f"overrange := overrange OR {self._beyond(inputs, expected.checked)};")
         if rest_call is None:
             lines += [f"    {line}" for line in sample]
         else:
@@ -753,17 +765,16 @@ class _Block:
                 target = f"held[{k}]" if source.by_row else "held"
                 low, high = printer.literal(low), printer.literal(high)
                 clips.append(f"{target} := MIN(MAX({inputs[k]}, {low}), {high});")
-            clips.append(f"beyond := {self._beyond(inputs, expected.ends)};")
+            clips.append(f"overrange := {self._beyond(inputs, expected.ends)};")
             begin = [*clips, f"y := {rest_call};", *[line for line in hold if "{y}" not in line]]
             lines += ["    IF init_at THEN", *[f"        {line}" for line in begin], "    ELSE"]
             lines += [*[f"        {line}" for line in sample], "    END_IF"]
         lines.append("END_IF")
         for flag, at in source.compiled_step.flags:
             lines.append(f"{flag} := state[{at}] <> {printer.literal(0.0)};")
-        lines.append(f"overrange := {' OR '.join([*latched, f'NOT ({y_finite})'])};")
         body = "\n".join(lines).replace("{y}", printer.literal(expected.last))
         if not len(source.stepper.state):
-            body = body.replace("    state := first;\n", "")
+            body = re.sub(" +state := first;\n", "", body)
         return (
             self._head()
             + "\n".join(
@@ -799,7 +810,7 @@ class _Block:
             ("y", real, printer.number(self._expected.last), self._signals[-1]),
             *flags,
             ("refused", "BOOL", "", ""),
-            ("overrange", "BOOL", "", ""),
+            ("overrange", "BOOL", "", "numbers have been beyond the range, since the start"),
             *dt,
             ("hash", "STRING(64)", f"'{digest_of(source)}'", "SHA-256, as of the program in C"),
         ]
@@ -807,8 +818,9 @@ class _Block:
         variables = [(name, _array(n, real), first, "") for name in ("state", "first") if n]
         variables += [("row", row, "", "")] * source.by_row
         variables += [("held", row if source.by_row else real, "", "")] * begins_at
-        is_latched = begins_at or self._expected.checked is not None
-        variables += [("beyond", "BOOL", "", "the input was, since the start")] * is_latched
+        variables += [("next", real, "", "")]
+        n_held = len(source.compiled_step.held)
+        variables += [("kept", _array(n_held, real), "", "")] * (n_held > 0)
         variables += [("last", _array(len(lasts), real), "", "")] * bool(lasts)
         variables += [("known", "BOOL", "", "")] * bool(lasts)
         for (kind, values), name in printer.tables.items():
@@ -838,6 +850,8 @@ class _Block:
             + ("" if source.dt is None else f": the cycle of its task is {source.dt:.9g} s")
             + ".",
             "Input that is not finite is refused: the state and the output stay as they are.",
+            "Where finite input leads beyond floating point the output stays, and the state begins",
+            "anew.",
         ]
         if self._expected.checked is not None:
             low, high = (", ".join(f"{x:.6g}" for x in end) for end in self._expected.checked)
