@@ -345,11 +345,12 @@ class FeedforwardPI:
         state[6] = u0 if follows else min(max(u0, low), high)
         state[9] = state[10] = 1.0  # before the first sample, and the whole way of the start
         inputs = [Signal("reference"), Signal("reading")]
-        inputs += [Signal("drive of the compensator")] * follows + [Signal("drive")] * tracks
+        inputs += [Signal("drive of the compensator")] * follows + [Signal("acting drive")] * tracks
         law = CompiledLaw(
             *(_STEPS[follows, tracks], constants, state, len(inputs)),
             flags=(("limited", 5),),
-            limited=(2, 3, 9) if low > -math.inf or high < math.inf or change < math.inf else (),
+            limited=(2, 3, 9) if (low, high, change) != (-math.inf, math.inf, math.inf) else (),
+            acting=len(inputs) - 1 if tracks else None,
         )
         return Stepper(
             law,

@@ -107,6 +107,8 @@ class CompiledStep:
     limits : tuple of (float, float, float) or None
         Lowest and highest output, and largest change of it from one sample to the next, which the
         step keeps; None if it has no limits.
+    acting : int or None
+        Column of the input from which the change is counted; None: from the last output.
     held : tuple of int
         Indices in the state of the last output that such limits remember, which a
         :class:`Stepper` leaves as they are where it begins anew.
@@ -121,6 +123,7 @@ class CompiledStep:
     double_only = ""
     flags = ()
     limits = None
+    acting = None
     held = ()
 
     def within(self, low, high, change):
@@ -240,7 +243,7 @@ class CompiledLaw(CompiledStep):
     limited : tuple of int, default=()
         Numbers of the constants that are the limits of the output: lowest, highest, and largest
         change if it is limited.
-    held : tuple of int, default=()
+    acting, held : optional
         As of :class:`CompiledStep`.
     compact : CompiledLaw, default=None
         The law in a form with less memory and the same state: it computes values that this one
@@ -270,6 +273,7 @@ class CompiledLaw(CompiledStep):
     possible: object = None
     flags: tuple = ()
     limited: tuple = ()
+    acting: int | None = None
     held: tuple = ()
     compact: object = None
 
