@@ -40,6 +40,7 @@ from bench_stepping import C_LIMIT, PLAYS, formatted, in_c
 
 from skhyst.control import FeedforwardPI
 from skhyst.export import EmulatedController, program_sizes, to_c, to_fmu, to_structured_text
+from skhyst.export._content import whole_limits
 from skhyst.hysteresis import BoucWenOperator, PrandtlIshlinskiiOperator
 from skhyst.operators import RootInverseOperator, Stepper, inverse_of
 
@@ -208,6 +209,7 @@ def in_integers(stepper, u, folder, name):
     row = stepper.compiled_step.n_inputs is not None
     respond = lambda u: stepper.copy().run(u if row else u[:, 0])  # noqa: E731
     unit, of_y = ((np.ptp(x) or 1.0) / COUNTS for x in (u, respond(u)))
+    stepper = whole_limits(stepper, of_y)
     options = {"drive": u, "input_unit": unit, "output_unit": of_y, "u0": u[0]}
     header, _, test = to_c(stepper, folder, name, "int32", **options)
     *branches, others = re.search(BRANCHES, test.read_text()).groups()

@@ -24,12 +24,9 @@ def range_step(u, c, s):
     """Return the drive within its range.
 
     ``c`` is (lowest, highest). ``s`` is 1 where the drive is at a limit, else 0: an inverse by root
-    finding stops at the limit by itself, so that clipping alone would not show it. No limit is the
-    drive for a number beyond floating point, which is passed on.
+    finding stops at the limit by itself, so that clipping alone would not show it.
     """
     low, high = c
-    if not abs(u) < math.inf:
-        return u
     s[0] = 1.0 if u <= low or u >= high else 0.0
     return min(max(u, low), high)
 
@@ -39,12 +36,9 @@ def limit_step(u, c, s):
     """Return the drive within its range, and within its largest change from the last sample.
 
     ``c`` is (lowest, highest, largest change, rounding). ``s`` is the drive of the last sample, and
-    1 where the drive is at a limit or more than rounding was cut, else 0. A number beyond floating
-    point is passed on as in :func:`range_step`.
+    1 where the drive is at a limit or more than rounding was cut, else 0.
     """
     low, high, change, rounding = c
-    if not abs(u) < math.inf:
-        return u
     y = min(max(u, low), high)
     y = min(max(y, s[0] - change), s[0] + change)
     s[0] = y

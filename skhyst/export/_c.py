@@ -151,8 +151,8 @@ $outputs};
 /* Bits of the status that are set, and that are not; others depend on rounding. */
 static const uint8_t ${name}_bits[N_SAMPLES][2] = {$bits_of_run};
 
-$more_outputs${refuses}/* Run one sample after the output *y: compare the status, and the output with its limits.
-   Return whether anything is wrong. */
+$more_outputs${refuses}\
+/* Run one sample after the output *y. Return whether its status is wrong, or it leaves limits. */
 static int ${name}_sample(${name}_state *state, int k, const $type *u, const uint8_t *bits,
                           $type *y)
 {
@@ -358,6 +358,19 @@ static int ${name}_refuses(${name}_state *state, $type last)
 }
 
 """)
+_NO_INIT_AT = """\
+There is no {}_init_at: the state of rest is not known as a function of the input and
+the constants alone."""
+_DEFAULT_DRIVE = """\
+Single precision has been checked for a drive of amplitude one, whatever the device takes: write
+the program with a drive over its range."""
+_NOTES = {  # on the bits of the status
+    "limited": "the drive has been limited",
+    "unreachable": "no drive gives the reference: the last one stays",
+    "extrapolated": "the drive is beyond the range or the rate of the fit",
+    "refused": "the input was not finite",
+    "overrange": "since the start numbers have been beyond the range of the program",
+}
 _BITS_OF_DOUBLE = """\
 #if DBL_MANT_DIG < 53
 #error "double has fewer than 64 bits here: write the program with dtype float32"
@@ -602,6 +615,7 @@ def program(
     signals, preview = legend(source.stepper, source.dt, (None, None) if is_integer else units)
     names = [*([f"u[{k}]" for k in range(source.n_inputs)] if source.by_row else ["u"]), "returns"]
     lines = [f"{place}: {signal}" for place, signal in zip(names, signals, strict=True)]
+    is_default = drive is None
     if is_integer:
         units = _units(drive, *units)
         drive, begins_at = np.append(source.rest, source.inputs(drive), axis=0), False
@@ -609,6 +623,10 @@ def program(
         expected = source.tested(drive)
         drive, begins_at = expected.drive, expected.rules is not None
     lines += [*preview, *source.deviates(drive)]
+    if not begins_at and not is_integer:
+        lines += _NO_INIT_AT.format(name).splitlines()
+    if is_default and dtype == "float32" and not all(x.is_limited for x in source.stepper.inputs):
+        lines += _DEFAULT_DRIVE.splitlines()
     common["legend"] = "\n".join(f"   {line}" for line in lines)
     if is_integer:
         texts = _in_integers(source.stepper, common, drive, units)
@@ -694,7 +712,10 @@ def _status(name, stepper, dtype):
         f"    if ({test}) {{\n        status |= {bits[flag]};\n    }}\n" for flag, test in tests
     ]
     return {
-        "bits": "".join(f"#define {bit} {1 << k}u\n" for k, bit in enumerate(bits.values())),
+        "bits": "".join(
+            f"#define {bit} {1 << k}u" + (f" /* {_NOTES[flag]} */" if flag in _NOTES else "") + "\n"
+            for k, (flag, bit) in enumerate(bits.items())
+        ),
         "conditions": "".join(["    uint32_t status = 0u;\n", *lines, "    return status;\n"]),
     }
 

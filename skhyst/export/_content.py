@@ -294,7 +294,8 @@ def certain_bits(stepper, drive, names, number, checked=None):
         device = stepper.copy()
         device.state = stepper.state  # with no sample before the first
         for k, u in enumerate(np.clip(drive + sign * error, -largest, largest)):
-            device.step(u if row else u[0])
+            with np.errstate(all="ignore"):
+                device.step(u if row else u[0])
             found = sum(2**i for i, name in enumerate(names) if name in device.status)
             bits[k] &= found, all_bits - found
     if checked is not None:
@@ -403,7 +404,7 @@ def legend(stepper, dt, units):
         if signal.is_limited:
             text += f"; range of the fit: {signal.low:.9g} to {signal.high:.9g}"
             text += f" and {signal.rate:.9g} per s" if np.isfinite(signal.rate) else ""
-        for mark in ("*/", "/*", "(*", "*)"):  # those of comments
+        for mark in ("*/", "/*", "(*", "*)", "??", "??"):  # those of comments, and of trigraphs
             text = text.replace(mark, " ".join(mark))
         lines.append(" ".join(text.split()))
     if not stepper.preview:

@@ -33,12 +33,13 @@ def model_step(compiled_step, with_numbers=False, tuned=None, rules=None):
 def composed(compiled_step, with_numbers=False, tuned=None, rules=None):
     """Return the step of a :class:`~skhyst.operators.CompiledStep` as a :class:`Function`.
 
-    Its arguments are the input, a number or an array, and the state. Constants are arguments of
-    the functions of its parts, so that parts of one kind share a function; under ``with_numbers``
-    each part has its own, without the branches that its constants exclude. Else, in floating point,
-    the result is infinite where the input of a part is not finite, as in
+    Its arguments are the input, a number or an array, and the state. Constants are arguments of the
+    functions of its parts, so that parts of one kind share a function; under ``with_numbers`` each
+    part has its own, without the branches that its constants exclude. Else, in floating point, the
+    result is infinite where the input of a part is not finite, as in
     :meth:`~skhyst.operators.Stepper.step`. Constants that change at run time are elements of a
-    third argument, at the places that ``tuned`` gives, see :class:`Derived`. With ``rules`` the function puts the state to rest, see :class:`Rule`.
+    third argument, at the places that ``tuned`` gives, see :class:`Derived`. With ``rules`` the
+    function puts the state to rest, see :class:`Rule`.
     """
     n_inputs = compiled_step.n_inputs
     u = variable("u", "real") if n_inputs is None else Array("u", (n_inputs,))

@@ -121,7 +121,7 @@ _HELPERS = {
         "{n} := zero / zero; (* of a law that has diverged *)",
     ),
 }
-_WORDS = frozenset(
+_WORDS = frozenset(  # and the names of the first program in TwinCAT and CODESYS
     """
     abs acos action add adr and any array asin at atan atan2 begin bool by byte cal calc case ceil
     concat configuration constant continue cos date delete di dint div do dt dword else elsif end eq
@@ -137,7 +137,7 @@ _WORDS = frozenset(
     word wstring xor lint ctu ctd ctud jmpn r s end_action end_case end_configuration end_for
     end_function end_function_block end_if end_interface end_method end_namespace end_program
     end_property end_repeat end_resource end_step end_struct end_transition end_type end_var
-    end_while function_block
+    end_while function_block main plc_prg
     """.split()  # noqa: SIM905
 )
 _OF_BLOCK = frozenset(  # names of the function block's variables
@@ -234,7 +234,8 @@ def to_structured_text(
     if not legal or name.lower() in _WORDS | _OF_BLOCK:
         raise ValueError(
             "The 'name' parameter of to_structured_text must be a name of IEC 61131-3 that begins "
-            f"with a letter, and none of {sorted(_OF_BLOCK)}. Got {name!r} instead."
+            f"with a letter, no word of the language, none of {sorted(_OF_BLOCK)}, and not 'main' "
+            f"or 'plc_prg', the first program of a project. Got {name!r} instead."
         )
     if dtype not in _TYPES:
         raise ValueError(
@@ -845,6 +846,7 @@ class _Block:
             *(f"u[{k}]: {s}" for k, s in enumerate(self._signals[:-1]) if source.by_row),
             f"y: {self._signals[-1]}",
             *self._preview,
+            *self._limits(),
             *source.deviates(self._expected.drive),
             "One call is one sample"
             + ("" if source.dt is None else f": the cycle of its task is {source.dt:.9g} s")
@@ -863,6 +865,18 @@ class _Block:
             )
             lines.append("floating point off for the task.")
         return "(*\n" + "".join(f"   {line}".rstrip() + "\n" for line in lines) + "*)\n\n"
+
+    def _limits(self):
+        """Return lines on the limits of the output."""
+        words = "y is at least {}.", "y is at most {}.", "y changes by at most {} from {}."
+        acting = self._source.compiled_step.acting
+        last = "sample to sample" if acting is None else f"u[{acting}], where that is within"
+        limits = self._expected.limits or ()
+        return [
+            word.format(f"{x:.9g}", last)
+            for word, x in zip(words, limits, strict=False)
+            if np.isfinite(x)
+        ]
 
     def _call(self, step, u):
         """Return the call of the step of a whole model, and the tables that it reads."""

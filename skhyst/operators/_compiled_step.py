@@ -68,14 +68,10 @@ def _streaming(law, c, s):
     return run
 
 
-class _BeyondFloatingPoint(ArithmeticError):
-    """The output of a part is not finite."""
-
-
 def _finite(u):
     """Return the input of a part, or raise if it is not finite."""
     if not (math.isfinite(u) if type(u) is float else np.isfinite(u).all()):
-        raise _BeyondFloatingPoint
+        raise OverflowError(f"The input of a part is {u!r}.")
     return u
 
 
@@ -759,7 +755,7 @@ class Stepper:
             value = self._checked(u, 1)
         try:
             y = self._step(value)
-        except _BeyondFloatingPoint:
+        except OverflowError:  # by the law itself where it is not compiled
             y = math.inf
         if abs(y) < math.inf:
             self.output = y
@@ -803,7 +799,7 @@ class Stepper:
         begin = self._state.copy()
         try:
             y = self.compiled_step.bound(self._state, _checked_streaming)(u)
-        except _BeyondFloatingPoint:
+        except OverflowError:
             y = np.array([math.inf])
         if not np.isfinite(y).all():
             self._state[:] = begin
