@@ -10,7 +10,6 @@ from string import Template
 
 import numpy as np
 
-from .._files import replacing
 from ..operators import Stepper
 from ._content import (
     Source,
@@ -18,8 +17,9 @@ from ._content import (
     certain_bits,
     conditions,
     legend,
-    watched_ends,
+    range_tests,
     whole_limits,
+    written,
 )
 from ._fixed import MARGIN, Fixed, FixedPrinter, boundary
 from ._model import model_step
@@ -537,13 +537,7 @@ def to_c(
         *(model, name, dtype, dt, initial_state, u0, drive, (input_unit, output_unit), tunable),
         *(form, tolerance, simulink),
     )
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = [folder / file for file in texts.files]
-    with replacing(*paths) as parts:
-        for part, text in zip(parts, texts.files.values(), strict=True):
-            part.write_text(text, encoding="utf-8")
-    return paths
+    return written(folder, texts.files)
 
 
 @dataclass(frozen=True)
@@ -665,15 +659,14 @@ def _range_check(stepper, texts, literal, size, known, eps):
         The signals whose last value is needed, since their rate is limited.
     """
     conditions, watched = [], []
-    for k, low, high, change in watched_ends(stepper, eps):
-        if np.isfinite(low):
-            conditions.append(f"{texts[k]} < {literal(k, low, False)}")
-        if np.isfinite(high):
-            conditions.append(f"{texts[k]} > {literal(k, high, True)}")
-        if np.isfinite(change):
-            last = f"state->last[{len(watched)}]"
-            change_test = f"{size()}({texts[k]} - {last}) > {literal(k, change, True)}"
-            conditions.append(f"({known.format(last)}{change_test})" if known else change_test)
+    for k, relation, value, place in range_tests(stepper, eps):
+        end = literal(k, value, relation == ">")
+        if place is None:
+            conditions.append(f"{texts[k]} {relation} {end}")
+        else:
+            last = f"state->last[{place}]"
+            moved = f"{size()}({texts[k]} - {last}) {relation} {end}"
+            conditions.append(f"({known.format(last)}{moved})" if known else moved)
             watched.append(texts[k])
     return " || ".join(conditions), watched
 

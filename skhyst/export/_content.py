@@ -2,9 +2,11 @@
 
 from dataclasses import dataclass
 from numbers import Real
+from pathlib import Path
 
 import numpy as np
 
+from .._files import replacing
 from .._validation import finite_numbers
 from ..operators import Signal, Stepper
 from ..records import chosen_interval
@@ -416,14 +418,46 @@ def legend(stepper, dt, units):
     ]
 
 
-def watched_ends(stepper, eps):
-    """Yield number, low and high end, and largest change of each watched signal.
+def range_tests(stepper, eps):
+    """Yield what tells that a signal has left the range of the fit.
 
-    They are wider by the rounding of the type of numbers with the resolution ``eps``.
+    Parameters
+    ----------
+    stepper : Stepper
+    eps : float
+        Relative rounding of the numbers of the program, by which the range is wider.
+
+    Yields
+    ------
+    k : int
+        Number of the signal among the inputs and the output.
+    relation : str
+        ``"<"`` or ``">"``.
+    value : float
+        What the signal, or its change, is compared with.
+    place : int or None
+        Number of the signal among those whose last value is needed for the change; None: the
+        signal itself is compared.
     """
+    n_moving = 0
     for k, low, high, change in stepper.watched:
         rounding = eps * max(abs(x) for x in (low, high, 0.0) if np.isfinite(x))
-        yield k, low - rounding, high + rounding, change + 2.0 * rounding
+        ends = ("<", low - rounding, None), (">", high + rounding, None)
+        for relation, value, place in (*ends, (">", change + 2.0 * rounding, n_moving)):
+            if np.isfinite(value):
+                yield k, relation, value, place
+        n_moving += bool(np.isfinite(change))
+
+
+def written(folder, texts):
+    """Write files by their names into a folder, which is created if it is missing."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = [folder / file for file in texts]
+    with replacing(*paths) as parts:
+        for part, text in zip(parts, texts.values(), strict=True):
+            part.write_text(text, encoding="utf-8")
+    return paths
 
 
 def _columns(drive, n_inputs):

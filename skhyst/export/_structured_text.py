@@ -14,9 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from .._files import replacing
 from ._c import DIALECTS, digest_of
-from ._content import Source, legend, watched_ends
+from ._content import Source, legend, range_tests, written
 from ._expressions import (
     Array,
     Assign,
@@ -247,13 +246,7 @@ def to_structured_text(
     expected = source.tested(drive)
     block = _Block(source, expected, name, dtype, signals)
     texts = {f"{name}.st": block.text(), f"{name}_test.st": block.test()}
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = [folder / file for file in texts]
-    with replacing(*paths) as parts:
-        for part, text in zip(parts, texts.values(), strict=True):
-            part.write_text(_wrapped(text), encoding="utf-8")
-    return paths
+    return written(folder, {file: _wrapped(text) for file, text in texts.items()})
 
 
 def _wrapped(text):
@@ -901,13 +894,11 @@ class _Block:
         literal, texts = self._printer.literal, [*inputs, "y"]
         conditions, lasts = [], []
         eps = np.finfo(DIALECTS[self._dtype].number).eps
-        for k, low, high, change in watched_ends(self._source.stepper, eps):
-            if np.isfinite(low):
-                conditions.append(f"({texts[k]} < {literal(low)})")
-            if np.isfinite(high):
-                conditions.append(f"({texts[k]} > {literal(high)})")
-            if np.isfinite(change):
-                moved = f"ABS({texts[k]} - last[{len(lasts)}]) > {literal(change)}"
+        for k, relation, value, place in range_tests(self._source.stepper, eps):
+            if place is None:
+                conditions.append(f"({texts[k]} {relation} {literal(value)})")
+            else:
+                moved = f"ABS({texts[k]} - last[{place}]) {relation} {literal(value)}"
                 conditions.append(f"(known AND ({moved}))")
                 lasts.append(texts[k])
         return " OR ".join(conditions), lasts
