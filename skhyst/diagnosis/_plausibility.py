@@ -173,7 +173,9 @@ def rings(operator, motion, records):
     fast to be known, and is linear in one that is too slow; the logarithm of the damping is
     neither. A mode is resolved by the sampling if the upper end of its half-power band is below
     half the sampling rate, and by the records if it repeats in the longest of them: a slower one
-    cannot be distinguished from a drift.
+    cannot be distinguished from a drift. A mode with zeros follows any short transient, such as
+    that of several lags after a single step. Each extremum of a free vibration shows one number,
+    so there must be as many half periods as the mode has parameters.
     """
     mode, ratio = _lightest_mode(operator)
     if not mode:
@@ -189,7 +191,22 @@ def rings(operator, motion, records):
     static, high, between = gain[0], gain[-1], gain[1:-1]
     # of a peak, or of a notch
     prominence = max(between.max() - max(static, high), min(static, high) - between.min())
-    return min(margin, prominence - np.log1p(NOTICEABLE))
+    vibrating = sum(_excited_time(record, ringing_time(operator)) for record in records)
+    half_periods = mode * vibrating / np.pi
+    shown = half_periods / (2 + np.size(operator.numerator)) - 1.0
+    return min(margin, prominence - np.log1p(NOTICEABLE), shown)
+
+
+def _excited_time(record, ringing):
+    """Return how long a mode vibrates noticeably in a record, s: while driven, and after that.
+
+    It is driven at the start, which may be in motion, and where the rate of the drive changes by a
+    noticeable part of its largest change.
+    """
+    bends = np.abs(np.diff(record.u, 2))
+    driven = 1 + np.flatnonzero(bends > NOTICEABLE * bends.max(initial=0.0))
+    rests = record.dt * np.diff(np.concatenate([[0], driven, [len(record.u)]]))
+    return float(np.minimum(rests, -np.log(NOTICEABLE) * ringing).sum())
 
 
 def _lightest_mode(operator):
