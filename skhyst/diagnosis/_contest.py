@@ -207,7 +207,7 @@ class Contest:
                     ends.append(path)
                 further += better
                 claims += [c for c in better if self.criterion.is_better(path, c, self.n_tried)]
-            paths = [self._refreshed(c) for c in self._few(further, claims)]
+            paths = self._few(further, claims)
             for c in paths:
                 self._report_progress(
                     f"{' + '.join(c.structure.effects)}: held-out error {c.error:.4g}"
@@ -241,19 +241,20 @@ class Contest:
         """Return the candidates that continue: the best, and the simplest of equal ones.
 
         Both among all candidates and among those that would be claimed at once, so that one path at
-        least does not begin with an effect that fits chance.
+        least does not begin with an effect that fits chance. The best ones are identified from
+        scratch before they are compared, since each asks for its own resolution.
         """
         least, few = {}, []
         for c in sorted(candidates, key=lambda c: c.error):
             least.setdefault(frozenset(c.structure.effects), c)
         claimed = {frozenset(c.structure.effects) for c in claims}
-        for sets in (least.keys(), [names for names in least if names in claimed]):
-            group = [least[names] for names in sets]
+        for sets in (list(least), [names for names in least if names in claimed]):
+            group = [self._refreshed(least[names]) for names in sets[:FEW]]
             if group:
-                best = group[0]
+                best = min(group, key=lambda c: c.error)
                 same = [c for c in group if not self.criterion.is_better(c, best)]
                 few += [best, min(same, key=lambda c: (c.n_parameters, c.error))]
-        return [c for c in least.values() if any(c is chosen for chosen in few)]
+        return list({frozenset(c.structure.effects): c for c in few}.values())
 
     def _refreshed(self, base):
         """Return a candidate identified from scratch, with its best resolution.
