@@ -200,12 +200,11 @@ def rings(operator, motion, records):
 def _excited_time(record, ringing):
     """Return how long a mode vibrates noticeably in a record, s: while driven, and after that.
 
-    It is driven at the start, which may be in motion, and where the rate of the drive changes by a
-    noticeable part of its largest change.
+    It is driven where the rate of the drive changes by a noticeable part of its largest change.
     """
-    bends = np.abs(np.diff(record.u, 2))
-    driven = 1 + np.flatnonzero(bends > NOTICEABLE * bends.max(initial=0.0))
-    rests = record.dt * np.diff(np.concatenate([[0], driven, [len(record.u)]]))
+    changes = np.abs(np.diff(record.u, 2))
+    driven = 1 + np.flatnonzero(changes > NOTICEABLE * changes.max(initial=0.0))
+    rests = record.dt * np.diff(np.append(driven, len(record.u)))
     return float(np.minimum(rests, -np.log(NOTICEABLE) * ringing).sum())
 
 
