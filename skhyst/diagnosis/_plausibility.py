@@ -181,6 +181,8 @@ def rings(operator, motion, records):
     if not mode:
         return -np.inf
     highest = np.pi / min(record.dt for record in records)
+    if ratio > 1.0 and mode * np.exp(np.arccosh(ratio)) > highest:
+        return -np.inf  # two real poles, the faster one known to be beyond the sampling alone
     lowest = 2.0 * np.pi * REPEATS / max(len(record.u) * record.dt for record in records)
     resolved = min(highest / (mode * (1.0 + ratio)), mode / lowest)
     margin = min(0.5 / ratio**2, resolved**2) - 1.0

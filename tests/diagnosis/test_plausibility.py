@@ -269,6 +269,9 @@ def test_a_mode_has_a_peak_below_the_root_of_a_half(ratio, peaks):
     assert (has_no_peak(mode, None, [record]) > 0.0) == (not peaks)
     assert has_no_peak(GainOperator(), None, [record]) == np.inf
     assert rings(GainOperator(), None, [record]) == -np.inf
+    for natural_frequency, bounded in ((150.0, True), (170.0, False)):  # 3141.6 rad/s are sampled
+        mode = SecondOrderModeOperator(natural_frequency, 10.0)  # its faster pole at 19.95 times it
+        assert np.isfinite(rings(mode, None, [record])) == bounded
     slow = RecordData(np.zeros(9), np.zeros(9), 1.0)
     for times, resolved in ((0.99, True), (1.01, False)):
         mode = SecondOrderModeOperator(times * np.pi / 1e-3 / 1.2, 0.2)
