@@ -333,13 +333,13 @@ def test_the_residual_is_strongest_at_the_mode(report):
 
 def test_what_to_measure_next():
     claim = {"effect": "lag", "ambiguous_with": ["delay"], "experiment": "Sweep."}
-    miss = {"effect": "creep", "p_value": 0.2, "change": -0.1, "claimed_instead": None}
+    miss = {"effect": "creep", "p_value": 0.2, "error_before": 2.0, "error_after": 1.8}
     place = {"by": "frequency", "record": None, "low": 1.0, "high": 2.0, "unit": "Hz"}
     place |= {"concentration": 3.0, "concentration_low": 2.0, "concentration_high": 4.0}
 
-    def steps(claims=(), not_it=(), location=(), verdict="noise", faults=(), experiment=None):
+    def steps(claims=(), suspects=(), location=(), verdict="noise", faults=(), experiment=None):
         settings = {"alpha": 0.01, "max_effects": 3, "min_improvement": 0.05}
-        return next_steps(claims, not_it, location, verdict, faults, settings, "", experiment)
+        return next_steps(claims, suspects, location, verdict, faults, settings, "", experiment)
 
     assert steps() == []
     told, proposal = steps([claim])
@@ -348,7 +348,7 @@ def test_what_to_measure_next():
     (proposal,) = steps(experiment=Experiment(None, "", "Triangle of 2 Hz: it tells.", 1.0))
     assert "so far: Triangle of 2 Hz: it tells. As a file" in proposal
     assert steps([claim | {"ambiguous_with": []}]) == []
-    (step,) = steps(not_it=[miss, miss | {"change": -0.01}, miss | {"p_value": np.nan}])
+    (step,) = steps(suspects=[miss, miss | {"p_value": 0.001}])
     assert step.startswith("creep would reduce the error by 10 %")
     assert "Step and rest" in step
     assert "from 1.00 to 2.00 Hz" in steps(location=[place], verdict="unexplained")[0]
