@@ -41,8 +41,9 @@ def recording(uneven, seed=0, n_records=3):
 
 
 def search(**options):
-    options = {"effects": ["lag", "delay", "resonance", "offset"], "random_state": 0} | options
-    return EffectSearchCV(PrandtlIshlinskii(thresholds=THRESHOLDS), **options)
+    options = {"effects": ["lag", "delay", "resonance", "offset"], "cv": 2} | options
+    model = PrandtlIshlinskii(thresholds=THRESHOLDS)
+    return EffectSearchCV(model, **{"random_state": 0} | options)
 
 
 @pytest.fixture(scope="module")
