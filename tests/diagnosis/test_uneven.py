@@ -41,9 +41,9 @@ def recording(uneven, seed=0, n_records=3):
 
 
 def search(**options):
-    options = {"effects": ["lag", "delay", "resonance", "offset"], "cv": 2} | options
-    model = PrandtlIshlinskii(thresholds=THRESHOLDS)
-    return EffectSearchCV(model, **{"random_state": 0} | options)
+    effects = ["lag", "delay", "resonance", "offset"]
+    options = {"effects": effects, "cv": 2, "random_state": 0} | options
+    return EffectSearchCV(PrandtlIshlinskii(thresholds=THRESHOLDS), **options)
 
 
 @pytest.fixture(scope="module")
