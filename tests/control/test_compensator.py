@@ -97,8 +97,7 @@ def test_the_response_of_a_cascade_is_the_reference(frequency, reverse):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("frequency", [5.0, 0.7 * FREQUENCY])
-@pytest.mark.parametrize("stage", [WIRES, FRICTION])
+@pytest.mark.parametrize(("stage", "frequency"), [(WIRES, 5.0), (FRICTION, 0.7 * FREQUENCY)])
 def test_motion_with_hysteresis_inside_is_found(stage, frequency):
     reference = smooth(frequency)
     _, left = compensator(stage, max_iter=0).predict(reference[:, None], return_residual=True)

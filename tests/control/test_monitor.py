@@ -217,8 +217,7 @@ def test_an_exact_model_has_no_misfit(monitor):
     assert monitor.misfit_ == 0.0
 
 
-@pytest.mark.parametrize("size", [0.1, -0.5])
-@pytest.mark.parametrize("start", [4 * PERIOD, 4 * PERIOD + 33])
+@pytest.mark.parametrize(("size", "start"), [(0.1, 4 * PERIOD), (-0.5, 4 * PERIOD + 33)])
 def test_an_offset_is_a_suspect_of_its_own(monitor, size, start):
     u, y = service(14 * PERIOD, np.random.default_rng(8))
     y[start:] += size
