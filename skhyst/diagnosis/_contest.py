@@ -10,9 +10,10 @@ in pairs with every other one.
 **Prune.** From the model with all effects, each effect is removed once: the full model is tested
 against the model without it, so that chance is the residual of the full model. Of the effects that
 the criterion (``_criterion``) does not need, the one whose removal costs least goes; and so on. An
-effect that was significant stays so when others have gone. A function of time alone stays only where the course of the noise does not explain it (``_course``).
-Choices that were made with an effect that is removed, such as the number of plays, may be wrong
-without it: if it is the first effect of a path, the model grows again without it.
+effect that was significant stays so when others have gone. A function of time alone stays only
+where the course of the noise does not explain it (``_course``). Choices that were made with an
+effect that is removed, such as the number of plays, may be wrong without it: if it is the first
+effect of a path, the model grows again without it.
 
 **Name.** Each remaining effect is contested by all others at its place. The name is that of the
 least held-out error; a function of time alone gives way to the best effect that responds to the

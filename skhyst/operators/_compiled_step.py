@@ -183,28 +183,32 @@ class CompiledStep:
         """
         return self
 
-    def stepping(self, s):
+    def stepping(self, s, checked=False):
         """Return a function of the input at one sample.
 
         Parameters
         ----------
         s : ndarray of shape (n_states,)
             State, which the function changes.
+        checked : bool, default=False
+            Whether the function raises OverflowError where the input of a part is not finite.
 
         Returns
         -------
         callable
             ``u -> y``: the output at the sample.
         """
-        return self.bound(s, _stepping)
+        return self.bound(s, _checked_stepping if checked else _stepping)
 
-    def streaming(self, s):
+    def streaming(self, s, checked=False):
         """Return a function of the input at many samples.
 
         Parameters
         ----------
         s : ndarray of shape (n_states,)
             State, which the function changes.
+        checked : bool, default=False
+            Whether the function raises OverflowError where the input of a part is not finite.
 
         Returns
         -------
@@ -212,7 +216,7 @@ class CompiledStep:
             ``u -> y`` of the input (n_samples,) or (n_samples, n_inputs), with the output
             (n_samples,).
         """
-        return self.bound(s, _streaming)
+        return self.bound(s, _checked_streaming if checked else _streaming)
 
 
 @dataclass(frozen=True)
@@ -678,7 +682,7 @@ class Stepper:
     def _begin(self, state):
         self._forget()
         self._state = np.array(state)
-        self._step = self.compiled_step.bound(self._state, _checked_stepping)
+        self._step = self.compiled_step.stepping(self._state, checked=True)
 
     @property
     def state(self):
@@ -798,7 +802,7 @@ class Stepper:
         u = self._checked(u, 1 if n_inputs is None else 2)
         begin = self._state.copy()
         try:
-            y = self.compiled_step.bound(self._state, _checked_streaming)(u)
+            y = self.compiled_step.streaming(self._state, checked=True)(u)
         except OverflowError:
             y = np.array([math.inf])
         if not np.isfinite(y).all():
