@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 from sklearn.base import BaseEstimator, clone
 from sklearn.compose import ColumnTransformer
-from sklearn.model_selection import GridSearchCV, LeaveOneGroupOut, cross_val_score, cross_validate
+from sklearn.model_selection import GridSearchCV, LeaveOneGroupOut, cross_val_score
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.utils.estimator_checks import (
@@ -141,6 +141,10 @@ def briefly(estimator, max_evaluations=3):
     return estimator
 
 
+# one way to fit, which takes long: each check is of one, `tools/estimator_checks.py` has them all
+OSCILLATORS = ["BoucWenStage", "EndStops", "FrictionStage", "RestoringForce"]
+
+
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::skhyst.exceptions.ExtrapolationWarning")
 @pytest.mark.parametrize("name", [name for name in small_estimators() if name not in QUICK])
@@ -149,7 +153,10 @@ def test_scikit_learn_of_all_others(name):
     # a weight is as good as repeated rows only at the optimum
     known = briefly(small_estimators()[name], 4 if name in MEMORYLESS else 1)
     contradicted = expected_failed_checks(known)
-    for estimator, check in estimator_checks_generator(known):
+    checks = list(estimator_checks_generator(known))
+    if name in OSCILLATORS:
+        checks = checks[OSCILLATORS.index(name) :: len(OSCILLATORS)]
+    for estimator, check in checks:
         if check.func.__name__ not in contradicted:
             with suppress(SkipTest):
                 check(estimator)
@@ -410,13 +417,9 @@ def test_records_do_not_know_each_other(fitted, data):
 # ---------------------------------------------------------------------------------------- units
 
 
-@pytest.mark.parametrize(
-    ("response", "drive", "time", "offset"), [(1e-6, 1.0, 1.0, 50.0), (-250.0, 1e-6, 1000.0, 0.0)]
-)
-def test_neither_units_nor_an_offset_nor_the_order_of_records_matter(
-    name, model, fitted, data, response, drive, time, offset
-):
-    """The same recording otherwise: once turned around where it may be, its last record first."""
+def test_neither_units_nor_an_offset_nor_the_order_of_records_matter(name, model, fitted, data):
+    """All at once, turned around where it may be: what changes with one of them changes."""
+    response, drive, time, offset = -250.0, 1e-6, 1000.0, 50.0
     if name in ONE_SIGN:
         response = abs(response)
     if name in NO_GAIN:
@@ -428,8 +431,7 @@ def test_neither_units_nor_an_offset_nor_the_order_of_records_matter(
     delay = {"delay": time * model.delay} if hasattr(model, "delay") else {}
     X_other = (drive * X).set_axis(index)
     y_other = (response * (y + offset)).set_axis(index)
-    given = (in_order(X_other), in_order(y_other)) if time != 1.0 else (X_other, y_other)
-    other = clone(model).set_params(**delay).fit(*given)
+    other = clone(model).set_params(**delay).fit(in_order(X_other), in_order(y_other))
     np.testing.assert_allclose(
         other.predict(X_other) / response, fitted.predict(X) + offset, rtol=0.0, atol=2e-4
     )
@@ -515,12 +517,6 @@ def test_clone_and_parameters(model):
     # a model in another one's place is said without its name too
     kinds = [p.kind for p in further if p.default is not inspect.Parameter.empty]
     assert all(kind is inspect.Parameter.KEYWORD_ONLY for kind in kinds)
-
-
-def test_cross_validate(model, data):
-    X, y = data
-    found = cross_validate(briefly(clone(model), 1), X, y, cv=2, scoring="r2", error_score="raise")
-    assert np.isfinite(found["test_score"]).all()
 
 
 @pytest.mark.parametrize("name", ["PrandtlIshlinskii", "FirstOrderLag", "Cascade"])

@@ -49,6 +49,13 @@ def searched(X, y):
     return EffectSearchCV(Gain(), effects=EFFECTS, random_state=0).fit(X, y)
 
 
+@pytest.fixture(scope="module")
+def in_python(recording):
+    """The recording as it is read, and the search of it."""
+    X, y = read_records(recording, drive="volt", response="um", time="t")
+    return X, y, searched(X, y)
+
+
 def arguments(path, *more):
     columns = ["--drive", "volt", "--response", "um", "--time", "t"]
     effects = ["--effects", ",".join(EFFECTS), "--jobs", "1", "--quiet"]
@@ -62,14 +69,13 @@ def files(folder, report):
 
 
 @pytest.mark.slow
-def test_next_writes_the_drive_that_python_proposes(recording, tmp_path, capsys):
+def test_next_writes_the_drive_that_python_proposes(recording, in_python, tmp_path, capsys):
     path = tmp_path / "new" / "drive.csv"
     more = ["-o", str(path), "--limits", "-40", "40", "--rate", "2000", "--duration", "0.3"]
     command = ["next", *arguments(recording, *more)[1:]]
     assert main(command) == 0
     table = pd.read_csv(path)
-    X, y = read_records(recording, drive="volt", response="um", time="t")
-    experiment = next_experiment(searched(X, y), (-40.0, 40.0), 2000.0, 0.3)
+    experiment = next_experiment(in_python[-1], (-40.0, 40.0), 2000.0, 0.3)
     drive = experiment.from_rest()
     np.testing.assert_allclose(table["drive"], drive)
     np.testing.assert_allclose(table["time"], drive.index)
@@ -85,11 +91,10 @@ def test_next_writes_the_drive_that_python_proposes(recording, tmp_path, capsys)
 
 
 @pytest.mark.slow
-def test_diagnose_equals_python(recording, tmp_path, capsys):
+def test_diagnose_equals_python(recording, in_python, tmp_path, capsys):
     folder = tmp_path / "new" / "folder"
     assert main(arguments(recording, *files(folder, "out.html"))) == 0
-    X, y = read_records(recording, drive="volt", response="um", time="t")
-    search = searched(X, y)
+    X, _, search = in_python
     result = json.loads((folder / "out.json").read_text())
     assert result["effects"] == search.effects_ == ["output_saturation"]
     assert result["error_after"] == search.error_after_

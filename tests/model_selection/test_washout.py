@@ -135,16 +135,16 @@ def test_the_state_of_a_fold_comes_from_its_washout(recording):
     """A block that is cut out of a record begins under way; what is left is the noise."""
     X, y = recording
     options = {"cv": BlockedTimeSeriesSplit(4), "error_score": "raise"}
-    errors = {}
-    for state in (None, "estimate"):
+
+    def error(model, state="estimate"):
         scorer = washout_scorer(root_mean_squared_error, washout=30, initial_state=state)
-        models = {"model": MODEL, "steps": STEPS, "one step": make_pipeline(MODEL)}
-        for name, model in models.items():
-            found = cross_validate(model, pd.DataFrame(X), y, scoring=scorer, **options)
-            errors[state, name] = -found["test_score"].mean()
-    assert errors["estimate", "model"] < 1.2 * NOISE < 5.0 * NOISE < errors[None, "model"]
-    assert errors["estimate", "one step"] == errors["estimate", "model"]
-    assert errors["estimate", "steps"] == pytest.approx(errors["estimate", "model"], rel=0.02)
+        found = cross_validate(model, pd.DataFrame(X), y, scoring=scorer, **options)
+        return -found["test_score"].mean()
+
+    estimated = error(MODEL)
+    assert estimated < 1.2 * NOISE < 5.0 * NOISE < error(MODEL, None)
+    assert error(make_pipeline(MODEL)) == estimated
+    assert error(STEPS) == pytest.approx(estimated, rel=0.02)
 
 
 def test_what_is_scored_does_not_tell_the_state(recording):
