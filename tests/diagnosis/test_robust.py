@@ -123,9 +123,9 @@ def test_a_search_with_a_robust_loss_finds_the_lag_behind_gross_errors():
     recording = make_recording("lag", "prandtl_ishlinskii", 3000, n_samples=2500)
     y, rng = recording.y_train.copy(), np.random.default_rng(0)
     y.iloc[rng.choice(len(y), 25, replace=False)] += 0.5 * np.ptp(y)
-    search = EffectSearchCV(
-        PrandtlIshlinskii(), effects=["lag", "offset", "drift"], loss="huber", random_state=0
-    ).fit(recording.X_train, y)
+    options = {"loss": "huber", "cv": 2, "random_state": 0}
+    search = EffectSearchCV(PrandtlIshlinskii(), effects=["lag", "offset", "drift"], **options)
+    search.fit(recording.X_train, y)
     assert search.effects_ == ["lag"]
     assert search.verdict_ == "noise"
     error = search.held_out_error(recording.X_test, recording.y_test)

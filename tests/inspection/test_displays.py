@@ -32,9 +32,9 @@ def recording():
 
 @pytest.fixture(scope="module")
 def search(recording):
-    return EffectSearchCV(PrandtlIshlinskii(), effects=["resonance", "lag"], random_state=0).fit(
-        recording.X_train, recording.y_train
-    )
+    options = {"effects": ["resonance", "lag"], "cv": 2, "random_state": 0}
+    search = EffectSearchCV(PrandtlIshlinskii(), **options)
+    return search.fit(recording.X_train, recording.y_train)
 
 
 @pytest.fixture(scope="module")

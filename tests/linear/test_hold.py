@@ -136,7 +136,8 @@ def test_a_declared_auto_is_what_was_fitted_in_a_search(hold):
         pairs.append((u, np.minimum(y, np.quantile(y, 0.9))))
     X, y = stack_records(pairs, dt=DT)
     effects = ["timing", "output_saturation", "delay"]
-    search = EffectSearchCV(FirstOrderLag(hold="auto"), effects=effects, random_state=0).fit(X, y)
+    declared = FirstOrderLag(hold="auto")
+    search = EffectSearchCV(declared, effects=effects, cv=2, random_state=0).fit(X, y)
     assert search.effects_ == ["output_saturation"]
     assert search.declared_estimator_.operator_.hold == hold
     assert search.best_estimator_.operators_["first_order_lag"].hold == hold
