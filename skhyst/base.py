@@ -1109,6 +1109,7 @@ class ParametricModel(ScoredMixin, BaseEstimator):
             Known values of the response, such as in the first part of a record that begins in
             motion, NaN elsewhere. The input history is estimated from them, as in :meth:`fit` with
             the initial state ``"estimate"``, and so are the coefficients of additive disturbances.
+            What they do not determine, such as a velocity from a single reading, is as at rest.
             A record without known values begins at its usual initial state, as all do by default.
         return_std : bool, default=False
             Whether to return the standard deviation of the prediction of a new sample, too.
@@ -1121,7 +1122,8 @@ class ParametricModel(ScoredMixin, BaseEstimator):
         std : ndarray of shape (n_samples,)
             Standard deviation of a new sample about y, units of the response, to first order in the
             errors of the parameters: ``sqrt(diag(J C J.T) + noise_std_**2)``, with the
-            sensitivities J of the run and ``covariance_`` C. Only with ``return_std``.
+            sensitivities J of the run and ``covariance_`` C; with ``y_start``, C holds the errors
+            of the start, too. Only with ``return_std``.
 
         Raises
         ------
@@ -1237,6 +1239,7 @@ class ParametricModel(ScoredMixin, BaseEstimator):
         input_history, _ = input_history_of(driven, additive, parts, limits, **options)
         runs = {}
         for i, record, part, before in zip(numbers, data, parts, input_history, strict=True):
+            before = before if driven.n_start else self._needed(part, before)
             record, part = (record_with_history(driven, r, before) for r in (record, part))
             precision = start_precision(driven, part, limits, response_range)
             operator, own = calibrated(self.operator_, part, covariance, noise, precision)
@@ -1244,6 +1247,22 @@ class ParametricModel(ScoredMixin, BaseEstimator):
             state = "rest" if record.start is None else record.start
             runs[i] = _Run(operator, own, u, record.dt, state, skip, record).at(record.schedule)
         return runs
+
+    def _needed(self, record, before):
+        """Return the input history of a record, or a rest where only rows before readings need it.
+
+        What is read in the middle of a record hardly depends on its beginning: a history then also
+        fits the misfit of the model.
+        """
+        if record.weights[0]:
+            return before
+        rest, errors = np.repeat(record.u[:1], len(before), axis=0), []
+        for history in (rest, before):
+            u, skip = replace(record, before=history).with_history()
+            operator, _ = calibrated(self.operator_, replace(record, before=history))
+            run = _Run(operator, None, u, record.dt, "rest", skip).at(record.schedule).run()[0]
+            errors.append(np.sum(record.weights * np.square(run - record.y)))
+        return before if errors[1] < _MOST * errors[0] else rest
 
     def depends_on_interval(self, dt) -> bool:
         """Return whether the fitted model responds differently at another sampling interval.

@@ -29,7 +29,7 @@ from skhyst.control import InverseCompensator
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.discovery import all_estimators
 from skhyst.disturbance import Drift
-from skhyst.exceptions import DivergenceWarning
+from skhyst.exceptions import DivergenceWarning, ExtrapolationWarning
 from skhyst.export import to_c
 from skhyst.hysteresis import CoulombFriction, FreeMass, PrandtlIshlinskii
 from skhyst.linear import FirstOrderLag, Gain, ModalModel, TimeShift
@@ -348,6 +348,6 @@ def test_outputs_are_cut_off_as_in_the_free_run():
     model = NARXRegressor().fit(X, y)
     rows = 1e6 * X.loc[["b"]]
     u = rows["drive"].to_numpy()
-    with pytest.warns(DivergenceWarning):
+    with pytest.warns(ExtrapolationWarning, match="same unit"), pytest.warns(DivergenceWarning):
         whole = model.predict(rows)
     np.testing.assert_allclose(model.stepper(u0=u[0]).run(u), whole, rtol=1e-12)

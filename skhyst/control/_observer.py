@@ -264,6 +264,9 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
     def stepper(self, dt=None, u0=0.0) -> Stepper:
         """Return the observer as a device that is run by rows of drive and reading.
 
+        Unlike :meth:`update` and :meth:`filter`, it compares no reading with the model: a reading
+        beyond those of the fit, as in a smaller unit, is in its ``status`` as ``"extrapolated"``.
+
         Parameters
         ----------
         dt : float, default=None
@@ -281,7 +284,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         return Stepper(
             step,
             self._interval(dt),
-            inputs=(*inputs, Signal("reading")),
+            inputs=(*inputs, Signal("reading", *getattr(self, "_response_range", ()))),
             result=Signal("estimate of the response"),
             remake=partial(copy(self).stepper, dt, u0),
         )

@@ -45,6 +45,7 @@ import skhyst
 from skhyst.base import ParametricModel
 from skhyst.discovery import all_estimators
 from skhyst.exceptions import DivergenceWarning, ExtrapolationWarning, ReachWarning
+from skhyst.linear import TransferFunction
 from skhyst.operators import Operator
 from skhyst.records import stack_records
 
@@ -223,6 +224,8 @@ def _reading(fitted):
         parameters = list(signature(getattr(fitted, name)).parameters)
         if parameters[:2] == ["X", "y"] or parameters[:2] == ["X", "y_start"]:
             found.append(name)
+    if isinstance(fitted, TransferFunction) and not hasattr(fitted, "predictor_gain_"):
+        found.remove("predict_one_step")  # of a fit with stable=False alone
     return found
 
 
