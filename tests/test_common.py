@@ -141,10 +141,6 @@ def briefly(estimator, max_evaluations=3):
     return estimator
 
 
-# one way to fit, which takes long: each check is of one, `tools/estimator_checks.py` has them all
-OSCILLATORS = ["BoucWenStage", "EndStops", "FrictionStage", "RestoringForce"]
-
-
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::skhyst.exceptions.ExtrapolationWarning")
 @pytest.mark.parametrize("name", [name for name in small_estimators() if name not in QUICK])
@@ -153,10 +149,7 @@ def test_scikit_learn_of_all_others(name):
     # a weight is as good as repeated rows only at the optimum
     known = briefly(small_estimators()[name], 4 if name in MEMORYLESS else 1)
     contradicted = expected_failed_checks(known)
-    checks = list(estimator_checks_generator(known))
-    if name in OSCILLATORS:
-        checks = checks[OSCILLATORS.index(name) :: len(OSCILLATORS)]
-    for estimator, check in checks:
+    for estimator, check in estimator_checks_generator(known):
         if check.func.__name__ not in contradicted:
             with suppress(SkipTest):
                 check(estimator)
