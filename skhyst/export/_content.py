@@ -298,7 +298,8 @@ def certain_bits(stepper, drive, names, number, checked=None):
         for k, u in enumerate(np.clip(drive + sign * error, -largest, largest)):
             with np.errstate(all="ignore"):
                 device.step(u if row else u[0])
-            found = sum(2**i for i, name in enumerate(names) if name in device.status)
+            status = device.status
+            found = sum(2**i for i, name in enumerate(names) if name in status)
             bits[k] &= found, all_bits - found
     if checked is not None:
         lost = np.logical_or.accumulate(((drive < checked[0]) | (drive > checked[1])).any(axis=1))
