@@ -1025,7 +1025,8 @@ def _bits_in_integers(stepper, counts, ends, units):
     """Return the certain bits of the status of a program in integers, see :func:`certain_bits`."""
     names, held = conditions(stepper, False), np.clip(counts, *ends)
     # the output is rounded, and so is its change
-    near = [_ranging(stepper, by * units[1]) for by in (0.0, 2.0, -2.0)]
+    widened = (0.0, 2.0, -2.0) if stepper.watched else (0.0,)
+    near = [_ranging(stepper, by * units[1]) for by in widened]
     bits = [certain_bits(other, held * units[0], names, units[0]) for other in near]
     bits, beyond = np.bitwise_and.reduce(bits), (counts != held).any(axis=1)
     overrange, extrapolated = (2 ** names.index(x) if x in names else 0 for x in _OUTER)

@@ -292,13 +292,15 @@ def certain_bits(stepper, drive, names, number, checked=None):
     all_bits, row = 2 ** len(names) - 1, stepper.compiled_step.n_inputs
     bits = np.tile([all_bits, all_bits], (len(drive), 1))
     largest = np.finfo(float).max
-    for sign in (0.0, 1.0, -1.0):
+    # rounding decides of limits and ranges alone
+    for sign in (0.0, 1.0, -1.0) if {*names} - {"refused", "overrange"} else (0.0,):
         device = stepper.copy()
         device.state = stepper.state  # with no sample before the first
         for k, u in enumerate(np.clip(drive + sign * error, -largest, largest)):
             with np.errstate(all="ignore"):
                 device.step(u if row else u[0])
-            found = sum(2**i for i, name in enumerate(names) if name in device.status)
+            status = device.status
+            found = sum(2**i for i, name in enumerate(names) if name in status)
             bits[k] &= found, all_bits - found
     if checked is not None:
         lost = np.logical_or.accumulate(((drive < checked[0]) | (drive > checked[1])).any(axis=1))
