@@ -1,6 +1,7 @@
 """Parameters of Python in messages, replaced by options of the command line."""
 
 import re
+import shlex
 
 _NAMES = "|".join(
     [
@@ -25,4 +26,4 @@ def as_options(text):
 
 def _option(found):
     name, *value = found.groups()
-    return " ".join([f"--{name.replace('_', '-')}", *(given.strip("'") for given in value)])
+    return " ".join([f"--{name.replace('_', '-')}", *(shlex.quote(given.strip("'")) for given in value)])

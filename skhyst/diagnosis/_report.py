@@ -288,6 +288,7 @@ class Report:
             f"noise of the residual: {self.noise_model['text']}",
             *([_unused_data(self)] if self.held_out else []),
             *self.remarks,
+            *(f"next: {step}" for step in self.next_steps),
         ]
         return printable("\n".join(lines) + "\n")
 
@@ -743,7 +744,7 @@ def _summary(report):
     if faults := _to_correct(report.data["faults"]):
         yield f"But the recording has faults, which may be the cause: {faults}."
     count = len(report.next_steps)
-    steps = {0: "nothing more to record", 1: "one step, below"}.get(count, f"{count} steps, below")
+    steps = {0: "nothing more to record", 1: "the step below"}.get(count, f"the {count} steps below")
     yield f"Next: {steps}."
 
 

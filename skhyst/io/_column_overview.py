@@ -91,7 +91,7 @@ def _roles(source, variables, reading, faults):
     recognised, questions = roles_and_questions(
         source, variables, given, as_columns(others), timed=timed
     )
-    faults += questions
+    faults += [*questions, *(column.doubt for column in recognised.values() if column.doubt)]
     return known | {role: (column.column, column.reason) for role, column in recognised.items()}
 
 

@@ -656,7 +656,7 @@ def test_the_summary_says_what_is_missing_how_sure_and_what_next(report, nothing
     )
     unsure = changed(report, **ambiguous(report), next_steps=["a", "b"])
     assert "resonance may be lag instead. " in unsure.summary
-    assert unsure.summary.endswith("Next: 2 steps, below.")
+    assert unsure.summary.endswith("Next: the 2 steps below.")
     assert (
         "but not which effect. The residual still has structure"
         in changed(report, **provisional(report)).summary
