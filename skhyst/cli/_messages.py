@@ -26,4 +26,6 @@ def as_options(text):
 
 def _option(found):
     name, *value = found.groups()
-    return " ".join([f"--{name.replace('_', '-')}", *(shlex.quote(given.strip("'")) for given in value)])
+    return " ".join(
+        [f"--{name.replace('_', '-')}", *(shlex.quote(given.strip("'")) for given in value)]
+    )

@@ -744,7 +744,9 @@ def _summary(report):
     if faults := _to_correct(report.data["faults"]):
         yield f"But the recording has faults, which may be the cause: {faults}."
     count = len(report.next_steps)
-    steps = {0: "nothing more to record", 1: "the step below"}.get(count, f"the {count} steps below")
+    steps = {0: "nothing more to record", 1: "the step below"}.get(
+        count, f"the {count} steps below"
+    )
     yield f"Next: {steps}."
 
 

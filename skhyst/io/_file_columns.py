@@ -12,6 +12,7 @@ import pandas as pd
 from ..exceptions import RecordError
 from ._column_names import without_unit
 from ._formats import reading
+from ._missing import marks_missing
 
 _INDEXED = re.compile(r"(?P<name>.*)\[(?P<index>[^\[\]]+)\]", re.DOTALL)
 _POSITION = re.compile(r"\s*([+-]?\d+|:|\.\.\.)\s*")
@@ -258,7 +259,8 @@ def numbers(path, name, values):
             raise _beyond(path, name)
         raise RecordError(
             f"Column {name!r} of {path.name} must hold numbers. Got {cell[:40]!r} in row {row} "
-            f"instead ({len(wrong)} of {len(column)} rows are not numbers)."
+            f"instead ({len(wrong)} of {len(column)} rows are not numbers): correct the file, or "
+            "leave these cells blank."
         )
     raise RecordError(
         f"Column {name!r} of {path.name} must hold real numbers. Got {values.dtype} instead."
@@ -266,8 +268,8 @@ def numbers(path, name, values):
 
 
 def is_blank(column):
-    """Mark the cells of a series without a character; no copy of a long text is kept."""
-    return np.array([not str(cell).strip() for cell in column], dtype=bool)
+    """Mark the cells of a series without a reading; no copy of a long text is kept."""
+    return np.array([marks_missing(str(cell)) for cell in column], dtype=bool)
 
 
 def coerced(path, name, column):

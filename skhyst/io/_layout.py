@@ -14,6 +14,7 @@ from itertools import dropwhile, groupby, pairwise
 
 from ..exceptions import RecordError
 from ._column_names import SECONDS, SYMBOLS, unit_of, without_unit
+from ._missing import marks_missing
 
 _DELIMITERS = (";", "\t", ",", " ", None)  # " ": any white space; None: there is one column
 _SHOWN = 40  # characters of a line that a message shows
@@ -344,7 +345,7 @@ def _numeric_fraction(form):
 
 
 def _kind(field, decimal):
-    if field.lower() in _BLANK:
+    if marks_missing(field):
         return "b"
     if _is_number(field, decimal):
         return "n"

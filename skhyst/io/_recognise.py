@@ -17,7 +17,7 @@ import numpy as np
 
 from ..exceptions import RecordError
 from ._clock import JITTER
-from ._column_names import time_unit_of, unit_of, without_unit
+from ._column_names import TIME, time_unit_of, unit_of, without_unit
 from ._file_columns import (
     as_columns,
     listed_variables,
@@ -57,7 +57,6 @@ _LAST = {  # role of a column if no other role is left for it
 _NEITHER = "|".join(  # signals of a controller, of the environment, and counters
     (*_LAST.values(), "error|err|status|flag|mode|index|samples?|number|count|counter|ticks?|id")
 )
-_TIME = "t|times?|timestamp|elapsed|zeit|zeitstempel|temps|tiempo|tempo|时间|時間"
 _AT_PRESENT = re.compile(r"current(?=[ _]?(position|value|angle))", re.IGNORECASE)
 _CLOCK = re.compile(r"(\d+[./-]\d+[./-]\d+[T ])?\d+:\d\d(:\d\d([.,]\d+)?)?Z?( [AP]M)?")
 _RECORD = "record|run|recording|trial|segment"
@@ -327,7 +326,7 @@ class _Candidate:
     def called_time(self):
         """Whether the name is that of a time."""
         try:
-            return bool(time_unit_of(self.name)) or self.has(_TIME)
+            return bool(time_unit_of(self.name)) or self.has(TIME)
         except ValueError:  # the unit in brackets is not one of time
             return False
 
@@ -347,7 +346,7 @@ def _time(free):
         return (clock[0], "it alone holds times"), []
     # a column called time that does not increase, since rows are shuffled or repeated: reported as
     # a candidate, so that the rows are not taken for evenly sampled
-    named = (c for c in free if re.fullmatch(_TIME, without_unit(c.name).lower()))
+    named = (c for c in free if re.fullmatch(TIME, without_unit(c.name).lower()))
     return None, [c for c in named if c.varies]
 
 

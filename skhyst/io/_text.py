@@ -8,7 +8,9 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import RecordError
+from ._column_names import TIME, time_unit_of, without_unit
 from ._layout import BEYOND, fields, find_layout, is_assignment
+from ._missing import marks_missing
 
 _SAMPLE = 65_536  # characters at the beginning and the end from which the layout is determined
 _BINARY = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
@@ -16,6 +18,7 @@ _NAMES = re.compile(r"[\"'#%(\[\s]*[^\W\d]")  # of a line that may contain names
 _HEADS = 8  # repeated lines that are tried as names
 _LINE = re.compile(r"[^\r\n]+")
 _ARRIVED = re.compile(r"^(\d\d:\d\d:\d\d[.,]\d+) -> (?=.*?([;\t,]|$))", re.MULTILINE)
+_MARK = re.compile(r"[\W_]*(run|test|trial|record)?[\W_]*(\d{1,3}|(?<![^\W_])[a-h])?$")  # of a run
 _NOWHERE = "\x1f"  # a delimiter that no text has
 _IDEOGRAPHS = "\u3005\u4e00-\u9fff"
 _SCRIPTS = {  # encodings that are tried: letters of the script
@@ -70,21 +73,33 @@ def _head_of(text, delimiter, decimal):
 
 
 def _side_by_side(names, units, columns, interval):
-    """Return tables whose names repeat side by side, without the blank rows below them."""
+    """Return tables whose names repeat side by side, without the blank rows below them.
+
+    Names that begin with a time repeat, too, if a mark follows them, as in t1, u1, y1, t2, u2, y2.
+    """
     used = [i for i, v in enumerate(columns) if names[i] != str(i) or not pd.isna(v).all()]
-    shown = [names[i] for i in used]
-    widths = (n for n in range(2, len(shown) // 2 + 1) if len(shown) % n == 0)
-    width = next((n for n in widths if shown == shown[:n] * (len(shown) // n)), None)
-    if width is None or len(set(shown[:width])) < width:
+    bare = [_MARK.sub("", without_unit(names[i]).lower()) for i in used]
+    for shown, least in (([names[i] for i in used], 2), (bare, 3)):
+        widths = (n for n in range(least, len(shown) // 2 + 1) if len(shown) % n == 0)
+        width = next((n for n in widths if shown == shown[:n] * (len(shown) // n)), None)
+        if width and len(set(shown[:width])) == width and (least == 2 or _is_time(shown[0])):
+            break
+    else:
         return [(*_without_copies(names, units, columns), interval)]
     tables = []
     for k in range(0, len(used), width):
         group = used[k : k + width]
         empty = np.logical_and.reduce([pd.isna(columns[i]) for i in group])
         stop = len(empty) - int(np.argmin(empty[::-1])) if not empty.all() else 0
-        parts = ([part[i] for i in group] for part in (names, units))
-        tables.append((*parts, [columns[i][:stop] for i in group], interval))
+        first = [names[i] for i in used[:width]]
+        tables.append(
+            (first, [units[i] for i in group], [columns[i][:stop] for i in group], interval)
+        )
     return tables
+
+
+def _is_time(name):
+    return bool(time_unit_of(name) or re.fullmatch(TIME, name))
 
 
 def _without_copies(names, units, columns):
@@ -115,7 +130,7 @@ def _parsed(text, delimiter, decimal):
         na_values=sorted(BEYOND),
     )
     names, units = layout.head
-    columns = [_ungrouped(frame[column], layout.commas).to_numpy() for column in frame.columns]
+    columns = [_as_numbers(frame[column], layout.commas).to_numpy() for column in frame.columns]
     while len(columns) > 1 and _is_unnamed(names[-1]) and pd.isna(columns[-1]).all():
         for part in (names, units, columns):  # a delimiter at the end of every line
             part.pop()
@@ -123,20 +138,20 @@ def _parsed(text, delimiter, decimal):
     return names, units, columns, layout.interval
 
 
-def _ungrouped(column, commas):
-    """Return a column as numbers if it is text that groups thousands, as in 1.234,50 or 1'234.5."""
+def _as_numbers(column, commas):
+    """Return a column of text as numbers if its readings are, as 1.5, ---, 1.234,50 or 1'234.5."""
     if column.dtype.kind != "O":
         return column
-    mark, other = (",", ".") if commas else (".", ",")
-    groups = rf"\d{{1,3}}(?:[{other}'’\s]\d{{3}})+|\d+"
     text = column.dropna().astype(str).str.strip()
-    if text.empty or not text.str.fullmatch(rf"[+-]?(?:{groups})(?:\{mark}\d+)?").all():
+    text = text[[not marks_missing(cell) for cell in text]]
+    mark, other = (",", ".") if commas else (".", ",")
+    groups = rf"\d{{1,3}}(?:[{other}'’\s]\d{{3}})+|\d*"
+    form = rf"[+-]?(?:{groups})(?:\{mark}\d*)?(?:[eE][+-]?\d+)?"
+    if text.empty or not text.str.fullmatch(form).all():
         return column
-    return pd.to_numeric(
-        column.astype("string")
-        .str.replace(rf"[{other}'’\s]", "", regex=True)
-        .str.replace(mark, ".")
-    )
+    text = text.str.replace(rf"[{other}'’\s]", "", regex=True).str.replace(mark, ".")
+    numbers = text.map(float)
+    return numbers.reindex(column.index) if np.isfinite(numbers).all() else column
 
 
 def _is_unnamed(name):

@@ -105,7 +105,7 @@ def inspect_recording(path, **reading):
     if {"drive", "response"} <= roles.keys():
         X, y = _read(path, reading | roles, faults)
     records = _records(X, y, faults)
-    return RecordingOverview(name, columns, records, tuple(faults), X, y)
+    return RecordingOverview(name, columns, records, tuple(dict.fromkeys(faults)), X, y)
 
 
 def _records(X, y, faults):
