@@ -11,15 +11,15 @@ from ..control import InverseCompensator
 from ..datasets import from_rest_to_rest
 from ..exceptions import ReachWarning
 from ..persistence import load_model
-from ..records import read_records, record_slices
+from ..records import read_records, record_slices, resample_records
+from ._reading_options import cell_options
 
 
 def compensate(options):
     """Write the drive, and report the error of the model's response."""
     check_outputs([options.output], [options.model, options.file], force=options.force)
     model = load_model(options.model, options.trust)
-    columns = {"drive": options.reference, "time": options.time, "time_unit": options.time_unit}
-    X, _ = read_records(options.file, **columns)
+    X = _reference(options)
     reference = X.iloc[:, 0]
     intervals = _intervals(X)
     fitted = None if options.no_limits else "fit"
@@ -58,6 +58,19 @@ def compensate(options):
     with replacing(options.output) as (part,):
         table.drop(columns="record" if single else []).to_csv(part, index=False)
     print(f"written: {options.output}")
+
+
+def _reference(options):
+    """Return the reference as a frame of one column."""
+    rate, time = options.sampling_rate, options.time
+    columns = {
+        "drive": options.reference,
+        "time": 0 if time is None and rate is None else time,
+        "time_unit": options.time_unit,
+        "sampling_rate": rate,
+    }
+    X, _ = read_records(options.file, **columns, **cell_options(options))
+    return X if options.resample is None else resample_records(X, dt=options.resample)
 
 
 def _intervals(X):

@@ -171,7 +171,7 @@ def _reading(options, recordings):
         reading["auxiliary"] = [*options.auxiliary, options.reference]
     for path in recordings:
         try:
-            find_columns(path, reading, ask=_asks(options))
+            find_columns(path, reading, options, ask=_asks(options))
             break
         except (RecordError, OSError) as error:
             failure = error

@@ -5,7 +5,7 @@ import shlex
 
 _NAMES = "|".join(
     [
-        *("drive", "response", "time_unit", "sampling_rate", "on_missing", "missing_code"),
+        *("drive", "response", "time", "time_unit", "sampling_rate", "on_missing", "missing_code"),
         *("delimiter", "decimal", "resample"),
     ]
 )
@@ -13,19 +13,28 @@ _GIVEN = re.compile(rf"\b({_NAMES})=('[^']*'|[\w.-]*\w)")
 _REPLACED = (
     (r"call skhyst\.records\.resample_records, which EffectSearchCV does with", "interpolate with"),
     (r"( If the rows [^:]*:)? Use a splitter .*? as its resource\.?", ""),  # of Python alone
+    (r" \(the '(\w+)' parameter of read_records, --\1 on the command line\)", r" (--\1)"),
+    (
+        r"'(\w+)' parameter of read_records must be None where 'time'",
+        r"'\1' must be left out if 'time'",
+    ),
+    (r"'(\w+)' parameter of read_records must", r"'\1' must"),
 )
 _NAMED = re.compile(r"'(time_unit|sampling_rate|on_missing|missing_code)'")  # not names of columns
 
 
-def as_options(text):
-    """Return a message with its parameters as options, ``time_unit='ms'`` as ``--time-unit ms``."""
+def as_options(text, command):
+    """Return a message with its parameters as options, ``time_unit='ms'`` as ``--time-unit ms``.
+
+    ``command`` has an attribute for each option of the command that is running. An option that it
+    does not have is named with the command that has it, ``skhyst diagnose``.
+    """
+
+    def option(found):
+        name, *value = found.groups()
+        words = [f"--{name.replace('_', '-')}", *(shlex.quote(own.strip("'")) for own in value)]
+        return " ".join(words if hasattr(command, name) else ["skhyst diagnose", *words])
+
     for pattern, words in _REPLACED:
         text = re.sub(pattern, words, text)
-    return _NAMED.sub(_option, _GIVEN.sub(_option, text))
-
-
-def _option(found):
-    name, *value = found.groups()
-    return " ".join(
-        [f"--{name.replace('_', '-')}", *(shlex.quote(given.strip("'")) for given in value)]
-    )
+    return _NAMED.sub(option, _GIVEN.sub(option, text))

@@ -398,7 +398,7 @@ def _left_over(role, signals, found):
 
 
 def _either_causes(found):
-    """Whether the drive is a force and the response a motion, neither of them given as the cause."""
+    """Whether the drive is a force and the response a motion, neither given as the cause."""
     drive, response = (found.get(role) for role in ("drive", "response"))
     if not (drive and response and drive[0].is_force):
         return False

@@ -19,6 +19,10 @@ _HEADS = 8  # repeated lines that are tried as names
 _LINE = re.compile(r"[^\r\n]+")
 _ARRIVED = re.compile(r"^(\d\d:\d\d:\d\d[.,]\d+) -> (?=.*?([;\t,]|$))", re.MULTILINE)
 _MARK = re.compile(r"[\W_]*(run|test|trial|record)?[\W_]*(\d{1,3}|(?<![^\W_])[a-h])?$")  # of a run
+_TITLE = re.compile(
+    r"^\W*(run|record|recording|trial|test|sweep|measurement|messung)[ _#.:]*\w{1,8}\W*$",
+    re.IGNORECASE | re.MULTILINE,
+)
 _NOWHERE = "\x1f"  # a delimiter that no text has
 _IDEOGRAPHS = "\u3005\u4e00-\u9fff"
 _SCRIPTS = {  # encodings that are tried: letters of the script
@@ -40,8 +44,8 @@ def parse_table(text, delimiter=None, decimal=None):
     The numbers may follow a preamble, a line of names and a line of units, and be followed by a
     footer of text. Without a line of names, names are the positions; without units, these are "";
     the interval in s is None if the preamble does not contain it. There is more than one table if
-    the line of names is repeated, below its rows or next to itself. Columns are floats or objects
-    (text).
+    the line of names is repeated, below its rows or next to itself, or if a line such as "Run 2"
+    stands between rows. Columns are floats or objects (text).
     """
     # a serial monitor writes "12:00:00.123 -> " before each line
     text = _ARRIVED.sub(lambda found: found[1] + (delimiter or found[2] or " "), text)
@@ -49,6 +53,8 @@ def parse_table(text, delimiter=None, decimal=None):
     begins = [found.start() for found in re.finditer(head, text, re.MULTILINE)] if head else []
     ends = [*begins[1:], len(text)]
     blocks = [text[start:end] for start, end in zip([0, *begins[1:]], ends, strict=True)]
+    if len(blocks) == 1:
+        blocks = _titled(text, delimiter, decimal)
     tables = []
     for block in blocks:
         if block is blocks[0] or len(_lines(block, 0, _SAMPLE)) > 1:  # names without rows
@@ -70,6 +76,22 @@ def _head_of(text, delimiter, decimal):
         if at is not None and (stop == len(lines) or lines[stop] == lines[at]):
             return rf"^{re.escape(lines[at])}\s*$"
     return ""
+
+
+def _titled(text, delimiter, decimal):
+    """Return the parts of a text between lines such as "Run 2", each below the first's head."""
+    titles = [*_TITLE.finditer(text)]
+    for number, title in enumerate(titles):
+        try:
+            layout, begin, _ = _table(text[: title.start()], delimiter, decimal)
+        except RecordError:  # the title of the first
+            continue
+        if layout.n_rows > 1:
+            starts = [title.end() for title in titles[number:]]
+            ends = [*(title.start() for title in titles[number + 1 :]), len(text)]
+            parts = [text[start:end] for start, end in zip(starts, ends, strict=True)]
+            return [text[: title.start()], *(text[:begin] + part for part in parts)]
+    return [text]
 
 
 def _side_by_side(names, units, columns, interval):

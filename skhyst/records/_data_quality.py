@@ -16,11 +16,11 @@ from ._index import first_of_equals, record_names
 
 _ADVICE = {
     "outlier": "treat the rows as missing readings, or use a robust loss",
-    "lost_reading": "read the file with missing_code= and on_missing='interpolate' or 'drop'",
+    "lost_reading": "give its value as missing_code (--missing-code) and set on_missing (--on-missing)",
     "stuck_sensor": "leave these rows out: the sensor gave one reading while the drive moved",
     "clipped_range": "choose a larger range of the converter, or leave these samples out",
     "wrapped_reading": "unwrap the reading, as np.unwrap(y, period=value) does",
-    "clock_jitter": "resample with skhyst.records.resample_records",
+    "clock_jitter": "resample with skhyst.records.resample_records (--resample)",
     "lost_samples": "start a new record at each of these rows; a time index would show the gap",
     "lost_rows": "nothing to do: models simulate through them, and they are not scored",
     "repeated_record": "leave it out: it is equal to an earlier one to the last bit",
