@@ -201,7 +201,9 @@ def _columns(files):
         unit = clock.selectbox(FIELDS["time_unit"], known)
         reading["time_unit"] = None if unit == known[0] else unit
     else:
-        label, about = f"{FIELDS['sampling_rate']} (Hz)", "as in the file, if given"
+        known = [f"{1.0 / dt:g}" for dt in dict.fromkeys(c.interval for c in columns) if dt]
+        label = f"{FIELDS['sampling_rate']} (Hz)"
+        about = f"{' or '.join(known)}, as in the file" if known else "not in the file"
         rate = clock.number_input(label, 0.0, value=None, format="%g", placeholder=about)
         reading["sampling_rate"] = rate or None
     open_ = [role for role in ("drive", "response") if role not in reading]

@@ -33,7 +33,9 @@ class ColumnOverview:
     low, high : float
         Range of the readings, NaN if there are none.
     outline : ndarray of shape (n_parts, 2)
-        Smallest and largest reading of each of up to 80 consecutive parts, for a thumbnail.
+        Smallest and largest reading of each of up to 200 consecutive parts, for a thumbnail.
+    interval : float or None
+        Sampling interval in s, if the file gives it apart from a column of times.
 
     See Also
     --------
@@ -48,6 +50,7 @@ class ColumnOverview:
     low: float
     high: float
     outline: np.ndarray = field(repr=False, compare=False)
+    interval: float | None = None
 
     def __str__(self):
         span = f"{self.low:g} to {self.high:g}" if self.low <= self.high else "no numbers"
@@ -73,10 +76,11 @@ def inspect_columns(path, **reading):
     }
     columns, signals = [], {}
     for place in long_columns(group)[:_MOST]:
-        values = load_column(source, group, place.position).values
+        column = load_column(source, group, place.position)
+        values = column.values
         known = recognised.get(place.name) or recognised.get(place.full_name)
         role, reason = known or ("", "not used")
-        columns.append(_overview(source, place.name, role, reason, values))
+        columns.append(_overview(source, place.name, role, reason, values, column.interval))
         signals[place.name] = role, values
     faults += _faults_of_columns(source, signals)
     addresses = {role: column for role, (column, _) in roles.items()}
@@ -95,7 +99,7 @@ def _roles(source, variables, reading, faults):
     return known | {role: (column.column, column.reason) for role, column in recognised.items()}
 
 
-def _overview(source, name, role, reason, values):
+def _overview(source, name, role, reason, values, interval):
     try:
         readings = numbers(source, name, values)
         readings = readings[np.isfinite(readings)]
@@ -104,7 +108,8 @@ def _overview(source, name, role, reason, values):
     span = (readings.min(), readings.max()) if readings.size else (np.nan, np.nan)
     parts = [p for p in np.array_split(readings, _PARTS) if p.size]
     outline = np.array([(p.min(), p.max()) for p in parts]).reshape(-1, 2)
-    return ColumnOverview(name, role, reason, str(values.dtype), *map(float, span), outline)
+    kind = str(values.dtype)
+    return ColumnOverview(name, role, reason, kind, *map(float, span), outline, interval)
 
 
 def _faults_of_columns(source, signals):
