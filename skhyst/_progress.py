@@ -58,9 +58,18 @@ class Progress:
     remaining: float | None = None
 
     def __str__(self):
-        left = "" if self.remaining is None else f", about {self.remaining:.0f} s left in this step"
+        left = "" if self.remaining is None else f", {_roughly(self.remaining)} left in this step"
         step = "comparing models" if self.round is None else f"round {self.round}"
         return f"{step}: {self.trying or 'step done'} ({self.done} of {self.total}){left}"
+
+
+def _roughly(seconds):
+    """Write a time that is known to a digit at most."""
+    if seconds < 10.0:
+        return "a few seconds"
+    if seconds < 90.0:
+        return f"about {10.0 * round(seconds / 10.0):.0f} s"
+    return f"about {seconds / 60.0:.0f} min"
 
 
 @contextmanager

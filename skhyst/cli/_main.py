@@ -149,7 +149,9 @@ def _add_next(commands):
 def _add_reading(parser, nargs=1):
     """Add the recordings, and the options of reading them."""
     add = parser.add_argument
-    known = "csv, txt, lvm, asc, xlsx, mat, npy, npz, json, hdf5, parquet, feather, tdms, wav"
+    known = (
+        "csv, txt, lvm, asc, xlsx, mat, npy, npz, json, jsonl, hdf5, parquet, feather, tdms, wav"
+    )
     add("files", type=Path, nargs=nargs, metavar="file", help=f"recording: {known}")
     one = "the files hold columns of one recording, side by side"
     add("--join", action="store_true", help=one)

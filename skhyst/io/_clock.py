@@ -86,7 +86,7 @@ def times(path, column, unit):
     # a comma is a decimal one, which pandas would leave out
     clock = pd.to_timedelta(column.map(_with_point, na_action="ignore"), errors="coerce")
     if clock.notna().any() and (clock.notna() | column.isna()).all():
-        return pd.TimedeltaIndex(clock)
+        return _over_midnight(pd.TimedeltaIndex(clock))
     with reading(path):
         try:
             dates = pd.to_datetime(column, format="ISO8601", utc=True)
@@ -100,6 +100,17 @@ def times(path, column, unit):
                     f"(hh:mm:ss.fff). It starts with {first!r} instead"
                 ) from error
     return pd.DatetimeIndex(dates).tz_localize(None)
+
+
+def _over_midnight(clock):
+    """Return times of day with a day added where the next sample is that of the next day."""
+    steps, day = np.diff(clock.to_numpy()), np.timedelta64(1, "D")
+    forward = steps[steps > np.timedelta64(0)]
+    if not forward.size or clock.max() >= day:
+        return clock
+    interval = np.median(forward)
+    days = np.cumsum(np.append(False, np.abs(steps + day - interval) <= JITTER * interval))
+    return clock + days * day
 
 
 def _with_point(cell):

@@ -75,6 +75,14 @@ def without_unit(name):
     return _BEHIND.sub("", _BRACKETED.sub("", name)).strip()
 
 
+def is_time(name):
+    """Whether a name is a word for the time, or ends with a unit of time."""
+    try:
+        return bool(time_unit_of(name) or re.fullmatch(TIME, without_unit(name).lower()))
+    except ValueError:
+        return False
+
+
 def time_unit_of(name):
     """Return the unit of time in a column's name, in brackets or as its last word, or "".
 

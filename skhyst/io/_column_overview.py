@@ -6,6 +6,7 @@ from itertools import combinations
 import numpy as np
 
 from ..exceptions import RecordError
+from ._column_names import is_time
 from ._file_columns import as_columns, load_column, long_columns, numbers, record_groups
 from ._formats import opened
 from ._recognise import ROLES, roles_and_questions
@@ -129,6 +130,8 @@ def _faults_of_columns(source, signals):
         elif role == "response":
             yield from _clipped(name, known)
     for (name, values), (other, others) in combinations(readings.items(), 2):
+        if is_time(name) and is_time(other):  # each signal may have its own
+            continue
         if np.array_equal(values, others, equal_nan=True) and np.ptp(values) > 0.0:
             yield f"{name!r} and {other!r} are the same signal."
 

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import RecordError
-from ._column_names import without_unit
+from ._column_names import is_time, without_unit
 from ._formats import reading
 from ._missing import marks_missing
 
@@ -178,11 +178,12 @@ def long_columns(variables):
     """Return the places of all columns that have the length of the longest column.
 
     If several groups have a column of the same name, the first is returned, addressed by the name,
-    unless each group consists of one column: then the groups are channels, not records.
+    unless each group consists of one column, or of one and its time: then the groups are channels,
+    not records.
     """
     usable = [v for v in variables if v.shape and len(v.shape) <= 2 and not v.refused]
     longest = max((_length(v.shape) for v in usable), default=0)
-    sizes = Counter(v.group for v in usable)
+    sizes = Counter(v.group for v in usable if not is_time(v.bare))
     repeats = Counter(v.bare for v in usable if sizes[v.group] > 1)
     places, position = {}, 0
     for variable in (v for v in usable if _length(v.shape) == longest):

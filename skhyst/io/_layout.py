@@ -40,7 +40,9 @@ _SPELLED = {  # as instruments write them
 _NAMES_OF = re.compile(r"(trace|signal|channel|column)?[ _]?names?|signal", re.IGNORECASE)
 _MARK = re.compile(r"\W*(data|end[ _]?(of[ _]?)?header)\W*", re.IGNORECASE)
 _NUMBERED = re.compile(r"name[ _]?(\d+)\s*[=:]\s*(.+)", re.IGNORECASE)
-_UNITS_OF = re.compile(r"((vert(ical)?|[vy]_?)[ _]?)?units?([ _]label)?", re.IGNORECASE)
+_UNITS_OF = re.compile(
+    r"((vert(ical)?|[vy]_?|trace|signal|channel)[ _]?)?units?([ _]label)?", re.IGNORECASE
+)
 _UNIT_OF_TIME = re.compile(r"(horizontal|[hx]_?)[ _]?units?([ _]label)?", re.IGNORECASE)
 _NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 _INTERVAL = re.compile(

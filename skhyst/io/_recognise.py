@@ -198,6 +198,12 @@ def roles_and_questions(path, variables, roles, others=(), *, timed):
             found[role], candidates[role] = _left_over(role, signals, found)
             if found[role] is None:
                 candidates.setdefault(role, [])
+    open_ = [role for role in asked if not found[role]]
+    signals_left = {c.name for role in open_ for c in candidates[role]}
+    only = signals_left.pop() if len(open_) == 2 and len(signals_left) == 1 else None
+    if only is not None:
+        for role in open_:
+            del candidates[role], found[role]
     questions = [
         _question(path, group, role, candidates[role])
         for role in candidates
@@ -211,6 +217,11 @@ def roles_and_questions(path, variables, roles, others=(), *, timed):
     }
     if _either_causes(found):
         columns["drive"] = replace(columns["drive"], doubt=_doubt(columns))
+    if only is not None:
+        questions.append(
+            f"In {path.name} {only!r} is the only signal: a drive and a response are needed. "
+            "Columns in several files are joined by join_files (--join on the command line)."
+        )
     if questions and columns:
         known = ", ".join(f"{role} {column.name!r}" for role, column in columns.items())
         questions.append(f"Recognised: {known}.")

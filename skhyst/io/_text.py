@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import RecordError
-from ._column_names import TIME, time_unit_of, without_unit
+from ._column_names import is_time, without_unit
 from ._layout import BEYOND, fields, find_layout, is_assignment
 from ._missing import marks_missing
 
@@ -23,6 +23,9 @@ _TITLE = re.compile(
     r"^\W*(run|record|recording|trial|test|sweep|measurement|messung)[ _#.:]*\w{1,8}\W*$",
     re.IGNORECASE | re.MULTILINE,
 )
+_PREAMBLE = 50  # lines above labelled readings
+_LABEL = re.compile(r"([^\W\d]\w*)[ ]?[:=][ ]?([-+.\d][^\s,;]*)")
+_LABELS = re.compile(rf"\s*{_LABEL.pattern}(?:[\s,;]+{_LABEL.pattern})+[\s,;]*")
 _NOWHERE = "\x1f"  # a delimiter that no text has
 _IDEOGRAPHS = "\u3005\u4e00-\u9fff"
 _SCRIPTS = {  # encodings that are tried: letters of the script
@@ -49,6 +52,7 @@ def parse_table(text, delimiter=None, decimal=None):
     """
     # a serial monitor writes "12:00:00.123 -> " before each line
     text = _ARRIVED.sub(lambda found: found[1] + (delimiter or found[2] or " "), text)
+    text = _labelled(text)
     head = _head_of(text, delimiter, decimal)
     begins = [found.start() for found in re.finditer(head, text, re.MULTILINE)] if head else []
     ends = [*begins[1:], len(text)]
@@ -60,6 +64,21 @@ def parse_table(text, delimiter=None, decimal=None):
         if block is blocks[0] or len(_lines(block, 0, _SAMPLE)) > 1:  # names without rows
             tables += _side_by_side(*_parsed(block, delimiter, decimal))
     return tables
+
+
+def _labelled(text):
+    """Return readings with their labels, as "u:1.5,x:2" for a serial plotter, as a table."""
+    if not any(_LABELS.fullmatch(line[0]) for line in islice(_LINE.finditer(text), _PREAMBLE)):
+        return text
+    lines = [line[0] for line in _lines(text, 0, len(text))]
+    rows = [_LABEL.findall(line) if _LABELS.fullmatch(line) else [] for line in lines]
+    used = [i for i, row in enumerate(rows) if row]
+    rows = rows[used[0] : used[-1] + 1]  # text may be above and below
+    names = [name for name, _ in rows[0]]
+    if any([name for name, _ in row] != names for row in rows):
+        return text
+    values = ["\t".join(value for _, value in row) for row in rows]
+    return "\n".join(["\t".join(names), *values])
 
 
 def _head_of(text, delimiter, decimal):
@@ -104,7 +123,7 @@ def _side_by_side(names, units, columns, interval):
     for shown, least in (([names[i] for i in used], 2), (bare, 3)):
         widths = (n for n in range(least, len(shown) // 2 + 1) if len(shown) % n == 0)
         width = next((n for n in widths if shown == shown[:n] * (len(shown) // n)), None)
-        if width and len(set(shown[:width])) == width and (least == 2 or _is_time(shown[0])):
+        if width and len(set(shown[:width])) == width and (least == 2 or is_time(shown[0])):
             break
     else:
         return [(*_without_copies(names, units, columns), interval)]
@@ -118,10 +137,6 @@ def _side_by_side(names, units, columns, interval):
             (first, [units[i] for i in group], [columns[i][:stop] for i in group], interval)
         )
     return tables
-
-
-def _is_time(name):
-    return bool(time_unit_of(name) or re.fullmatch(TIME, name))
 
 
 def _without_copies(names, units, columns):

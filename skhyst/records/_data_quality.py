@@ -16,7 +16,7 @@ from ._index import first_of_equals, record_names
 
 _ADVICE = {
     "outlier": "treat the rows as missing readings, or use a robust loss",
-    "lost_reading": "give its value as missing_code (--missing-code) and set on_missing (--on-missing)",
+    "lost_reading": "read it again with its value as missing_code (--missing-code), and on_missing",
     "stuck_sensor": "leave these rows out: the sensor gave one reading while the drive moved",
     "clipped_range": "choose a larger range of the converter, or leave these samples out",
     "wrapped_reading": "unwrap the reading, as np.unwrap(y, period=value) does",
