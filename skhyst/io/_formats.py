@@ -424,13 +424,7 @@ def _read_json(path):
     except json.JSONDecodeError:  # a record in each line
         content = [json.loads(line) for line in data.splitlines() if line.strip()]
     content = [content] if isinstance(content, dict) and path.suffix in _LINES else content
-    if isinstance(content, list) and content and all(isinstance(row, dict) for row in content):
-        content = [_flat(row) for row in content]
-        names = dict.fromkeys(name for row in content for name in row)
-        if len(names) * len(content) > path.stat().st_size:  # a reading takes at least one byte
-            raise RecordError(f"its {len(content)} rows share few of {len(names)} names")
-        content = {name: [row.get(name) for row in content] for name in names}
-    return _json_variables("", content)
+    return _json_variables("", content, path.stat().st_size)
 
 
 def _flat(row):
@@ -442,12 +436,19 @@ def _flat(row):
     return flat
 
 
-def _json_variables(name, content, group=""):
+def _json_variables(name, content, size, group=""):
+    """Return the variables of a part of a file of ``size`` bytes."""
+    if isinstance(content, list) and content and all(isinstance(row, dict) for row in content):
+        content = [_flat(row) for row in content]
+        names = dict.fromkeys(key for row in content for key in row)
+        if len(names) * len(content) > size:  # a reading takes at least one byte
+            raise RecordError(f"its {len(content)} rows share few of {len(names)} names")
+        content = {key: [row.get(key) for row in content] for key in names}
     if isinstance(content, dict):
         return [
             variable
             for key, value in content.items()
-            for variable in _json_variables(_join(name, key, "."), value, name)
+            for variable in _json_variables(_join(name, key, "."), value, size, name)
         ]
     try:
         values = np.asarray(content, dtype=float)

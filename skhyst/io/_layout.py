@@ -175,6 +175,8 @@ class Layout:
         width, first = len(self.form), self.first
         while first and len(self.rows[first - 1]) == width:
             first -= 1
+        while first < self.first and _UNITS_OF.fullmatch(self.rows[first][0]):
+            first += 1  # a line with its key is not the first of the lines on each column
         block = self.rows[first : self.first]
         if len(block) < 3 or not all(block[0]) or not _are_names(block[0]):
             return None
@@ -182,9 +184,10 @@ class Layout:
         return block[0], [_bare_unit(field) for field in units]
 
     def _keyed_units(self, width):
-        """Return the units in lines above the names, such as "Vertical Units,V,V"."""
+        """Return the units in lines above the names, as "Vertical Units,V,V" or CH1:V,CH2:V."""
         units = [""] * width
         for row in self.rows[: self.first]:
+            row = [row[0], *(field.rpartition(":")[2] for field in row[1:])]
             values = [field for field in row[1:] if field]
             cells = row[1:width] if len(row) >= width else values
             if _UNIT_OF_TIME.fullmatch(row[0]) and values and _are_units(values[:1]):

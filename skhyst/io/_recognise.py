@@ -62,6 +62,7 @@ _CLOCK = re.compile(r"(\d+[./-]\d+[./-]\d+[T ])?\d+:\d\d(:\d\d([.,]\d+)?)?Z?( [A
 _RECORD = "record|run|recording|trial|segment"
 _MOST_RESTARTS = 0.1  # largest fraction of rows at which time restarts or a record label changes
 _SHOWN = 20  # candidates that an error message lists
+_JOIN = "Columns in several files are joined by join_files (--join on the command line)."
 _NAMED, _LEFT = "by its name", "the only other column that moves"
 _ALLOWED = "the only one left that its name allows"
 
@@ -199,9 +200,9 @@ def roles_and_questions(path, variables, roles, others=(), *, timed):
             if found[role] is None:
                 candidates.setdefault(role, [])
     open_ = [role for role in asked if not found[role]]
-    signals_left = {c.name for role in open_ for c in candidates[role]}
-    only = signals_left.pop() if len(open_) == 2 and len(signals_left) == 1 else None
-    if only is not None:
+    left = {c.name for role in open_ for c in candidates[role]}
+    too_few = len(open_) == 2 and len(left) < 2
+    if too_few:
         for role in open_:
             del candidates[role], found[role]
     questions = [
@@ -217,10 +218,12 @@ def roles_and_questions(path, variables, roles, others=(), *, timed):
     }
     if _either_causes(found):
         columns["drive"] = replace(columns["drive"], doubt=_doubt(columns))
-    if only is not None:
+    if too_few:
         questions.append(
-            f"In {path.name} {only!r} is the only signal: a drive and a response are needed. "
-            "Columns in several files are joined by join_files (--join on the command line)."
+            f"In {path.name} {left.pop()!r} is the only signal: a drive and a response are needed. "
+            f"{_JOIN}"
+            if left
+            else f"In {path.name} no column is a signal. {listed_variables(group)}"
         )
     if questions and columns:
         known = ", ".join(f"{role} {column.name!r}" for role, column in columns.items())
@@ -427,8 +430,9 @@ def _doubt(columns):
 
 
 def _question(path, variables, role, candidates):
+    if not candidates:
+        listed = listed_variables(variables)
+        return f"In {path.name} no column is left for the {role}. {listed} {_JOIN}"
     shown = ", ".join(repr(c.name) for c in candidates[:_SHOWN])
     may_be = "more than one column may be" if len(candidates) > 1 else "no column is known to be"
-    return f"In {path.name} {may_be} the {role}: pass {role}=NAME. Candidates: " + (
-        f"{shown}." if shown else f"none is left. {listed_variables(variables)}"
-    )
+    return f"In {path.name} {may_be} the {role}: pass {role}=NAME. Candidates: {shown}."

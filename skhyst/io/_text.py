@@ -23,6 +23,7 @@ _TITLE = re.compile(
     r"^\W*(run|record|recording|trial|test|sweep|measurement|messung)[ _#.:]*\w{1,8}\W*$",
     re.IGNORECASE | re.MULTILINE,
 )
+_WRAPPED = re.compile(r"^[ \t]*[(\[][ \t]*([-+.\d][^()\[\]\r\n]*)[)\]],?[ \t]*$", re.MULTILINE)
 _PREAMBLE = 50  # lines above labelled readings
 _LABEL = re.compile(r"([^\W\d]\w*)[ ]?[:=][ ]?([-+.\d][^\s,;]*)")
 _LABELS = re.compile(rf"\s*{_LABEL.pattern}(?:[\s,;]+{_LABEL.pattern})+[\s,;]*")
@@ -52,7 +53,7 @@ def parse_table(text, delimiter=None, decimal=None):
     """
     # a serial monitor writes "12:00:00.123 -> " before each line
     text = _ARRIVED.sub(lambda found: found[1] + (delimiter or found[2] or " "), text)
-    text = _labelled(text)
+    text = _labelled(_WRAPPED.sub(r"\1", text))
     head = _head_of(text, delimiter, decimal)
     begins = [found.start() for found in re.finditer(head, text, re.MULTILINE)] if head else []
     ends = [*begins[1:], len(text)]
