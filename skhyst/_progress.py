@@ -87,7 +87,8 @@ def watched(name, verbose, on_progress):
             nonlocal step, first
             now = time.perf_counter()
             step, first = (step, first) if done > 1 else (now, done)
-            left = (now - step) * (total - done) / (done - first) if done > first else None
+            speed = (done - first) / (now - step) if done > first else 0.0
+            left = 0.0 if done and done == total else (total - done) / speed if speed else None
             for observer in observers:
                 observer(Progress(round, trying, done, total, now - begin, text, left))
 

@@ -122,7 +122,10 @@ class Layout:
             return [""] * width, [""] * width
         last, above = fitting[0], fitting[-1]
         if len(fitting) > 1 and _are_units(last) and (_are_names(above) or _are_spelled(last)):
-            return above, [_bare_unit(field) for field in last]
+            keyed = self._keyed_units(width)  # above a row of "Second,Value,Value"
+            return above, [
+                _bare_unit(field) or unit for field, unit in zip(last, keyed, strict=True)
+            ]
         return last, self._keyed_units(width)
 
     @property
