@@ -244,7 +244,7 @@ READINGS = {
     "tektronix.csv": Reading(of_maker("tektronix"), "CH1 [V]", "CH2 [V]", ("--drive", "CH1")),
     "keysight.csv": Reading(of_maker("keysight"), "1 [V]", "2 [V]", ("--drive", "1 [V]")),
     "rigol.csv": Reading(of_maker("rigol"), "CH1 [V]", "CH2 [V]", ("--drive", "CH1")),
-    "siglent.csv": Reading(of_maker("siglent"), "CH1", "CH2", ("--drive", "CH1")),
+    "siglent.csv": Reading(of_maker("siglent"), "CH1 [V]", "CH2 [V]", ("--drive", "CH1")),
     "rohde_schwarz.csv": Reading(
         of_maker("rohde_schwarz"), "C1 in V", "C2 in V", ("--drive", "C1")
     ),
