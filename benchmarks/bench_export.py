@@ -33,13 +33,15 @@ import subprocess
 import sys
 import tempfile
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from bench_stepping import C_LIMIT, PLAYS, formatted, in_c
 
-from skhyst.control import FeedforwardPI
+from skhyst.control import FeedforwardPI, InverseCompensator
 from skhyst.export import EmulatedController, program_sizes, to_c, to_fmu, to_structured_text
+from skhyst.export._content import whole_limits
 from skhyst.hysteresis import BoucWenOperator, PrandtlIshlinskiiOperator
 from skhyst.operators import RootInverseOperator, Stepper, inverse_of
 
@@ -142,9 +144,11 @@ def in_type(system, dtype, folder, name):
     error = np.abs(found - y).max() / unit
     if not system.is_inverse:
         return error, tolerance, 0.0, 0.0
-    sign = 1.0 - 2.0 * (np.arange(len(u)) % 2)
-    moved = [system.effect(y + s * of_y) for s in (sign[: len(y)], -sign[: len(y)], 1.0, -1.0)]
-    moved += [system.effect(system.answers(u + s * of_u)) for s in (sign, -sign, 1.0, -1.0)]
+    n = np.arange(len(u))
+    signs = [1.0 - 2.0 * (n // period % 2) for period in (1, 2, len(u))]  # slopes are over two, too
+    signs += [-sign for sign in signs]
+    moved = [system.effect(y + sign[: len(y)] * of_y) for sign in signs]
+    moved += [system.effect(system.answers(u + sign * of_u)) for sign in signs]
     effects = np.abs([system.effect(found), *moved] - system.effect(y)).max(axis=1) / effect_unit
     return error, tolerance, effects[0], 2.0 * effects[1:].max()
 
@@ -208,6 +212,7 @@ def in_integers(stepper, u, folder, name):
     row = stepper.compiled_step.n_inputs is not None
     respond = lambda u: stepper.copy().run(u if row else u[:, 0])  # noqa: E731
     unit, of_y = ((np.ptp(x) or 1.0) / COUNTS for x in (u, respond(u)))
+    stepper = whole_limits(stepper, of_y)
     options = {"drive": u, "input_unit": unit, "output_unit": of_y, "u0": u[0]}
     header, _, test = to_c(stepper, folder, name, "int32", **options)
     *branches, others = re.search(BRANCHES, test.read_text()).groups()
@@ -242,7 +247,7 @@ def devices():
 
     from skhyst.autoregressive import NARMAXRegressor, NARXRegressor
     from skhyst.compose import Cascade, ModalFeedback, Modulated, Sum
-    from skhyst.control import InverseCompensator, Observer
+    from skhyst.control import Observer
     from skhyst.hysteresis import (
         BoucWen,
         CoulombFriction,
@@ -549,10 +554,14 @@ def main():
         checks[check]()
 
 
+def _response(operator, at_rest, drive):
+    return operator.run(drive, 1e-3, at_rest)[0]
+
+
 def everything(every):
     """Yield name, stepper at rest, input from there, and whether it is an inverse, of all programs.
 
-    Last comes the effect of the drive of an inverse without a preview, else None.
+    Last comes the effect of the drive of an inverse or compensator without a preview, else None.
     """
     for system in systems(every):
         name = f"{system.name}{', inverse' * system.is_inverse}"
@@ -560,7 +569,13 @@ def everything(every):
         yield name, system.stepper, system.u, system.is_inverse, effect
     for name, device, u in itertools.islice(devices(), 0, None, every):
         u = np.append(0.0 * u[:1], u, axis=0)
-        yield name, device.stepper(1e-3), u, "compensator" in name, None
+        stepper = device.stepper(1e-3)
+        effect = None
+        if isinstance(device, InverseCompensator) and not stepper.preview:
+            operator = device.model_.operator_
+            at_rest = operator.init(float(stepper.copy().step(0.0)))
+            effect = partial(_response, operator, at_rest)
+        yield name, stepper, u, "compensator" in name, effect
 
 
 def check_integers(every):

@@ -8,6 +8,7 @@ entry.
 
 import re
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 _ENTRY = re.compile(r"^@\w+\{(\w+),\n(.*?)^\}", re.MULTILINE | re.DOTALL)
@@ -28,10 +29,10 @@ class Reference:
         """The citation as text."""
         return f"{self.authors}, *{self.container}*, {self.year}"
 
-    @property
+    @cached_property
     def pattern(self):
         """The citation as a regular expression, wherever its lines break."""
-        return re.escape(self.citation).replace(r"\ ", r"\s+")
+        return re.compile("(" + re.escape(self.citation).replace(r"\ ", r"\s+") + ")")
 
 
 def read_references(path=Path(__file__).parent / "references.bib"):
@@ -56,5 +57,6 @@ def _authors(names):
 def add_keys(text, references):
     """Return a text with the keys of the bibliography after its citations."""
     for reference in references.values():
-        text = re.sub(f"({reference.pattern})", rf"\1 :cite:`{reference.key}`", text)
+        if reference.year in text:  # next to all texts cite nothing
+            text = reference.pattern.sub(rf"\1 :cite:`{reference.key}`", text)
     return text

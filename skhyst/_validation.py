@@ -7,6 +7,7 @@ from reprlib import repr as shortened
 import numpy as np
 import pandas as pd
 from scipy.special import chdtrc, factorial, lambertw
+from sklearn.base import RegressorMixin
 from sklearn.frozen import FrozenEstimator
 from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import (
@@ -19,7 +20,7 @@ from sklearn.utils.validation import (
 
 from ._sklearn import StrOptions, check_sample_weight, validate_parameter_constraints
 from .exceptions import ConvergenceWarning, ExtrapolationWarning, RecordError
-from .io import symbol_of
+from .io import are_swapped, symbol_of
 from .records import MISMATCH, chosen_interval, record_slices, refuse_lost_index
 
 # Largest value and, inverted, the smallest, unless an estimator has its own `largest_value`: the
@@ -33,6 +34,9 @@ _DRAWN = 0.05  # fraction of repeated rows above which they may be a draw with r
 # Fraction of the range of a fit by which a drive may leave it without a warning. Of two records of
 # one Gaussian drive, 300 to 1000 independent samples each, one in ten goes that much further.
 _FURTHER = 0.15
+# Of a linear model, whose response grows with its drive: nearer to another unit, which is a factor
+# of 1000, than to that of the fit.
+_OTHER_UNIT = np.sqrt(1e3)
 _TOO_FAR = (
     "The largest value of {} is {:g}, too far from one to calculate with: choose another unit."
 )
@@ -57,7 +61,8 @@ def read_data(estimator, X, *y, reset, dt=None, bridge=False):
     refuse_extreme(drive, response, _largest_value(estimator))
     slices = read_slices(estimator, X, *y, reset=reset, dt=dt, bridge=bridge)
     if reset:
-        estimator._response_units = _units(*y)
+        _warn_of_swapped_names(estimator, *y)
+        estimator._response_range = float(response.min()), float(response.max())
         if not _is_memoryless(estimator):
             refuse_drawn(X, drive, array, response)
             _warn_of_shuffled_rows(X, drive, response)
@@ -280,13 +285,34 @@ def _refuse_other_interval(estimator, dt, counted, known):
                 f"The 'dt' parameter of {kind} must be that of the fit, {fitted_dt:g} {unit}, or "
                 f"None, for an X without a time index. Got {given:g} s instead; give X its times."
             )
-    elif unit == "s" and not _agree(dt, fitted_dt) and _counts_samples(estimator, default=False):
+    elif unit == "s" and not _agree(dt, fitted_dt):
+        if not _counts_samples(estimator, default=False):
+            _warn_of_other_time(estimator, dt, fitted_dt)
+            return
         raise RecordError(
             f"The records must be sampled at {fitted_dt:g} s, as those of the fit: {kind} counts "
             f"samples. Got {dt:g} s instead; use skhyst.records.resample_records."
         )
     elif unit == "sample":
         _refuse_seconds(estimator, dt)
+
+
+def _warn_of_other_time(estimator, dt, fitted_dt):
+    """Warn of an interval that is that of the fit in another unit of time, if it matters."""
+    power = round(np.log10(dt / fitted_dt) / 3.0)
+    model = getattr(estimator, "model_", estimator)
+    if (
+        power
+        and _agree(dt, fitted_dt * 1e3**power)
+        and hasattr(model, "depends_on_interval")
+        and model.depends_on_interval(dt)
+    ):
+        warnings.warn(
+            f"{type(estimator).__name__} was fitted at the interval {fitted_dt:g} s. Got {dt:g} s "
+            f"instead, {1e3**power:g} times as much: are the times in another unit than s?",
+            ExtrapolationWarning,
+            stacklevel=5,
+        )
 
 
 def _refuse_seconds(estimator, dt):
@@ -380,6 +406,19 @@ def read_weights(sample_weight, X):
     """Return the weights of the samples, (n_samples,), of the rows of X; ones for None."""
     refuse_lost_index(X, sample_weight, "sample_weight")
     return check_sample_weight(sample_weight, X, dtype=float, ensure_non_negative=True)
+
+
+def with_unread(y, sample_weight):
+    """Return a response with a read value in place of NaN in rows of weight zero."""
+    if sample_weight is None or np.ndim(y) == 0 or np.shape(y)[:1] != np.shape(sample_weight):
+        return y
+    unread = pd.isna(np.asarray(y))
+    unread &= np.reshape(np.asarray(sample_weight) == 0.0, (-1, *[1] * (unread.ndim - 1)))
+    if not unread.any() or unread.all():
+        return y
+    filled = y.copy() if hasattr(y, "iloc") else np.array(y)
+    filled[unread] = np.asarray(y)[~unread][0]
+    return filled
 
 
 def drive_column(estimator):
@@ -479,8 +518,11 @@ def store_drive_range(estimator, drive, slices):
     estimator.drive_rate_ = float(max(rates))
 
 
-def warn_beyond(estimator, X, columns):
-    """Warn of a drive, or of further columns that are read, beyond those of the fit."""
+def warn_beyond(estimator, X, columns, *, linear=False):
+    """Warn of a drive, or of further columns that are read, beyond those of the fit.
+
+    Those of a ``linear`` model are told where they may be in another unit.
+    """
     drive = drive_column(estimator)
     seen = {drive: getattr(estimator, "drive_range_", (-np.inf, np.inf))}
     if hasattr(estimator, "input_range_"):  # models of earlier versions know only that of the drive
@@ -488,7 +530,7 @@ def warn_beyond(estimator, X, columns):
     names = list(getattr(estimator, "feature_names_in_", range(X.shape[1])))
     for i, (low, high) in seen.items():
         what = "drives" if i == drive else f"values of column {names[i]!r}"
-        _warn_range(estimator, what, low, high, X[:, i])
+        _warn_range(estimator, what, low, high, X[:, i], _OTHER_UNIT if linear else _FURTHER)
 
 
 def warn_schedules(estimator, operator, schedules):
@@ -506,12 +548,13 @@ def _schedule_ranges(operator):
         yield from _schedule_ranges(child)
 
 
-def _warn_range(estimator, what, low, high, values):
+def _warn_range(estimator, what, low, high, values, further=_FURTHER):
     lowest, highest = np.min(values), np.max(values)
-    if low < high and max(low - lowest, highest - high) > _FURTHER * (high - low):
+    if low < high and max(low - lowest, highest - high) > further * (high - low):
+        unit = ". Are they in the same unit?" if further == _OTHER_UNIT else "."
         warnings.warn(
             f"{type(estimator).__name__} was fitted to {what} from {low:g} to {high:g}. Got "
-            f"{lowest:g} to {highest:g} instead: the response there was not measured.",
+            f"{lowest:g} to {highest:g} instead: the response there was not measured{unit}",
             ExtrapolationWarning,
             stacklevel=4,
         )
@@ -527,6 +570,8 @@ def as_floats(estimator, X, *y, **options):
         data = validate_data(estimator, X, *y, **options)
     if not y:
         return data
+    if options.get("reset", True):
+        store_response_units(estimator, *y)
     array, response = data
     try:
         values = np.asarray(response, dtype=float)
@@ -540,10 +585,30 @@ def as_floats(estimator, X, *y, **options):
     return array, values
 
 
+def store_response_units(estimator, y):
+    """Store the unit in the name of each column of the response of a fit."""
+    estimator._response_units = _units(y)
+
+
 def _units(y):
     """Return the unit in the name of each column of a response, "" where it has none."""
     names = getattr(y, "columns", (getattr(y, "name", None),))
     return tuple(symbol_of(name) for name in names)
+
+
+def _warn_of_swapped_names(estimator, y):
+    """Warn if the names of drive and response say that each is the other."""
+    names = getattr(estimator, "feature_names_in_", None)
+    if names is None:
+        return
+    drive, response = names[drive_column(estimator)], getattr(y, "name", None)
+    if response is not None and are_swapped(drive, response):
+        warnings.warn(
+            f"{type(estimator).__name__} is fitted to the drive {drive!r} and the response "
+            f"{response!r}: have X and y been swapped?",
+            ConvergenceWarning,
+            stacklevel=5,
+        )
 
 
 def refuse_other_unit(estimator, y):
@@ -554,6 +619,36 @@ def refuse_other_unit(estimator, y):
                 f"The response must be in {own}, as in the fit of {type(estimator).__name__}. Got "
                 f"a column in {other} instead; convert it."
             )
+
+
+class ScoredMixin(RegressorMixin):
+    """A regressor whose score refuses a response in another unit, or of other rows."""
+
+    def score(self, X, y, sample_weight=None) -> float:
+        """Return R2 of the free run.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+            As for ``predict``.
+        y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+            Response.
+        sample_weight : array-like of shape (n_samples,), default=None
+            Weights.
+
+        Returns
+        -------
+        float
+
+        Raises
+        ------
+        RecordError
+            If the name of the response has another unit than that of the fit, or its index has
+            records or times that X lacks.
+        """
+        refuse_lost_index(X, y)
+        refuse_other_unit(self, y)
+        return super().score(X, y, sample_weight)
 
 
 def known_response(estimator, X, y):

@@ -13,7 +13,7 @@ from threading import Lock
 from typing import Literal, Self, overload
 
 import numpy as np
-from sklearn.base import BaseEstimator, RegressorMixin, clone
+from sklearn.base import BaseEstimator, clone
 from sklearn.utils.validation import check_is_fitted
 from threadpoolctl import ThreadpoolController
 
@@ -21,6 +21,7 @@ from ._documentation import inherit_documentation
 from ._signals import input_signals
 from ._sklearn import Interval, StrOptions, fit_context
 from ._validation import (
+    ScoredMixin,
     as_floats,
     common_parameter,
     drive_column,
@@ -34,6 +35,7 @@ from ._validation import (
     used_interval,
     warn_beyond,
     warn_schedules,
+    with_unread,
 )
 from .exceptions import (
     ConvergenceWarning,
@@ -59,6 +61,7 @@ from .optimize import (
     METHODS,
     NOISELESS,
     Method,
+    OperatorProblem,
     RecordData,
     apart_p_value,
     as_of,
@@ -70,6 +73,7 @@ from .optimize import (
     later_halves,
     record_with_history,
     start_p_value,
+    start_precision,
     with_further_starts,
     with_input_history,
 )
@@ -86,6 +90,8 @@ _NO_REST = (
     "{} has found no state of rest, as of an integrator: start with initial_state='zero', or from "
     "a known response, 'y_start' of predict"
 )
+# of the response: the square of less is lost in the rounding of a matrix of sums of squares
+_LEAST_NOISE = np.cbrt(np.finfo(float).eps)
 _MOST = 0.5  # ratio of squared errors below which a change removes more of the error than it leaves
 _NOTICEABLE = 0.05  # of the response: an error below a few per cent of it misleads nobody
 _FEW = "The records hold few independent samples, so that params_std_ is too small for"
@@ -209,7 +215,10 @@ def input_at_rest(model, u0, initial_state, caller):
 
 @dataclass(frozen=True)
 class _Run:
-    """The run of a record from an initial state, after ``skip`` samples of input history."""
+    """The run of a record from an initial state, after ``skip`` samples of input history.
+
+    ``record`` has the history, or the start values, if they are estimated.
+    """
 
     operator: Operator
     covariance: np.ndarray | None
@@ -217,6 +226,7 @@ class _Run:
     dt: float
     initial_state: str | np.ndarray  # or start values, if there is no state of rest
     skip: int = 0
+    record: RecordData | None = None
 
     def at(self, schedule):
         """Return the same run with the parameters of a record's schedule value."""
@@ -233,12 +243,16 @@ class _Run:
         return y, (state, *(last_state for _, last_state in runs))
 
     def variance(self):
-        """Return the variance of the output from the errors of the operator's values."""
+        """Return the variance of the output from the errors of all that was estimated."""
         options = {"initial_state": self.initial_state, "skip": self.skip}
+        if self.record is not None:
+            driven, _ = split_disturbances(self.operator)
+            problem = OperatorProblem(driven, [self.record])
+            options["by_start"] = problem.history_sensitivities(driven, self.record)
         return run_variance(self.operator, self.covariance, self.u, self.dt, **options)
 
 
-class ParametricModel(RegressorMixin, BaseEstimator):
+class ParametricModel(ScoredMixin, BaseEstimator):
     """Base of the models whose free run is the run of an operator.
 
     A subclass gives :meth:`starting_values`, ``operator_class``, which determines its place in a
@@ -397,6 +411,7 @@ class ParametricModel(RegressorMixin, BaseEstimator):
         -------
         self
         """
+        y = with_unread(y, sample_weight)
         data = self._read_records(X, y, sample_weight)
         # the matrices are tiny: synchronising threads costs more than they gain
         with _calculable():
@@ -1154,8 +1169,8 @@ class ParametricModel(RegressorMixin, BaseEstimator):
                 stacklevel=2,
             )
         warn_gaps(self, self.operator_, slices, known_runs)
-        if not self.operator_.signal_linear:
-            warn_beyond(self, X, self.operator_.acting_columns)
+        linear = self.operator_.signal_linear
+        warn_beyond(self, X, self.operator_.acting_columns, linear=linear)
         warn_schedules(self, self.operator_, schedules)
         y, rest = np.empty(len(signal)), [i for i in range(len(slices)) if i not in known_runs]
         if rest:
@@ -1207,22 +1222,27 @@ class ParametricModel(RegressorMixin, BaseEstimator):
             data.append(RecordData(signal[rows], response, slices[i].dt, **options))
         if not numbers:
             return {}
-        parts = [r.first_part(1 + np.flatnonzero(r.weights)[-1]) for r in data]
         # as stored by a fit; a part of a search's model has no range
         drives = np.concatenate([getattr(self, "drive_range_", ()), *(r.drive for r in data)])
         limits = drives.min(), drives.max()
         driven, additive = split_disturbances(self.operator_)
-        input_history, _ = input_history_of(driven, additive, parts, limits)
-        known = getattr(self, "covariance_", None), getattr(self, "noise_std_", None)
+        parts = [r.first_part(1 + np.flatnonzero(r.weights)[-1]) for r in data]
+        longest = max((s.n_samples for s in self.records_), default=0)
+        if driven.n_start:  # start values count by their effect on as many samples as the fit had
+            parts = [_prolonged(part, longest) for part in parts]
+        response_range = np.ptp(getattr(self, "_response_range", y[np.isfinite(y)])) or 1.0
+        covariance, noise = (getattr(self, name, None) for name in ("covariance_", "noise_std_"))
+        noise = max(noise or 0.0, _LEAST_NOISE * response_range)
+        options = {"oldest": longest // 2, "noise_std": noise, "response_range": response_range}
+        input_history, _ = input_history_of(driven, additive, parts, limits, **options)
         runs = {}
         for i, record, part, before in zip(numbers, data, parts, input_history, strict=True):
-            calibration = calibrated(
-                self.operator_, record_with_history(driven, part, before), *known
-            )
-            record = record_with_history(driven, record, before)
+            record, part = (record_with_history(driven, r, before) for r in (record, part))
+            precision = start_precision(driven, part, limits, response_range)
+            operator, own = calibrated(self.operator_, part, covariance, noise, precision)
             u, skip = record.with_history()
             state = "rest" if record.start is None else record.start
-            runs[i] = _Run(*calibration, u, record.dt, state, skip).at(record.schedule)
+            runs[i] = _Run(operator, own, u, record.dt, state, skip, record).at(record.schedule)
         return runs
 
     def depends_on_interval(self, dt) -> bool:
@@ -1508,6 +1528,14 @@ def _with_movable_positions(tree):
     if not isinstance(tree, Series | SumOperator):
         return tree
     return tree.with_stages([_with_movable_positions(stage) for stage in tree.stages])
+
+
+def _prolonged(record, n):
+    """Return a record of at least n samples, at a constant input and without a response."""
+    more = max(n - len(record.u), 0)
+    u = np.concatenate([record.u, np.repeat(record.u[-1:], more, axis=0)])
+    y, weights = np.pad(record.y, (0, more)), np.pad(record.weights, (0, more))
+    return replace(record, u=u, y=y, weights=weights, segments=())
 
 
 def _has_other_memory(operator):

@@ -1,5 +1,6 @@
 """What all tests share: threads, and measured recordings, which are not part of the project."""
 
+import gc
 import os
 
 import pytest
@@ -11,9 +12,20 @@ _SHORT = "not slow"  # the tests that run by default, as in pyproject.toml
 
 @pytest.fixture(scope="session", autouse=True)
 def one_thread():
-    """Small matrices: threads of the linear algebra would only wait for each other."""
-    with threadpool_limits(limits=1, user_api="blas"):
+    """Small matrices and trees: threads of linear algebra or OpenMP would wait for each other."""
+    with threadpool_limits(limits=1):
         yield
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Thousands of tests stay until the end: do not visit them with each collection of garbage."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_configure(config):

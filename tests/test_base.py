@@ -20,6 +20,7 @@ from sklearn.model_selection import GridSearchCV
 from sklearn.pipeline import make_pipeline
 
 import skhyst
+from skhyst.autoregressive import NARXRegressor
 from skhyst.base import ParametricModel
 from skhyst.compose import Cascade, Corrected, OnColumn, ScheduledParameters, Sum
 from skhyst.control import Observer
@@ -31,6 +32,8 @@ from skhyst.exceptions import (
     RecordError,
 )
 from skhyst.hysteresis import (
+    FreeMass,
+    FreeMassOperator,
     MaxwellSlip,
     PrandtlIshlinskii,
     PrandtlIshlinskiiOperator,
@@ -94,8 +97,9 @@ def frame(u=U, start=0.0, record=None):
 # ----------------------------------------------------------------------------------------- units
 
 
-@pytest.mark.parametrize("drive_unit", [1e-9, 1.0, 1e9])
-@pytest.mark.parametrize("response_unit", [1e-12, 1.0, 1e12])
+@pytest.mark.parametrize(
+    ("drive_unit", "response_unit"), [(1e-9, 1e12), (1e9, 1e-12), (1e-9, 1e-12)]
+)
 def test_units(model, drive_unit, response_unit):
     """Nothing but the numbers' size changes."""
     if isinstance(model, Cascade):
@@ -277,6 +281,67 @@ def test_a_known_response_that_no_start_leads_to_is_told(factor):
         observer.filter(X, factor * Y)
 
 
+STARTS = [0], [0, 1, 2, 3], list(range(80, 120))  # rows with a reading
+
+
+@pytest.mark.parametrize("rows", STARTS, ids=["one", "few", "in mid-record"])
+@pytest.mark.parametrize("name", ["lag", "mode", "mass"])
+def test_what_readings_do_not_determine_is_at_rest_and_in_the_standard_deviation(name, rows):
+    """Errors relative to it, over all rows: no reading invents a velocity, or a start before it."""
+    rng = np.random.default_rng(4)
+    u = rng.normal(size=600).cumsum() / 5.0
+    if name == "mass":  # whose motion stays in one place
+        u = np.cos(np.outer(0.02 * np.arange(600), [2.0, 3.1])) @ [1.0, 0.5]
+    plant, model = {
+        "lag": (FirstOrderLagOperator(0.2), FirstOrderLag(dt=0.02)),
+        "mode": (SecondOrderModeOperator(8.0, 0.05), TransferFunction(2, n_zeros=0, dt=0.02)),
+        "mass": (FreeMassOperator(1.0), FreeMass(dt=0.02, initial_state="estimate")),
+    }[name]
+    y = plant.run(u, 0.02)[0]
+    y += 3e-3 * np.std(y[:300]) * rng.normal(size=600)
+    model.fit(u[:300, None], y[:300])
+    late, known = y[300:], np.full(300, np.nan)
+    known[rows] = late[rows]
+    found, std = model.predict(u[300:, None], y_start=known, return_std=True)
+    assert np.mean(np.abs(found - late) < 1.96 * std) > 0.8
+    assert np.abs(found - late).max() < 4.5 * std[np.argmax(np.abs(found - late))]
+    np.testing.assert_allclose(found[rows], late[rows], atol=4.0 * model.noise_std_)
+    if len(rows) > 1:
+        return
+    if name == "mass":  # without a force it stays where it was read
+        force = model.operator_.force_offset
+        rested = model.predict(np.full((300, 1), -force), y_start=known)
+        np.testing.assert_allclose(rested, late[0], atol=4.0 * model.noise_std_)
+        assert std[1] > 2.0 * model.noise_std_
+    else:  # motion that the reading shows, and no more
+        rest = model.predict(u[300:, None])
+        assert np.abs(found - rest).max() < 1.5 * abs(late[0] - rest[0]) + 4.0 * std[0]
+
+
+def test_drives_and_times_that_may_be_in_another_unit_are_told():
+    X, y = frame(), pd.Series(Y, frame().index)
+    model = FirstOrderLag().fit(X, y)
+    model.predict(20.0 * X)  # warnings are errors
+    with pytest.warns(ExtrapolationWarning, match="Are they in the same unit"):
+        model.predict(1e3 * X)
+    counted = X.set_axis(1e3 * X.index)
+    with pytest.warns(ExtrapolationWarning, match="1000 times as much"):
+        model.predict(counted)
+    Gain().fit(X, y).predict(counted)  # whatever the interval
+    with pytest.warns(ConvergenceWarning, match="have X and y been swapped"):
+        FirstOrderLag().fit(X.set_axis(["response"], axis=1), y.rename("drive"))
+
+
+def test_a_response_of_weight_zero_may_be_missing():
+    weights = np.where(np.arange(N) % 7 == 3, 0.0, 1.0)
+    missing = np.where(weights > 0.0, Y, np.nan)
+    for model in (FirstOrderLag(dt=DT), NARXRegressor(dt=DT), Corrected(LinearRegression(), dt=DT)):
+        whole = clone(model).fit(X, Y, weights).predict(X)
+        np.testing.assert_allclose(clone(model).fit(X, missing, weights).predict(X), whole)
+    with pytest.raises(ValueError, match="NaN"):
+        FirstOrderLag(dt=DT).fit(X, missing)
+
+
 @pytest.mark.parametrize("kind", [FirstOrderLag, Corrected, Observer])
 def test_a_response_in_another_unit_than_that_of_the_fit_is_refused(kind):
     lag = FirstOrderLag(dt=DT)
@@ -284,8 +349,8 @@ def test_a_response_in_another_unit_than_that_of_the_fit_is_refused(kind):
     model = kind(*first, **({} if first else {"dt": DT}))
     model.fit(X, pd.Series(Y, name="position [µm]"))
     uses = {
-        FirstOrderLag: ("predict", "stepper_from"),
-        Corrected: ("predict",),
+        FirstOrderLag: ("predict", "stepper_from", "score"),
+        Corrected: ("predict", "score"),
         Observer: ("filter", "innovations"),
     }
     for use in uses[kind]:

@@ -8,7 +8,7 @@ from numbers import Integral, Real
 from typing import Self
 
 import numpy as np
-from sklearn.base import BaseEstimator, RegressorMixin
+from sklearn.base import BaseEstimator
 from sklearn.metrics import r2_score
 from sklearn.utils.validation import check_is_fitted
 from threadpoolctl import threadpool_limits
@@ -22,13 +22,17 @@ from .._sklearn import (
     fit_context,
 )
 from .._validation import (
+    ScoredMixin,
     fitted_interval,
     known_response,
     read_weights,
     refuse_large,
+    refuse_other_unit,
     refuse_several,
     refuse_std,
     rest_input,
+    warn_beyond,
+    with_unread,
 )
 from ..base import read_data
 from ..exceptions import ConvergenceWarning, DivergenceWarning, RecordError
@@ -42,7 +46,7 @@ from ._streaming import compiled_lags, n_stored_rows
 _BOUND = 100.0  # an output this many ranges of the response beyond its largest has diverged
 
 
-class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
+class AutoregressiveRegressor(ScoredMixin, BaseEstimator):
     """Base of the models that predict an output from past inputs and past outputs.
 
     A subclass gives :meth:`_fit_records`, :meth:`_one_step` and ``_step``: the model in a compiled
@@ -164,6 +168,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         self
         """
         given = X
+        y = with_unread(y, sample_weight)
         self.records_, X, y = read_data(self, X, y, reset=True, bridge=self._bridges)
         if not np.ptp(X, axis=0).any():
             warnings.warn(
@@ -249,6 +254,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         records, X, *given, read = with_lost_rows(records, X, *given)
         y = given[0] if given else None
         refuse_large("X", X)
+        warn_beyond(self, X, set(range(X.shape[1])), linear=True)
         X, _ = self._widen(X, records)
         if y_start is None:
             starts = self.starting_values(X, records, y)
@@ -310,6 +316,7 @@ class AutoregressiveRegressor(RegressorMixin, BaseEstimator):
         -------
         float
         """
+        refuse_other_unit(self, y)
         return r2_score(y, self.predict(X, y), sample_weight=sample_weight)
 
     def stepper(self, dt=None, u0=0.0, initial_state=None) -> Stepper:

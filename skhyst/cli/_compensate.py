@@ -10,16 +10,20 @@ from ..base import behind_gaps
 from ..control import InverseCompensator
 from ..datasets import from_rest_to_rest
 from ..exceptions import ReachWarning
+from ..io import inspect_columns
 from ..persistence import load_model
 from ..records import read_records, record_slices, resample_records
-from ._reading_options import cell_options
+
+_LAYOUT = "time_unit", "on_missing", "missing_code", "delimiter", "decimal"
 
 
 def compensate(options):
     """Write the drive, and report the error of the model's response."""
     check_outputs([options.output], [options.model, options.file], force=options.force)
     model = load_model(options.model, options.trust)
-    X = _reference(options)
+    X, _ = read_records(options.file, **_reading(options))
+    if options.resample is not None:
+        X = resample_records(X, dt=options.resample)
     reference = X.iloc[:, 0]
     intervals = _intervals(X)
     fitted = None if options.no_limits else "fit"
@@ -60,17 +64,30 @@ def compensate(options):
     print(f"written: {options.output}")
 
 
-def _reference(options):
-    """Return the reference as a frame of one column."""
-    rate, time = options.sampling_rate, options.time
-    columns = {
-        "drive": options.reference,
-        "time": 0 if time is None and rate is None else time,
-        "time_unit": options.time_unit,
-        "sampling_rate": rate,
-    }
-    X, _ = read_records(options.file, **columns, **cell_options(options))
-    return X if options.resample is None else resample_records(X, dt=options.resample)
+def _reading(options):
+    """Return the parameters of read_records: by default, time and reference are the first columns.
+
+    A column whose name says that it labels the records is neither.
+    """
+    names = *_LAYOUT, "time", "record", "sampling_rate"
+    reading = {name: getattr(options, name) for name in names} | {"drive": options.reference}
+    if None not in (reading["drive"], reading["time"]):
+        return reading
+    layout = {name: getattr(options, name) for name in ("delimiter", "decimal")}
+    _, columns, *_ = inspect_columns(options.file, **layout)
+    free = [k for k, column in enumerate(columns) if column.role != "record"]
+    if options.record is None and len(free) < len(columns):
+        reading["record"] = next(k for k in range(len(columns)) if k not in free)
+    for role in ("time", "drive"):
+        if reading[role] is None and not (role == "time" and options.sampling_rate is not None):
+            if not free:
+                raise ValueError(
+                    f"{options.file.name} must have a column of the time and one of the reference. "
+                    f"Got {[column.name for column in columns]} alone: give 'sampling_rate' "
+                    "in place of the time."
+                )
+            reading[role] = free.pop(0)
+    return reading
 
 
 def _intervals(X):

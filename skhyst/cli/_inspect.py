@@ -18,7 +18,7 @@ def inspect(options):
     check_outputs([picture] if picture else [], options.files, force=options.force)
     for number, path in enumerate(recordings):
         overview = inspect_recording(path, **reading_options(options))
-        print(as_options(f"\n{overview}" if number else str(overview), options))
+        print(as_options(f"\n{overview}" if number else str(overview), vars(options)))
         if overview.records:
             loops = LoopFiguresDisplay.from_recording(overview.X, overview.y, draw=False)
             print("\n  ".join(["loops:", *loops.lines(_MOST)]))

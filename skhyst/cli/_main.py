@@ -44,7 +44,7 @@ def main(argv=None) -> int:
     options.command = shlex.join(["skhyst", *argv])
     try:
         with warnings.catch_warnings(), ending_on_signals():
-            warnings.showwarning = lambda message, *more, **named: _tell(message, options)
+            warnings.showwarning = lambda message, *more, **named: _tell(message, vars(options))
             options.run(options)
             sys.stdout.flush()
     except BrokenPipeError:  # the reader of the output has ended, as in `skhyst models | head`
@@ -54,13 +54,13 @@ def main(argv=None) -> int:
         print(f"skhyst: {ended or 'interrupted'}", file=sys.stderr)
         return getattr(ended, "code", 130)
     except (ValueError, TypeError, OSError, ImportError, NotImplementedError) as error:
-        _tell(error, options)
+        _tell(error, vars(options))
         return 1
     return 0
 
 
-def _tell(message, options):
-    print(f"skhyst: {as_options(str(message), options)}", file=sys.stderr)
+def _tell(message, known):
+    print(f"skhyst: {as_options(str(message), known)}", file=sys.stderr)
 
 
 def _parser():
@@ -163,18 +163,20 @@ def _add_reading(parser, nargs=1):
     add("--unit", metavar="COL=UNIT", action="append", default=[], help=unit)
     add("--record", metavar="COL", help="column that labels the records (likewise)")
     add("--auxiliary", metavar="COL", action="append", default=[], help="further input; repeatable")
-    _add_time(add)
-    _add_cells(add)
+    _add_layout(parser)
 
 
-def _add_time(add):
-    """Add what is told of the time of the rows."""
+def _add_layout(parser):
+    """Add the options of reading any file of signals."""
+    add = parser.add_argument
     add("--time-unit", help="unit of the time (default: that given in the file, else s)")
     add("--sampling-rate", type=float, metavar="HZ", help="instead of --time")
+    _add_cells(parser)
 
 
-def _add_cells(add):
-    """Add what is told of the cells of a file."""
+def _add_cells(parser):
+    """Add the options of reading the cells of a file."""
+    add = parser.add_argument
     lost = "value that marks a missing reading; nan: there is none"
     add("--missing-code", type=float, metavar="VALUE", help=lost)
     add("--on-missing", choices=("raise", "drop", "interpolate"), default="raise")
@@ -182,10 +184,9 @@ def _add_cells(add):
     add("--decimal", choices=(".", ","), help="decimal sign of text, if it is not detected")
 
 
-def _add_grid(add):
-    """Add the grid for uneven times."""
+def _add_grid(parser):
     grid = "interpolate unevenly sampled records onto even grids, of their own or of S s"
-    add("--resample", type=_grid, metavar="auto|S", help=grid)
+    parser.add_argument("--resample", type=_grid, metavar="auto|S", help=grid)
 
 
 def _add_search(parser, nargs=1):
@@ -194,7 +195,7 @@ def _add_search(parser, nargs=1):
     loop = "column of the reference, if the drive came from a feedback controller"
     add("--reference", metavar="COL", help=loop)
     add("--rows", metavar="A:B", help="use these rows of the file only, counted from 0")
-    _add_grid(add)
+    _add_grid(parser)
     rest = "search the first fraction F (of the records, or of the only one), report on the rest"
     add("--train-fraction", type=float, metavar="F", help=rest)
     series = "declared model, in series with +: prandtl_ishlinskii+transfer_function(n_poles=2)"
@@ -232,12 +233,12 @@ def _add_compensate(commands):
     add = parser.add_argument
     add("file", type=Path, help="reference: csv or another format that diagnose reads")
     add("-o", "--output", type=Path, required=True, metavar="FILE", help="time and drive, csv")
-    add("--time", metavar="COL", help="column of the time (default: the first)")
-    _add_time(add)
-    _add_cells(add)
-    _add_grid(add)
-    column = "column of the reference (default: the second)"
-    add("--reference", default=1, metavar="COL", help=column)
+    add("--time", metavar="COL", help="column of the time (default: the first but the records)")
+    add("--record", metavar="COL", help="column that labels the records (default: by its name)")
+    column = "column of the reference (default: the next)"
+    add("--reference", metavar="COL", help=column)
+    _add_layout(parser)
+    _add_grid(parser)
     limits = "of the drive, in its units (default: those in the fit of the model)"
     add("--limits", type=float, nargs=2, metavar=("LOW", "HIGH"), help=limits)
     rate = "fastest change of the drive, its units per s (default: that in the fit)"
@@ -284,7 +285,7 @@ def _add_export(commands):
     add("--drive", type=Path, metavar="FILE", help="input of the test program; int32 needs it")
     column = "column of the drive (default: the second); repeat it for a model of several inputs"
     add("--column", action="append", metavar="COL", help=column)
-    _add_cells(add)
+    _add_cells(parser)
     for_fmu = parser.add_argument_group("for --fmu")
     for_fmu.add_argument("--fmi-version", choices=("2.0", "3.0"), help="(default: 3.0)")
     parser.set_defaults(run=_later("_export", "export"))

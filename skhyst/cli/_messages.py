@@ -23,17 +23,18 @@ _REPLACED = (
 _NAMED = re.compile(r"'(time_unit|sampling_rate|on_missing|missing_code)'")  # not names of columns
 
 
-def as_options(text, command):
+<<<<<<< HEAD
+def as_options(text, known):
     """Return a message with its parameters as options, ``time_unit='ms'`` as ``--time-unit ms``.
 
-    ``command`` has an attribute for each option of the command that is running. An option that it
-    does not have is named with the command that has it, ``skhyst diagnose``.
+    ``known`` are the names of the options of the command. Another option is named with the command
+    that has it, ``skhyst diagnose``.
     """
 
     def option(found):
         name, *value = found.groups()
         words = [f"--{name.replace('_', '-')}", *(shlex.quote(own.strip("'")) for own in value)]
-        return " ".join(words if hasattr(command, name) else ["skhyst diagnose", *words])
+        return " ".join(words if name in known else ["skhyst diagnose", *words])
 
     for pattern, words in _REPLACED:
         text = re.sub(pattern, words, text)

@@ -44,7 +44,7 @@ def find_columns(path, reading, options, *, ask=False):
         reading[role] = found.column
     doubt = columns["drive"].doubt if "drive" in columns else ""
     if doubt:
-        print(as_options(doubt, options))
+        print(as_options(doubt, vars(options)))
         if ask and input("Exchange them? [y/N] ").strip().lower() in ("y", "yes"):
             reading["drive"], reading["response"] = reading["response"], reading["drive"]
 

@@ -19,6 +19,7 @@ import warnings
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from sklearn.base import clone
 
 from .._validation import fit_weighted, select_rows
@@ -83,7 +84,8 @@ class Backfitting:
     """
 
     def __init__(self, estimator, X, slices, fold, weights=None):
-        self._estimator, self._X = estimator, X
+        # rows of an index, so that the rows on both sides of a fold are no neighbours
+        self._estimator, self._X = estimator, X if hasattr(X, "iloc") else pd.DataFrame(X)
         self._weights = np.ones(len(fold)) if weights is None else weights
         self._slices, self._fold = slices, fold
         self.n_folds = int(fold.max()) + 1

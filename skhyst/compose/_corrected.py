@@ -10,19 +10,22 @@ from typing import Self
 
 import numpy as np
 import pandas as pd
-from sklearn.base import BaseEstimator, MetaEstimatorMixin, RegressorMixin, clone
+from sklearn.base import BaseEstimator, MetaEstimatorMixin, clone
 from sklearn.utils.validation import check_is_fitted
 
 from .._documentation import documented_like
 from .._signals import input_signals
 from .._sklearn import HasMethods, Interval, fit_context
 from .._validation import (
+    ScoredMixin,
     in_native_order,
     known_response,
     read_weights,
     refuse_std,
     rest_input,
     used_interval,
+    warn_beyond,
+    with_unread,
 )
 from ..autoregressive import compiled_regressor
 from ..base import (
@@ -52,7 +55,7 @@ from ..records import fill_lost_rows, with_lost_rows
 from ._backfitting import Backfitting, Turn, fold_of_rows
 
 
-class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
+class Corrected(MetaEstimatorMixin, ScoredMixin, BaseEstimator):
     r"""Any regressor, whose prediction drives a model of physical effects.
 
     .. math:: y = E[f(X)]
@@ -159,6 +162,7 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
                 "The 'effects' parameter of Corrected must be a parametric model of skhyst. "
                 f"Got {effects!r} instead."
             )
+        y = with_unread(y, sample_weight)
         weights = None
         if sample_weight is not None:
             weights = read_weights(sample_weight, X)
@@ -307,6 +311,9 @@ class Corrected(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         check_is_fitted(self)
         refuse_std(self, return_std, "around a regressor")
         slices, columns, _ = read_data(self, X, reset=False, bridge=True)
+        if not hasattr(self.estimator_, "drive_range_"):  # which tells it by itself
+            linear = hasattr(self.estimator_, "coef_") and self.effects_.operator_.signal_linear
+            warn_beyond(self, columns, set(range(columns.shape[1])), linear=linear)
         X = X if hasattr(X, "iloc") else columns
         p = np.ravel(self.estimator_.predict(X)).astype(float)
         slices, columns, p, read = with_lost_rows(slices, columns, p)

@@ -10,7 +10,6 @@ from sklearn.base import (
     BaseEstimator,
     MetaEstimatorMixin,
     MultiOutputMixin,
-    RegressorMixin,
     clone,
 )
 from sklearn.utils import get_tags
@@ -18,14 +17,21 @@ from sklearn.utils.validation import check_is_fitted
 
 from .._documentation import documented_like
 from .._sklearn import HasMethods, fit_context
-from .._validation import as_floats, common_parameter, read_slices, read_weights
+from .._validation import (
+    ScoredMixin,
+    as_floats,
+    common_parameter,
+    read_slices,
+    read_weights,
+    with_unread,
+)
 from ..base import ParametricModel, one_thread, refine
 from ..operators import Operator, ParameterSpec, split_disturbances
 from ..optimize import NOISELESS
 from ..records import with_lost_rows
 
 
-class SharedParameters(MetaEstimatorMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
+class SharedParameters(MetaEstimatorMixin, MultiOutputMixin, ScoredMixin, BaseEstimator):
     r"""Models of several responses to the same inputs, with common parameters, fitted jointly.
 
     .. math:: y_k = \Gamma[u;\ \theta,\ g_k w,\ \eta_k] + c_k
@@ -150,6 +156,7 @@ class SharedParameters(MetaEstimatorMixin, MultiOutputMixin, RegressorMixin, Bas
                 "The 'initial_state' of the model of SharedParameters must be 'rest' or 'zero'. "
                 "Got 'estimate' instead."
             )
+        y = with_unread(y, sample_weight)
         array, response = as_floats(self, X, y, multi_output=True, ensure_min_samples=2)
         self._one_response = response.ndim == 1
         response = response.reshape(len(array), -1)

@@ -244,7 +244,20 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
                 delattr(self, name)
                 if hasattr(self.model_, name):
                     setattr(self, name, getattr(self.model_, name))
+            self._require_inverse()
         return self
+
+    def _require_inverse(self):
+        """Refuse a model of which a part has no inverse."""
+        plant = _InvertiblePlant(self.model_.operator_, None, self._limits())
+        try:
+            for _ in plant._inverses():
+                pass
+        except ValueError as error:
+            raise ValueError(
+                "The 'model' parameter of InverseCompensator must have an inverse at each of its "
+                f"stages. {error}"
+            ) from error
 
     @overload
     def predict(self, X, return_residual: Literal[False] = False) -> np.ndarray: ...
@@ -283,6 +296,8 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         read = slice(None) if read is None else read
         slices, references = self._model_references(X) if return_residual else self._references(X)
         if self.method == "learned":  # the limits are applied, but there is no model to iterate on
+            for s in slices:
+                self._require_rate(s.dt)
             learned = self.model_.predict(_indexed(references, X))
             learned = np.ravel(learned).astype(float)
             limits = self._limits()
@@ -461,6 +476,8 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         caller, wanted = "InverseCompensator.drive_for", "finite numbers, one per sample"
         reference = finite_numbers(reference, caller, "reference", wanted, ndim=1)
         dt = chosen_interval((), dt, caller)
+        if len(reference) == 1:  # at rest
+            return self.drive_for(np.repeat(reference, 2), dt)[:1]
         index = pd.Index(dt * np.arange(len(reference)), name="time")
         names = getattr(self, "feature_names_in_", range(self.n_features_in_))
         X = np.zeros((len(index), self.n_features_in_))
@@ -477,14 +494,18 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
     def _used_interval(self, dt, caller):
         """Return the interval of a drive; refuse one in s where the rate of the fit has no time."""
         used = used_interval(self.model_, dt, f"InverseCompensator.{caller}")
-        fitted_dt, unit = fitted_interval(self.model_)
+        self._require_rate(used)
+        return used
+
+    def _require_rate(self, used):
+        """Refuse an interval in s where the rate of the fit is per sample, and limits the drive."""
+        fitted_dt, unit = fitted_interval(self)
         if unit == "sample" and used != fitted_dt and self.rate_limit == "fit":
             raise RecordError(
                 "The model was fitted without a time, so that the largest rate of its drive is per "
                 f"sample. Got the interval {used:g} s instead: fit it with a time index or 'dt', "
                 "or give a 'rate_limit' in units per s."
             )
-        return used
 
     def _preview_tol(self):
         """Return the relative error that a finite preview may leave, at least that of rounding."""
@@ -604,9 +625,17 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         requested[0] = plant.rest(reference[0])
         at_limit, message = plant.held, plant.short(target, max(tolerance, 1e-6 * np.ptp(target)))
         with np.errstate(over="ignore", invalid="ignore"):
-            residual = plant.run(plant.limits.applied(requested, dt)) - target
+            applied = plant.limits.applied(requested, dt)
+            residual = plant.run(applied) - target
             if not np.mean(residual**2) <= np.mean((target - target[0]) ** 2):
                 # at rest it misses the reference by less
+                is_cut = np.abs(requested - applied) > plant.limits.rounding
+                if is_cut.any():
+                    at_limit = at_limit | is_cut
+                    message = (
+                        "Within its limits, the drive would miss the reference by more than at "
+                        f"rest, where it stays. {message}".rstrip()
+                    )
                 requested = np.full(len(requested), requested[0])
         drive, cut, _ = self._improved(
             requested, target, plant, plant.run, self.max_iter, tolerance
@@ -836,4 +865,4 @@ def _indexed(values, X):
     """Return values as a column with the index of ``X``, where it has one."""
     if not hasattr(X, "iloc"):
         return values[:, None]
-    return pd.DataFrame({"response": values}, X.index)
+    return pd.DataFrame(values[:, None], X.index)

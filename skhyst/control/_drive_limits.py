@@ -103,9 +103,12 @@ class DriveLimits:
         change, start = self.rate * dt, min(max(u0, self.low), self.high)
         if math.isinf(change):
             constants = self.low, self.high
-            return CompiledLaw(range_step, constants, [0.0], flags=(("limited", 0),))
-        constants = self.low, self.high, change, self.rounding
-        return CompiledLaw(limit_step, constants, [start, 0.0], flags=(("limited", 1),))
+            flags = (("limited", 0),)
+            return CompiledLaw(range_step, constants, [0.0], flags=flags, limited=(0, 1))
+        constants, flags = (self.low, self.high, change, self.rounding), (("limited", 1),)
+        return CompiledLaw(
+            limit_step, constants, [start, 0.0], flags=flags, limited=(0, 1, 2), held=(0,)
+        )
 
     def applied(self, drive, dt):
         """Return the nearest drive (n_samples,) within the limits, from rest at its first value."""

@@ -77,14 +77,16 @@ def started(reference, reading, c, s):
 
 
 @jit
-def restarted(feedforward, s):
+def restarted(low, high, s):
     """Return the last drive, with which the controller starts again at the next sample.
 
-    For numbers beyond floating point, which no later sample would take out of the state.
+    For numbers beyond floating point, which no later sample would take out of the state. The drive
+    is within its limits, whatever drive has acted before.
     """
-    s[0] = s[6] - feedforward
+    s[6] = min(max(s[6], low), high)
     s[1] = s[2] = s[3] = s[4] = s[7] = 0.0
     s[5] = s[10] = 1.0
+    s[9] = -1.0
     return s[6]
 
 
@@ -96,18 +98,21 @@ def limited_step(feedforward, reference, reading, damped, c, s):
     reference, decay of the derivative, its gain, largest change of the drive, dt over tracking
     time, fraction of the start per sample). ``s`` is the integral part, two states each of notch
     and damping, 1 if limits clip the drive, else 0, the last drive, derivative, the last input of
-    the derivative, 1 before the first sample, else 0, and the two numbers of :func:`started`.
+    the derivative, 1 before the first sample, -1 after :func:`restarted`, else 0, and the two
+    numbers of :func:`started`.
     """
     kp, ki, low, high, notch, damping, weight, decay, kd, change = c[:10]
+    if s[9] < 0.0:
+        s[0] = s[6] - min(max(feedforward, low), high)
     error = reference - reading
     step = ki * error
-    derivative = decay * s[7] - (0.0 if s[9] > 0.0 else kd * (damped - s[8]))
+    derivative = decay * s[7] - (0.0 if s[9] != 0.0 else kd * (damped - s[8]))
     direct = kp * (weight * reference - reading) + derivative
     if not (
         abs(feedforward + (notch[0] * (direct + s[0] + step) + s[1]) + (damping[0] * damped + s[3]))
         < math.inf
     ):
-        return restarted(feedforward, s)
+        return restarted(low, high, s)
     s[7], s[8], s[9] = derivative, damped, 0.0
     wanted = feedforward + section_step(direct + s[0] + step, notch, s, 1)
     wanted += section_step(damped, damping, s, 3)
@@ -122,8 +127,8 @@ def limited_step(feedforward, reference, reading, damped, c, s):
 
 @jit
 def tracked(acted, c, s):
-    """Move the integral part to where the drive equals the one that has acted."""
-    s[0] += c[10] * (acted - s[6])
+    """Move the integral part to where the drive equals the one that has acted, within limits."""
+    s[0] += c[10] * (min(max(acted, c[2]), c[3]) - s[6])
     s[6] = acted
     return 0.0
 
@@ -322,13 +327,13 @@ class FeedforwardPI:
                 "The 'tracking_time' parameter of FeedforwardPI must be at least the sampling "
                 f"interval, {dt:g} s. Got {self.tracking_time!r} instead."
             )
-        filter_time = self._filter_time()
+        filter_time, change = self._filter_time(), self._rate_limit() * dt
         follows, tracks = self.compensator is not None, self.tracking_time is not None
         constants = (
             *(self.kp, self.ki * dt, low, high, notch, damping, self.setpoint_weight),
             filter_time / (filter_time + dt),
             self.kd / (filter_time + dt),
-            self._rate_limit() * dt,
+            change,
             dt / self.tracking_time if tracks else 0.0,
             min(dt / self._start_time(), 1.0) if self._start_time() else 1.0,
         )
@@ -340,9 +345,12 @@ class FeedforwardPI:
         state[6] = u0 if follows else min(max(u0, low), high)
         state[9] = state[10] = 1.0  # before the first sample, and the whole way of the start
         inputs = [Signal("reference"), Signal("reading")]
-        inputs += [Signal("drive of the compensator")] * follows + [Signal("drive")] * tracks
+        inputs += [Signal("drive of the compensator")] * follows + [Signal("acting drive")] * tracks
         law = CompiledLaw(
-            _STEPS[follows, tracks], constants, state, len(inputs), flags=(("limited", 5),)
+            *(_STEPS[follows, tracks], constants, state, len(inputs)),
+            flags=(("limited", 5),),
+            limited=(2, 3, 9) if (low, high, change) != (-math.inf, math.inf, math.inf) else (),
+            acting=len(inputs) - 1 if tracks else None,
         )
         return Stepper(
             law,

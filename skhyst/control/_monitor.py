@@ -76,7 +76,8 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
     misfit_ : float
         Misfit of the model in the records of the fit: its largest energy per sample in the
         directions of the parameters, as a fraction of the variance of the noise; zero where the
-        model is exact.
+        model is exact, and where no direction tells its misfit from noise, as that of a model far
+        from its device.
     n_features_in_ : int
 
     See Also
@@ -129,7 +130,10 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         self.parameters = parameters
 
     def __getstate__(self):
-        return {k: v for k, v in super().__getstate__().items() if k != "_columns"}  # compiled
+        state = super().__getstate__()
+        if isinstance(state.get("_columns"), _Columns):  # compiled: begun again where they are
+            state = state | {"_columns": self._columns.begun()}
+        return state
 
     @fit_context(prefer_skip_nested_validation=False)
     def fit(self, X, y) -> Self:
@@ -239,6 +243,8 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
             )
         if getattr(self, "_columns", None) is None:
             self._columns, self._rows = _Columns(self, self.observer_._interval(None), u), []
+        elif isinstance(self._columns, tuple):  # of a copy
+            self._columns = _Columns(self, *self._columns)
         self._rows.append(row)
         self._detected = False
         if len(self._rows) == self.block:
@@ -430,7 +436,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
 class _Columns:
     """Whitened innovations of a record and their sensitivities, sample by sample."""
 
-    def __init__(self, monitor, dt, u0):
+    def __init__(self, monitor, dt, u0, begun=None):
         observer, operators = (
             monitor.observer_,
             [None, *(operator for *_, operator in monitor._changed)],
@@ -439,13 +445,20 @@ class _Columns:
         compiled_steps = [observer.compiled_step(dt, self.u0, operator) for operator in operators]
         self.compiled_step = compiled_steps[0]
         self.states = [part.state.copy() for part in compiled_steps]
+        self.past = np.zeros((len(monitor.whitening_) - 1, len(operators)))
+        self.last = np.reshape(u0, (1, -1))
+        if begun is not None:
+            self.states, self.past, self.last = begun
         self.innovations = [
             part.innovating(s) for part, s in zip(compiled_steps, self.states, strict=True)
         ]
         self.steps = np.array([step for *_, step, _ in monitor._changed])
         self.whitening = monitor.whitening_
-        self.past = np.zeros((len(self.whitening) - 1, len(operators)))
-        self.last = np.reshape(u0, (1, -1))
+
+    def begun(self):
+        """Return the arguments, but the monitor, with which the same columns go on."""
+        states = [state.copy() for state in self.states]
+        return self.dt, self.u0, (states, self.past, self.last)
 
     def run(self, rows, read=None):
         """Return innovations and sensitivities (n_samples, 1 + p) of the next rows.

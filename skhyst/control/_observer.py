@@ -144,8 +144,11 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         self.method = method
 
     def __getstate__(self):
-        state = super().__getstate__()  # without the stream, which is compiled
-        return {k: v for k, v in state.items() if k not in {"_stream", "_recent"}}
+        state = super().__getstate__()
+        if state.get("_stream") is not None:  # compiled: begun again where it is
+            u0, _, stream = self._stream
+            state = state | {"_stream": None, "_begun": (u0, stream.state)}
+        return state
 
     @fit_context(prefer_skip_nested_validation=False)
     def fit(self, X, y) -> Self:
@@ -290,7 +293,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         -------
         self
         """
-        self._stream = None
+        self._stream = self._begun = None
         return self
 
     def update(self, u, y) -> float:
@@ -319,12 +322,12 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
             the state is unchanged then.
         """
         check_is_fitted(self)
-        compiled_step, stream = getattr(self, "_stream", None) or (None, None)
-        if stream is None:
-            compiled_step = self.compiled_step(None, u)
-            stream, self._recent = Stepper(compiled_step), []
+        begun = self._going_on()
+        if begun is None:
+            begun, self._recent = self._begin(u), []
+        _, compiled_step, stream = begun
         self.estimate = stream.step(np.append(u, y))
-        self._stream = compiled_step, stream
+        self._stream = begun
         self._recent.append((compiled_step.predicted(self.estimate, stream.state), float(y)))
         if len(self._recent) >= min(record.n_samples for record in self.model_.records_):
             self._compare(*np.transpose(self._recent))
@@ -333,11 +336,11 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
 
     @property
     def state(self):
-        return self._streaming()[1].state
+        return self._streaming()[-1].state
 
     @state.setter
     def state(self, values):
-        self._streaming()[1].state = values
+        self._streaming()[-1].state = values
 
     @property
     def disturbance_estimate(self) -> float:
@@ -352,7 +355,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         return self._last()[2]
 
     def _last(self):
-        compiled_step, stream = self._streaming()
+        _, compiled_step, stream = self._streaming()
         return [float(value) for value in compiled_step.read(stream.state)]
 
     def _rows(self, X, y):
@@ -385,10 +388,24 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         walk = 0.0 if self.disturbance is None else np.nanmean(known - run)
         warn_of_unmatched_response(self.model_, run + walk, known, stacklevel=4)
 
+    def _begin(self, u0):
+        """Return the drive at the first sample, the compiled step, and the device that is run."""
+        compiled_step = self.compiled_step(None, u0)
+        return u0, compiled_step, Stepper(compiled_step)
+
+    def _going_on(self):
+        """Return what has begun, also before the observer was copied or stored, or None."""
+        if getattr(self, "_stream", None) is None and getattr(self, "_begun", None) is not None:
+            u0, state = self._begun
+            self._stream = self._begin(u0)
+            self.state = state
+        return getattr(self, "_stream", None)
+
     def _streaming(self):
-        if getattr(self, "_stream", None) is None:
+        begun = self._going_on()
+        if begun is None:
             raise AttributeError("The Observer has seen no sample: call 'update' before.")
-        return self._stream
+        return begun
 
     def _interval(self, dt):
         return used_interval(self.model_, dt, "Observer.compiled_step")

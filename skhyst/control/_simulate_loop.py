@@ -161,7 +161,7 @@ def simulate_loop(
         if not math.isfinite(drive[k]):
             break
         response[k] = y = float(device.step(drive[max(k - delay, 0)]))
-        if not math.isfinite(y):
+        if not math.isfinite(y) or _has_begun_anew(device):
             break
     else:
         k = n
@@ -173,3 +173,9 @@ def simulate_loop(
             stacklevel=2,
         )
     return Loop(dt * np.arange(k), *(part[:k] for part in (reference, drive, response, reading)))
+
+
+def _has_begun_anew(device):
+    """Whether numbers have left floating point in a stepper, which holds its output then."""
+    status = getattr(device, "status", None)
+    return isinstance(status, frozenset) and "overrange" in status

@@ -70,12 +70,12 @@ class Unscented(CompiledStep):
             "An unscented filter has no compiled step in plain arithmetic: take method='linear'."
         )
 
-    def stepping(self, s):
-        step = self._stepping(s)
+    def stepping(self, s, checked=False):
+        step = self._stepping(s, checked)
         return lambda row: step(row)[0]
 
-    def streaming(self, s):
-        step = self._stepping(s)
+    def streaming(self, s, checked=False):
+        step = self._stepping(s, checked)
         return lambda rows: np.array([step(row)[0] for row in rows])
 
     def innovating(self, s):
@@ -83,15 +83,15 @@ class Unscented(CompiledStep):
         step = self._stepping(s)
         return lambda rows: np.array([step(row)[1] for row in rows])
 
-    def _stepping(self, s):
+    def _stepping(self, s, checked=False):
         n = len(self.core.state) + 1
         ends = np.cumsum([len(self.front.state), len(self.disturbances.state), n, n * n])
         front, disturbances, mean, covariance, last = np.split(s, ends)
         covariance = covariance.reshape(n, n)
-        front = self.front.stepping(front)
-        disturbances = self.disturbances.stepping(disturbances)
+        front = self.front.stepping(front, checked)
+        disturbances = self.disturbances.stepping(disturbances, checked)
         states = np.zeros((2 * (n + 1) + 1, n - 1))
-        cores = [self.core.stepping(state) for state in states]
+        cores = [self.core.stepping(state, checked) for state in states]
         is_signal = self.front.n_inputs is None
 
         def step(row):

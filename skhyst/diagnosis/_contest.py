@@ -9,14 +9,16 @@ in pairs with every other one.
 
 **Prune.** From the model with all effects, each effect is removed once: the full model is tested
 against the model without it, so that chance is the residual of the full model. Of the effects that
-the criterion (``_criterion``) does not need, the one whose removal costs least goes; and so on. A
-function of time alone stays only where the course of the noise does not explain it (``_course``).
-Choices that were made with an effect that is removed, such as the number of plays, may be wrong
-without it: if it is the first effect of a path, the model grows again without it.
+the criterion (``_criterion``) does not need, the one whose removal costs least goes; and so on. An
+effect that was significant stays so when others have gone. A function of time alone stays only
+where the course of the noise does not explain it (``_course``). Choices that were made with an
+effect that is removed, such as the number of plays, may be wrong without it: if it is the first
+effect of a path, the model grows again without it.
 
 **Name.** Each remaining effect is contested by all others at its place. The name is that of the
-least held-out error. A simpler effect replaces it if it is nested in it, as far as the recording
-shows, and the larger one is not better by the criterion.
+least held-out error; a function of time alone gives way to the best effect that responds to the
+drive and is not rejected against it. A simpler effect replaces the best if it is nested in it, as
+far as the recording shows, and the larger one is not better by the criterion.
 
 A step is done once for a set of effects: its result is kept, and is what a checkpoint stores.
 """
@@ -116,6 +118,7 @@ class Contest:
     _contests: dict = field(default_factory=dict)
     _reidentified_fits: dict = field(default_factory=dict)
     _rounds: dict = field(default_factory=dict)
+    _tested: dict = field(default_factory=dict)
     _weighings: int = 0
 
     # ------------------------------------------------------------------ what was tried
@@ -205,7 +208,7 @@ class Contest:
                     ends.append(path)
                 further += better
                 claims += [c for c in better if self.criterion.is_better(path, c, self.n_tried)]
-            paths = [self._refreshed(c) for c in self._few(further, claims)]
+            paths = self._few(further, claims)
             for c in paths:
                 self._report_progress(
                     f"{' + '.join(c.structure.effects)}: held-out error {c.error:.4g}"
@@ -239,19 +242,20 @@ class Contest:
         """Return the candidates that continue: the best, and the simplest of equal ones.
 
         Both among all candidates and among those that would be claimed at once, so that one path at
-        least does not begin with an effect that fits chance.
+        least does not begin with an effect that fits chance. The best ones are identified from
+        scratch before they are compared, since each asks for its own resolution.
         """
         least, few = {}, []
         for c in sorted(candidates, key=lambda c: c.error):
             least.setdefault(frozenset(c.structure.effects), c)
         claimed = {frozenset(c.structure.effects) for c in claims}
-        for sets in (least.keys(), [names for names in least if names in claimed]):
-            group = [least[names] for names in sets]
+        for sets in (list(least), [names for names in least if names in claimed]):
+            group = [self._refreshed(least[names]) for names in sets[:FEW]]
             if group:
-                best = group[0]
+                best = min(group, key=lambda c: c.error)
                 same = [c for c in group if not self.criterion.is_better(c, best)]
                 few += [best, min(same, key=lambda c: (c.n_parameters, c.error))]
-        return [c for c in least.values() if any(c is chosen for chosen in few)]
+        return list({frozenset(c.structure.effects): c for c in few}.values())
 
     def _refreshed(self, base):
         """Return a candidate identified from scratch, with its best resolution.
@@ -308,6 +312,19 @@ class Contest:
     def _p_value(self, base, name, reduced):
         """Return the p-value of an effect of a candidate, for all that was tried.
 
+        It is the smallest of the tests in this candidate and in larger ones, whose residual
+        contains less of what else is missing.
+        """
+        tested = self._tested.setdefault((self._weighings, name), {})
+        effects = frozenset(base.structure.effects)
+        p_value = self._p_value_within(base, name, reduced)
+        larger = [p for others, p in tested.items() if others > effects]
+        tested[effects] = min(p_value, tested.get(effects, 1.0))
+        return min(1.0, self.n_tried * min([p_value, *larger]))
+
+    def _p_value_within(self, base, name, reduced):
+        """Return the p-value of an effect of a candidate, not corrected for all that was tried.
+
         A drift or an offset is one slow course in each record, hence one block in the test of the
         criterion: its power is compared with that of the course of the noise itself. A sinusoid
         repeats within a record and passes both tests.
@@ -316,11 +333,10 @@ class Contest:
         # the residual of a black box has a course that depends on the box
         if self.renew is None and EFFECTS[name].additive:
             p_values = course_p_values(base.structure, self.records_of(base))
-        has_course = name in p_values  # and is no force within the driven part
-        course = min(1.0, self.n_tried * p_values[name]) if has_course else 0.0
-        if has_course and not isinstance(base.structure.part(name), SinusoidOperator):
+        course = p_values.get(name, 0.0)  # none of a force within the driven part
+        if name in p_values and not isinstance(base.structure.part(name), SinusoidOperator):
             return course
-        return max(course, self.criterion.p_value(reduced, base, self.n_tried))
+        return max(course, self.criterion.p_value(reduced, base))
 
     # ------------------------------------------------------------------ prune
 
@@ -494,6 +510,11 @@ class Contest:
             rivals.append(own)
         chosen = min(rivals, key=lambda c: c.error)
         same = [c for c in rivals if self.criterion.p_value(c, chosen) >= alpha]
+        # what responds to the drive explains new records, a function of time alone does not
+        driven = [
+            c for c in same if c.structure.label(c.effects[0]) not in c.structure.disturbance_names
+        ]
+        chosen = min(driven or same, key=lambda c: c.error)
         simpler = [
             c
             for c in rivals

@@ -173,12 +173,16 @@ def rings(operator, motion, records):
     fast to be known, and is linear in one that is too slow; the logarithm of the damping is
     neither. A mode is resolved by the sampling if the upper end of its half-power band is below
     half the sampling rate, and by the records if it repeats in the longest of them: a slower one
-    cannot be distinguished from a drift.
+    cannot be distinguished from a drift. A mode with zeros follows any short transient, such as
+    that of several lags after a single step. Each extremum of a free vibration shows one number,
+    so there must be as many half periods as the mode has parameters.
     """
     mode, ratio = _lightest_mode(operator)
     if not mode:
         return -np.inf
     highest = np.pi / min(record.dt for record in records)
+    if ratio > 1.0 and mode * np.exp(np.arccosh(ratio)) > highest:
+        return -np.inf  # two real poles, the faster one known to be beyond the sampling alone
     lowest = 2.0 * np.pi * REPEATS / max(len(record.u) * record.dt for record in records)
     resolved = min(highest / (mode * (1.0 + ratio)), mode / lowest)
     margin = min(0.5 / ratio**2, resolved**2) - 1.0
@@ -189,7 +193,21 @@ def rings(operator, motion, records):
     static, high, between = gain[0], gain[-1], gain[1:-1]
     # of a peak, or of a notch
     prominence = max(between.max() - max(static, high), min(static, high) - between.min())
-    return min(margin, prominence - np.log1p(NOTICEABLE))
+    vibrating = sum(_excited_time(record, ringing_time(operator)) for record in records)
+    half_periods = mode * vibrating / np.pi
+    shown = half_periods / (2 + np.size(operator.numerator)) - 1.0
+    return min(margin, prominence - np.log1p(NOTICEABLE), shown)
+
+
+def _excited_time(record, ringing):
+    """Return how long a mode vibrates noticeably in a record, s: while driven, and after that.
+
+    It is driven where the rate of the drive changes by a noticeable part of its largest change.
+    """
+    changes = np.abs(np.diff(record.u, 2))
+    driven = 1 + np.flatnonzero(changes > NOTICEABLE * changes.max(initial=0.0))
+    rests = record.dt * np.diff(np.append(driven, len(record.u)))
+    return float(np.minimum(rests, -np.log(NOTICEABLE) * ringing).sum())
 
 
 def _lightest_mode(operator):

@@ -411,7 +411,7 @@ def _collect(search, command, held_out, comparison, experiment):
         "failed": search.failed_.to_dict("records"),
         "next_steps": next_steps(
             claims,
-            not_it,
+            search.suspects_.to_dict("records"),
             location,
             search.verdict_,
             data["faults"],
@@ -614,7 +614,7 @@ def _versions():
     return versions
 
 
-def next_steps(claims, not_it, location, verdict, faults, settings, advice="", experiment=None):
+def next_steps(claims, suspects, location, verdict, faults, settings, advice="", experiment=None):
     """Return what to measure next, a list of sentences."""
     steps = []
     if kinds := _to_correct(faults):
@@ -627,17 +627,10 @@ def next_steps(claims, not_it, location, verdict, faults, settings, advice="", e
         for claim in claims
         if claim["ambiguous_with"]
     ]
-    insignificant = [
-        row
-        for row in not_it
-        if row["p_value"] >= settings["alpha"]
-        and row["change"] < -settings["min_improvement"]
-        and row["claimed_instead"] is None
-    ]
-    for row in insignificant[:2]:
-        effect = EFFECTS.get(row["effect"])
+    for row in [row for row in suspects if row["p_value"] >= settings["alpha"]][:2]:
+        effect, fall = EFFECTS.get(row["effect"]), 1.0 - row["error_after"] / row["error_before"]
         steps.append(
-            f"{row['effect']} would reduce the error by {number(-100.0 * row['change'], 2)} %, "
+            f"{row['effect']} would reduce the error by {number(100.0 * fall, 2)} %, "
             f"which is not significant with these records ({chance(row['p_value'])}). To "
             f"test for it: {effect.experiment if effect else ''}".rstrip()
         )

@@ -9,14 +9,14 @@ from typing import Literal, Self, overload
 
 import numpy as np
 import pandas as pd
-from sklearn.base import BaseEstimator, MetaEstimatorMixin, RegressorMixin, clone
+from sklearn.base import BaseEstimator, MetaEstimatorMixin, clone
 from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted
 from threadpoolctl import threadpool_limits
 
 from .._progress import watched
 from .._sklearn import HasMethods, Interval, StrOptions, fit_context
-from .._validation import refuse_no_experiment
+from .._validation import ScoredMixin, refuse_no_experiment
 from ..base import behind_gaps, read_data
 from ..model_selection import by_content, segment_folds
 from ..optimize import record_folds
@@ -65,7 +65,7 @@ from ._unknown import LAW_COLUMNS, Unknown, curve_of, find_unknown, laws_of
 from ._verdict import Judgement, judge_residual
 
 
-class EffectSearchCV(WithTables, MetaEstimatorMixin, RegressorMixin, BaseEstimator):
+class EffectSearchCV(WithTables, MetaEstimatorMixin, ScoredMixin, BaseEstimator):
     """Find the physical effects that a declared model lacks, add them, and report the errors.
 
     The resolution of the declared model is fitted first. Then effects are added to the model, at

@@ -20,10 +20,13 @@ the held-out error, or the part of it that a black box does not predict.
    the level of 1 % find half of the power with a probability of 95 % from
    :math:`m = (2 (3.1 + 1.6))^2` on. Its median magnitude is less than three times that of its
    innovations: a larger ratio resembles a smooth misfit with a little noise (for a first-order
-   process, a correlation of 0.94 per sample), also where the misfit jumps now and then. A black box
-   predicts less of it than matters, even by chance. And the held-out error is less than three times
-   that of the fit, both in blocks and in whole records within the range of the others: a larger
-   ratio is not that of stationary noise.
+   process, a correlation of 0.94 per sample), also where the misfit jumps now and then. The
+   held-out error, times the ratio of the innovations to the residual, is less than three times the
+   floor, or the rounding of the converter if that is larger: innovations are at most 2.2 times the
+   scaled differences under all laws with an exponent below 2, but any number of times if the misfit
+   jumps. A black box predicts less of it than matters, even by chance. And the held-out error is
+   less than three times that of the fit, both in blocks and in whole records within the range of
+   the others: a larger ratio is not that of stationary noise.
 4. Otherwise it is ``undetermined``, and the advice says what to record.
 
 The limits of the third step are checked by ``benchmarks/verdicts.py``: hardly any white,
@@ -165,6 +168,10 @@ def judge_residual(records, residuals, predictions, rng, criterion, *, error=Non
         )
     size = float(np.sqrt(power))
     against = list(_against_noise(records, residuals, noise))
+    white = ceiling * _innovation_size(noise, residuals) / size  # what is no colour of the noise
+    least = max(floor, noise.quantisation / 12.0**0.5)
+    if white >= PREDICTABLE * least:
+        against.append(f"without its colour it is {white:.3g}, the noise floor {least:.3g}")
     predicts = trials["a black box predicts it"]
     if predicts.improves_enough(criterion):
         against.append(

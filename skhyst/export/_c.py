@@ -3,15 +3,24 @@
 import hashlib
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Real
 from pathlib import Path
 from string import Template
 
 import numpy as np
 
-from .._files import replacing
-from ._content import Source, answers, legend, watched_ends
+from ..operators import Stepper
+from ._content import (
+    Source,
+    answers,
+    certain_bits,
+    conditions,
+    legend,
+    range_tests,
+    whole_limits,
+    written,
+)
 from ._fixed import MARGIN, Fixed, FixedPrinter, boundary
 from ._model import model_step
 from ._printer import Dialect, Printer
@@ -24,10 +33,11 @@ DIALECTS = {
     "float64": Dialect("double", "", np.float64),
     "float32": Dialect("float", "f", np.float32),
 }
+_OUTER = "overrange", "extrapolated"  # conditions that the state outside the model tells
 _SIMULINK_TYPES = {"float64": "SS_DOUBLE", "float32": "SS_SINGLE", "int32": "SS_INT32"}
 _RESERVED = (  # names in every program, which functions of a model cannot have
     *("init", "step", "state", "status", "test", "refuses", "run", "init_at", "params", "defaults"),
-    *("configure", "chebyshev"),
+    *("configure", "chebyshev", "first", "begin_anew"),
 )
 
 _HEADER = Template("""\
@@ -54,7 +64,7 @@ extern "C" {
 #define ${name}_DT $dt /* sampling interval in s */
 #define ${name}_N_INPUTS $n_inputs
 #define ${name}_PREVIEW $preview /* samples by which the input comes before its output */
-/* SHA-256 of the program in double precision: of its laws, constants and initial state */
+$limits/* SHA-256 of the program in double precision: of its laws, constants and initial state */
 #define ${name}_HASH "$digest"
 
 ${params}typedef struct {
@@ -84,10 +94,11 @@ _SOURCE = Template("""\
 #include "$name.h"
 
 $guard$tables$functions
+static const ${name}_state ${name}_first = {{$first}$members_first$tuned_first};
+
 void ${name}_init(${name}_state *state)
 {
-    static const ${name}_state first = {{$first}$members_first$tuned_first};
-    *state = first;
+    *state = ${name}_first;
 }
 $more_defined
 $type ${name}_step(${name}_state *state, $input)
@@ -137,13 +148,30 @@ $inputs};
 static const double ${name}_outputs[N_SAMPLES] = {
 $outputs};
 
-$more_outputs${refuses}/* Run the test after the output y.
-   Return whether input that is not finite was accepted. */
-static int ${name}_run(${name}_state *state, const double *outputs, $type y, double *largest)
+/* Bits of the status that are set, and that are not; others depend on rounding. */
+static const uint8_t ${name}_bits[N_SAMPLES][2] = {$bits_of_run};
+
+$more_outputs${refuses}\
+/* Run one sample after the output *y. Return whether its status is wrong, or it leaves limits. */
+static int ${name}_sample(${name}_state *state, int k, const $type *u, const uint8_t *bits,
+                          $type *y)
+{
+    int failed = 0;
+    uint32_t status;
+    const $type last = *y;
+$refused    *y = ${name}_step(state, u$one_u);
+    status = ${name}_status(state);
+    failed |= (status & bits[0]) != bits[0] || (status & bits[1]) != 0u;
+$within    return failed;
+}
+
+/* Run the test after the output y. Return whether a sample is wrong but for its output. */
+static int ${name}_run(${name}_state *state, const double *outputs, const uint8_t (*bits)[2],
+                       $type y, double *largest)
 {
     int k, failed = 0;
     for (k = 0; k < N_SAMPLES; k++) {
-$refused        y = ${name}_step(state, ${name}_inputs[k]$one);
+        failed |= ${name}_sample(state, k, ${name}_inputs[k], bits[k], &y);
         const double error = fabs((double)y - outputs[k]);
         if (!(error <= *largest) && !isnan(*largest)) {
             *largest = error;
@@ -158,8 +186,11 @@ int main(void)
     double largest = 0.0;
     int failed;
     ${name}_init(&state);
-    failed = ${name}_run(&state, ${name}_outputs, $last, &largest);
-$more_runs    printf("$name: %.3g of $measure, %.3g allowed$covered\\n",
+    failed = ${name}_run(&state, ${name}_outputs, ${name}_bits, $last, &largest);
+$more_runs    if (failed) {
+        printf("$name: a status, a limit or what is refused is wrong\\n");
+    }
+    printf("$name: %.3g of $measure, %.3g allowed$covered\\n",
            largest / $span, $tolerance);
     return largest <= $tolerance * $span ? failed : 1;
 }
@@ -172,7 +203,7 @@ _INTEGERS = {
     "measure": "a unit of output",
     "span": "1.0",
     "last": "0",
-    **dict.fromkeys(("guard", "refuses", "refused", "needs", "bits_of_double"), ""),
+    **dict.fromkeys(("guard", "refuses", "refused", "needs", "bits_of_double", "finite"), ""),
 }
 _OPTIONAL = (  # parts of the templates that optional functions of a program add
     *("params", "tuned", "tuned_first", "more_declared", "more_defined"),
@@ -201,15 +232,29 @@ $forgotten    }
 static const double ${name}_rest_outputs[N_SAMPLES] = {
 $outputs};
 
+static const uint8_t ${name}_rest_bits[N_SAMPLES][2] = {$bits_of_run};
+
 """),
     "more_runs": Template("""\
     {
         static const $type level[] = {$level};
         ${name}_init_at(&state, level$one);
-        failed |= ${name}_run(&state, ${name}_rest_outputs, state.output, &largest);
+        failed |= ${name}_run(&state, ${name}_rest_outputs, ${name}_rest_bits, state.output,
+                              &largest);
     }
 """),
 }
+_BEGIN_ANEW = Template("""
+/* Only limits continue from the output that is held. */
+static void ${name}_begin_anew(${name}_state *state)
+{
+    int32_t i;
+$held    for (i = 0; i < $n_states; i++) {
+        state->s[i] = ${name}_first.s[i];
+    }
+$kept    state->overrange = 1u;
+}
+""")
 _CONFIGURE = {
     "params": Template("""\
 /* Parameters that can be changed at run time. */
@@ -256,17 +301,43 @@ $derive    return 0;
 static const double ${name}_tuned_outputs[N_SAMPLES] = {
 $outputs};
 
+static const uint8_t ${name}_tuned_bits[N_SAMPLES][2] = {$bits_of_run};
+
+/* Put one parameter in force, the others as fitted. Return whether that is not refused as it
+   should be. */
+#define TRIED(field, value, is_refused) \\
+    (${name}_defaults(&tried), tried.field = (value), \\
+     ${name}_configure(&state, &tried) != (is_refused))
+
 """),
     "more_runs": Template("""\
     {
         static const ${name}_params others = {$others};
-        ${name}_params beyond;
+        ${name}_params tried;
         ${name}_init(&state);
         failed |= ${name}_configure(&state, &others);
-        failed |= ${name}_run(&state, ${name}_tuned_outputs, $last, &largest);
-        ${name}_defaults(&beyond);
-        beyond.$one_field = $type_max;
-        failed |= !${name}_configure(&state, &beyond);
+        failed |= ${name}_run(&state, ${name}_tuned_outputs, ${name}_tuned_bits, $last, &largest);
+$trials    }
+"""),
+}
+_EXTREMES = {
+    "more_outputs": Template("""\
+/* Beyond the inputs above, and back. */
+static const $type ${name}_extremes[$n_extremes][$n_inputs] = {
+$extremes};
+
+static const uint8_t ${name}_extreme_bits[$n_extremes][2] = {$bits_of_run};
+
+"""),
+    "more_runs": Template("""\
+    {
+        $type y = $last;
+        int k;
+        ${name}_init(&state);
+        for (k = 0; k < $n_extremes; k++) {
+            failed |= ${name}_sample(&state, k, ${name}_extremes[k], ${name}_extreme_bits[k],
+                                    &y);
+        }
     }
 """),
 }
@@ -287,6 +358,19 @@ static int ${name}_refuses(${name}_state *state, $type last)
 }
 
 """)
+_NO_INIT_AT = """\
+There is no {}_init_at: the state of rest is not known as a function of the input and
+the constants alone."""
+_DEFAULT_DRIVE = """\
+Single precision has been checked for a drive of amplitude one, whatever the device takes: write
+the program with a drive over its range."""
+_NOTES = {  # on the bits of the status
+    "limited": "the drive has been limited",
+    "unreachable": "no drive gives the reference: the last one stays",
+    "extrapolated": "the drive is beyond the range or the rate of the fit",
+    "refused": "the input was not finite",
+    "overrange": "since the start numbers have been beyond the range of the program",
+}
 _BITS_OF_DOUBLE = """\
 #if DBL_MANT_DIG < 53
 #error "double has fewer than 64 bits here: write the program with dtype float32"
@@ -327,11 +411,12 @@ def to_c(
     :attr:`~skhyst.operators.Stepper.status`: ``name_LIMITED`` if limits have cut the output of a
     compensator or controller, ``name_UNREACHABLE`` if an inverse has found no drive for its
     reference, ``name_EXTRAPOLATED`` if the drive has left the range or the rate of the fit,
-    ``name_REFUSED`` if the input was not finite, ``name_OVERRANGE`` if the output is not finite, or
-    the input has been beyond the range of the program's numbers since the start: integers are held
-    at its ends, single precision may have lost digits. The header gives that range and describes
-    input and output, with their units if they are given, and the preview of a compensator. C++ can
-    include it.
+    ``name_REFUSED`` if the input was not finite, ``name_OVERRANGE`` if numbers have been beyond the
+    range of the program since the start: integers are held at its ends, single precision may have
+    lost digits, and where a finite input leads beyond floating point the last output is held while
+    the state begins anew, see :meth:`~skhyst.operators.Stepper.step`. The header gives the range
+    and describes input and output, with their units if they are given, the limits of the output
+    and the preview of a compensator. C++ can include it.
 
     ``name_init_at`` puts the device to rest at another input. The program has it if the state of
     rest of every part is known as a function of the input: for hysteresis that one step from rest
@@ -452,13 +537,7 @@ def to_c(
         *(model, name, dtype, dt, initial_state, u0, drive, (input_unit, output_unit), tunable),
         *(form, tolerance, simulink),
     )
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = [folder / file for file in texts.files]
-    with replacing(*paths) as parts:
-        for part, text in zip(parts, texts.files.values(), strict=True):
-            part.write_text(text, encoding="utf-8")
-    return paths
+    return written(folder, texts.files)
 
 
 @dataclass(frozen=True)
@@ -523,12 +602,14 @@ def program(
         "bits_of_double": _BITS_OF_DOUBLE if dtype == "float64" else "",
         "n_states": max(len(source.compiled_step.state), 1),
         "digest": digest,
+        "one_u": "" if source.by_row else "[0]",
         **_status(name, source.stepper, dtype),
     }
     is_integer = dtype == "int32"
     signals, preview = legend(source.stepper, source.dt, (None, None) if is_integer else units)
     names = [*([f"u[{k}]" for k in range(source.n_inputs)] if source.by_row else ["u"]), "returns"]
     lines = [f"{place}: {signal}" for place, signal in zip(names, signals, strict=True)]
+    is_default = drive is None
     if is_integer:
         units = _units(drive, *units)
         drive, begins_at = np.append(source.rest, source.inputs(drive), axis=0), False
@@ -536,6 +617,10 @@ def program(
         expected = source.tested(drive)
         drive, begins_at = expected.drive, expected.rules is not None
     lines += [*preview, *source.deviates(drive)]
+    if not begins_at and not is_integer:
+        lines += _NO_INIT_AT.format(name).splitlines()
+    if is_default and dtype == "float32" and not all(x.is_limited for x in source.stepper.inputs):
+        lines += _DEFAULT_DRIVE.splitlines()
     common["legend"] = "\n".join(f"   {line}" for line in lines)
     if is_integer:
         texts = _in_integers(source.stepper, common, drive, units)
@@ -574,15 +659,14 @@ def _range_check(stepper, texts, literal, size, known, eps):
         The signals whose last value is needed, since their rate is limited.
     """
     conditions, watched = [], []
-    for k, low, high, change in watched_ends(stepper, eps):
-        if np.isfinite(low):
-            conditions.append(f"{texts[k]} < {literal(k, low, False)}")
-        if np.isfinite(high):
-            conditions.append(f"{texts[k]} > {literal(k, high, True)}")
-        if np.isfinite(change):
-            last = f"state->last[{len(watched)}]"
-            change_test = f"{size()}({texts[k]} - {last}) > {literal(k, change, True)}"
-            conditions.append(f"({known.format(last)}{change_test})" if known else change_test)
+    for k, relation, value, place in range_tests(stepper, eps):
+        end = literal(k, value, relation == ">")
+        if place is None:
+            conditions.append(f"{texts[k]} {relation} {end}")
+        else:
+            last = f"state->last[{place}]"
+            moved = f"{size()}({texts[k]} - {last}) {relation} {end}"
+            conditions.append(f"({known.format(last)}{moved})" if known else moved)
             watched.append(texts[k])
     return " || ".join(conditions), watched
 
@@ -612,21 +696,19 @@ def _status(name, stepper, dtype):
     """Return the parts of header and source for the status bits, which are read from the state."""
     is_real = dtype in DIALECTS
     zero = DIALECTS[dtype].literal(0.0) if is_real else "0"
-    conditions = [
-        (flag, f"state->s[{index}] != {zero}") for flag, index in stepper.compiled_step.flags
-    ]
-    conditions += [("refused", "state->refused != 0u")] * is_real
-    conditions += [("extrapolated", "state->extrapolated != 0u")] * bool(stepper.watched)
-    overrange = "state->overrange != 0u"
-    overrange = f"({overrange}) || (isfinite(state->output) == 0)" if is_real else overrange
-    conditions.append(("overrange", overrange))
-    bits = {flag: f"{name}_{flag.upper()}" for flag, _ in conditions}
+    tests = [(flag, f"state->s[{index}] != {zero}") for flag, index in stepper.compiled_step.flags]
+    flags = conditions(stepper, is_real)
+    outer = [flag for flag in flags if flag not in dict(tests)]
+    tests += [(flag, f"state->{flag} != 0u") for flag in outer]
+    bits = {flag: f"{name}_{flag.upper()}" for flag in flags}
     lines = [
-        f"    if ({condition}) {{\n        status |= {bits[flag]};\n    }}\n"
-        for flag, condition in conditions
+        f"    if ({test}) {{\n        status |= {bits[flag]};\n    }}\n" for flag, test in tests
     ]
     return {
-        "bits": "".join(f"#define {bit} {1 << k}u\n" for k, bit in enumerate(bits.values())),
+        "bits": "".join(
+            f"#define {bit} {1 << k}u" + (f" /* {_NOTES[flag]} */" if flag in _NOTES else "") + "\n"
+            for k, (flag, bit) in enumerate(bits.items())
+        ),
         "conditions": "".join(["    uint32_t status = 0u;\n", *lines, "    return status;\n"]),
     }
 
@@ -669,6 +751,46 @@ def digest_of(source):
 def _listed(values, literal):
     """Return the literals of values as a list in C, which cannot be empty."""
     return ", ".join(map(literal, values)) or "0"
+
+
+def _listed_bits(bits):
+    """Return the rows of bits of a status, ten on a line."""
+    rows = [f"{{{', '.join(map(str, row))}}}" for row in bits.tolist()]
+    lines = (", ".join(rows[k : k + 10]) for k in range(0, len(rows), 10))
+    return "".join(f"\n    {line}," for line in lines) + "\n"
+
+
+def _limits(name, limits, acting, literal, eps):
+    """Return the parts of header and test for the limits of the output.
+
+    Parameters
+    ----------
+    name : str
+    limits : tuple of (float, float, float) or None
+        Lowest and highest output, and its largest change.
+    acting : int or None
+        Column of the input from which the change is counted, else from the last output.
+    literal : callable
+        Writes a number of the type of the output.
+    eps : float
+        Relative rounding of this type.
+    """
+    header, test = "", ""
+    words = "LOW", "HIGH", "CHANGE"
+    last = "last output" if acting is None else f"acting drive u[{acting}], where that is within"
+    notes = "is at least this", "is at most this", f"differs by at most this from the {last}"
+    # of a sum and of the difference that is tested
+    rounding = f" + {2.0 * eps!r} * (fabs((double)*y) + fabs((double)last))" if eps else ""
+    moved = "k > 0 && fabs((double)*y - (double)last)"  # before the first, what acted is unknown
+    wrong = "*y < {}", "*y > {}", f"{moved} > (double){{}}{rounding}"
+    for word, note, wrong_if, value in zip(words, notes, wrong, limits or (), strict=False):
+        if np.isfinite(value):
+            macro = f"{name}_{word}"
+            header += f"#define {macro} {literal(value)} /* the output {note} */\n"
+            if word != "CHANGE" or acting is None:
+                test += f"    failed |= {wrong_if.format(macro)};\n"
+    unused = "" if "last" in test else "    (void)last;\n    (void)k;\n"
+    return {"limits": header, "within": test + unused}
 
 
 def _texts(common, printer, inputs, outputs):
@@ -740,7 +862,13 @@ def _in_reals(source, expected, common, dtype):
         range_text = range_text.format(*(_listed(end, "{:.6g}".format) for end in checked))
     nan = dialect.literal(math.nan)
     members, lines = _outer_state(dialect.type, condition, watched, nan, beyond, output)
-    lines = "".join(f"        {line}\n" for line in (f"state->output = {call};", *lines))
+    lines = [
+        f"const {dialect.type} y = {call};",
+        *("if (isfinite(y) != 0) {", "    state->output = y;", "} else {"),
+        *(f"    {name}_begin_anew(state);", "}", *lines),
+    ]
+    lines = "".join(f"        {line}\n" for line in lines)
+    held = list(enumerate(stepper.compiled_step.held))
     common |= members | {
         "type": dialect.type,
         "inner": dialect.type,
@@ -756,18 +884,35 @@ def _in_reals(source, expected, common, dtype):
         "measure": "the range",
         "span": double(expected.span),
         "refuses": _REFUSES.substitute(common, type=dialect.type),
-        "refused": f"        failed |= !{name}_refuses(state, y);\n",
+        "refused": f"    failed |= !{name}_refuses(state, last);\n",
+        "bits_of_run": _listed_bits(expected.bits[0]),
+        **_limits(
+            *(name, expected.limits, source.compiled_step.acting),
+            *(dialect.literal, float(np.finfo(dialect.number).eps)),
+        ),
     }
+    common["within"] += "    failed |= isfinite(*y) == 0;\n"
     responses = ["".join(f"    {double(y)},\n" for y in response) for response in expected.outputs]
     if expected.rules is not None:
         # a jump to another rest is no rate of the drive: the last values are unknown after it
         forgotten = ["state->extrapolated = 0u;"] * bool(condition)
         forgotten += [f"state->last[{k}] = {nan};" for k in range(len(watched))]
         common["forgotten"] = "".join(f"        {line}\n" for line in forgotten)
-        _add(common, _INIT_AT, outputs=responses[1], **_rest(source, expected, printer))
+        values = _rest(source, expected, printer)
+        values |= {"outputs": responses[1], "bits_of_run": _listed_bits(expected.bits[1])}
+        _add(common, _INIT_AT, **values)
     if tuned is not None:
         common |= configuration(name, source.entries, tuned, dialect, expected.values)
-        _add(common, _CONFIGURE, outputs=responses[-1])
+        bits = _listed_bits(expected.bits[-2])
+        _add(common, _CONFIGURE, outputs=responses[-1], bits_of_run=bits)
+    extremes = "".join(f"    {{{_listed(row, dialect.literal)}}},\n" for row in expected.extremes)
+    values = {"extremes": extremes, "n_extremes": len(expected.extremes)}
+    _add(common, _EXTREMES, bits_of_run=_listed_bits(expected.bits[-1]), **values)
+    common["more_defined"] += _BEGIN_ANEW.substitute(
+        common,
+        held="".join(f"    const {dialect.type} held_{k} = state->s[{at}];\n" for k, at in held),
+        kept="".join(f"    state->s[{at}] = held_{k};\n" for k, at in held),
+    )
     inputs = [_listed(row, dialect.literal) for row in expected.drive]
     return _texts(common, printer, inputs, expected.outputs[0])
 
@@ -780,7 +925,8 @@ def _are_finite(inputs):
 
 def _add(common, templates, **values):
     """Append the text of templates to the parts of the program."""
-    texts = {key: template.substitute(common, **values) for key, template in templates.items()}
+    values = common | values
+    texts = {key: template.substitute(values) for key, template in templates.items()}
     for key, text in texts.items():
         common[key] += text
 
@@ -813,6 +959,7 @@ def _rest(source, expected, printer):
 def _in_integers(stepper, common, drive, units):
     """Return the texts of a program in integers by file name."""
     counts = np.round(drive / units[0]).astype(np.int64)
+    stepper = whole_limits(stepper, units[1])
     step = model_step(stepper.compiled_step, with_numbers=True)
     step = reachable(step, stepper.state, limits(counts)[0] * units[0])
     ranges = Ranges(step, stepper.state, counts * units[0])
@@ -820,7 +967,10 @@ def _in_integers(stepper, common, drive, units):
     counts, ends = explore(ranges, recorded, *options)
     check_fast(ranges, recorded, *options)
     printer = _reserve(FixedPrinter(common["name"], Fixed(), ranges=ranges))
-    body, first = boundary(printer, step, stepper, ends, units)
+    kept, acting = stepper.compiled_step.limits, stepper.compiled_step.acting
+    kept = None if kept is None else [x / units[1] for x in kept]
+    change = round(kept[2]) if kept and kept[2] < 2**32 and acting is None else None
+    body, first = boundary(printer, step, stepper, ends, units, change)
     n_inputs = stepper.compiled_step.n_inputs
     texts = ["u"] if n_inputs is None else [f"u[{k}]" for k in range(n_inputs)]
     condition, watched = _range_check(
@@ -838,9 +988,14 @@ def _in_integers(stepper, common, drive, units):
     ]
     beyond = _beyond(texts, literals)
     members, lines = _outer_state("int64_t", condition, watched, "INT64_MIN", beyond)
+    if change is not None:
+        lines.append("state->output = output;")
+        members["members"] += "    int64_t output; /* of the last sample */\n"
+        members["members_first"] += ", INT64_MIN"
     body += "".join(f"    {line}\n" for line in (*lines, "return output;"))
     ranges.keep(printer.places)
     taken, known = ranges.branches
+    bits = _bits_in_integers(stepper, counts, ends, units)
     missed = ", ".join(f"{n} of {name}" for name, n in sorted(ranges.not_taken.items()))
     common |= (
         _INTEGERS
@@ -854,13 +1009,48 @@ def _in_integers(stepper, common, drive, units):
             ),
             "first": first,
             "body": body,
+            "bits_of_run": _listed_bits(bits),
+            **_limits(common["name"], kept, acting, _held_count, 0.0),
             "covered": f"; {taken} of {known} branches taken"
             + (f", not {missed}" if missed else ""),
         }
     )
-    outputs = answers(stepper, np.clip(counts, *ends) * units[0]) / units[1]
+    limited = np.clip(counts, *ends)
+    outputs = answers(stepper, limited * units[0]) / units[1]
     outputs = np.clip(outputs, 1 - 2.0**31, 2.0**31 - 1)
     return _texts(common, printer, [_listed(row, str) for row in counts], outputs)
+
+
+def _bits_in_integers(stepper, counts, ends, units):
+    """Return the certain bits of the status of a program in integers, see :func:`certain_bits`."""
+    names, held = conditions(stepper, False), np.clip(counts, *ends)
+    # the output is rounded, and so is its change
+    near = [_ranging(stepper, by * units[1]) for by in (0.0, 2.0, -2.0)]
+    bits = [certain_bits(other, held * units[0], names, units[0]) for other in near]
+    bits, beyond = np.bitwise_and.reduce(bits), (counts != held).any(axis=1)
+    overrange, extrapolated = (2 ** names.index(x) if x in names else 0 for x in _OUTER)
+    lost = np.logical_or.accumulate(beyond)
+    bits[lost] = bits[lost] & ~overrange | (overrange, 0)
+    # what is held moves less
+    bits[beyond | np.append(False, beyond[:-1])] &= ~extrapolated
+    return bits
+
+
+def _ranging(stepper, by):
+    """Return a stepper in the same state, of which the range of the output is larger."""
+    signals = {"inputs": stepper.inputs, "result": stepper.result}
+    if signals["result"] is not None:
+        low, high, rate = (getattr(stepper.result, x) for x in ("low", "high", "rate"))
+        rate = rate if stepper.dt is None else max(rate + by / stepper.dt, 0.0)
+        signals["result"] = replace(stepper.result, low=low - by, high=high + by, rate=rate)
+    other = Stepper(stepper.compiled_step, stepper.dt, **signals)
+    other.state = stepper.state
+    return other
+
+
+def _held_count(count):
+    """Return the literal of a limit in units of an integer, which saturates."""
+    return f"INT32_C({round(min(max(count, 1 - 2.0**31), 2.0**31 - 1))})"
 
 
 def _count(value, unit, is_high, is_input):

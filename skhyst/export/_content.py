@@ -2,9 +2,11 @@
 
 from dataclasses import dataclass
 from numbers import Real
+from pathlib import Path
 
 import numpy as np
 
+from .._files import replacing
 from .._validation import finite_numbers
 from ..operators import Signal, Stepper
 from ..records import chosen_interval
@@ -118,6 +120,7 @@ class Source:
         """Return the :class:`Expected` of the program in floating point under a drive."""
         number = np.dtype(self._dtype).type
         drive = self.inputs(drive).astype(number).astype(float)
+        names, limits = conditions(self.stepper, True), self.compiled_step.limits
         rules = ends = level = values = checked = None
         if not self._remembers:
             rules, ends = rest_rules(lambda at: self._at_rest(at, self._model), drive)
@@ -132,8 +135,10 @@ class Source:
             values = low + (high - low) * np.where(np.arange(len(low)) % 2, 0.3, 0.7)
             values = values.astype(number).astype(float)
             changed = self._with_values(values)
-            changed_stepper = Stepper(self._at_rest(self.u0, changed).compiled_step)
+            changed_stepper = self._at_rest(self.u0, changed)
             changed_stepper.state = self.stepper.state
+            if changed_stepper.compiled_step.limits != limits:
+                limits = None  # they are parameters
             others, _ = rest_rules(lambda at: self._at_rest(at, changed), drive)
             pairs = zip(rules or (), others or (), strict=False)
             if not (rules and others and all(a.agrees(b) for a, b in pairs)):
@@ -147,16 +152,36 @@ class Source:
             for (stepper, constants), y in zip(runs, outputs, strict=True):
                 check_single(self.step, stepper.state, drive, y, span, tolerance, constants)
             checked = self._checked(drive, runs, span, tolerance)
+        bits = [certain_bits(stepper, drive, names, number) for stepper, _ in runs]
         last = self.stepper.output
         last = answers(self.stepper, self.rest)[0] if last is None else last
-        return Expected(drive, outputs, span, tolerance, last, rules, ends, level, values, checked)
+        extremes = self._extremes(drive, number)
+        bits.append(certain_bits(self.stepper, extremes, names, number, checked))
+        known = rules, ends, level, values, checked
+        return Expected(drive, outputs, span, tolerance, last, *known, limits, extremes, bits)
 
-    def _checked(self, drive, runs, span, tolerance):
-        """Return the range of the input that single precision is accurate in, (2, n_inputs)."""
+    def _extremes(self, drive, number):
+        """Return inputs beyond the drive and the range of the fit, (n_samples, n_inputs)."""
+        low, high = self._ranges(drive)
+        size = (high - low) + (high == low)
+        largest = 0.9 * float(np.finfo(number).max)
+        levels = np.array([0.5, 1.3, 1.3, -0.3, -0.3, 17.0, -16.0, 0.5, 0.5])[:, None]
+        rows = np.concatenate([low + size * levels, np.full((6, len(low)), largest)])
+        rows[-5::2] *= -1.0
+        rows = np.concatenate([rows, np.tile(0.5 * (low + high), (3, 1))])
+        return rows.astype(number).astype(float)
+
+    def _ranges(self, drive):
+        """Return the least and the largest values of the drive and of the fit, (2, n_inputs)."""
         ranges = np.array([drive.min(axis=0), drive.max(axis=0)])
         for k, signal in enumerate(self.stepper.inputs):
             known = [x for x in (signal.low, signal.high) if np.isfinite(x)]
             ranges[:, k] = np.min([*ranges[:, k], *known]), np.max([*ranges[:, k], *known])
+        return ranges
+
+    def _checked(self, drive, runs, span, tolerance):
+        """Return the range of the input that single precision is accurate in, (2, n_inputs)."""
+        ranges = self._ranges(drive)
         found = [
             checked_ends(self.step, stepper, ranges, span, tolerance, answers, constants)
             for stepper, constants in runs[:: max(len(runs) - 1, 1)]
@@ -209,6 +234,12 @@ class Expected:
         Values of the other parameters.
     checked : ndarray of shape (2, n_inputs) or None
         Inputs for which single precision is accurate, None in double precision.
+    limits : tuple of (float, float, float) or None
+        Of the output, see :class:`~skhyst.operators.CompiledStep`.
+    extremes : ndarray of shape (n_extremes, n_inputs)
+        Inputs after which the status is checked, and that the output is within limits.
+    bits : list of ndarray of shape (n_samples, 2)
+        Of each of the outputs, and of the extremes, see :func:`certain_bits`.
     """
 
     drive: np.ndarray
@@ -221,6 +252,93 @@ class Expected:
     level: np.ndarray | None
     values: np.ndarray | None
     checked: np.ndarray | None
+    limits: tuple | None
+    extremes: np.ndarray
+    bits: list
+
+
+def conditions(stepper, is_real):
+    """Return the names of the conditions that a status can have; each has a bit, in this order."""
+    names = [flag for flag, _ in stepper.compiled_step.flags] + ["refused"] * is_real
+    names += ["extrapolated"] * bool(stepper.watched)
+    return list(dict.fromkeys([*names, "overrange"]))
+
+
+def certain_bits(stepper, drive, names, number, checked=None):
+    """Return the bits of the status at each sample that a program in any rounding has.
+
+    Parameters
+    ----------
+    stepper : Stepper
+        In its first state.
+    drive : ndarray of shape (n_samples, n_inputs)
+    names : list of str
+        Of the bits, see :func:`conditions`.
+    number : numpy scalar type, or float
+        Type of the numbers of the program; or the unit of the input, for integers.
+    checked : ndarray of shape (2, n_inputs), optional
+        Inputs beyond which numbers may differ from those of Python, until the next start.
+
+    Returns
+    -------
+    ndarray of int of shape (n_samples, 2)
+        Bits that are set, and bits that are not set, whatever rounding of the input makes.
+    """
+    if isinstance(number, float):
+        error = 0.25 * number * np.ones_like(drive)
+    else:
+        error = 8.0 * np.finfo(number).eps * drive
+    error[1::2] *= -1.0
+    all_bits, row = 2 ** len(names) - 1, stepper.compiled_step.n_inputs
+    bits = np.tile([all_bits, all_bits], (len(drive), 1))
+    largest = np.finfo(float).max
+    for sign in (0.0, 1.0, -1.0):
+        device = stepper.copy()
+        device.state = stepper.state  # with no sample before the first
+        for k, u in enumerate(np.clip(drive + sign * error, -largest, largest)):
+            with np.errstate(all="ignore"):
+                device.step(u if row else u[0])
+            found = sum(2**i for i, name in enumerate(names) if name in device.status)
+            bits[k] &= found, all_bits - found
+    if checked is not None:
+        lost = np.logical_or.accumulate(((drive < checked[0]) | (drive > checked[1])).any(axis=1))
+        bits[lost] = 2 ** names.index("overrange"), 0
+    return bits
+
+
+def whole_limits(stepper, unit):
+    """Return a stepper whose limits are whole units of the output, rounded inwards.
+
+    Raises
+    ------
+    ValueError
+        If no whole number of units is within them.
+    """
+    limits = stepper.compiled_step.limits
+    if limits is None:
+        return stepper
+    low, high, change = (
+        x if np.isinf(x) else unit * _rounded_to(round_, x / unit)
+        for round_, x in zip((np.ceil, np.floor, np.floor), limits, strict=True)
+    )
+    if low > high or change < unit:
+        raise ValueError(
+            "The 'output_unit' parameter of to_c must be at most the largest change of the drive "
+            f"from sample to sample, {limits[2]:g}, and the range of its limits, "
+            f"{limits[1] - limits[0]:g}. Got {unit!r} instead."
+        )
+    step = stepper.compiled_step.within(low, high, change)
+    signals = {"inputs": stepper.inputs, "result": stepper.result, "preview": stepper.preview}
+    other, state, held = Stepper(step, stepper.dt, **signals), stepper.state, list(step.held)
+    state[held] = np.clip(state[held], low, high)
+    other.state = state
+    return other
+
+
+def _rounded_to(round_, x):
+    """Return a number rounded up or down, unless it is whole but for rounding."""
+    near = np.round(x)
+    return float(near if abs(x - near) <= 4.0 * np.finfo(float).eps * abs(x) else round_(x))
 
 
 def answers(stepper, drive):
@@ -288,7 +406,7 @@ def legend(stepper, dt, units):
         if signal.is_limited:
             text += f"; range of the fit: {signal.low:.9g} to {signal.high:.9g}"
             text += f" and {signal.rate:.9g} per s" if np.isfinite(signal.rate) else ""
-        for mark in ("*/", "/*", "(*", "*)"):  # those of comments
+        for mark in ("*/", "/*", "(*", "*)", "??", "??"):  # those of comments, and of trigraphs
             text = text.replace(mark, " ".join(mark))
         lines.append(" ".join(text.split()))
     if not stepper.preview:
@@ -300,14 +418,46 @@ def legend(stepper, dt, units):
     ]
 
 
-def watched_ends(stepper, eps):
-    """Yield number, low and high end, and largest change of each watched signal.
+def range_tests(stepper, eps):
+    """Yield what tells that a signal has left the range of the fit.
 
-    They are wider by the rounding of the type of numbers with the resolution ``eps``.
+    Parameters
+    ----------
+    stepper : Stepper
+    eps : float
+        Relative rounding of the numbers of the program, by which the range is wider.
+
+    Yields
+    ------
+    k : int
+        Number of the signal among the inputs and the output.
+    relation : str
+        ``"<"`` or ``">"``.
+    value : float
+        What the signal, or its change, is compared with.
+    place : int or None
+        Number of the signal among those whose last value is needed for the change; None: the
+        signal itself is compared.
     """
+    n_moving = 0
     for k, low, high, change in stepper.watched:
         rounding = eps * max(abs(x) for x in (low, high, 0.0) if np.isfinite(x))
-        yield k, low - rounding, high + rounding, change + 2.0 * rounding
+        ends = ("<", low - rounding, None), (">", high + rounding, None)
+        for relation, value, place in (*ends, (">", change + 2.0 * rounding, n_moving)):
+            if np.isfinite(value):
+                yield k, relation, value, place
+        n_moving += bool(np.isfinite(change))
+
+
+def written(folder, texts):
+    """Write files by their names into a folder, which is created if it is missing."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = [folder / file for file in texts]
+    with replacing(*paths) as parts:
+        for part, text in zip(parts, texts.values(), strict=True):
+            part.write_text(text, encoding="utf-8")
+    return paths
 
 
 def _columns(drive, n_inputs):

@@ -420,7 +420,7 @@ def _exact_comparison(x, f):
     return (_UPPER_ROUNDED if is_upper else _LOWER_ROUNDED).get(x.op, x.op)
 
 
-def boundary(printer, model, stepper, ends, units):
+def boundary(printer, model, stepper, ends, units, change=None):
     """Return the body of the public step, and the initial state.
 
     Parameters
@@ -432,6 +432,8 @@ def boundary(printer, model, stepper, ends, units):
         Limits of the input, in its units.
     units : tuple of float
         Drive and response that correspond to the integer 1.
+    change : int, optional
+        Largest change of the output, from ``state->output``.
     """
     ranges, n_inputs = printer.ranges, stepper.compiled_step.n_inputs
     by_row, state = n_inputs is not None, stepper.state
@@ -451,7 +453,15 @@ def boundary(printer, model, stepper, ends, units):
     unit = f"{scaled(1.0 / units[1], f_unit)}, {f + f_unit}"
     call = f"{printer.function(model)}({', '.join(model.args(['x', 'state->s']))})"
     lines += [f"const int64_t y = {product}({call}, {unit});"]
-    lines += [f"const int32_t output = {printer.helper('to_int32', 'real')}(y);"]
+    to_int32 = printer.helper("to_int32", "real")
+    if change is None:
+        lines += [f"const int32_t output = {to_int32}(y);"]
+    else:  # numbers at half a unit may be rounded in different directions
+        nearest = f"{least}({most}(y, state->output - {change}), state->output + {change})"
+        lines += [
+            "const int32_t output =",
+            f"    {to_int32}(state->output == INT64_MIN ? y : {nearest});",
+        ]
     arguments = zip(("x", "state"), model.taken, strict=True)
     lines[1:1] = [f"(void){name};" for name, used in arguments if not used]
     first = []

@@ -1,13 +1,17 @@
 """Compose the steps of a compiled model into one function."""
 
+import math
+
 from ._expressions import (
     Array,
     Call,
     Expression,
     Function,
+    If,
     Return,
     Store,
     arithmetic,
+    compared,
     constant,
     converted,
     leaves,
@@ -29,11 +33,13 @@ def model_step(compiled_step, with_numbers=False, tuned=None, rules=None):
 def composed(compiled_step, with_numbers=False, tuned=None, rules=None):
     """Return the step of a :class:`~skhyst.operators.CompiledStep` as a :class:`Function`.
 
-    Its arguments are the input, a number or an array, and the state. Constants are arguments of
-    the functions of its parts, so that parts of one kind share a function; under ``with_numbers``
-    each part has its own, without the branches that its constants exclude. Constants that change at
-    run time are elements of a third argument, at the places that ``tuned`` gives, see
-    :class:`Derived`. With ``rules`` the function puts the state to rest, see :class:`Rule`.
+    Its arguments are the input, a number or an array, and the state. Constants are arguments of the
+    functions of its parts, so that parts of one kind share a function; under ``with_numbers`` each
+    part has its own, without the branches that its constants exclude. Else, in floating point, the
+    result is infinite where the input of a part is not finite, as in
+    :meth:`~skhyst.operators.Stepper.step`. Constants that change at run time are elements of a
+    third argument, at the places that ``tuned`` gives, see :class:`Derived`. With ``rules`` the
+    function puts the state to rest, see :class:`Rule`.
     """
     n_inputs = compiled_step.n_inputs
     u = variable("u", "real") if n_inputs is None else Array("u", (n_inputs,))
@@ -63,6 +69,8 @@ def composed(compiled_step, with_numbers=False, tuned=None, rules=None):
         def called(u):
             if rules is not None:
                 rest_part(u)
+            elif not with_numbers:
+                body.extend(map(_unless_finite, filter(_is_computed, leaves(u))))
             kinds_of = (signature(x, with_numbers) for x in (u, part_constants, states))
             function = read(step.py_func, *kinds_of, with_numbers=with_numbers)
             name = f"y{len(body)}"
@@ -85,6 +93,17 @@ def composed(compiled_step, with_numbers=False, tuned=None, rules=None):
         params = (*params, Array("k", (len(tuned.first),)))
     name = "model" if rules is None else "rest"
     return Function(name, params, tuple(body), variable("", "real"), kinds, writes)
+
+
+def _is_computed(x):
+    """Whether a number is not the input itself, which is finite."""
+    return isinstance(x, Expression) and x.op not in ("const", "load") and x.args != ("u",)
+
+
+def _unless_finite(x):
+    """Return the statement that ends the step with infinity where a number is not finite."""
+    is_finite = compared("<", Expression("math.fabs", (x,), "real"), constant(math.inf))
+    return If(is_finite, (), (Return((constant(math.inf),)),))
 
 
 def _affine(first, slope, u):

@@ -14,9 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from .._files import replacing
 from ._c import DIALECTS, digest_of
-from ._content import Source, legend, watched_ends
+from ._content import Source, legend, range_tests, written
 from ._expressions import (
     Array,
     Assign,
@@ -121,7 +120,7 @@ _HELPERS = {
         "{n} := zero / zero; (* of a law that has diverged *)",
     ),
 }
-_WORDS = frozenset(
+_WORDS = frozenset(  # and the names of the first program in TwinCAT and CODESYS
     """
     abs acos action add adr and any array asin at atan atan2 begin bool by byte cal calc case ceil
     concat configuration constant continue cos date delete di dint div do dt dword else elsif end eq
@@ -137,13 +136,13 @@ _WORDS = frozenset(
     word wstring xor lint ctu ctd ctud jmpn r s end_action end_case end_configuration end_for
     end_function end_function_block end_if end_interface end_method end_namespace end_program
     end_property end_repeat end_resource end_step end_struct end_transition end_type end_var
-    end_while function_block
+    end_while function_block main plc_prg
     """.split()  # noqa: SIM905
 )
 _OF_BLOCK = frozenset(  # names of the function block's variables
     """
-    beyond cycle extrapolated first hash held init init_at known last limited overrange refused row
-    state u unreachable y
+    cycle extrapolated first hash held init init_at kept known last limited next overrange refused
+    row state u unreachable y
     """.split()  # noqa: SIM905
 )
 
@@ -234,7 +233,8 @@ def to_structured_text(
     if not legal or name.lower() in _WORDS | _OF_BLOCK:
         raise ValueError(
             "The 'name' parameter of to_structured_text must be a name of IEC 61131-3 that begins "
-            f"with a letter, and none of {sorted(_OF_BLOCK)}. Got {name!r} instead."
+            f"with a letter, no word of the language, none of {sorted(_OF_BLOCK)}, and not 'main' "
+            f"or 'plc_prg', the first program of a project. Got {name!r} instead."
         )
     if dtype not in _TYPES:
         raise ValueError(
@@ -246,13 +246,7 @@ def to_structured_text(
     expected = source.tested(drive)
     block = _Block(source, expected, name, dtype, signals)
     texts = {f"{name}.st": block.text(), f"{name}_test.st": block.test()}
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = [folder / file for file in texts]
-    with replacing(*paths) as parts:
-        for part, text in zip(parts, texts.values(), strict=True):
-            part.write_text(_wrapped(text), encoding="utf-8")
-    return paths
+    return written(folder, {file: _wrapped(text) for file, text in texts.items()})
 
 
 def _wrapped(text):
@@ -726,12 +720,11 @@ class _Block:
         extrapolated, lasts = self._range(inputs)
         largest = printer.number(np.inf)
         largest = f"REAL#{largest}" if real == "REAL" else largest
-        *finite, y_finite = (f"({x} >= -{largest}) AND ({x} <= {largest})" for x in (*inputs, "y"))
+        finite = (f"({x} >= -{largest}) AND ({x} <= {largest})" for x in inputs)
         # after a start there is no last sample to compare with: no rate is known
         hold = [*["y := {y};"], *["extrapolated := FALSE;"] * bool(extrapolated)]
         hold += ["known := FALSE;"] * bool(lasts)
-        latched = ["beyond"] * (expected.checked is not None or rest_call is not None)
-        start = ["state := first;", *hold, *(f"{name} := FALSE;" for name in latched)]
+        start = ["state := first;", *hold, "overrange := FALSE;"]
         lines = [
             "refused := FALSE;",
             "IF init THEN",
@@ -742,9 +735,22 @@ class _Block:
             "IF NOT (init OR refused) THEN",
         ]
         copy_row = ["row := u;"] if source.by_row else []
-        sample = [*copy_row, f"y := {step};", *self._watch(extrapolated, lasts)]
+        held = list(enumerate(source.compiled_step.held))
+        sample = [
+            *copy_row,
+            f"next := {step};",
+            # the largest number stands for an infinite one
+            f"IF (next > -{largest}) AND (next < {largest}) THEN",
+            "    y := next;",
+            "ELSE (* the last output is held; only limits continue from it *)",
+            *(f"    kept[{k}] := state[{at}];" for k, at in held),
+            "    state := first;",
+            *(f"    state[{at}] := kept[{k}];" for k, at in held),
+            *("    overrange := TRUE;", "END_IF"),
+            *self._watch(extrapolated, lasts),
+        ]
         if expected.checked is not None:
-            sample.append(f"beyond := beyond OR {self._beyond(inputs, expected.checked)};")
+            sample.append(f"overrange := overrange OR {self._beyond(inputs, expected.checked)};")
         if rest_call is None:
             lines += [f"    {line}" for line in sample]
         else:
@@ -753,17 +759,16 @@ class _Block:
                 target = f"held[{k}]" if source.by_row else "held"
                 low, high = printer.literal(low), printer.literal(high)
                 clips.append(f"{target} := MIN(MAX({inputs[k]}, {low}), {high});")
-            clips.append(f"beyond := {self._beyond(inputs, expected.ends)};")
+            clips.append(f"overrange := {self._beyond(inputs, expected.ends)};")
             begin = [*clips, f"y := {rest_call};", *[line for line in hold if "{y}" not in line]]
             lines += ["    IF init_at THEN", *[f"        {line}" for line in begin], "    ELSE"]
             lines += [*[f"        {line}" for line in sample], "    END_IF"]
         lines.append("END_IF")
         for flag, at in source.compiled_step.flags:
             lines.append(f"{flag} := state[{at}] <> {printer.literal(0.0)};")
-        lines.append(f"overrange := {' OR '.join([*latched, f'NOT ({y_finite})'])};")
         body = "\n".join(lines).replace("{y}", printer.literal(expected.last))
         if not len(source.stepper.state):
-            body = body.replace("    state := first;\n", "")
+            body = re.sub(" +state := first;\n", "", body)
         return (
             self._head()
             + "\n".join(
@@ -799,7 +804,7 @@ class _Block:
             ("y", real, printer.number(self._expected.last), self._signals[-1]),
             *flags,
             ("refused", "BOOL", "", ""),
-            ("overrange", "BOOL", "", ""),
+            ("overrange", "BOOL", "", "numbers have been beyond the range, since the start"),
             *dt,
             ("hash", "STRING(64)", f"'{digest_of(source)}'", "SHA-256, as of the program in C"),
         ]
@@ -807,8 +812,9 @@ class _Block:
         variables = [(name, _array(n, real), first, "") for name in ("state", "first") if n]
         variables += [("row", row, "", "")] * source.by_row
         variables += [("held", row if source.by_row else real, "", "")] * begins_at
-        is_latched = begins_at or self._expected.checked is not None
-        variables += [("beyond", "BOOL", "", "the input was, since the start")] * is_latched
+        variables += [("next", real, "", "")]
+        n_held = len(source.compiled_step.held)
+        variables += [("kept", _array(n_held, real), "", "")] * (n_held > 0)
         variables += [("last", _array(len(lasts), real), "", "")] * bool(lasts)
         variables += [("known", "BOOL", "", "")] * bool(lasts)
         for (kind, values), name in printer.tables.items():
@@ -833,11 +839,14 @@ class _Block:
             *(f"u[{k}]: {s}" for k, s in enumerate(self._signals[:-1]) if source.by_row),
             f"y: {self._signals[-1]}",
             *self._preview,
+            *self._limits(),
             *source.deviates(self._expected.drive),
             "One call is one sample"
             + ("" if source.dt is None else f": the cycle of its task is {source.dt:.9g} s")
             + ".",
             "Input that is not finite is refused: the state and the output stay as they are.",
+            "Where finite input leads beyond floating point the output stays, and the state begins",
+            "anew.",
         ]
         if self._expected.checked is not None:
             low, high = (", ".join(f"{x:.6g}" for x in end) for end in self._expected.checked)
@@ -849,6 +858,18 @@ class _Block:
             )
             lines.append("floating point off for the task.")
         return "(*\n" + "".join(f"   {line}".rstrip() + "\n" for line in lines) + "*)\n\n"
+
+    def _limits(self):
+        """Return lines on the limits of the output."""
+        words = "y is at least {}.", "y is at most {}.", "y changes by at most {} from {}."
+        acting = self._source.compiled_step.acting
+        last = "sample to sample" if acting is None else f"u[{acting}], where that is within"
+        limits = self._expected.limits or ()
+        return [
+            word.format(f"{x:.9g}", last)
+            for word, x in zip(words, limits, strict=False)
+            if np.isfinite(x)
+        ]
 
     def _call(self, step, u):
         """Return the call of the step of a whole model, and the tables that it reads."""
@@ -873,13 +894,11 @@ class _Block:
         literal, texts = self._printer.literal, [*inputs, "y"]
         conditions, lasts = [], []
         eps = np.finfo(DIALECTS[self._dtype].number).eps
-        for k, low, high, change in watched_ends(self._source.stepper, eps):
-            if np.isfinite(low):
-                conditions.append(f"({texts[k]} < {literal(low)})")
-            if np.isfinite(high):
-                conditions.append(f"({texts[k]} > {literal(high)})")
-            if np.isfinite(change):
-                moved = f"ABS({texts[k]} - last[{len(lasts)}]) > {literal(change)}"
+        for k, relation, value, place in range_tests(self._source.stepper, eps):
+            if place is None:
+                conditions.append(f"({texts[k]} {relation} {literal(value)})")
+            else:
+                moved = f"ABS({texts[k]} - last[{place}]) {relation} {literal(value)}"
                 conditions.append(f"(known AND ({moved}))")
                 lasts.append(texts[k])
         return " OR ".join(conditions), lasts

@@ -445,8 +445,7 @@ def configuration(name, entries, functions, dialect, test_values):
     for entry in entries:
         fields.setdefault(entry.field, []).append(entry)
     # the fields of the struct in their order are the parameters p[0], p[1], ...
-    lines, position = [], 0
-    declared = []
+    places, declared = [], []
     for field_name, group in fields.items():
         ends = "; ".join(f"{e.low:.6g} to {e.high:.6g}" for e in group[:3])
         ellipsis = ", ..." if len(group) > 3 else ""
@@ -455,8 +454,7 @@ def configuration(name, entries, functions, dialect, test_values):
         declared.append(f"    {dialect.type} {field_name}{size}; /* {unit}{ends}{ellipsis} */\n")
         for k in range(len(group)):
             place = f"{field_name}[{k}]" if size else field_name
-            lines.append(f"    p[{position}] = params->{place};\n")
-            position += 1
+            places.append(place)
 
     def listed(values):
         """Return an initializer of the struct."""
@@ -470,7 +468,14 @@ def configuration(name, entries, functions, dialect, test_values):
     derive = [_polynomials(functions, dialect, n)] if functions.quadratic else []
     derive += [_series_text(name, dialect, *series) for series in functions.series]
     helper = _CHEBYSHEV.format(t=dialect.type, name=name, one=literal(1.0), two=literal(2.0))
-    first = entries[0]
+    trials = []
+    for place, entry in zip(places, entries, strict=True):
+        low, high = map(dialect.number, (entry.low, entry.high))
+        beyond = np.nextafter(low, -np.inf, dtype=low.dtype), np.nextafter(high, np.inf)
+        tried = [(low, 0), (high, 0), (beyond[0], 1), (beyond[1], 1), (np.nan, 1)]
+        trials += [
+            f"        failed |= TRIED({place}, {literal(x)}, {wrong});\n" for x, wrong in tried
+        ]
     return {
         "fields": "".join(declared),
         "n_constants": max(len(functions.first), 1),
@@ -482,12 +487,11 @@ def configuration(name, entries, functions, dialect, test_values):
         "n_and_one": n + 1,
         "low": ", ".join(literal(e.low) for e in entries),
         "high": ", ".join(literal(e.high) for e in entries),
-        "read": "".join(lines),
+        "read": "".join(f"    p[{k}] = params->{place};\n" for k, place in enumerate(places)),
         "half": literal(0.5),
         "unity": literal(1.0),
         "derive": "".join(derive),
-        "one_field": first.field + ("[0]" if first.index is not None else ""),
-        "type_max": literal(np.inf),
+        "trials": "".join(trials),
     }
 
 

@@ -27,7 +27,7 @@
 #define FMI(f) fmi${major}##f
 #endif
 
-enum { OK = 0, ERROR = 3 };
+enum { OK = 0, WARNING = 1, ERROR = 3 };
 enum { TIME, OUTPUT, INPUTS, PARAMETERS = INPUTS + ${name}_N_INPUTS };
 enum { N_VALUES = PARAMETERS + $n_parameters };
 typedef const uint32_t *refs;
@@ -58,18 +58,20 @@ typedef struct {
     char name[];
 } unit;
 
-/* Errors are reported even if debug logging is off. */
-static int refused(const unit *it, const char *message)
+/* Errors and warnings are reported even if debug logging is off. */
+static int told(const unit *it, int status, const char *message)
 {
     if (it->log) {
 #if VERSION == 2
-        it->log(it->environment, it->name, ERROR, "logStatusError", message);
+        it->log(it->environment, it->name, status, "logStatusError", message);
 #else
-        it->log(it->environment, ERROR, "logStatusError", message);
+        it->log(it->environment, status, "logStatusError", message);
 #endif
     }
-    return ERROR;
+    return status;
 }
+
+static int refused(const unit *it, const char *message) { return told(it, ERROR, message); }
 
 /* Put the parameters in force. */
 static int configured(unit *it)
@@ -149,10 +151,15 @@ static int stepped(unit *it, double time, double size)
             return refused(it, "the input is not finite");
         }
     }
+    const uint32_t before = ${name}_status(&it->now.model);
     for (double k = 0.0; k < n; k++) {
         it->now.values[OUTPUT] = ${name}_step(&it->now.model, $u);
     }
     it->now.values[TIME] = time + size;
+    if (~before & ${name}_status(&it->now.model) & ${name}_OVERRANGE) {
+        return told(it, WARNING, "numbers have left floating point: the last output was held, and "
+                                 "the state begins anew");
+    }
     return OK;
 }
 

@@ -4,19 +4,26 @@ from typing import Literal, Self, overload
 
 import numpy as np
 import pandas as pd
-from sklearn.base import BaseEstimator, MetaEstimatorMixin, RegressorMixin, clone
+from sklearn.base import BaseEstimator, MetaEstimatorMixin, clone
 from sklearn.utils import get_tags
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from .._documentation import documented_like
 from .._sklearn import HasMethods, fit_context
-from .._validation import fit_weighted, in_native_order, read_weights, select_rows
+from .._validation import (
+    ScoredMixin,
+    fit_weighted,
+    in_native_order,
+    read_weights,
+    select_rows,
+    store_response_units,
+)
 from ..base import ParametricModel
 from ..exceptions import RecordError
 from ._workers import workers
 
 
-class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
+class PerDevice(MetaEstimatorMixin, ScoredMixin, BaseEstimator):
     """One fitted model per device.
 
     The index of ``X`` identifies the rows of a device: by one of its levels, or by several
@@ -92,6 +99,7 @@ class PerDevice(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         validate_data(self, X, reset=True, dtype=None, ensure_all_finite=False)
         devices, X, y = self._devices(X), in_native_order(X), in_native_order(y)
         weights = read_weights(sample_weight, X)
+        store_response_units(self, y)
         jobs = [
             (clone(self.estimator), *(self._part(own, rows) for own in (X, y, weights)))
             for rows in devices.values()

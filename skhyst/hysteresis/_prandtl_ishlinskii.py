@@ -326,15 +326,14 @@ class PrandtlIshlinskiiOperator(PlaySum):
         slopes = sign * sums[1:]
         if thresholds[0] != 0.0 or not np.all(slopes > 0.0):
             needs = (
-                "positive sums w_0 + ... + w_k of the weights, or negative ones,"
+                "sums w_0 + ... + w_k of the weights"
                 if self.form == "play"
-                else "a positive (or at each a negative) sum of the stiffnesses that have not "
-                "yielded at each threshold"
+                else "at each threshold sums of the stiffnesses that have not yielded"
             )
             raise ValueError(
-                f"PrandtlIshlinskiiOperator.inverse needs a first threshold of 0 and {needs}: the "
-                f"response must be strictly monotone. Got thresholds[0]={self.thresholds[0]!r} and "
-                f"the smallest sum {slopes.min()!r} instead."
+                "PrandtlIshlinskiiOperator has no inverse: its response must be strictly monotone, "
+                f"with a first threshold of 0 and {needs} of one sign. Got the first threshold "
+                f"{self.thresholds[0]:g} and the smallest sum {slopes.min():g} instead."
             )
         steps = np.diff(thresholds) * slopes[:-1]
         return PrandtlIshlinskiiOperator(

@@ -14,5 +14,6 @@ from ._join import join_files
 from ._missing import describe_rows as describe_rows
 from ._read_columns import read_columns as read_columns
 from ._recognise import RecognisedColumn, recognise_columns
+from ._recognise import are_swapped as are_swapped
 
 __all__ = ["ColumnOverview", "RecognisedColumn", "join_files", "recognise_columns"]

@@ -13,6 +13,7 @@ from ._formats import reading
 
 # Largest deviation of one interval, as a fraction of it: both ends rounded by a tenth, with margin.
 JITTER = 0.25
+_NEXT = 1.5  # intervals to the next sample, also over midnight
 _NATIONAL = (  # dates that pandas does not parse by itself, or can parse in several ways
     {"dayfirst": True},
     {"dayfirst": False},
@@ -108,14 +109,13 @@ def times(path, column, unit):
 
 
 def _over_midnight(clock):
-    """Return times of day with a day added where the next sample is that of the next day."""
-    steps, day = np.diff(clock.to_numpy()), np.timedelta64(1, "D")
-    forward = steps[steps > np.timedelta64(0)]
-    if not forward.size or clock.max() >= day:
+    """Return clock times that go on behind midnight, where they step back to begin a day anew."""
+    day, seconds = pd.Timedelta(days=1), clock.total_seconds().to_numpy()
+    steps = np.diff(seconds)
+    if not (steps > 0.0).any() or clock.max() >= day:
         return clock
-    interval = np.median(forward)
-    days = np.cumsum(np.append(False, np.abs(steps + day - interval) <= JITTER * interval))
-    return clock + days * day
+    goes_on = (steps < 0.0) & (steps + day.total_seconds() <= _NEXT * np.median(steps[steps > 0.0]))
+    return clock + np.cumsum(np.append(False, goes_on)) * day
 
 
 def _with_point(cell):

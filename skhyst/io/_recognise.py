@@ -12,6 +12,7 @@ and that it may be the other way round is said.
 import re
 from dataclasses import dataclass, replace
 from functools import cached_property
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -153,6 +154,14 @@ def recognise_columns(
     )
 
 
+def are_swapped(drive, response) -> bool:
+    """Whether the names of a drive and a response say that each is the other."""
+    roles = [
+        _Candidate(None, None, SimpleNamespace(name=str(n))).kinds[0] for n in (drive, response)
+    ]
+    return roles == [{"response"}, {"drive"}]
+
+
 def find_roles(path, variables, roles, others=(), *, timed):
     """Return a dict of a RecognisedColumn for each role without a given column.
 
@@ -280,7 +289,12 @@ class _Candidate:
     @cached_property
     def role(self):
         """Role by name and unit: drive, response, either or neither; "" if these do not show it."""
-        if self.has(_NEITHER) or self.counts:
+        return "neither" if self.counts else self.named_role
+
+    @cached_property
+    def named_role(self):
+        """Role by name and unit, whatever the values."""
+        if self.has(_NEITHER):
             return "neither"
         first = next((kind for kind in self.kinds if kind), {""})
         return next(iter(first)) if len(first) == 1 else "either"

@@ -8,12 +8,13 @@ from numbers import Integral, Real
 from typing import Self
 
 import numpy as np
-from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
+from sklearn.base import BaseEstimator, MultiOutputMixin
 from sklearn.utils.validation import check_is_fitted
 
 from .._signals import input_signals
 from .._sklearn import Interval, StrOptions, fit_context
 from .._validation import (
+    ScoredMixin,
     as_floats,
     read_slices,
     refuse_extreme,
@@ -257,7 +258,7 @@ class SampledStateSpace:
         return complex_gain(self.a, self.b, self.c, self.d, z)
 
 
-class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
+class ModalModel(ModesMixin, MultiOutputMixin, ScoredMixin, BaseEstimator):
     r"""Linear dynamics of several inputs and responses with common modes.
 
     .. math:: Y(z) = \Bigl(D + \sum_r \frac{c_r b_r^T}{z - z_r}\Bigr) U(z)
@@ -499,8 +500,8 @@ class ModalModel(ModesMixin, MultiOutputMixin, RegressorMixin, BaseEstimator):
         check_is_fitted(self)
         refuse_std(self, return_std, "that is fitted to spectra")
         array = as_floats(self, X, reset=False)
-        if not self.operator_.signal_linear:
-            warn_beyond(self, array, set(range(array.shape[1])))
+        columns = set(range(array.shape[1]))
+        warn_beyond(self, array, columns, linear=self.operator_.signal_linear)
         slices, array, read = with_lost_rows(read_slices(self, X, reset=False, bridge=True), array)
         y = run_records(self.operator_, array, slices, self.initial_state)
         y = y if read is None else y[read]

@@ -22,11 +22,11 @@ from typing import Self
 
 import numpy as np
 from scipy.linalg import eig
-from sklearn.utils.validation import check_array, check_consistent_length, check_is_fitted
+from sklearn.utils.validation import check_array, check_is_fitted
 
 from .._jit import jit
 from .._sklearn import Interval, StrOptions
-from .._validation import read_data, read_slices, refuse_std
+from .._validation import known_response, read_data, read_slices, refuse_std
 from ..base import one_thread, refine, with_params
 from ..exceptions import DivergenceWarning, RecordError
 from ..operators import (
@@ -1505,9 +1505,8 @@ class TransferFunction(ModesMixin, LinearModel):
             raise AttributeError(
                 "TransferFunction has a predictor only after a fit to records with stable=False."
             )
+        y = known_response(self, X, y)
         slices, X, _ = read_data(self, X, reset=False, bridge=True)
-        y = check_array(y, ensure_2d=False, ensure_all_finite="allow-nan", dtype=float)
-        check_consistent_length(X, y)
         slices, X, y, read = with_lost_rows(slices, X, y)
         y = y if read is None else np.where(read, y, np.nan)
         signal, _ = self.operator_input(X, slices)

@@ -17,7 +17,7 @@ from typing import Self
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
+from sklearn.base import BaseEstimator, MultiOutputMixin
 from sklearn.metrics import r2_score
 from sklearn.model_selection import train_test_split
 from sklearn.utils import check_random_state
@@ -26,6 +26,7 @@ from sklearn.utils.validation import check_is_fitted
 from .._signals import input_signals
 from .._sklearn import Interval, StrOptions, fit_context
 from .._validation import (
+    ScoredMixin,
     as_floats,
     refuse_large,
     refuse_size,
@@ -192,7 +193,7 @@ def match(activation, X, nodes, residual):
     return np.square(products) / squares[:, np.newaxis]
 
 
-class SCNRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
+class SCNRegressor(MultiOutputMixin, ScoredMixin, BaseEstimator):
     r"""Stochastic configuration network: random hidden nodes, admitted one at a time.
 
     .. math:: f_L(x) = \beta_0 + \sum_{j=1}^{L} \beta_j\, g(x; w_j, b_j)

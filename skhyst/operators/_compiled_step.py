@@ -10,6 +10,7 @@ Steps are composed as their operators are: a series passes the output of one ste
 """
 
 import math
+import warnings
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from reprlib import repr as shortened
@@ -17,6 +18,7 @@ from reprlib import repr as shortened
 import numpy as np
 
 from .._jit import bind, jit
+from ..exceptions import DivergenceWarning
 from ..records import chosen_interval
 from ._protocol import as_constant, as_signal
 
@@ -66,6 +68,22 @@ def _streaming(law, c, s):
     return run
 
 
+def _finite(u):
+    """Return the input of a part, or raise if it is not finite."""
+    if not (math.isfinite(u) if type(u) is float else np.isfinite(u).all()):
+        raise OverflowError(f"The input of a part is {u!r}.")
+    return u
+
+
+def _checked_stepping(law, c, s):
+    return lambda u: law(_finite(u), c, s)
+
+
+def _checked_streaming(law, c, s):
+    run = _streaming(law, c, s)
+    return lambda u: run(_finite(u))
+
+
 class CompiledStep:
     """Base of compiled steps.
 
@@ -82,6 +100,14 @@ class CompiledStep:
     flags : tuple of (str, int)
         Conditions of the last sample: name, and index in the state of a number that is nonzero
         while the condition holds. Entries with the same name are one flag.
+    limits : tuple of (float, float, float) or None
+        Lowest and highest output, and largest change of it from one sample to the next, which the
+        step keeps; None if it has no limits.
+    acting : int or None
+        Column of the input from which the change is counted; None: from the last output.
+    held : tuple of int
+        Indices in the state of the last output that such limits remember, which a
+        :class:`Stepper` leaves as they are where it begins anew.
 
     See Also
     --------
@@ -92,6 +118,24 @@ class CompiledStep:
     n_inputs = None
     double_only = ""
     flags = ()
+    limits = None
+    acting = None
+    held = ()
+
+    def within(self, low, high, change):
+        """Return the step with other limits of its output, where it has limits.
+
+        Parameters
+        ----------
+        low, high, change : float
+            As :attr:`limits`.
+
+        Returns
+        -------
+        CompiledStep
+            The step, in the same state.
+        """
+        return self
 
     def is_possible(self, s):
         """Return whether a step can continue from a state: the indices in it are within range.
@@ -139,28 +183,32 @@ class CompiledStep:
         """
         return self
 
-    def stepping(self, s):
+    def stepping(self, s, checked=False):
         """Return a function of the input at one sample.
 
         Parameters
         ----------
         s : ndarray of shape (n_states,)
             State, which the function changes.
+        checked : bool, default=False
+            Whether the function raises OverflowError where the input of a part is not finite.
 
         Returns
         -------
         callable
             ``u -> y``: the output at the sample.
         """
-        return self.bound(s, _stepping)
+        return self.bound(s, _checked_stepping if checked else _stepping)
 
-    def streaming(self, s):
+    def streaming(self, s, checked=False):
         """Return a function of the input at many samples.
 
         Parameters
         ----------
         s : ndarray of shape (n_states,)
             State, which the function changes.
+        checked : bool, default=False
+            Whether the function raises OverflowError where the input of a part is not finite.
 
         Returns
         -------
@@ -168,7 +216,7 @@ class CompiledStep:
             ``u -> y`` of the input (n_samples,) or (n_samples, n_inputs), with the output
             (n_samples,).
         """
-        return self.bound(s, _streaming)
+        return self.bound(s, _checked_streaming if checked else _streaming)
 
 
 @dataclass(frozen=True)
@@ -191,6 +239,11 @@ class CompiledLaw(CompiledStep):
         ``possible(s, c) -> bool``, if the state holds indices into tables or into itself: whether
         they are in range. None: the step takes any finite state.
     flags : tuple of (str, int), default=()
+        As of :class:`CompiledStep`.
+    limited : tuple of int, default=()
+        Numbers of the constants that are the limits of the output: lowest, highest, and largest
+        change if it is limited.
+    acting, held : optional
         As of :class:`CompiledStep`.
     compact : CompiledLaw, default=None
         The law in a form with less memory and the same state: it computes values that this one
@@ -219,7 +272,22 @@ class CompiledLaw(CompiledStep):
     double_only: str = ""
     possible: object = None
     flags: tuple = ()
+    limited: tuple = ()
+    acting: int | None = None
+    held: tuple = ()
     compact: object = None
+
+    @property
+    def limits(self):
+        """Lowest and highest output, and its largest change, None if it is not limited."""
+        values = [self.constants[k] for k in self.limited]
+        return (*values, *[math.inf] * (3 - len(values))) if values else None
+
+    def within(self, low, high, change):
+        constants = list(self.constants)
+        for k, value in zip(self.limited, (low, high, change), strict=False):
+            constants[k] = value
+        return replace(self, constants=tuple(constants))
 
     def compacted(self):
         return self if self.compact is None else self.compact
@@ -287,6 +355,12 @@ class CompiledParts(CompiledStep):
         parts = self._each(range(len(self.state)))
         return tuple((name, int(indices[at])) for part, indices in parts for name, at in part.flags)
 
+    @property
+    def held(self):
+        """Indices in the joint state of what the parts hold."""
+        parts = self._each(range(len(self.state)))
+        return tuple(int(indices[at]) for part, indices in parts for at in part.held)
+
     def _each(self, s):
         """Yield each part with its slice of a state."""
         ends = np.cumsum([len(part.state) for part in self.parts])
@@ -337,9 +411,9 @@ class CompiledCall(CompiledStep):
         object.__setattr__(self, "state", np.array(self.state, dtype=float, ndmin=1))
 
     def bound(self, s, binding):
-        if binding is _stepping:
+        if binding in (_stepping, _checked_stepping):
             return lambda u: self._called(u, s)
-        if binding is _streaming:
+        if binding in (_streaming, _checked_streaming):
             return lambda u: np.array([self._called(row, s) for row in u])
         raise NotImplementedError(
             f"{self.name} has no step in plain arithmetic: it can be stepped in Python alone."
@@ -356,6 +430,15 @@ class CompiledCall(CompiledStep):
 
 class CompiledSeries(CompiledParts):
     """Steps in series: the output of each is the input of the next."""
+
+    @property
+    def limits(self):
+        """Those of the last step."""
+        return self.parts[-1].limits if self.parts else None
+
+    def within(self, low, high, change):
+        *parts, last = self.parts
+        return replace(self, parts=(*parts, last.within(low, high, change)))
 
     def _joined(self, functions):
         def series(u):
@@ -545,7 +628,8 @@ class Stepper:
         Conditions that hold at the last sample: ``"limited"``, limits have clipped the drive;
         ``"unreachable"``, an inverse by root finding has found no drive for its reference;
         ``"extrapolated"``, the drive is outside the range or the rate of the fit; ``"refused"``,
-        the last input was refused, see :meth:`step`; ``"overrange"``, the output is not finite.
+        the last input was refused, see :meth:`step`; ``"overrange"``, numbers have been beyond
+        floating point since the start, see there.
     compiled_step : CompiledStep
         The compiled step, with its initial state.
     inputs, result, preview : tuple of Signal, Signal or None, int
@@ -598,7 +682,7 @@ class Stepper:
     def _begin(self, state):
         self._forget()
         self._state = np.array(state)
-        self._step = self.compiled_step.stepping(self._state)
+        self._step = self.compiled_step.stepping(self._state, checked=True)
 
     @property
     def state(self):
@@ -617,15 +701,14 @@ class Stepper:
         self._forget()
 
     def _forget(self):
-        self.output, self._refused = None, False
+        self.output, self._refused, self._overrange = None, False, False
         self._last = self._before = None  # input and output of the last two samples
 
     @property
     def status(self):
         names = {name for name, at in self.compiled_step.flags if self._state[at] != 0.0}
         names |= {"refused"} if self._refused else set()
-        is_finite = self.output is None or math.isfinite(self.output)
-        names |= set() if is_finite else {"overrange"}
+        names |= {"overrange"} if self._overrange else set()
         return frozenset(names | {"extrapolated"} if self._is_extrapolating() else names)
 
     def _is_extrapolating(self):
@@ -644,6 +727,10 @@ class Stepper:
     def step(self, u):
         """Return the response at the next sample.
 
+        Where a finite input leads beyond floating point, no later sample would take such numbers
+        out of the state. Then the last output is held, the status is ``"overrange"``, and the state
+        begins anew; only limits continue from the output that is held.
+
         Parameters
         ----------
         u : float, or array-like of shape (n_inputs,)
@@ -652,6 +739,7 @@ class Stepper:
         Returns
         -------
         float
+            NaN if the first sample leads beyond floating point, so that there is none to hold.
 
         Raises
         ------
@@ -661,18 +749,32 @@ class Stepper:
         """
         if self.compiled_step.n_inputs is None:
             try:
-                value = float(u)
+                value, wanted = float(u), "finite"
             except (TypeError, ValueError):
-                value = math.nan
+                value, wanted = math.nan, "one number"
             self._refused = not math.isfinite(value)
             if self._refused:
-                raise ValueError(f"The drive must be finite. Got {u!r} instead.")
+                raise ValueError(f"The drive must be {wanted}. Got {u!r} instead.")
         else:
             value = self._checked(u, 1)
-        self.output = self._step(value)
+        try:
+            y = self._step(value)
+        except OverflowError:  # by the law itself where it is not compiled
+            y = math.inf
+        if abs(y) < math.inf:
+            self.output = y
+        else:
+            self._begin_anew()
+            y = math.nan if self.output is None else self.output
         if self.watched:
-            self._before, self._last = self._last, (value, self.output)
-        return self.output
+            self._before, self._last = self._last, (value, y)
+        return y
+
+    def _begin_anew(self):
+        held = list(self.compiled_step.held)
+        kept = self._state[held]
+        self._state[:] = self.compiled_step.state
+        self._state[held], self._overrange = kept, True
 
     def run(self, u):
         """Return the response to many samples, and keep the state after the last.
@@ -690,11 +792,29 @@ class Stepper:
         ------
         ValueError
             As in :meth:`step`.
+
+        Warns
+        -----
+        DivergenceWarning
+            If numbers have left floating point, see :meth:`step`.
         """
         n_inputs = self.compiled_step.n_inputs
         u = self._checked(u, 1 if n_inputs is None else 2)
-        y = self.compiled_step.streaming(self._state)(u)
-        if len(y):
+        begin = self._state.copy()
+        try:
+            y = self.compiled_step.streaming(self._state, checked=True)(u)
+        except OverflowError:
+            y = np.array([math.inf])
+        if not np.isfinite(y).all():
+            self._state[:] = begin
+            y = np.array([self.step(row) for row in u])
+            warnings.warn(
+                "The numbers of the device have left floating point: it began anew, and held its "
+                "last output meanwhile.",
+                DivergenceWarning,
+                stacklevel=2,
+            )
+        elif len(y):
             self.output = float(y[-1])
             before = (u[-2].copy(), float(y[-2])) if len(y) > 1 else self._last
             self._before, self._last = before, (u[-1].copy(), self.output)
@@ -709,8 +829,11 @@ class Stepper:
         is_whole = rows.ndim == ndim and not (n_inputs and rows.shape[-1] < n_inputs)
         self._refused = not (is_whole and np.isfinite(rows).all())
         if self._refused:
-            wanted = "numbers" if n_inputs is None else f"rows of {n_inputs} numbers or more"
-            raise ValueError(f"The input must be finite {wanted}. Got {shortened(u)} instead.")
+            wanted = "finite"
+            if not is_whole:
+                row = "a number" if n_inputs is None else f"a row of {n_inputs} numbers or more"
+                wanted = row if ndim == 1 and n_inputs else f"a sequence with {row} per sample"
+            raise ValueError(f"The input must be {wanted}. Got {shortened(u)} instead.")
         return rows
 
     def copy(self):
@@ -725,10 +848,10 @@ class Stepper:
         return {name: getattr(self, name) for name in names} | {"remake": self._remake}
 
     def _known(self):
-        return self.output, self._refused, self._last, self._before
+        return self.output, self._refused, self._overrange, self._last, self._before
 
     def _recall(self, known):
-        self.output, self._refused, self._last, self._before = known
+        self.output, self._refused, self._overrange, self._last, self._before = known
 
     __copy__ = copy
 

@@ -50,7 +50,7 @@ def cut_off(y):
     return y
 
 
-def run_variance(operator, covariance, u, dt, initial_state="rest", skip=0):
+def run_variance(operator, covariance, u, dt, initial_state="rest", skip=0, by_start=None):
     """Return the variance of an operator's output due to the errors of its parameters.
 
     Derivatives are exact; for records so long that they need too much memory, they are central
@@ -60,8 +60,8 @@ def run_variance(operator, covariance, u, dt, initial_state="rest", skip=0):
     ----------
     operator : Operator
         With its additive disturbances.
-    covariance : ndarray of shape (n_parameters, n_parameters)
-        Of the values of ``pack``.
+    covariance : ndarray of shape (n_parameters + n_start, n_parameters + n_start)
+        Of the values of ``pack``, and of how the record begins where this is estimated.
     u : ndarray of shape (n_samples,) or (n_samples, n_inputs)
         Input.
     dt : float
@@ -70,6 +70,8 @@ def run_variance(operator, covariance, u, dt, initial_state="rest", skip=0):
         State before the first sample.
     skip : int, default=0
         Samples of the input before the start of the record and of its time.
+    by_start : ndarray of shape (n_samples - skip, n_start), default=None
+        Derivatives of the output by how the record begins.
 
     Returns
     -------
@@ -85,6 +87,7 @@ def run_variance(operator, covariance, u, dt, initial_state="rest", skip=0):
             disturbance.basis(time),
             disturbance.basis_tangents(time, np.ravel(disturbance.coefficients)),
         ]
+    signals += [] if by_start is None else [by_start]
     signals = np.concatenate(signals, axis=1)
     if len(u) * count > _LARGEST:
         variance = np.zeros(len(time))

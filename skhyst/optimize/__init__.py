@@ -24,6 +24,7 @@ from ._identify import constant_entries as constant_entries
 from ._input_history import estimate_input_history as estimate_input_history
 from ._input_history import input_history_of as input_history_of
 from ._input_history import later_halves as later_halves
+from ._input_history import start_precision as start_precision
 from ._input_history import with_input_history as with_input_history
 from ._levenberg_marquardt import LevenbergMarquardt
 from ._modal_problem import ModalProblem as ModalProblem

@@ -215,7 +215,7 @@ def _places(driven, disturbances):
     return places, coefficients
 
 
-def calibrated(operator, record, covariance=None, noise_std=None):
+def calibrated(operator, record, covariance=None, noise_std=None, precision=None):
     """Return an operator with the coefficients of its disturbances in a record.
 
     Parameters
@@ -223,36 +223,51 @@ def calibrated(operator, record, covariance=None, noise_std=None):
     operator : Operator
         With its additive disturbances.
     record : RecordData
-        Its known response.
+        Its known response, and how it begins.
     covariance : ndarray of shape (n_parameters, n_parameters), default=None
-        Of the values of ``pack``; the result includes the errors of the coefficients in this
+        Of the values of ``pack``; the result includes the errors of what is estimated from this
         record.
     noise_std : float, default=None
         Standard deviation of the noise, with a covariance.
+    precision : ndarray of shape (n_start, n_start), default=None
+        Inverse covariance of the record's input history or start values before its response was
+        known, if these have been estimated.
 
     Returns
     -------
     operator : Operator
-    covariance : ndarray of shape (n_parameters, n_parameters) or None
+    covariance : ndarray of shape (n_parameters + n_start, n_parameters + n_start) or None
+        Of the values of ``pack`` and of how the record begins.
     """
     driven, additive = split_disturbances(operator)
-    if not additive:
+    places, own = _places(driven, additive)
+    if own:
+        problem = OperatorProblem(driven, [record], disturbances=additive)
+        coefficients = problem.coefficients(problem.evaluate(problem.x0, jacobian=False))[0]
+        values = operator.pack()
+        values[own] = coefficients
+        operator = operator.unpack(values)
+    if covariance is None or (not own and precision is None):
         return operator, covariance
+    n_start = 0 if precision is None else len(precision)
+    if n_start:
+        columns = OperatorProblem(driven, [record]).history_sensitivities(driven, record)
+        record = replace(record, eliminated=columns)
+        size = len(covariance)
+        own = [*own, *range(size, size + n_start)]
+        covariance = np.pad(covariance, (0, n_start))
     problem = OperatorProblem(driven, [record], disturbances=additive)
-    blocks = problem.evaluate(problem.x0, jacobian=covariance is not None)
-    places, coefficients = _places(driven, additive)
-    values = operator.pack()
-    values[coefficients] = problem.coefficients(blocks)[0]
-    if covariance is not None:
-        propagation = np.eye(len(values))
-        propagation[coefficients] = 0.0
-        slopes = problem.coefficient_slopes(blocks)[0] / problem.chain(problem.x0)
-        propagation[np.ix_(coefficients, [places[name] for name in problem.names])] = -slopes
-        covariance = propagation @ covariance @ propagation.T
-        covariance[np.ix_(coefficients, coefficients)] += (noise_std or 0.0) ** 2 * _inverse(
-            blocks, len(coefficients)
-        )
-    return operator.unpack(values), covariance
+    blocks = problem.evaluate(problem.x0)
+    if n_start:
+        estimated = slice(len(own) - n_start, len(own))
+        blocks[0, estimated, estimated] += noise_std**2 * precision
+    propagation = np.eye(len(covariance))
+    propagation[own] = 0.0
+    slopes = problem.coefficient_slopes(blocks)[0] / problem.chain(problem.x0)
+    propagation[np.ix_(own, [places[name] for name in problem.names])] = -slopes
+    covariance = propagation @ covariance @ propagation.T
+    covariance[np.ix_(own, own)] += (noise_std or 0.0) ** 2 * _inverse(blocks, len(own))
+    return operator, covariance
 
 
 def _inverse(blocks, d):

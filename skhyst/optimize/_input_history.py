@@ -45,6 +45,9 @@ _STEPS = np.outer(_THIRDS, (1.0, -1.0)).ravel()
 _DEPTH = 3  # evaluations per value of a descent: with one, 1 record of 30 misses its minimum
 # of 25 records of plays, one start misses the minimum in 3 records, three starts in none
 _STARTS = 3  # if no values are known
+# of the limits, three times the range of the drive: the standard deviation of the difference of two
+# values within this range, of any of which none is likelier
+_CHANGE = 1.0 / (3.0 * np.sqrt(6.0))
 _FADED = 1e-3  # of the mean squared residual of a sample: negligible for the choice of a history
 _FAR = 1e10  # residual of a diverged run, relative to the response
 
@@ -185,10 +188,16 @@ def with_input_history(result, records, method="variable_projection", **options)
     return replace(fit, n_evaluations=evaluations, input_history=history)
 
 
-def _count(records):
-    """Return the number of values of an input history."""
+def _count(records, oldest=0):
+    """Return the number of values of a history to half of a record, or ``oldest`` samples."""
     longest = max(len(record.u) for record in records)
-    return int(np.log2(max(longest // 2, 1))) + 1
+    return int(np.log2(max(longest // 2, oldest, 1))) + 1
+
+
+def _memory(operator, record, oldest):
+    """Return the samples before a record, at most ``oldest``, on which it may depend, if known."""
+    decay = -np.log(_FADED) * operator.slowest_decay() / record.dt
+    return int(min(oldest, decay or (oldest if operator.signal_linear else 0)))
 
 
 def _is_known(record, count):
@@ -202,7 +211,16 @@ def _rest(record, count):
 
 
 def input_history_of(
-    operator, disturbances, records, drive_range=None, *, which=None, initial_state="rest"
+    operator,
+    disturbances,
+    records,
+    drive_range=None,
+    *,
+    which=None,
+    initial_state="rest",
+    oldest=0,
+    noise_std=0.0,
+    response_range=np.inf,
 ):
     """Return the input history of each record with the parameters held, and the number of runs.
 
@@ -210,20 +228,23 @@ def input_history_of(
     records. The limits are by default those of the inputs in the records; ``which`` and
     ``initial_state`` are as for :func:`estimate_input_history`. For an operator without a state of
     rest, the start values (n_records, n_start) are returned.
+
+    The history reaches back by half of a record, or, for records shorter than the memory of the
+    operator, to what has decayed, at most by ``oldest`` samples. With ``noise_std``, the standard
+    deviation of the noise, what few samples do not determine stays as at rest: they may agree
+    exactly with many histories, and the penalty of changes is not below that of the noise;
+    ``response_range`` is that of :func:`start_precision`.
     """
     if operator.n_start:
-        return start_values_of(operator, disturbances, records, which)
-    ends = [np.array([r.u.min(axis=0), r.u.max(axis=0)]).reshape(2, -1) for r in records]
-    low, high = np.min(ends, axis=0)[0], np.max(ends, axis=0)[1]
-    if drive_range is not None:
-        low[0], high[0] = drive_range
-    # the history of what is not linear may exceed the range of the drive by as much on either side
-    limits, count = (2.0 * low - high, 2.0 * high - low), _count(records)
+        stiffness = noise_std / response_range
+        return start_values_of(operator, disturbances, records, which, stiffness)
+    limits = _limits(records, drive_range)
+    count = _count(records, max(_memory(operator, record, oldest) for record in records))
     options = {"disturbances": disturbances, "initial_state": initial_state}
     problem = OperatorProblem(operator, records, **options)
     which = [True] * len(records) if which is None else which
     histories = [
-        _history(problem, record, limits, count)
+        _history(problem, record, limits, count, noise_std)
         if is_estimated
         else (np.full_like(_rest(record, count), np.nan, dtype=float), 0)
         for record, is_estimated in zip(problem.records, which, strict=True)
@@ -231,13 +252,53 @@ def input_history_of(
     return np.array([history for history, _ in histories]), max(runs for _, runs in histories)
 
 
-def _history(problem, record, limits, count):
+def _limits(records, drive_range):
+    """Return the lower and the upper limits (n_inputs,) of input histories.
+
+    The history of what is not linear may exceed the range of the drive by as much on either side.
+    """
+    ends = [np.array([r.u.min(axis=0), r.u.max(axis=0)]).reshape(2, -1) for r in records]
+    low, high = np.min(ends, axis=0)[0], np.max(ends, axis=0)[1]
+    if drive_range is not None:
+        low[0], high[0] = drive_range
+    return 2.0 * low - high, 2.0 * high - low
+
+
+def start_precision(operator, record, drive_range, response_range):
+    """Return the inverse covariance of how a record begins, before its response is known.
+
+    Parameters
+    ----------
+    operator : Operator
+        Without its additive disturbances.
+    record : RecordData
+        With its input history, or start values.
+    drive_range : tuple of (float, float)
+        The values of an input history differ from one to the next as any two within this range.
+    response_range : float
+        Each start value changes the response by this root mean square.
+
+    Returns
+    -------
+    ndarray of shape (n_values, n_values)
+    """
+    if operator.n_start:
+        columns = scheduled(operator, record).by_start(record.u, record.dt, record.start)
+        return np.diag(np.mean(np.square(columns), axis=0)) / response_range**2
+    low, high = _limits([record], drive_range)
+    size = np.tile(_CHANGE * (high - low), len(record.before))
+    size[size == 0.0] = np.inf  # of a constant input, whose history is at rest
+    slopes = (np.eye(len(size)) - np.eye(len(size), k=-len(low))) / size
+    return slopes.T @ slopes
+
+
+def _history(problem, record, limits, count, noise_std):
     """Return the input history of one record, and the number of runs."""
     low, high = limits
     width = high - low
     if not width.any():
         return _rest(record, count), 0
-    misfit = _Misfit(problem, record, low, width)
+    misfit = _Misfit(problem, record, low, width, noise_std)
     starts = _starts(misfit, record, count)
     if problem.operator.signal_linear:
         return misfit.before(misfit.solved(np.array(starts))), misfit.runs
@@ -287,7 +348,7 @@ class _Misfit:
     rest.
     """
 
-    def __init__(self, problem, record, low, size):
+    def __init__(self, problem, record, low, size, noise_std):
         self._problem, self._low, self._size = problem, low, size
         self._operator = scheduled(problem.operator, record)
         self._record = replace(record, schedule=None)
@@ -296,6 +357,8 @@ class _Misfit:
             columns = self._root[:, None] * problem.basis(problem.disturbances, record)
             self._basis = np.linalg.qr(columns)[0]
         self._scale = np.linalg.norm(self._root * record.y) or 1.0
+        self._n_read = np.count_nonzero(self._root) or 1
+        self._noise = noise_std / self._scale
         self._last = self.relative(record.u[:1]).reshape(1, -1)
         self._stiffness = 0.0
         self._settled, self._faded, self._part = None, 0.0, self._record
@@ -320,11 +383,11 @@ class _Misfit:
         from that of the solution: a start far from all of them must not be held there by their
         residual.
         """
-        rest, n = starts[0], len(self._root)
+        rest = starts[0]
         columns, free = self._columns(rest), np.full(len(rest), np.inf)
         residuals = columns[:, -1:] + columns[:, :-1] @ (starts - rest).T
         for _ in range(2):
-            self._stiffness = np.linalg.norm(residuals, axis=0).min() / np.sqrt(n)
+            self._stiffen(np.square(residuals).sum(axis=0).min())
             gram = self._gram(columns, rest)
             step = bounded_step(gram[:-1, :-1], gram[:-1, -1], -free, free)
             residuals = np.column_stack([residuals, columns[:, -1] + columns[:, :-1] @ step])
@@ -349,12 +412,17 @@ class _Misfit:
         kept = len(rest)
         while kept > n_inputs and self._is_forgotten(rest, ends, kept - n_inputs):
             kept -= n_inputs
-        self.n_values, self._stiffness = kept, np.sqrt(min(costs) / len(self._root))
+        self.n_values = kept
+        self._stiffen(min(costs))
         return np.array(costs)
+
+    def _stiffen(self, least):
+        """Set the penalty of changes by the least sum of squares."""
+        self._stiffness = max(np.sqrt(least / self._n_read), self._noise / _CHANGE)
 
     def _cut(self, after, costs):
         """Leave out the samples that no history affects; ``after`` is each one's change."""
-        self._faded = _FADED * min(costs) / len(self._root)
+        self._faded = _FADED * max(min(costs) / self._n_read, self._noise**2)
         self._part = self._record.first_part(max(int(np.sum(after > self._faded)), 1))
 
     def _is_forgotten(self, rest, ends, kept):

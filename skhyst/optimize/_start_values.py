@@ -21,7 +21,7 @@ _FOLLOWED = 3  # starts of the parameters that are followed to convergence
 _SETTLED = 1e-8  # relative decrease of the error by a pass that is worth another one
 
 
-def start_values_of(operator, disturbances, records, which=None):
+def start_values_of(operator, disturbances, records, which=None, stiffness=0.0):
     """Return the start values of each record with the parameters held, and the number of runs.
 
     Parameters
@@ -30,6 +30,9 @@ def start_values_of(operator, disturbances, records, which=None):
     records : sequence of RecordData
     which : sequence of bool, default=None
         Records that have start values of their own; by default all.
+    stiffness : float, default=0.0
+        Ratio of the noise to the change of the response by a start value that is as likely as the
+        noise: what few samples do not determine is as of a rest at the first of them.
 
     Returns
     -------
@@ -41,13 +44,13 @@ def start_values_of(operator, disturbances, records, which=None):
     problem = OperatorProblem(operator, records, disturbances=disturbances)
     which = [True] * len(records) if which is None else which
     starts = [
-        _start(problem, record) if has_own else (np.full(operator.n_start, np.nan), 0)
+        _start(problem, record, stiffness) if has_own else (np.full(operator.n_start, np.nan), 0)
         for record, has_own in zip(problem.records, which, strict=True)
     ]
     return np.array([start for start, _ in starts]), max(runs for _, runs in starts)
 
 
-def _start(problem, record):
+def _start(problem, record, stiffness):
     """Return the start values of a record, and the number of simulations."""
     operator, root = scheduled(problem.operator, record), np.sqrt(record.counts())
     record = replace(record, schedule=None)
@@ -60,22 +63,27 @@ def _start(problem, record):
         part = (part.T * root).T
         return part if basis is None else part - basis @ (basis.T @ part)
 
+    def by_start(start):
+        return problem.history_sensitivities(operator, replace(record, start=start))
+
     def misfit(start):
         residual = weighted(problem.simulate(operator, replace(record, start=start)) - record.y)
+        residual = np.append(residual, stiffness * scale * (start - starts[0]))
         return residual, float(residual @ residual) if np.isfinite(residual).all() else np.inf
 
     known = np.flatnonzero(root)
-    first = known[0] if len(known) else 0
-    starts = operator.starts(record.u[first:], record.y[first:], record.dt)
+    read = slice(known[0], known[-1] + 1) if len(known) else slice(None)
+    starts = operator.starts(record.u[read], record.y[read], record.dt)
     if record.start is not None:
         starts.append(np.asarray(record.start, dtype=float))
+    # a start value counts by its effect on the whole record
+    scale = np.sqrt(np.mean(np.square(by_start(starts[0])), axis=0))
+    scale[~((scale > 0.0) & np.isfinite(scale))] = 1.0
     trials = [(*misfit(start), start) for start in starts]
     residual, least, start = min(trials, key=lambda trial: trial[1])
     runs = len(starts)
     for _ in range(_STEPS):
-        columns = weighted(problem.history_sensitivities(operator, replace(record, start=start)))
-        scale = np.linalg.norm(columns, axis=0)
-        scale[scale == 0.0] = 1.0
+        columns = np.concatenate([weighted(by_start(start)), stiffness * np.diag(scale)])
         if not np.isfinite(columns).all():
             break
         step = -np.linalg.lstsq(columns / scale, residual, rcond=1e-10)[0] / scale

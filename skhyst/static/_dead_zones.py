@@ -219,8 +219,8 @@ class MonotoneDeadZoneOperator(StaticOperator):
         """
         if not np.all(np.asarray(self.slopes) > 0.0):
             raise ValueError(
-                "MonotoneDeadZoneOperator.inverse needs positive slopes: the curve must be "
-                f"strictly monotone. Got slopes={self.slopes!r} instead."
+                "MonotoneDeadZoneOperator has no inverse: its curve must be strictly monotone, "
+                f"with slopes above zero. Got the smallest slope {np.min(self.slopes):g} instead."
             )
         _, thresholds = self._segments()
         return replace(self, slopes=1.0 / np.asarray(self.slopes), thresholds=thresholds)

@@ -23,9 +23,11 @@ import time
 import traceback
 import warnings
 from collections import Counter
+from inspect import signature
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import sklearn
 from hostile_data import DT, Case, cases
 from hypothesis import HealthCheck, Phase, given, seed, settings
@@ -191,9 +193,17 @@ def attack(name, case, fitted=None):
 
 
 def attack_interval(name):
-    """Take the time away from what a fitted estimator is given; return what broke, or ""."""
+    """Take the time away from what a fitted estimator is given, or another unit; return what broke.
+
+    "" where nothing did.
+    """
     X, y = Case(index="seconds").given()
+    y = pd.Series(np.asarray(y, dtype=float), X.index, name="y (um)")
     fitted = small_estimators()[name].fit(X, y)
+    for method in _reading(fitted):
+        outcome, told = _attempt(_called(method), fitted, X, y.rename("y (mm)") / 1e3)
+        if outcome != "refused" or "must be in um" not in told:
+            return f"{method} of a response in another unit: {outcome}"
     expected = use(fitted, X, y)
     for container in ("float64", "frame", "polars"):
         outcome, found = _attempt(use, fitted, Case(container=container).given()[0], np.asarray(y))
@@ -202,6 +212,22 @@ def attack_interval(name):
         if outcome == "done" and not np.array_equal(found, expected):
             return f"off by {_differ(found, expected):.1e} of the range without the time"
     return ""
+
+
+def _reading(fitted):
+    """Return the public methods of a fitted estimator that read a response, but those that fit."""
+    found = []
+    for name in dir(fitted):
+        if name.startswith(("_", "fit")) or not callable(getattr(type(fitted), name, None)):
+            continue
+        parameters = list(signature(getattr(fitted, name)).parameters)
+        if parameters[:2] == ["X", "y"] or parameters[:2] == ["X", "y_start"]:
+            found.append(name)
+    return found
+
+
+def _called(method):
+    return lambda fitted, X, y: np.ravel(getattr(fitted, method)(X, y))
 
 
 def attack_composition(name, kind, **said):

@@ -74,7 +74,7 @@ FOUND = [
 @pytest.mark.slow
 @pytest.mark.parametrize("name", small_estimators())
 def test_right_or_refused(name):
-    _, broken = examine(name, 1 if name in SLOW else 4, number=crc32(name.encode()))
+    _, broken = examine(name, 1 if name in SLOW else 3, number=crc32(name.encode()))
     assert broken == []
 
 
@@ -119,7 +119,7 @@ SAID = {"dt": 0.05}, {"initial_state": "zero"}
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("name", ["Cascade", "Dahl", "FirstOrderLag", "KelvinVoigt"])
+@pytest.mark.parametrize("name", ["Cascade", "KelvinVoigt"])
 def test_what_a_step_says(name, kind):
     assert [attack_composition(name, KINDS[kind], **said) for said in SAID] == ["", ""]
 

@@ -229,9 +229,9 @@ def recorded(effect, declared):
     return make_recording(effect, declared, 1, n_samples=SHORT)
 
 
-@pytest.mark.parametrize("declared", BASES)
-def test_halving_the_step_changes_nothing_that_shows(declared):
-    for effect in ("none", *MATRIX[declared]):
+def test_halving_the_step_changes_nothing_that_shows():
+    """Of each effect in one of the plants that can have it."""
+    for effect, declared in {e: d for d in BASES for e in ("none", *MATRIX[d])}.items():
         coarse = recorded(effect, declared)
         fine = make_recording(effect, declared, 1, n_samples=SHORT, substeps=2 * plants.SUBSTEPS)
         change = coarse.y_train_clean - fine.y_train_clean

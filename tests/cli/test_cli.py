@@ -9,7 +9,6 @@ import re
 import subprocess
 import sys
 import warnings
-from argparse import Namespace
 from functools import partial
 from pathlib import Path
 
@@ -509,7 +508,7 @@ def test_every_option_that_a_message_names_exists():
         named = {*re.findall(r"(?<![\w-])--[a-z][a-z-]+", text)}
         assert path.stem in others or named <= allowed, path
     for name, parser in commands.items():
-        options = Namespace(**{action.dest: None for action in parser._actions})
+        options = {action.dest for action in parser._actions}
         for parameter in (*_READING, "resample"):
             told = as_options(f"Pass {parameter}='a b', or '{parameter}'.", options)
             command = "diagnose" if "skhyst diagnose" in told else name

@@ -310,4 +310,14 @@ def test_references_that_are_none_are_refused(model_file, reference, tmp_path, c
     table = pd.read_csv(reference)
     table.loc[7, "um"] = np.nan
     table.to_csv(reference, index=False)
-    assert "um" in error(reference)
+    assert re.search("um: 1 row.*Pass --on-missing drop", error(reference))
+    out = tmp_path / "drive.csv"
+    call = ["compensate", str(model_file), str(reference), "-o", str(out), "--time-unit", "ms"]
+    assert main([*call, "--on-missing", "interpolate", "--force"]) == 0
+    expected = pd.read_csv(out)
+    # the column of the records is neither the time nor the reference
+    table.insert(0, "record", "a")
+    table["um"] = table["um"].interpolate()
+    table.to_csv(reference, index=False)
+    assert main([*call, "--force"]) == 0
+    np.testing.assert_allclose(pd.read_csv(out)["drive"], expected["drive"])

@@ -186,9 +186,9 @@ def test_a_sample_that_is_none_changes_nothing(models, value):
         stepper.run(rows[:50])
         before, other = stepper.state, stepper.copy()
         broken = value if rows.ndim == 1 else [0.1, value]
-        with pytest.raises(ValueError, match="must be finite"):
+        with pytest.raises(ValueError, match=r"must be (finite|one number|a row|a sequence)"):
             stepper.step(broken)
-        with pytest.raises(ValueError, match="must be finite"):
+        with pytest.raises(ValueError, match=r"must be (finite|one number|a row|a sequence)"):
             stepper.run([rows[0], rows[1], broken])
         np.testing.assert_array_equal(stepper.state, before)
         np.testing.assert_array_equal(stepper.run(rows[50:]), other.run(rows[50:]))

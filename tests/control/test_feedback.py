@@ -221,7 +221,8 @@ def test_bad_parameters_are_named(options, message):
 def test_a_wrong_row_leaves_the_controller_as_it_is(row):
     stepper = FeedforwardPI(0.7, 30.0).stepper(DT)
     before = stepper.state
-    with pytest.raises(ValueError, match="finite rows of 2 numbers"):
+    wanted = "must be finite" if np.size(row) == 2 else "must be a row of 2 numbers"
+    with pytest.raises(ValueError, match=wanted):
         stepper.step(row)
     np.testing.assert_array_equal(stepper.state, before)
 
@@ -247,3 +248,17 @@ def test_a_reading_beyond_floating_point_holds_the_drive(compensator, row):
     drive = stepper.run(ROWS[:, :n])
     assert np.abs(drive).max() <= 5.0
     assert np.ptp(drive) > 1.0
+    begun = FeedforwardPI(*(0.7, 30.0), compensator=compensator, drive_limits=(-5.0, 5.0))
+    stepper = begun.stepper(DT, u0=-2.0)
+    rest = (0.0, 0.0, 3.0)[:n]
+    first = stepper.step([*row, 3.0][:n])  # the drive of rest, from which it goes on
+    assert (first, stepper.step(rest)) == ((1.0, 1.0) if compensator else (-2.0, -2.0))
+
+
+def test_a_drive_that_has_acted_beyond_the_limits_is_not_held():
+    """Nor does the integral part follow it beyond them."""
+    controller = FeedforwardPI(1.0, 40.0, drive_limits=(-5.0, 5.0), tracking_time=2.0 * DT)
+    stepper = controller.stepper(DT)
+    assert stepper.step((1e308, -1e308, 1e6)) == 5.0  # their difference is beyond numbers
+    other = controller.stepper(DT)
+    assert other.step((0.0, 0.0, 1e6)) == other.step((0.0, 0.0, 2.5)) == 2.5

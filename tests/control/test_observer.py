@@ -1,5 +1,6 @@
 """The observer: what theory says of Kalman filters."""
 
+import copy
 import pickle
 import shutil
 import subprocess
@@ -238,8 +239,14 @@ def test_a_perfect_recording():
 
 def test_pickled_in_service(observer, data):
     u, _, reading = data
-    observer.update(u[0, 0], reading[0])
+    for k in range(30):
+        observer.update(u[k, 0], reading[k])
     again = pickle.loads(pickle.dumps(observer))
+    copies = again, copy.deepcopy(observer), pickle.loads(pickle.dumps(again))
+    for own in (observer, *copies):  # each goes on where it was
+        own.found = [own.update(u[k, 0], reading[k]) for k in range(30, 60)]
+        assert own.found == observer.found
+        assert own.innovation == observer.innovation
     np.testing.assert_array_equal(
         again.filter(u[:50], reading[:50]), observer.filter(u[:50], reading[:50])
     )

@@ -147,3 +147,16 @@ def test_a_stepper_runs_at_its_interval():
     simulate_loop(own, FeedforwardPI(0.1, 0.0), np.zeros(3), DT)
     with pytest.raises(ValueError, match=r"'dt' .* must be that of the device, 0\.001 s"):
         simulate_loop(own, FeedforwardPI(0.1, 0.0), np.zeros(3), 2.0 * DT)
+
+
+def test_a_status_of_bits_is_none_of_a_stepper():
+    """As that of a program on an emulated controller."""
+
+    class Device:
+        status = 16
+
+        def step(self, drive):
+            return 0.5 * drive
+
+    loop = simulate_loop(Device(), FeedforwardPI(0.1, 1.0), np.ones(5), 1e-3)
+    assert len(loop.response) == 5

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import joblib
 import numpy as np
-import plants
 import pytest
 from plants import make_recording
 from recordings import load_piezo_afm
@@ -31,21 +30,12 @@ from skhyst.operators import parameter
 from skhyst.records import stack_records
 from skhyst.static import SaturationOperator, SmoothCurve, StaticOperator
 
-# of those that are a stage of their own, or beside the model
-EFFECTS = [e for e in plants.EFFECTS[:11] if e not in ("delay", "input_saturation")]
 SEED = 9000
 DECLARED = ("prandtl_ishlinskii", "cascade")
-# of each the rivals that come nearest; nothing, and the demonstration, have all effects
+# the nearest rivals; nothing, and the demonstration, have all effects
 RIVALS = {
     "lag": ["delay", "resonance", "creep"],
-    "asymmetry": ["static_nonlinearity", "output_saturation", "lag"],
-    "static_nonlinearity": ["asymmetry", "output_saturation", "lag"],
-    "output_saturation": ["asymmetry", "static_nonlinearity", "lag"],
-    "resonance": ["lag", "delay", "creep"],
-    "creep": ["lag", "drift", "static_nonlinearity"],
-    "drift": ["creep", "offset", "periodic_disturbance"],
     "offset": ["creep", "drift", "output_saturation"],
-    "periodic_disturbance": ["drift", "offset", "resonance"],
 }
 
 
@@ -113,8 +103,9 @@ def assert_explained(search, recording, limit):
     assert error < 0.5 * search.held_out_error(recording.X_test, recording.y_test, declared=True)
 
 
-@pytest.mark.parametrize("effect", ["lag", *slow(*(own for own in EFFECTS if own != "lag"))])
+@pytest.mark.parametrize("effect", ["lag", *slow("offset")])
 def test_the_missing_effect_is_named_and_nothing_else_is_claimed(effect, found):
+    """As declared by default; see test_evidence.py for each effect where the plays are known."""
     recording, search = found(effect, "prandtl_ishlinskii")
     assert search.effects_ == [effect]
     assert_explained(search, recording, 1.10)
@@ -122,10 +113,10 @@ def test_the_missing_effect_is_named_and_nothing_else_is_claimed(effect, found):
     assert search.noise_floor_ == pytest.approx(recording.noise_std, rel=0.1)
 
 
-@pytest.mark.parametrize("effect", slow("lag", "output_saturation"))
-def test_the_first_name_is_right_where_a_cascade_is_declared(effect, found):
-    recording, search = found(effect, "cascade")
-    assert search.effects_[:1] == [effect]
+@pytest.mark.slow
+def test_the_first_name_is_right_where_a_cascade_is_declared(found):
+    recording, search = found("lag", "cascade")
+    assert search.effects_[:1] == ["lag"]
     # so few samples do not determine all parameters of a declared cascade
     assert_explained(search, recording, 1.35)
 
@@ -255,7 +246,7 @@ def test_the_attributes_agree_with_each_other(effect, found):
 def test_ambiguous_effects_come_with_an_experiment(found):
     rows = [
         row
-        for effect in ("lag", "output_saturation", "drift")
+        for effect in ("lag", "offset")
         for row in found(effect, "prandtl_ishlinskii")[1].history_.itertuples()
     ]
     for row in rows:
@@ -320,7 +311,7 @@ def test_the_declared_model_is_left_unfitted(found):
 
 @pytest.mark.slow
 def test_pickled_searches_predict_in_a_fresh_process(tmp_path, found):
-    effects = "lag", "periodic_disturbance"
+    effects = "lag", "offset"
     recordings, searches = zip(*(found(e, "prandtl_ishlinskii") for e in effects), strict=True)
     path, rows = tmp_path / "searches.pickle", [recording.X_test for recording in recordings]
     path.write_bytes(pickle.dumps(list(zip(searches, rows, strict=True))))

@@ -1,4 +1,4 @@
-"""The numbers of a claim are those of the plant."""
+"""A claim names what the plant has, and its numbers are those of the plant."""
 
 from functools import cache
 
@@ -32,6 +32,17 @@ from skhyst.records import Units, stack_records
 
 SEED = 9000
 IN_MOTION = ["hysteresis", "backlash", "friction", "cubic_stiffness", "slew_limit"]
+RIVALS = {  # of each those that come nearest
+    "lag": ["delay", "resonance", "creep"],
+    "asymmetry": ["static_nonlinearity", "output_saturation", "lag"],
+    "static_nonlinearity": ["asymmetry", "output_saturation", "lag"],
+    "output_saturation": ["asymmetry", "static_nonlinearity", "lag"],
+    "resonance": ["lag", "delay", "creep"],
+    "creep": ["lag", "drift", "static_nonlinearity"],
+    "drift": ["creep", "offset", "periodic_disturbance"],
+    "offset": ["creep", "drift", "output_saturation"],
+    "periodic_disturbance": ["drift", "offset", "resonance"],
+}
 
 
 @cache
@@ -44,14 +55,16 @@ def found(effect):
     model = SecondOrderMode()
     if declared != "second_order":
         model = PrandtlIshlinskii(thresholds=recording.truth["thresholds"])
-    search = EffectSearchCV(model, effects=[effect], max_effects=1, random_state=0)
+    names = [effect, *RIVALS.get(effect, ())]
+    search = EffectSearchCV(model, effects=names, cv=2, max_effects=2, random_state=0)
     return recording, search.fit(recording.X_train, recording.y_train)
 
 
-def slow_but_few(effect):
-    """Return an effect of the default run, one of each kind, or one that is slow."""
-    few = "resonance", "creep", "drift", "dead_zone", "amplitude_dependence", "cubic_stiffness"
-    return effect if effect in few else pytest.param(effect, marks=pytest.mark.slow)
+def slow_but_few(cases):
+    """Mark the cases of all effects but one of each kind as slow: a search takes seconds."""
+    few = "creep", "dead_zone", "amplitude_dependence", "cubic_stiffness"
+    cases = [case if isinstance(case, tuple) else (case,) for case in cases]
+    return [pytest.param(*case, marks=() if case[0] in few else pytest.mark.slow) for case in cases]
 
 
 def numbers_and_truth(effect):
@@ -81,7 +94,20 @@ def test_what_helps_only_together_with_others_is_said(monkeypatch):
     assert "removes 0.0 %" in said(1.0, [])
 
 
-@pytest.mark.parametrize("effect", [slow_but_few(effect) for effect in plants.EFFECTS])
+@pytest.mark.slow
+@pytest.mark.parametrize("effect", RIVALS)
+def test_the_missing_effect_is_named_and_nothing_else_is_claimed(effect):
+    recording, search = found(effect)
+    assert search.effects_ == [effect]
+    held_out = recording.X_test, recording.y_test
+    error = search.held_out_error(*held_out)
+    assert error < 1.10 * recording.noise_std
+    assert error < 0.5 * search.held_out_error(*held_out, declared=True)
+    assert search.verdict_ == "noise"
+    assert search.noise_floor_ == pytest.approx(recording.noise_std, rel=0.1)
+
+
+@pytest.mark.parametrize("effect", slow_but_few(plants.EFFECTS))
 def test_every_claim_has_a_sentence_numbers_and_a_picture(effect):
     _, search = found(effect)
     evidence = search.evidence_[effect]
@@ -145,12 +171,13 @@ NUMBERS = [
 ]
 
 
-@pytest.mark.parametrize(("effect", "name", "truth", "relative"), NUMBERS)
+@pytest.mark.parametrize(("effect", "name", "truth", "relative"), slow_but_few(NUMBERS))
 def test_numbers_are_those_of_the_plant(effect, name, truth, relative):
     numbers, parameters = numbers_and_truth(effect)
     assert_near(numbers[name], truth(parameters), relative)
 
 
+@pytest.mark.slow
 def test_units_are_those_of_what_the_part_stands_between():
     units = {
         ("dead_zone", "width of the band"): "drive",
@@ -167,6 +194,7 @@ def test_units_are_those_of_what_the_part_stands_between():
     assert numbers_and_truth("backlash")[0]["play"][2] == {"first": "drive"}.get(place, "response")
 
 
+@pytest.mark.slow
 def test_periodic_disturbance():
     numbers, truth = numbers_and_truth("periodic_disturbance")
     lines = [int(name.split()[1]) for name in numbers if name.startswith("amplitude ")]
@@ -178,6 +206,7 @@ def test_periodic_disturbance():
         assert -amplitude == pytest.approx(truth["amplitudes"][place], rel=0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", ["input_saturation", "output_saturation"])
 def test_saturation(effect):
     numbers, truth = numbers_and_truth(effect)
@@ -193,6 +222,7 @@ def shape(v, y):
     return (v - v[0]) / (v[-1] - v[0]), (y - y[0]) / (y[-1] - y[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", ["asymmetry", "static_nonlinearity"])
 def test_curve(effect):
     recording, search = found(effect)
@@ -229,6 +259,7 @@ def test_a_dead_zone_takes_all_that_comes_into_it_within_the_band():
         assert abs(np.polyfit(x[x < low], y[x < low], 1)[0]) < 0.2 * abs(slope)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", ["lag", "resonance", "delay"])
 def test_gain_and_phase_are_those_of_the_plant(effect):
     truth = found(effect)[0].truth["parameters"]
@@ -258,6 +289,7 @@ def test_creep_relaxes_after_a_step():
     assert gain.x_log
 
 
+@pytest.mark.slow
 def test_rates():
     numbers, truth = numbers_and_truth("slew_limit")
     assert numbers["fastest drive"][0] > truth["rate"]
@@ -267,6 +299,7 @@ def test_rates():
     assert numbers["growth at fast motion"][0] == pytest.approx(growth, rel=0.02)
 
 
+@pytest.mark.slow
 def test_friction_follows_the_sign_of_the_velocity():
     numbers, truth = numbers_and_truth("friction")
     peak = np.abs(found("friction")[0].X_train["drive"]).max()
@@ -289,6 +322,7 @@ def test_cubic_stiffness():
     assert_near(numbers["resonance at full amplitude"], frequency * np.sqrt(first), 0.02)
 
 
+@pytest.mark.slow
 def test_hysteresis_in_the_equation_of_motion():
     _, search = found("hysteresis")
     numbers, truth = numbers_and_truth("hysteresis")
@@ -301,6 +335,7 @@ def test_hysteresis_in_the_equation_of_motion():
         assert np.median(np.abs(y)) == pytest.approx(force, rel=0.2)
 
 
+@pytest.mark.slow
 def test_auxiliary_input_explains_the_residual():
     numbers, _ = numbers_and_truth("auxiliary_input")
     assert numbers["part of the residual that it explains"][0] > 90.0

@@ -25,7 +25,8 @@ FEW = {
 
 def searched(habit, effect, declared, seed, names):
     recording = record_in(habit, effect, declared, seed, noise=NOISE)
-    search = EffectSearchCV(declared_model(declared, NOISE), effects=names, random_state=0)
+    model = declared_model(declared, NOISE)
+    search = EffectSearchCV(model, effects=names, cv=2, random_state=0)
     return recording, search.fit(recording.X_train, recording.y_train)
 
 

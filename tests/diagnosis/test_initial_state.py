@@ -31,7 +31,7 @@ def recording(device, *, cut=CUT, seed=0, records=5):
 
 @pytest.fixture(scope="module")
 def search():
-    return EffectSearchCV(DECLARED, effects=EFFECTS, random_state=0).fit(*recording(PLAYS))
+    return EffectSearchCV(DECLARED, effects=EFFECTS, cv=2, random_state=0).fit(*recording(PLAYS))
 
 
 @pytest.mark.slow

@@ -44,7 +44,8 @@ def recording():
 
 def search(**options):
     effects = ["lag", "offset", "static_nonlinearity", *options.pop("more", [])]
-    return EffectSearchCV(PrandtlIshlinskii(3), effects=effects, random_state=0, **options)
+    options = {"cv": 3, "random_state": 0} | options
+    return EffectSearchCV(PrandtlIshlinskii(3), effects=effects, **options)
 
 
 def assert_same(one, other):

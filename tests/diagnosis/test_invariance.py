@@ -14,7 +14,7 @@ from skhyst.linear import SecondOrderMode
 CLOSE = 1e-6
 FEW = ["cubic_stiffness", "lag", "delay", "offset", "output_saturation"]
 KINDS = {  # the effect that is not declared: declared model, effects tried
-    "lag": ("prandtl_ishlinskii", PrandtlIshlinskii(6), "all"),
+    "lag": ("prandtl_ishlinskii", PrandtlIshlinskii(6), FEW),
     "output_saturation": ("prandtl_ishlinskii", PrandtlIshlinskii(6), FEW),
     "cubic_stiffness": ("second_order", SecondOrderMode(), FEW),
 }

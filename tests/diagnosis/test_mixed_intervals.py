@@ -71,7 +71,7 @@ EFFECTS = ["lag", "resonance", "delay", "timing"]
 
 
 def search(kind, every, **options):
-    options = {"effects": EFFECTS, "random_state": 0} | options
+    options = {"effects": EFFECTS, "cv": 2, "random_state": 0} | options
     return EffectSearchCV(PrandtlIshlinskii(thresholds=THRESHOLDS), **options).fit(
         *recording(kind, every)
     )

@@ -46,6 +46,7 @@ from skhyst.linear import (
     KelvinVoigtOperator,
     SecondOrderMode,
     SecondOrderModeOperator,
+    TransferFunctionOperator,
 )
 from skhyst.noise import largest_noise
 from skhyst.operators import Stage, SumOperator
@@ -268,6 +269,9 @@ def test_a_mode_has_a_peak_below_the_root_of_a_half(ratio, peaks):
     assert (has_no_peak(mode, None, [record]) > 0.0) == (not peaks)
     assert has_no_peak(GainOperator(), None, [record]) == np.inf
     assert rings(GainOperator(), None, [record]) == -np.inf
+    for natural_frequency, bounded in ((150.0, True), (170.0, False)):  # 3141.6 rad/s are sampled
+        mode = SecondOrderModeOperator(natural_frequency, 10.0)  # its faster pole at 19.95 times it
+        assert np.isfinite(rings(mode, None, [record])) == bounded
     slow = RecordData(np.zeros(9), np.zeros(9), 1.0)
     for times, resolved in ((0.99, True), (1.01, False)):
         mode = SecondOrderModeOperator(times * np.pi / 1e-3 / 1.2, 0.2)
@@ -280,6 +284,22 @@ def test_a_mode_repeats_in_the_longest_record(periods, repeats):
     short, long = (RecordData(np.zeros(n), np.zeros(n), 1e-3) for n in (50, 500))
     mode = SecondOrderModeOperator(2.0 * np.pi * periods / 0.5, 0.05)
     assert (rings(mode, None, [long, short]) > 0.0) == repeats
+
+
+@pytest.mark.parametrize(
+    ("n_steps", "ratio", "shows"),
+    [(1, 0.2, True), (1, 0.3, False), (3, 0.3, True), (3, 0.6, True), (2, 0.6, False)],
+)
+@pytest.mark.parametrize("apart", [False, True])
+def test_a_mode_with_zeros_shows_as_many_half_periods_as_it_has_parameters(
+    n_steps, ratio, shows, apart
+):
+    """After all steps together: of ln(20) / (pi ratio) each, until a twentieth is left."""
+    frequency, none = np.array([20.0]), np.empty(0)
+    mode = TransferFunctionOperator(none, frequency, np.array([ratio]), np.array([0.5, 3.0]))
+    drives = [np.repeat(np.arange(2.0), 400)] * n_steps
+    drives = drives if apart else [np.repeat(np.arange(1.0 + n_steps), 400)]
+    assert (rings(mode, None, [RecordData(u, u, 0.01) for u in drives]) > 0.0) == shows
 
 
 @pytest.mark.parametrize(
@@ -440,7 +460,8 @@ def test_a_mode_with_zeros_shows_a_peak_or_a_notch(frequency, peak, shows):
         return (1.0 + 0.6 * peak * s + s**2) / (1.0 + 0.6 * s + s**2)
 
     known = {"damping_ratio": 0.3, "natural_frequency": frequency, "frequency_response": response}
-    records = [RecordData(np.zeros(9), np.zeros(9), dt) for dt in (1e-3, 10.0)]
+    drive = np.arange(9) % 2.0  # at every sample
+    records = [RecordData(drive, drive, dt) for dt in (1e-3, 10.0)]
     assert (rings(SimpleNamespace(**known, numerator=np.ones(2)), None, records) > 0.0) == shows
     assert rings(SimpleNamespace(**known), None, records) > 0.0  # without zeros it is a peak
     low = {**known, "frequency_response": lambda f: (1.0 + 9.0 * (f == 0.0)) * response(f)}

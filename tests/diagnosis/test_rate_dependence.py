@@ -10,12 +10,12 @@ NOISE = 0.002
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("seed", "law"), [(0, "proportional"), (1, "filtered_thresholds")])
-def test_it_is_named_and_little_is_left(seed, law):
-    recording = record_in("other_laws", "rate_dependence", "prandtl_ishlinskii", seed, noise=NOISE)
-    assert recording.truth["parameters"][0]["law"] == law
+def test_it_is_named_and_little_is_left():
+    recording = record_in("other_laws", "rate_dependence", "prandtl_ishlinskii", 1, noise=NOISE)
+    assert recording.truth["parameters"][0]["law"] == "filtered_thresholds"
     model = declared_model("prandtl_ishlinskii", NOISE)
-    search = EffectSearchCV(model, effects=["rate_dependence", "creep", "lag"], random_state=0)
+    effects = ["rate_dependence", "creep", "lag"]
+    search = EffectSearchCV(model, effects=effects, cv=2, random_state=0)
     search.fit(recording.X_train, recording.y_train)
     assert search.effects_ == ["rate_dependence"]
     held_out = recording.X_test, recording.y_test

@@ -51,8 +51,8 @@ def recording(seed, correlation=0.5, **options):
 
 
 def search(reference=1, **options):
-    options = {"effects": ["lag", "output_saturation", "offset"], "random_state": 0} | options
-    return EffectSearchCV(Gain(), reference=reference, **options)
+    options = {"effects": ["lag", "output_saturation", "offset"], "cv": 2} | options
+    return EffectSearchCV(Gain(), reference=reference, random_state=0, **options)
 
 
 def lagging(drive):

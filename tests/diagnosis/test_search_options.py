@@ -24,8 +24,8 @@ def small(effect, n_samples=1250):
 
 
 def few(**options):
-    options = {"estimator": PrandtlIshlinskii(), "effects": FEW, "random_state": 0} | options
-    return EffectSearchCV(**options)
+    options = {"effects": FEW, "cv": 2, "random_state": 0} | options
+    return EffectSearchCV(options.pop("estimator", PrandtlIshlinskii()), **options)
 
 
 # ------------------------------------------------------------------------------------- one record
@@ -123,11 +123,11 @@ def test_blocks_of_records_that_foretell_nothing_of_each_other():
 @pytest.mark.slow
 def test_budget_of_effects():
     recording = small("output_saturation", 2500)
-    none = few(max_effects=0).fit(recording.X_train, recording.y_train)
+    none = few(max_effects=0, cv=5).fit(recording.X_train, recording.y_train)
     assert none.effects_ == []
     assert len(none.ranking_) == 0
     assert none.error_after_ == none.error_before_
-    one = few(max_effects=1).fit(recording.X_train, recording.y_train)
+    one = few(max_effects=1, cv=5).fit(recording.X_train, recording.y_train)
     assert one.effects_ == ["output_saturation"]
     assert one.ranking_["round"].max() <= 2  # of the declared model, and as fine as it then asks
     assert set(one.ranking_["effect"]) == set(FEW)

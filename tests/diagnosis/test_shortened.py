@@ -88,11 +88,10 @@ def test_folds_of_long_records_are_those_of_short_ones(additive, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("effect", ["creep", "drift"])
-def test_a_long_search_names_what_a_short_one_names(effect, short_is_long):
-    recording = make_recording(effect, "prandtl_ishlinskii", 9000, n_samples=5000)
+def test_a_long_search_names_what_a_short_one_names(short_is_long):
+    recording = make_recording("creep", "prandtl_ishlinskii", 9000, n_samples=5000)
     tried = ["creep", "drift", "lag", "amplitude_dependence"]
-    search = EffectSearchCV(PrandtlIshlinskii(), effects=tried, random_state=0)
+    search = EffectSearchCV(PrandtlIshlinskii(), effects=tried, cv=2, random_state=0)
     search.fit(recording.X_train, recording.y_train)
-    assert search.effects_ == [effect]
+    assert search.effects_ == ["creep"]
     assert search.held_out_error(recording.X_test, recording.y_test) < 1.1 * recording.noise_std

@@ -40,21 +40,18 @@ def recording(power, ceiling=np.inf):
 
 def search(X, y, declared=None, names=NAMES):
     declared = declared or TransferFunction(2, initial_state="estimate")
-    return EffectSearchCV(declared, effects=names, random_state=0).fit(X, y)
+    return EffectSearchCV(declared, effects=names, cv=3, random_state=0).fit(X, y)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("power", "ceiling", "name"), [(0.5, np.inf, NAMES[0]), (0.5, 0.9, NAMES[1])]
-)
-def test_tanks_are_found(power, ceiling, name):
-    found = search(*recording(power, ceiling))
+def test_tanks_are_found():
+    found, name = search(*recording(0.5, 0.9)), NAMES[1]
     assert found.effects_ == [name]
     assert found.error_after_ < 0.5 * found.error_before_
     evidence = found.evidence_[name]
     assert "power of the level" in evidence.statement
     assert found.best_estimator_.initial_drive_.shape == (1, 10)
-    assert np.isfinite(found.predict(recording(power)[0])).all()
+    assert np.isfinite(found.predict(recording(0.5)[0])).all()
 
 
 @pytest.fixture(scope="module")

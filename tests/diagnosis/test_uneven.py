@@ -41,7 +41,8 @@ def recording(uneven, seed=0, n_records=3):
 
 
 def search(**options):
-    options = {"effects": ["lag", "delay", "resonance", "offset"], "random_state": 0} | options
+    effects = ["lag", "delay", "resonance", "offset"]
+    options = {"effects": effects, "cv": 2, "random_state": 0} | options
     return EffectSearchCV(PrandtlIshlinskii(thresholds=THRESHOLDS), **options)
 
 

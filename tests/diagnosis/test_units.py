@@ -28,18 +28,13 @@ def recording():
 
 @pytest.fixture(
     scope="module",
-    params=["array", *(pytest.param(o, marks=pytest.mark.slow) for o in ("index", "interval"))],
+    params=["array", pytest.param("interval", marks=pytest.mark.slow)],
 )
 def searched(request):
     """A search, and the interval in s where it is known."""
     drive, response = recording()
-    X, dt, own = drive[:, None], None, None
-    if request.param == "interval":
-        dt = own = 0.002
-    if request.param == "index":
-        dt, X = 1.0, pd.DataFrame(X, 1.0 * np.arange(N), ["drive"])
-    search = EffectSearchCV(Gain(dt=own), effects=["lag", "delay"])
-    return search.fit(X, response), dt
+    dt = 0.002 if request.param == "interval" else None
+    return EffectSearchCV(Gain(dt=dt), effects=["lag", "delay"]).fit(drive[:, None], response), dt
 
 
 @pytest.mark.slow

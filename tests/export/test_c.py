@@ -11,6 +11,7 @@ from c_programs import FLAGS
 from operator_cases import DT, OPERATORS, make_drive
 
 from skhyst.control import FeedforwardPI
+from skhyst.exceptions import DivergenceWarning
 from skhyst.export import to_c
 from skhyst.hysteresis import (
     BacklashOperator,
@@ -259,7 +260,8 @@ def test_a_double_of_32_bits_is_refused_by_the_compiler(tmp_path):
 def test_input_that_is_not_finite_is_refused(tmp_path, dtype, real, most):
     """The state stays, the output is the last one, the status says so, as that of Python does.
 
-    It says, too, that an output is not finite.
+    Where finite input leads beyond floating point the output is the last one, too, and the state
+    the first one again.
     """
     rows = CompiledLaw(sum_of_row_and_last, (), (0.5,), n_inputs=2)
     to_c(rows, tmp_path, "rows", dtype, u0=(1.0, 2.0))
@@ -270,14 +272,15 @@ def test_input_that_is_not_finite_is_refused(tmp_path, dtype, real, most):
 #include "rows.h"
 int main(void)
 {{
-    static const {real} u[8][2] = {{
+    static const {real} u[9][2] = {{
         {{NAN, 0.0f}}, {{4.0f, 8.0f}}, {{0.0f, NAN}}, {{INFINITY, 1.0f}}, {{1.0f, -INFINITY}},
-        {{NAN, NAN}}, {{1.0f, 1.0f}}, {{{most}, {most}}}
+        {{NAN, NAN}}, {{1.0f, 1.0f}}, {{{most}, {most}}},
+        {{2.0f, 2.0f}}
     }};
     rows_state state;
     int k;
     rows_init(&state);
-    for (k = 0; k < 8; k++) {{
+    for (k = 0; k < 9; k++) {{
         const double y = rows_step(&state, u[k]);
         const uint32_t status = rows_status(&state);
         printf("%g %d\\n", y, status == rows_REFUSED ? 1 : status == rows_OVERRANGE ? 2 : 0);
@@ -286,9 +289,9 @@ int main(void)
 }}
 """)
     found = compiled(tmp_path, "main.c", "rows.c").stdout.split()
-    # at rest 1 + 2 + 0.5; then 4 + 8 + 0.5, four times refused, and 1 + 1 + (4 + 8)
-    assert found[::2] == ["3.5", "12.5", "12.5", "12.5", "12.5", "12.5", "14", "inf"]
-    assert found[1::2] == ["1", "0", "1", "1", "1", "1", "0", "2"]
+    # at rest 1 + 2 + 0.5; then 4 + 8 + 0.5, four times refused, 1 + 1 + (4 + 8), and 2 + 2 + 0.5
+    assert found[::2] == ["3.5", *5 * ["12.5"], "14", "14", "4.5"]
+    assert found[1::2] == ["1", "0", "1", "1", "1", "1", "0", "2", "2"]
     stepper = Stepper(rows)
     for row in ([np.nan, 0.0], [1.0, np.inf]):
         with pytest.raises(ValueError, match="must be finite"):
@@ -303,8 +306,18 @@ int main(void)
     header, *_ = to_c(stepper, tmp_path, "later", dtype)  # a program goes on from there
     assert "(12.5 at first)" in header.read_text()
     assert (stepper.run([[1.0, 1.0]])[0], stepper.status, stepper.output) == (14.0, set(), 14.0)
+    other = stepper.copy()
+    beyond = [[1e308, 1e308], [2.0, 2.0]]
     with np.errstate(over="ignore"):
-        assert (stepper.step([1e308, 1e308]), stepper.status) == (math.inf, {"overrange"})
+        found = [(stepper.step(row), stepper.status) for row in beyond]
+        with pytest.warns(DivergenceWarning, match="began anew"):
+            assert other.run(beyond).tolist() == [14.0, 4.5]
+    assert found == [(14.0, {"overrange"}), (4.5, {"overrange"})]
+    assert other.status == {"overrange"}
+    other.state = [0.5]
+    assert other.status == set()
+    with np.errstate(over="ignore"):
+        assert math.isnan(other.step(beyond[0]))  # no output to hold
 
 
 @NEEDS_COMPILER

@@ -12,10 +12,12 @@ from operator_cases import DT, OPERATORS, make_drive
 from sklearn.base import clone
 
 from skhyst.control import FeedforwardPI, InverseCompensator
+from skhyst.control._drive_limits import DriveLimits
+from skhyst.exceptions import DivergenceWarning
 from skhyst.export import to_c
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import Gain, SecondOrderMode, SecondOrderModeOperator
-from skhyst.operators import CompiledLaw, Stepper, inverse_of
+from skhyst.operators import CompiledLaw, CompiledSeries, Stepper, inverse_of
 from skhyst.static import SaturationOperator
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
@@ -156,6 +158,56 @@ def test_a_cut_drive_raises_a_flag(tmp_path, rate_limit):
     assert error_of(tmp_path, "whole") <= BARS["int32"]
 
 
+def test_a_limited_drive_outlasts_numbers_beyond_floating_point(tmp_path):
+    """It stays within limits and rate, and is right again once the inverse has forgotten them.
+
+    The test of the program sees what is broken in it.
+    """
+    mode, limits = SecondOrderModeOperator(2.0 / DT, 0.5), DriveLimits(-1.0, 1.0, 0.3 / DT)
+    parts = mode.inverse().ahead(DT, 0.0)[0], limits.compiled_step(DT, 0.0)
+    stepper = Stepper(CompiledSeries(parts), DT)
+    reference = 0.7 * np.sin(0.3 * np.arange(120))
+    wanted = stepper.copy().run(reference)
+    reference[[20, 21, 22, 30, 40, 41]] = [1e308, -1e308, 1e308, 1e200, -1e308, 1e308]
+    drive = [stepper.step(u) for u in reference]
+    assert np.abs(drive).max() <= 1.0
+    assert np.abs(np.diff([0.0, *drive])).max() <= 0.3 * (1.0 + 1e-12)
+    assert stepper.status == {"overrange"}
+    np.testing.assert_allclose(drive[-15:], wanted[-15:], rtol=1e-12)
+    again = Stepper(CompiledSeries(parts), DT)
+    with pytest.warns(DivergenceWarning, match="began anew"):
+        np.testing.assert_array_equal(again.run(reference), drive)
+    header, source, _ = to_c(Stepper(CompiledSeries(parts), DT), tmp_path, "own", drive=wanted)
+    right = source.read_text()
+    assert "#define own_CHANGE 0.3 /* the output differs by at most this from" in header.read_text()
+    assert error_of(tmp_path, "own") <= BARS["float64"]
+    for part, broken in (
+        ("if (!(fabs(y0) <", "if (!(0.0 <"),
+        ("overrange = 1u", "overrange = 0u"),
+        ("|= own_LIMITED", "|= 0u"),
+        ("return y2", "return 1.001 * y2"),
+    ):
+        assert part in right
+        source.write_text(right.replace(part, broken))
+        command = ["cc", "own.c", "own_test.c", "-o", "own", "-lm"]
+        subprocess.run(command, cwd=tmp_path, check=True)
+        done = subprocess.run(tmp_path / "own", capture_output=True, text=True)
+        assert (done.returncode, "a status, a limit" in done.stdout) == (1, True), broken
+
+
+def test_limits_are_kept_in_whole_units(tmp_path):
+    """They are rounded inwards, and a change of less than a unit is none."""
+    limits = DriveLimits(-0.27, 0.34, 0.26 / DT)
+    stepper, steps = Stepper(limits.compiled_step(DT, 0.05), DT), 0.5 * (-1.0) ** np.arange(60)
+    options = {"drive": steps, "input_unit": 1e-3}
+    header, *_ = to_c(stepper, tmp_path, "own", "int32", output_unit=0.1, **options)
+    ends = dict(re.findall(r"own_(LOW|HIGH|CHANGE) INT32_C\((\S+)\)", header.read_text()))
+    assert ends == {"LOW": "-2", "HIGH": "3", "CHANGE": "2"}
+    assert error_of(tmp_path, "own") <= BARS["int32"]
+    with pytest.raises(ValueError, match="must be at most the largest change"):
+        to_c(stepper, tmp_path, "own", "int32", output_unit=0.3, **options)
+
+
 def test_the_header_says_what_goes_in_and_comes_out(tmp_path):
     u = make_drive()[:, None]
     mode = SecondOrderModeOperator(0.5 / DT, 0.2)
@@ -167,10 +219,11 @@ def test_the_header_says_what_goes_in_and_comes_out(tmp_path):
     assert f"#define inverse_PREVIEW {preview} " in text
     assert "u: reference in um\n" in text
     assert "returns: drive in V; range of the fit: " in text
+    assert "There is no inverse_init_at" not in text
     assert f"the input {preview} samples, {preview * DT:g} s, earlier" in text
     loop = FeedforwardPI(1.0, 40.0, compensator=compensator)
-    text = to_c(loop, tmp_path, "loop", dt=DT, input_unit=["um", "um", "V"])[0].read_text()
-    assert "u[0]: reference in um\n   u[1]: reading in um\n   u[2]: drive of the comp" in text
+    text = to_c(loop, tmp_path, "loop", dt=DT, input_unit=["um", "um??/", "V"])[0].read_text()
+    assert "u[0]: reference in um\n   u[1]: reading in um? ?/\n   u[2]: drive of the comp" in text
     with pytest.raises(ValueError, match="one name or 3"):
         to_c(loop, tmp_path, "loop", dt=DT, input_unit=["um", "um"])
     with pytest.raises(ValueError, match="names of units"):

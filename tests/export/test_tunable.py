@@ -83,7 +83,7 @@ def test_rest_at_another_input_is_that_of_the_model(tmp_path):
 def test_a_rest_that_is_not_known_is_not_written(tmp_path, case):
     """One step at a high rate does not lead to it, and no affine state is at rest there."""
     header, *_ = to_c(OPERATORS[case], tmp_path, "own", dt=DT, drive=make_drive())
-    assert "own_init_at" not in header.read_text()
+    assert "own_init_at(" not in header.read_text()
 
 
 def test_a_compensator_begins_at_another_reference(tmp_path):

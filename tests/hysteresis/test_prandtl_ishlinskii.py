@@ -283,8 +283,8 @@ def test_inverse_with_negative_weights():
     ],
 )
 def test_no_inverse(form, thresholds, weights):
-    needs = "stiffnesses that have not yielded" if form == "stop" else "positive sums"
-    with pytest.raises(ValueError, match=f"{needs} .*strictly monotone"):
+    needs = "stiffnesses that have not yielded" if form == "stop" else "of the weights"
+    with pytest.raises(ValueError, match=f"strictly monotone.*{needs}"):
         PrandtlIshlinskiiOperator(thresholds, weights, form=form).inverse()
 
 

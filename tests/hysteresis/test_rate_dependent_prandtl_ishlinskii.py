@@ -28,6 +28,9 @@ LAWS = {
 MEMORY = 8 * DT
 VARIANTS = pytest.mark.parametrize("variant", LAWS)
 SMOOTHINGS = pytest.mark.parametrize("smoothing", ["none", "speed", "velocity"])
+EACH_ONCE = pytest.mark.parametrize(  # for what takes long
+    ("variant", "smoothing"), list(zip(LAWS, ("velocity", "none", "speed"), strict=True))
+)
 signals = arrays(float, st.integers(2, 80), elements=st.floats(-5, 5))
 
 
@@ -194,8 +197,7 @@ def test_inverse_at_known_rates(dilation, stretch, rate_weights, smoothing):
     np.testing.assert_allclose(rest, u[200:], rtol=0, atol=tolerance)
 
 
-@VARIANTS
-@SMOOTHINGS
+@EACH_ONCE
 def test_inverse_without_the_rates(variant, smoothing):
     """What is left is a small part of what the inverse of the plain model leaves."""
     operator, initial_state = make(variant, smoothing), "zero" if smoothing == "speed" else "rest"
@@ -300,10 +302,7 @@ class Plant:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("variant", "smoothing"),
-    [*((variant, "none") for variant in LAWS), ("threshold", "velocity"), ("slope", "speed")],
-)
+@EACH_ONCE
 def test_recovery_of_random_plants(variant, smoothing, assert_recovered):
     def plant(seed):
         p = Plant(seed, variant, smoothing, n=1500)
@@ -318,8 +317,7 @@ def test_recovery_of_random_plants(variant, smoothing, assert_recovered):
     assert np.median(assert_recovered(model, plants)) < most
 
 
-@VARIANTS
-@SMOOTHINGS
+@EACH_ONCE
 def test_better_than_the_plain_model(variant, smoothing):
     plant = Plant(0, variant, smoothing)
     noisy = plant.y + plant.noise
@@ -352,8 +350,7 @@ def test_data_without_rate_dependence():
     assert model.fit_error_ <= 1.001 * plain.fit_error_
 
 
-@VARIANTS
-@SMOOTHINGS
+@EACH_ONCE
 def test_units_of_the_model(variant, smoothing, assert_unit_free):
     plant, (drive, response, time) = Plant(4, variant, smoothing), (1e6, 1e-9, 1e3)
     model = RateDependentPrandtlIshlinskii(

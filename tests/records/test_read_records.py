@@ -193,6 +193,10 @@ def test_dates_and_clock_times(tmp_path):
         X, _ = read(tmp_path, TABLE.assign(t=times), time="t")
         assert X.index.levels[1].dtype.kind == kind
         assert record_slices(X)[0].dt == 0.002
+    clocks = [date[11:] for date in dates]  # over midnight, and from the start again
+    for times, sizes in ((clocks, [len(T)]), (clocks[:15] + clocks[:25], [15, 25])):
+        found = record_slices(read(tmp_path, TABLE.assign(t=times), time="t")[0])
+        assert [record.n_samples for record in found] == sizes
     with pytest.raises(RecordError, match="ISO 8601"):
         read(tmp_path, TABLE.assign(t="noon"), time="t")
 

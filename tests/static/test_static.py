@@ -172,7 +172,7 @@ def test_slopes_of_each_segment():
 @pytest.mark.parametrize("slope", [0.0, -0.1])
 def test_no_inverse(slope):
     curve = MonotoneDeadZoneOperator(np.array([slope]), np.array([1.0]), 0)
-    with pytest.raises(ValueError, match="needs positive slopes"):
+    with pytest.raises(ValueError, match="slopes above zero"):
         curve.inverse()
 
 
