@@ -23,7 +23,6 @@ _REPLACED = (
 _NAMED = re.compile(r"'(time_unit|sampling_rate|on_missing|missing_code)'")  # not names of columns
 
 
-<<<<<<< HEAD
 def as_options(text, known):
     """Return a message with its parameters as options, ``time_unit='ms'`` as ``--time-unit ms``.
 
