@@ -32,8 +32,9 @@ class Progress:
     text : str
         A line to keep, such as a claim; "" within a step.
     remaining : float or None, default=None
-        Seconds until the end of the step, at its mean speed so far; None before the first candidate
-        is done. The number of further steps is not known in advance.
+        Seconds until the end of the step, at its mean speed since the first candidate, for which
+        functions may be compiled; None before the second is done. The number of further steps is
+        not known in advance.
 
     Examples
     --------
@@ -58,25 +59,36 @@ class Progress:
     remaining: float | None = None
 
     def __str__(self):
-        left = "" if self.remaining is None else f", about {self.remaining:.0f} s left in this step"
+        left = "" if self.remaining is None else f", {_roughly(self.remaining)} left in this step"
         step = "comparing models" if self.round is None else f"round {self.round}"
         return f"{step}: {self.trying or 'step done'} ({self.done} of {self.total}){left}"
+
+
+def _roughly(seconds):
+    """Write a time that is known to a digit at most."""
+    if seconds < 10.0:
+        return "a few seconds"
+    if seconds < 90.0:
+        return f"about {10.0 * round(seconds / 10.0):.0f} s"
+    return f"about {seconds / 60.0:.0f} min"
 
 
 @contextmanager
 def watched(name, verbose, on_progress):
     """Yield the function to report text, round, trying, done and total; lines begin with name."""
     begin = step = time.perf_counter()
+    first = 0  # candidates that were done then
     with ExitStack() as stack:
         observers = [] if on_progress is None else [on_progress]
         if verbose:
             observers.append(stack.enter_context(_bar()) if _is_interactive() else _lines(name))
 
         def report_progress(text, round=0, trying="", done=0, total=0):
-            nonlocal step
+            nonlocal step, first
             now = time.perf_counter()
-            step = step if done else now
-            left = (now - step) * (total - done) / done if done else None
+            step, first = (step, first) if done > 1 else (now, done)
+            speed = (done - first) / (now - step) if done > first else 0.0
+            left = 0.0 if done and done == total else (total - done) / speed if speed else None
             for observer in observers:
                 observer(Progress(round, trying, done, total, now - begin, text, left))
 

@@ -108,7 +108,7 @@ def _recording():
     """Return the paths of the files, and whether they hold the columns of one recording."""
     st.header("Recording")
     upload, sample = st.columns([2, 1])
-    about = "csv, txt, lvm, xlsx, mat, npy, json, hdf5, parquet, feather, tdms, wav"
+    about = "csv, txt, lvm, xlsx, mat, npy, json, jsonl, hdf5, parquet, feather, tdms, wav"
     uploaded = upload.file_uploader("Files", accept_multiple_files=True, help=about)
     device = sample.selectbox(
         "Or a recording to try", SAMPLES, None, placeholder="none", disabled=bool(uploaded)
@@ -201,7 +201,9 @@ def _columns(files):
         unit = clock.selectbox(FIELDS["time_unit"], known)
         reading["time_unit"] = None if unit == known[0] else unit
     else:
-        label, about = f"{FIELDS['sampling_rate']} (Hz)", "as in the file, if given"
+        known = [f"{1.0 / dt:g}" for dt in dict.fromkeys(c.interval for c in columns) if dt]
+        label = f"{FIELDS['sampling_rate']} (Hz)"
+        about = f"{' or '.join(known)}, as in the file" if known else "not in the file"
         rate = clock.number_input(label, 0.0, value=None, format="%g", placeholder=about)
         reading["sampling_rate"] = rate or None
     open_ = [role for role in ("drive", "response") if role not in reading]
@@ -292,14 +294,14 @@ def _draw(files, reading, even):
     across = alt.X("time", title=f"time since the record's start ({unit})")
     color = alt.Color("record", legend=None)
     for name, title in (("response", response), ("drive", drive)):
-        up = alt.Y(name, title=title).scale(zero=False)
+        up = alt.Y(name, title=title, axis=alt.Axis(titleFontSize=11)).scale(zero=False)
         curve = alt.Chart(table.iloc[_outline(table[name])]).mark_line(strokeWidth=1)
-        curve = curve.encode(across, up, color).properties(height=180)
+        curve = curve.encode(across, up, color).properties(height=200)
         series.altair_chart(curve.interactive(bind_y=False))
     kept = np.linspace(0, len(table) - 1, min(len(table), 2 * _POINTS)).astype(int)
     part = table.iloc[kept].assign(order=kept)
     across, up = alt.X("drive", title=drive), alt.Y("response", title=response)
-    chart = alt.Chart(part).mark_line(strokeWidth=1).properties(height=376)
+    chart = alt.Chart(part).mark_line(strokeWidth=1).properties(height=416)
     chart = chart.encode(across.scale(zero=False), up.scale(zero=False), color, order="order")
     loop.altair_chart(chart.interactive())
     every = ", ".join(f"{dt:g} s ({1.0 / dt:g} Hz)" for dt in sorted({s.dt for s in slices}))
@@ -430,6 +432,7 @@ def _board():
         return
     st.header("Searches")
     rows = [_row(number, found) for number, found in enumerate(board, start=1)]
+    st.html(_stacked(list(rows[0])))
     st.table(pd.DataFrame(rows).map(_plain).set_index("no."))
     if "new" in st.session_state:
         st.session_state.shown = st.session_state.pop("new")
@@ -440,6 +443,24 @@ def _board():
     )
     clear.button("Clear the board", on_click=board.clear)
     _result(board[place], place)
+
+
+def _stacked(names):
+    """Return a style by which a narrow page has a line for each cell of a table, with its name."""
+    table = '[data-testid="stTable"] table'
+    lines = " ".join(
+        f"{table} tbody :is(th, td):nth-child({place})::before {{ content: '{name}: ' }}"
+        for place, name in enumerate(names, start=1)
+    )
+    return (
+        "<style>@media (max-width: 640px) { "
+        f"{table} thead {{ display: none }} "
+        f"{table}, {table} :is(tbody, tr) {{ display: block; width: 100% }} "
+        f"{table} tr {{ padding: 0.5rem 0 }} "
+        f"{table} :is(th, td) {{ display: block; border: 0; padding: 0 0.5rem; "
+        "overflow-wrap: anywhere } "
+        f"{table} ::before {{ opacity: 0.6 }} {lines} }}</style>"
+    )
 
 
 def _row(number, found):

@@ -27,6 +27,8 @@ _REPLACED = (
         r"call skhyst\.records\.resample_records, which EffectSearchCV does with resample='auto'",
         "choose 'interpolate' under Uneven times",
     ),
+    (r"Columns in several files .*", "Add the file of the other, as columns of one recording."),
+    (r"pass drive='[^']*' and response='[^']*'", "exchange them in the table"),
     (r"([Pp])ass (drive|response|time|record)=NAME", r"\1ick the \2 in the table"),
     (rf"([Pp])ass (?='?(?:{_NAMES})['=])", r"\1ick "),
     (rf"\bread with (?=(?:{_NAMES})=)", "pick "),

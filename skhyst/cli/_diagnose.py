@@ -79,7 +79,7 @@ def _choose(options, X, y):
     comparison = _compared(options, X, y)
     print(comparison)
     name, model = comparison.taken, parse_model(comparison.taken)
-    if sys.stdin.isatty() and sys.stdout.isatty() and not options.quiet:
+    if _asks(options):
         print(f"What moves? The drive is {X.columns[0]!r}, the response is {y.name!r}.")
         while answer := input(f"Model to declare (Enter: {name}): ").strip():
             try:
@@ -89,6 +89,11 @@ def _choose(options, X, y):
                 print(error)
     options.command += f" --model {shlex.quote(name)}"
     return model, comparison
+
+
+def _asks(options):
+    """Whether a person at a terminal can be asked."""
+    return sys.stdin.isatty() and sys.stdout.isatty() and not options.quiet
 
 
 def _compared(options, X, y):
@@ -166,7 +171,7 @@ def _reading(options, recordings):
         reading["auxiliary"] = [*options.auxiliary, options.reference]
     for path in recordings:
         try:
-            find_columns(path, reading)
+            find_columns(path, reading, options, ask=_asks(options))
             break
         except (RecordError, OSError) as error:
             failure = error

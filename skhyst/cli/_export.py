@@ -4,6 +4,7 @@ from .._files import check_outputs
 from ..export import program_sizes, to_c, to_fmu, to_structured_text
 from ..persistence import load_model
 from ..records import read_records
+from ._reading_options import cell_options
 
 _OF_TEXTS = ("name", "dtype", "drive", "column", "form")
 _OPTIONS = {"c": (*_OF_TEXTS, "sizes", "simulink"), "st": _OF_TEXTS, "fmu": ("fmi_version",)}
@@ -40,7 +41,8 @@ def _export_text(model, options, more):
             more[unit] = float(more[unit])
     if options.drive:
         first, *others = options.column or [1]
-        more["drive"] = read_records(options.drive, drive=first, auxiliary=others)[0].to_numpy()
+        reading = {"drive": first, "auxiliary": others, **cell_options(options)}
+        more["drive"] = read_records(options.drive, **reading)[0].to_numpy()
     more["form"] = options.form or "table"
     write = to_c if options.c else to_structured_text
     return write(model, folder, name, options.dtype or "float64", **more)

@@ -149,7 +149,9 @@ def _add_next(commands):
 def _add_reading(parser, nargs=1):
     """Add the recordings, and the options of reading them."""
     add = parser.add_argument
-    known = "csv, txt, lvm, asc, xlsx, mat, npy, npz, json, hdf5, parquet, feather, tdms, wav"
+    known = (
+        "csv, txt, lvm, asc, xlsx, mat, npy, npz, json, jsonl, hdf5, parquet, feather, tdms, wav"
+    )
     add("files", type=Path, nargs=nargs, metavar="file", help=f"recording: {known}")
     one = "the files hold columns of one recording, side by side"
     add("--join", action="store_true", help=one)
@@ -169,6 +171,12 @@ def _add_layout(parser):
     add = parser.add_argument
     add("--time-unit", help="unit of the time (default: that given in the file, else s)")
     add("--sampling-rate", type=float, metavar="HZ", help="instead of --time")
+    _add_cells(parser)
+
+
+def _add_cells(parser):
+    """Add the options of reading the cells of a file."""
+    add = parser.add_argument
     lost = "value that marks a missing reading; nan: there is none"
     add("--missing-code", type=float, metavar="VALUE", help=lost)
     add("--on-missing", choices=("raise", "drop", "interpolate"), default="raise")
@@ -277,6 +285,7 @@ def _add_export(commands):
     add("--drive", type=Path, metavar="FILE", help="input of the test program; int32 needs it")
     column = "column of the drive (default: the second); repeat it for a model of several inputs"
     add("--column", action="append", metavar="COL", help=column)
+    _add_cells(parser)
     for_fmu = parser.add_argument_group("for --fmu")
     for_fmu.add_argument("--fmi-version", choices=("2.0", "3.0"), help="(default: 3.0)")
     parser.set_defaults(run=_later("_export", "export"))

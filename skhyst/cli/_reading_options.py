@@ -1,10 +1,12 @@
 """Options of the command line for reading a recording, as parameters of `read_records`."""
 
 from ..io import join_files, recognise_columns
+from ._messages import as_options
 
+_CELLS = "on_missing", "missing_code", "delimiter", "decimal"
 _READING = (  # options that are parameters of read_records
     *("drive", "response", "time", "time_unit", "record", "auxiliary", "sampling_rate"),
-    *("on_missing", "missing_code", "delimiter", "decimal"),
+    *_CELLS,
 )
 _KNOWN = tuple(name for name in _READING if name not in ("time_unit", "on_missing", "missing_code"))
 
@@ -25,12 +27,26 @@ def sources(options):
     return [join_files(options.files, delimiter=options.delimiter, decimal=options.decimal)]
 
 
-def find_columns(path, reading):
-    """Add recognised columns to the parameters of read_records, and print them."""
+def cell_options(options):
+    """Return the parameters of read_records on the cells of a file."""
+    return {name: getattr(options, name) for name in _CELLS}
+
+
+def find_columns(path, reading, options, *, ask=False):
+    """Add recognised columns to the parameters of read_records, and print them.
+
+    Where the drive and the response may be exchanged, a terminal is asked if ``ask``.
+    """
     known = {name: reading[name] for name in _KNOWN}
-    for role, found in recognise_columns(path, **known).items():
+    columns = recognise_columns(path, **known)
+    for role, found in columns.items():
         print(f"{role}: {found.name!r} ({found.reason}); --{role} chooses another")
         reading[role] = found.column
+    doubt = columns["drive"].doubt if "drive" in columns else ""
+    if doubt:
+        print(as_options(doubt, vars(options)))
+        if ask and input("Exchange them? [y/N] ").strip().lower() in ("y", "yes"):
+            reading["drive"], reading["response"] = reading["response"], reading["drive"]
 
 
 def _unit(text):

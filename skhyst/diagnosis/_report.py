@@ -40,7 +40,16 @@ from ._location import locate, strongest
 from ._next_experiment import next_experiment
 from ._pictures import Picture
 from ._reference import column_of
-from ._report_text import chance, change, listed, number, percent, plus_minus, share
+from ._report_text import (
+    chance,
+    change,
+    listed,
+    number,
+    percent,
+    plus_minus,
+    probability,
+    share,
+)
 
 _NO_SETTINGS = ("estimator", "effects", "n_jobs", "verbose")
 _WIDTH = 4.8  # inches, width of a picture: letters of 9 points are as many pixels on a telephone
@@ -58,7 +67,6 @@ _RESIDUAL = {
     "unexplained": "structure that no effect explains",
 }
 _EXPLAINED = {  # words for the entries of `explained`
-    "effects": "what was found",
     "unknown term": "the term without a name",
     "black box": "only a black box",
     "nothing": "nothing",
@@ -280,7 +288,7 @@ class Report:
             lines += [f"  {self.unknown['code']}"] if self.unknown["code"] else []
         errors = [_error(self, value) for value in (self.error_before, self.error_after)]
         shares = _explained_shares(self).items()
-        parts = ", ".join(f"{_EXPLAINED[name]} {share(value)}" for name, value in shares)
+        parts = ", ".join(f"{_by(self, name)} {share(value)}" for name, value in shares)
         lines += [
             f"held-out error: {' -> '.join(errors)}; noise floor {_error(self, self.noise_floor)}",
             *([f"explained of the declared model's error, in power: by {parts}"] if parts else []),
@@ -288,6 +296,7 @@ class Report:
             f"noise of the residual: {self.noise_model['text']}",
             *([_unused_data(self)] if self.held_out else []),
             *self.remarks,
+            *(f"next: {step}" for step in self.next_steps),
         ]
         return printable("\n".join(lines) + "\n")
 
@@ -622,7 +631,7 @@ def next_steps(claims, suspects, location, verdict, faults, settings, advice="",
         effect, fall = EFFECTS.get(row["effect"]), 1.0 - row["error_after"] / row["error_before"]
         steps.append(
             f"{row['effect']} would reduce the error by {number(100.0 * fall, 2)} %, "
-            f"which is not significant with these records (p = {number(row['p_value'], 2)}). To "
+            f"which is not significant with these records ({chance(row['p_value'])}). To "
             f"test for it: {effect.experiment if effect else ''}".rstrip()
         )
     if verdict == "unexplained" and _is_full(claims, settings):
@@ -731,12 +740,17 @@ def _summary(report):
             )
             yield f"It is certain that something is missing, but {names}."
         else:
-            yield f"Significant at alpha = {report.settings['alpha']}."
+            yield (
+                "Sure: where nothing is missing, at most "
+                f"{100.0 * report.settings['alpha']:g} % of searches claim an effect."
+            )
     yield _VERDICT[report.verdict] if report.effects else _NO_EFFECT[report.verdict]
     if faults := _to_correct(report.data["faults"]):
         yield f"But the recording has faults, which may be the cause: {faults}."
     count = len(report.next_steps)
-    steps = {0: "nothing more to record", 1: "one step, below"}.get(count, f"{count} steps, below")
+    steps = {0: "nothing more to record", 1: "the step below"}.get(
+        count, f"the {count} steps below"
+    )
     yield f"Next: {steps}."
 
 
@@ -800,7 +814,7 @@ def _remarks(report):
     if report.suspects:
         suspects = ", ".join(
             f"{row['effect']} ({_error(report, row['error_before'])} to "
-            f"{_error(report, row['error_after'])}, p = {number(row['p_value'], 2)})"
+            f"{_error(report, row['error_after'])}, {chance(row['p_value'])})"
             for row in report.suspects[:2]
         )
         yield f"Would lower the error most, but is not significant: {suspects}."
@@ -843,8 +857,13 @@ def _known_and_unknown(report):
         min(max(1.0 - (error / report.error_after) ** 2, 0.0), 1.0)
         for error in (report.noise_floor, report.noise_ceiling)
     )
-    known = f"Known: at most {share(upper)} of the power of the residual can follow the drive"
-    known += f", and at least {share(lower)} does." if lower >= 0.001 else "; the rest is noise."
+    most, least = ("nearly all" if part > 0.999 else share(part) for part in (upper, lower))
+    known = f"Known: {'' if upper > 0.999 else 'at most '}{most} of the power of the residual can "
+    known += "follow the drive"
+    if lower < 0.001:
+        known += "; the rest is noise." if upper <= 0.999 else "."
+    else:
+        known += f", and {'' if lower > 0.999 else 'at least '}{least} does."
     if report.verdict == "undetermined":
         return [known, "Not known: how much of it does, and how much is slow noise."]
     unknown = "Not known: its law; none of the effects tried has it."
@@ -860,6 +879,12 @@ def _explained_shares(report):
     if not total > 0.0 or report.explained["nothing"] >= total:
         return {}
     return {name: value / total for name, value in parts if value > 0.0}
+
+
+def _by(report, name):
+    """Return words for an entry of `explained`; a raised resolution counts with the effects."""
+    found = ["what was found"] * bool(report.effects) + ["a finer model"] * bool(report.resolution)
+    return _EXPLAINED.get(name) or " and ".join(found or ["the model fitted again"])
 
 
 def _error(report, value, whole=None):
@@ -1039,7 +1064,9 @@ def _template(form):
         "certainty": _certainty,
         "ambiguity": _ambiguity,
     }
-    environment.filters |= {f.__name__: f for f in (chance, listed, number, percent, share)}
+    environment.filters |= {
+        f.__name__: f for f in (chance, listed, number, percent, probability, share)
+    }
     script = environment.loader.get_source(environment, "pictures.js")[0]
     return environment.get_template("report.j2"), script
 
@@ -1057,7 +1084,7 @@ def _rendered(report, form):
             provisional=_PROVISIONAL,
             known_and_unknown=_known_and_unknown(report),
             explained_shares=_explained_shares(report),
-            explained_by=_EXPLAINED,
+            explained_by=partial(_by, report),
             unused_data=_unused_data(report) if report.held_out else "",
             is_full=_is_full(report.claims, report.settings),
             change=change,

@@ -75,15 +75,27 @@ def share(value):
     return f"{number(100.0 * value, 2)} %" if value >= 0.001 else "< 0.1 %"
 
 
-def chance(p_value):
+def probability(p_value):
     """Write a p-value; below 1e-12, where no assumption about the noise holds, as a bound.
+
+    Examples
+    --------
+    >>> probability(0.00213), probability(0.0), probability(None)
+    ('0.0021', '< 10⁻¹²', '–')
+    """
+    return "< 10⁻¹²" if p_value is not None and p_value < 1e-12 else number(p_value, 2)
+
+
+def chance(p_value):
+    """Write a p-value with its symbol.
 
     Examples
     --------
     >>> chance(0.00213), chance(0.0)
     ('p = 0.0021', 'p < 10⁻¹²')
     """
-    return f"p = {number(p_value, 2)}" if p_value >= 1e-12 else "p < 10⁻¹²"
+    text = probability(p_value)
+    return f"p {text}" if text[0] == "<" else f"p = {text}"
 
 
 def percent(value, whole):

@@ -3,10 +3,10 @@
 A model is fitted to all samples, and from there once more for every fold, to the training samples
 of the fold; the whole record is simulated, so that the history of held-out samples is known.
 
-Of two models that predict equally well the simpler one is taken: one whose error is larger by less
-than 5 %, or its mean square by less than one standard error of the difference over the folds (the
-one standard error rule of Breiman et al., *Classification and Regression Trees*, 1984,
-section 3.4.3, for paired differences). Models that join two mechanisms show how far such a
+Of models that predict equally well the one with the fewest parameters is taken: one whose error is
+larger by less than 5 %, or its mean square by less than one standard error of the difference over
+the folds (the one standard error rule of Breiman et al., *Classification and Regression Trees*,
+1984, section 3.4.3, for paired differences). Models that join two mechanisms show how far such a
 model can come. They are not taken: what a second mechanism adds is what a search tests. But where
 one of them has an error three times smaller than any model of one mechanism, one of its parts is
 taken, since from another model the search would have to find both.
@@ -53,7 +53,7 @@ _MATTERS = 1.05  # as min_improvement of a search: a smaller gain is not worth m
 _NEAR = VariableProjection(tolerance=1e-4, max_evaluations=10)  # a fold begins near its solution
 _PLAYS, _LAG, _MODE = PrandtlIshlinskii(), FirstOrderLag(), SecondOrderMode()
 _FRICTION = FrictionStage(stribeck=False)
-_SINGLE = {  # the simplest first: the name for --model, the model, its description
+_SINGLE = {  # the name for --model: the model, its description
     "gain": (Gain(), "straight line"),
     "first_order_lag": (_LAG, "lag"),
     "prandtl_ishlinskii": (_PLAYS, "hysteresis of plays, at any rate"),
@@ -81,7 +81,7 @@ def _begun(initial_state, how):
 _FROM_ZERO = _begun("zero", "from zero")
 _IN_MOTION = _begun("estimate", "from any start")
 _MODE_IN_MOTION = "second_order_mode(initial_state='estimate')"
-_JOINED = {  # the simplest first
+_JOINED = {
     "prandtl_ishlinskii+first_order_lag": (
         Cascade([("prandtl_ishlinskii", _PLAYS), ("first_order_lag", _LAG)]),
         "hysteresis, then a lag",
@@ -113,12 +113,12 @@ def compare_models(
     y : array-like of shape (n_samples,)
         Response.
     models : dict of str to ParametricModel, default=None
-        Models by name, the simplest first. None: a straight line, a lag, hysteresis, an oscillating
-        and a free mass, the forces that go with a motion, tanks and a linear model, by the names
-        that ``skhyst diagnose --model`` takes, and four that join two of these mechanisms; where
-        the drive of a record does not begin near zero, the lag, the mode, the tanks and the linear
-        model from zero, too; where the mode predicts better from a start that is estimated, all of
-        them from such a start, which is that of the whole record.
+        Models by name. None: a straight line, a lag, hysteresis, an oscillating and a free mass,
+        the forces that go with a motion, tanks and a linear model, by the names that ``skhyst
+        diagnose --model`` takes, and four that join two of these mechanisms; where the drive of a
+        record does not begin near zero, the lag, the mode, the tanks and the linear model from
+        zero, too; where the mode predicts better from a start that is estimated, all of them from
+        such a start, which is that of the whole record.
     cv : int, default=5
         Folds of contiguous blocks, as in :func:`skhyst.model_selection.segment_folds`.
     max_samples : int or None, default=5000
@@ -285,6 +285,7 @@ def _held_out(model, X, y, read, masks):
 
 def _taken(table, squares):
     """Return the joined model, or None; the model to declare, and one as good, or None."""
+    table = table.sort_values("n_parameters", kind="stable")
     single, joined = (table.loc[table["single"] == own, "error"].dropna() for own in (True, False))
     if joined.size and FAR * joined.min() < single.min():
         whole, _ = _simplest(joined, squares)
@@ -297,7 +298,7 @@ def _taken(table, squares):
 def _simplest(errors, squares):
     """Return the simplest model that is as good as the best, and the best one if it is another.
 
-    ``errors`` are a Series by the name of the model, the simplest first.
+    ``errors`` are a Series by the name of the model, that with the fewest parameters first.
     """
     best = errors.idxmin()
     for name in errors.index:
@@ -363,7 +364,11 @@ class ModelComparisonDisplay(Display):
         table, taken = self.table, self.taken
         why = "it has the least held-out error"
         if self.as_good:
-            why = f"it is simpler than {self.as_good}, and as good within 5 % or the folds' scatter"
+            few, many = table.loc[[taken, self.as_good], "n_parameters"]
+            why = (
+                f"its error is that of {self.as_good} within 5 % or the folds' scatter, with "
+                f"{few} parameters instead of {many}"
+            )
         elif self.whole:
             why += f" of the parts of {self.whole}"
         elif not table["single"].all():

@@ -1,5 +1,6 @@
 """The time and the record of each row of a file."""
 
+import re
 import warnings
 
 import numpy as np
@@ -18,7 +19,10 @@ _NATIONAL = (  # dates that pandas does not parse by itself, or can parse in sev
     {"dayfirst": False},
     {"format": "%m/%d/%Y %I:%M:%S.%f %p"},
     {"format": "%m/%d/%Y %I:%M:%S %p"},
+    {"format": "%I:%M:%S.%f %p"},
+    {"format": "%I:%M:%S %p"},
 )
+_FRACTION = re.compile(r"(\d\d:\d\d:\d\d):(\d{1,6})$")
 _SINCE_1970 = (1e9, 1e10)  # s, from 2001 to 2286: a count of ms, us or ns is not within
 
 
@@ -85,7 +89,8 @@ def times(path, column, unit):
     if coerced(path, name, column).notna().any():
         return _seconds(path, name, numbers(path, name, values), unit)
     # a comma is a decimal one, which pandas would leave out
-    clock = pd.to_timedelta(column.map(_with_point, na_action="ignore"), errors="coerce")
+    column = column.map(_with_point, na_action="ignore")
+    clock = pd.to_timedelta(column, errors="coerce")
     if clock.notna().any() and (clock.notna() | column.isna()).all():
         return _over_midnight(pd.TimedeltaIndex(clock))
     with reading(path):
@@ -114,17 +119,18 @@ def _over_midnight(clock):
 
 
 def _with_point(cell):
-    return cell.replace(",", ".") if isinstance(cell, str) else cell
+    """Return a time with a point in place of a comma, or of a colon before the fraction."""
+    return _FRACTION.sub(r"\1.\2", cell.replace(",", ".")) if isinstance(cell, str) else cell
 
 
 def _national_dates(column):
     """Return dates in a national format, None if several formats give different intervals."""
-    text, parses = column.astype("string").str.replace(",", ".").astype(object), []
+    parses = []
     for options in _NATIONAL:
         with warnings.catch_warnings(record=True) as ambiguities:  # pandas guesses row by row
             warnings.simplefilter("always")
             try:
-                dates = pd.to_datetime(text, **options)
+                dates = pd.to_datetime(column, **options)
             except (ValueError, TypeError):
                 continue
         parses += [] if ambiguities else [dates]

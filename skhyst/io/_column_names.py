@@ -10,6 +10,7 @@ _SYMBOL = (
 SYMBOLS = rf"(?:1/)?{_SYMBOL}(?:[/*·]{_SYMBOL})*"  # of a unit, without brackets
 _BRACKETED = re.compile(r"[(\[](?![\d\s:,.-]+[)\]])([^()\[\]]{1,12})[)\]]\s*$")
 _BEHIND = re.compile(rf"(?<=\S)\s+(?:/|in)\s+({SYMBOLS})\s*$")  # "Force / N", "Kraft in N"
+TIME = "t|times?|timestamp|elapsed|zeit|zeitstempel|temps|tiempo|tempo|时间|時間"  # words for it
 _MICRO = re.compile("[µμ]")
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
 _SPELLED = {  # other spellings
@@ -72,6 +73,14 @@ def symbol_of(name) -> str:
 def without_unit(name):
     """Return a column's name without its unit."""
     return _BEHIND.sub("", _BRACKETED.sub("", name)).strip()
+
+
+def is_time(name):
+    """Whether a name is a word for the time, or ends with a unit of time."""
+    try:
+        return bool(time_unit_of(name) or re.fullmatch(TIME, without_unit(name).lower()))
+    except ValueError:
+        return False
 
 
 def time_unit_of(name):

@@ -6,6 +6,7 @@ from itertools import combinations
 import numpy as np
 
 from ..exceptions import RecordError
+from ._column_names import is_time
 from ._file_columns import as_columns, load_column, long_columns, numbers, record_groups
 from ._formats import opened
 from ._recognise import ROLES, roles_and_questions
@@ -33,7 +34,9 @@ class ColumnOverview:
     low, high : float
         Range of the readings, NaN if there are none.
     outline : ndarray of shape (n_parts, 2)
-        Smallest and largest reading of each of up to 80 consecutive parts, for a thumbnail.
+        Smallest and largest reading of each of up to 200 consecutive parts, for a thumbnail.
+    interval : float or None
+        Sampling interval in s, if the file gives it apart from a column of times.
 
     See Also
     --------
@@ -48,6 +51,7 @@ class ColumnOverview:
     low: float
     high: float
     outline: np.ndarray = field(repr=False, compare=False)
+    interval: float | None = None
 
     def __str__(self):
         span = f"{self.low:g} to {self.high:g}" if self.low <= self.high else "no numbers"
@@ -73,10 +77,11 @@ def inspect_columns(path, **reading):
     }
     columns, signals = [], {}
     for place in long_columns(group)[:_MOST]:
-        values = load_column(source, group, place.position).values
+        column = load_column(source, group, place.position)
+        values = column.values
         known = recognised.get(place.name) or recognised.get(place.full_name)
         role, reason = known or ("", "not used")
-        columns.append(_overview(source, place.name, role, reason, values))
+        columns.append(_overview(source, place.name, role, reason, values, column.interval))
         signals[place.name] = role, values
     faults += _faults_of_columns(source, signals)
     addresses = {role: column for role, (column, _) in roles.items()}
@@ -91,11 +96,11 @@ def _roles(source, variables, reading, faults):
     recognised, questions = roles_and_questions(
         source, variables, given, as_columns(others), timed=timed
     )
-    faults += questions
+    faults += [*questions, *(column.doubt for column in recognised.values() if column.doubt)]
     return known | {role: (column.column, column.reason) for role, column in recognised.items()}
 
 
-def _overview(source, name, role, reason, values):
+def _overview(source, name, role, reason, values, interval):
     try:
         readings = numbers(source, name, values)
         readings = readings[np.isfinite(readings)]
@@ -104,7 +109,8 @@ def _overview(source, name, role, reason, values):
     span = (readings.min(), readings.max()) if readings.size else (np.nan, np.nan)
     parts = [p for p in np.array_split(readings, _PARTS) if p.size]
     outline = np.array([(p.min(), p.max()) for p in parts]).reshape(-1, 2)
-    return ColumnOverview(name, role, reason, str(values.dtype), *map(float, span), outline)
+    kind = str(values.dtype)
+    return ColumnOverview(name, role, reason, kind, *map(float, span), outline, interval)
 
 
 def _faults_of_columns(source, signals):
@@ -124,6 +130,8 @@ def _faults_of_columns(source, signals):
         elif role == "response":
             yield from _clipped(name, known)
     for (name, values), (other, others) in combinations(readings.items(), 2):
+        if is_time(name) and is_time(other):  # each signal may have its own
+            continue
         if np.array_equal(values, others, equal_nan=True) and np.ptp(values) > 0.0:
             yield f"{name!r} and {other!r} are the same signal."
 

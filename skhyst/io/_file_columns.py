@@ -10,8 +10,9 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import RecordError
-from ._column_names import without_unit
+from ._column_names import is_time, without_unit
 from ._formats import reading
+from ._missing import marks_missing
 
 _INDEXED = re.compile(r"(?P<name>.*)\[(?P<index>[^\[\]]+)\]", re.DOTALL)
 _POSITION = re.compile(r"\s*([+-]?\d+|:|\.\.\.)\s*")
@@ -177,11 +178,12 @@ def long_columns(variables):
     """Return the places of all columns that have the length of the longest column.
 
     If several groups have a column of the same name, the first is returned, addressed by the name,
-    unless each group consists of one column: then the groups are channels, not records.
+    unless each group consists of one column, or of one and its time: then the groups are channels,
+    not records.
     """
     usable = [v for v in variables if v.shape and len(v.shape) <= 2 and not v.refused]
     longest = max((_length(v.shape) for v in usable), default=0)
-    sizes = Counter(v.group for v in usable)
+    sizes = Counter(v.group for v in usable if not is_time(v.bare))
     repeats = Counter(v.bare for v in usable if sizes[v.group] > 1)
     places, position = {}, 0
     for variable in (v for v in usable if _length(v.shape) == longest):
@@ -258,7 +260,8 @@ def numbers(path, name, values):
             raise _beyond(path, name)
         raise RecordError(
             f"Column {name!r} of {path.name} must hold numbers. Got {cell[:40]!r} in row {row} "
-            f"instead ({len(wrong)} of {len(column)} rows are not numbers)."
+            f"instead ({len(wrong)} of {len(column)} rows are not numbers): correct the file, or "
+            "leave these cells blank."
         )
     raise RecordError(
         f"Column {name!r} of {path.name} must hold real numbers. Got {values.dtype} instead."
@@ -266,8 +269,8 @@ def numbers(path, name, values):
 
 
 def is_blank(column):
-    """Mark the cells of a series without a character; no copy of a long text is kept."""
-    return np.array([not str(cell).strip() for cell in column], dtype=bool)
+    """Mark the cells of a series without a reading; no copy of a long text is kept."""
+    return np.array([marks_missing(str(cell)) for cell in column], dtype=bool)
 
 
 def coerced(path, name, column):

@@ -34,6 +34,7 @@ _OPAQUE = ("s0", "s1", "s2", "arr")  # name, type system, class, content of a MA
 _INTERVALS = ("dt", "ts", "sampling_interval", "sample_interval", "wf_increment")  # attributes, s
 _UNIT_FIELDS = ("unit", "units")
 _NAME_FIELDS = ("name", "label")  # the latter of Simulink
+_LINES = (".jsonl", ".ndjson")  # JSON, a record in each line
 _RATES = ("fs", "sampling_rate", "sample_rate", "samplerate", "sampling_frequency")  # Hz
 
 
@@ -417,21 +418,37 @@ def _hdf5_values(h5py, path, name, field, transpose):
 
 
 def _read_json(path):
-    content = json.loads(path.read_bytes())
+    data = path.read_bytes()
+    try:
+        content = json.loads(data)
+    except json.JSONDecodeError:  # a record in each line
+        content = [json.loads(line) for line in data.splitlines() if line.strip()]
+    content = [content] if isinstance(content, dict) and path.suffix in _LINES else content
+    return _json_variables("", content, path.stat().st_size)
+
+
+def _flat(row):
+    """Return a record with the entries of the records within it, as sensor.position."""
+    flat = {}
+    for name, value in row.items():
+        inner = _flat(value) if isinstance(value, dict) else {"": value}
+        flat |= {_join(name, key, ".") if key else name: one for key, one in inner.items()}
+    return flat
+
+
+def _json_variables(name, content, size, group=""):
+    """Return the variables of a part of a file of ``size`` bytes."""
     if isinstance(content, list) and content and all(isinstance(row, dict) for row in content):
-        names = dict.fromkeys(name for row in content for name in row)
-        if len(names) * len(content) > path.stat().st_size:  # a reading takes at least one byte
+        content = [_flat(row) for row in content]
+        names = dict.fromkeys(key for row in content for key in row)
+        if len(names) * len(content) > size:  # a reading takes at least one byte
             raise RecordError(f"its {len(content)} rows share few of {len(names)} names")
-        content = {name: [row.get(name) for row in content] for name in names}
-    return _json_variables("", content)
-
-
-def _json_variables(name, content, group=""):
+        content = {key: [row.get(key) for row in content] for key in names}
     if isinstance(content, dict):
         return [
             variable
             for key, value in content.items()
-            for variable in _json_variables(_join(name, key, "."), value, name)
+            for variable in _json_variables(_join(name, key, "."), value, size, name)
         ]
     try:
         values = np.asarray(content, dtype=float)
@@ -587,6 +604,7 @@ _READERS = {
     ".npy": (_read_npy, "a NumPy array"),
     ".npz": (_read_npz, "an archive of NumPy arrays"),
     ".json": (_read_json, "a JSON list of rows, list of records or dict of columns"),
+    **dict.fromkeys(_LINES, (_read_json, "JSON with a record in each line")),
     ".h5": (_read_hdf5, "an HDF5 file"),
     ".hdf5": (_read_hdf5, "an HDF5 file"),
     ".parquet": (_read_parquet, "a Parquet file"),

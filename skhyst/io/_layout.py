@@ -14,6 +14,7 @@ from itertools import dropwhile, groupby, pairwise
 
 from ..exceptions import RecordError
 from ._column_names import SECONDS, SYMBOLS, unit_of, without_unit
+from ._missing import marks_missing
 
 _DELIMITERS = (";", "\t", ",", " ", None)  # " ": any white space; None: there is one column
 _SHOWN = 40  # characters of a line that a message shows
@@ -39,7 +40,9 @@ _SPELLED = {  # as instruments write them
 _NAMES_OF = re.compile(r"(trace|signal|channel|column)?[ _]?names?|signal", re.IGNORECASE)
 _MARK = re.compile(r"\W*(data|end[ _]?(of[ _]?)?header)\W*", re.IGNORECASE)
 _NUMBERED = re.compile(r"name[ _]?(\d+)\s*[=:]\s*(.+)", re.IGNORECASE)
-_UNITS_OF = re.compile(r"((vert(ical)?|[vy]_?)[ _]?)?units?([ _]label)?", re.IGNORECASE)
+_UNITS_OF = re.compile(
+    r"((vert(ical)?|[vy]_?|trace|signal|channel)[ _]?)?units?([ _]label)?", re.IGNORECASE
+)
 _UNIT_OF_TIME = re.compile(r"(horizontal|[hx]_?)[ _]?units?([ _]label)?", re.IGNORECASE)
 _NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 _INTERVAL = re.compile(
@@ -119,7 +122,10 @@ class Layout:
             return [""] * width, [""] * width
         last, above = fitting[0], fitting[-1]
         if len(fitting) > 1 and _are_units(last) and (_are_names(above) or _are_spelled(last)):
-            return above, [_bare_unit(field) for field in last]
+            keyed = self._keyed_units(width)  # above a row of "Second,Value,Value"
+            return above, [
+                _bare_unit(field) or unit for field, unit in zip(last, keyed, strict=True)
+            ]
         return last, self._keyed_units(width)
 
     @property
@@ -172,6 +178,8 @@ class Layout:
         width, first = len(self.form), self.first
         while first and len(self.rows[first - 1]) == width:
             first -= 1
+        while first < self.first and _UNITS_OF.fullmatch(self.rows[first][0]):
+            first += 1  # a line with its key is not the first of the lines on each column
         block = self.rows[first : self.first]
         if len(block) < 3 or not all(block[0]) or not _are_names(block[0]):
             return None
@@ -179,9 +187,10 @@ class Layout:
         return block[0], [_bare_unit(field) for field in units]
 
     def _keyed_units(self, width):
-        """Return the units in lines above the names, such as "Vertical Units,V,V"."""
+        """Return the units in lines above the names, as "Vertical Units,V,V" or CH1:V,CH2:V."""
         units = [""] * width
         for row in self.rows[: self.first]:
+            row = [row[0], *(field.rpartition(":")[2] for field in row[1:])]
             values = [field for field in row[1:] if field]
             cells = row[1:width] if len(row) >= width else values
             if _UNIT_OF_TIME.fullmatch(row[0]) and values and _are_units(values[:1]):
@@ -344,7 +353,7 @@ def _numeric_fraction(form):
 
 
 def _kind(field, decimal):
-    if field.lower() in _BLANK:
+    if marks_missing(field):
         return "b"
     if _is_number(field, decimal):
         return "n"

@@ -8,7 +8,17 @@ import pandas as pd
 from ..exceptions import RecordError
 
 _LIKELY = re.compile(r"9{3,}(\.9+)?|1e\+?\d\d+|9\.9\d*e\+\d\d+")  # -9999, 999.9, 1e30, 9.91e37
+_NO_READING = re.compile(  # as files and instruments write it
+    r"[-–—*?.\s]*|[+-]?nan|n/?a|<na>|null|none|no data|[+-]?(inf|∞)|#(n/a|div/0!|num!|ref!|value!)"
+    r"|ol|ovld?|ovr|over(flow|load|range)",
+    re.IGNORECASE,
+)
 _FAR = 5.0  # a code is at least this many times as large as any other reading
+
+
+def marks_missing(cell):
+    """Whether a cell of text stands for no reading: blank, dashes, NaN, OL."""
+    return bool(_NO_READING.fullmatch(cell))
 
 
 def missing_rows(path, values, names, codes, stamps, labels, on_missing):
@@ -30,10 +40,11 @@ def missing_rows(path, values, names, codes, stamps, labels, on_missing):
     refused = {name: mask for name, mask in refused.items() if mask.any()}
     if refused:
         listed = "; ".join(f"{n}: {describe_rows(np.flatnonzero(m))}" for n, m in refused.items())
-        policies = "'drop'" if index.keys() & refused.keys() else "'drop' or 'interpolate'"
+        named = ["drop"] if index.keys() & refused.keys() else ["drop", "interpolate"]
+        policies = " or ".join(f"on_missing={policy!r}" for policy in named)
         raise RecordError(
             f"{path.name}, of {len(values)} rows, lacks values. {listed}. Pass "
-            f"on_missing={policies}, or correct the file."
+            f"{policies}, or correct the file."
         )
     keep = np.ones(len(values), dtype=bool)
     if on_missing == "drop":

@@ -5,11 +5,12 @@ The role of a column follows from the words of its name, else from its unit: `dr
 other gives no role. A time column must increase; without a name that shows it, a column is the time
 if it is the only one that increases by equal steps. The only remaining column that is not constant
 takes the remaining role. If two columns may have a role, none is chosen: a wrong guess would be
-worse than a question.
+worse than a question. A force and a motion may each be the cause of the other: the force is taken,
+and that it may be the other way round is said.
 """
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from types import SimpleNamespace
 
@@ -17,7 +18,7 @@ import numpy as np
 
 from ..exceptions import RecordError
 from ._clock import JITTER
-from ._column_names import time_unit_of, unit_of, without_unit
+from ._column_names import TIME, time_unit_of, unit_of, without_unit
 from ._file_columns import (
     as_columns,
     listed_variables,
@@ -46,6 +47,9 @@ _WORDS = (  # words for the role of a column, and for its quantity; the former h
     },
 )
 _UNITS = {"drive": "[mk]?V|m?A|[kM]?A/m|k?Oe", "response": "[munpµμ]?m|[muµμ]?rad|deg|°|[muµμ]?T"}
+_FORCE = "forces?|load|torque|kraft|drehmoment|fuerza|forza|couple"
+_FORCES = "[munpµμkM]?N([·* ]?m)?|kgf|lbf"
+_MOTIONS = "[munpµμck]?m(/s)?|[muµμ]?rad(/s)?|deg|°|in"
 _CHANNEL = "A"  # or a phase: without brackets no unit
 _LAST = {  # role of a column if no other role is left for it
     "drive": "reference|ref|target|setpoint|desired|soll|sollwert|consigne",
@@ -54,13 +58,14 @@ _LAST = {  # role of a column if no other role is left for it
 _NEITHER = "|".join(  # signals of a controller, of the environment, and counters
     (*_LAST.values(), "error|err|status|flag|mode|index|samples?|number|count|counter|ticks?|id")
 )
-_TIME = "t|times?|timestamp|elapsed|zeit|zeitstempel|temps|tiempo|tempo|时间|時間"
 _AT_PRESENT = re.compile(r"current(?=[ _]?(position|value|angle))", re.IGNORECASE)
 _CLOCK = re.compile(r"(\d+[./-]\d+[./-]\d+[T ])?\d+:\d\d(:\d\d([.,]\d+)?)?Z?( [AP]M)?")
 _RECORD = "record|run|recording|trial|segment"
 _MOST_RESTARTS = 0.1  # largest fraction of rows at which time restarts or a record label changes
 _SHOWN = 20  # candidates that an error message lists
+_JOIN = "Columns in several files are joined by join_files (--join on the command line)."
 _NAMED, _LEFT = "by its name", "the only other column that moves"
+_ALLOWED = "the only one left that its name allows"
 
 
 @dataclass(frozen=True)
@@ -75,6 +80,9 @@ class RecognisedColumn:
         Name with its unit.
     reason : str
         Why the column has the role.
+    doubt : str, default=""
+        What to do where another column is meant, if that is as likely: a force may be the cause of
+        a motion, or its answer.
 
     See Also
     --------
@@ -84,6 +92,7 @@ class RecognisedColumn:
     column: str | int
     name: str
     reason: str
+    doubt: str = ""
 
 
 def recognise_columns(
@@ -147,7 +156,9 @@ def recognise_columns(
 
 def are_swapped(drive, response) -> bool:
     """Whether the names of a drive and a response say that each is the other."""
-    roles = [_Candidate(None, None, SimpleNamespace(name=str(n))).said for n in (drive, response)]
+    roles = [
+        _Candidate(None, None, SimpleNamespace(name=str(n))).kinds[0] for n in (drive, response)
+    ]
     return roles == [{"response"}, {"drive"}]
 
 
@@ -197,6 +208,12 @@ def roles_and_questions(path, variables, roles, others=(), *, timed):
             found[role], candidates[role] = _left_over(role, signals, found)
             if found[role] is None:
                 candidates.setdefault(role, [])
+    open_ = [role for role in asked if not found[role]]
+    left = {c.name for role in open_ for c in candidates[role]}
+    too_few = len(open_) == 2 and len(left) < 2
+    if too_few:
+        for role in open_:
+            del candidates[role], found[role]
     questions = [
         _question(path, group, role, candidates[role])
         for role in candidates
@@ -208,6 +225,15 @@ def roles_and_questions(path, variables, roles, others=(), *, timed):
         for role, choice in found.items()
         if choice
     }
+    if _either_causes(found):
+        columns["drive"] = replace(columns["drive"], doubt=_doubt(columns))
+    if too_few:
+        questions.append(
+            f"In {path.name} {left.pop()!r} is the only signal: a drive and a response are needed. "
+            f"{_JOIN}"
+            if left
+            else f"In {path.name} no column is a signal. {listed_variables(group)}"
+        )
     if questions and columns:
         known = ", ".join(f"{role} {column.name!r}" for role, column in columns.items())
         questions.append(f"Recognised: {known}.")
@@ -255,24 +281,28 @@ class _Candidate:
         return {role for role, units in _UNITS.items() if re.fullmatch(units, self.unit)}
 
     @cached_property
+    def kinds(self):
+        """Roles by the words for a role, by those for a quantity, and by the unit."""
+        named = [{role for role, words in level.items() if self.has(words)} for level in _WORDS]
+        return [*named, self.unit_role]
+
+    @cached_property
     def role(self):
         """Role by name and unit: drive, response, either or neither; "" if these do not show it."""
         return "neither" if self.counts else self.named_role
-
-    @cached_property
-    def said(self):
-        """Roles that words for a role, not for a quantity, say, as a set."""
-        return {role for role, words in _WORDS[0].items() if self.has(words)}
 
     @cached_property
     def named_role(self):
         """Role by name and unit, whatever the values."""
         if self.has(_NEITHER):
             return "neither"
-        kinds = [{role for role, words in level.items() if self.has(words)} for level in _WORDS]
-        kinds.append(self.unit_role)
-        first = next((kind for kind in kinds if kind), {""})
+        first = next((kind for kind in self.kinds if kind), {""})
         return next(iter(first)) if len(first) == 1 else "either"
+
+    @property
+    def is_force(self):
+        """Whether it is a force or a torque that is not called a drive."""
+        return not self.kinds[0] and (self.has(_FORCE) or bool(re.fullmatch(_FORCES, self.unit)))
 
     @cached_property
     def rises(self):
@@ -324,7 +354,7 @@ class _Candidate:
     def called_time(self):
         """Whether the name is that of a time."""
         try:
-            return bool(time_unit_of(self.name)) or self.has(_TIME)
+            return bool(time_unit_of(self.name)) or self.has(TIME)
         except ValueError:  # the unit in brackets is not one of time
             return False
 
@@ -344,7 +374,7 @@ def _time(free):
         return (clock[0], "it alone holds times"), []
     # a column called time that does not increase, since rows are shuffled or repeated: reported as
     # a candidate, so that the rows are not taken for evenly sampled
-    named = (c for c in free if re.fullmatch(_TIME, without_unit(c.name).lower()))
+    named = (c for c in free if re.fullmatch(TIME, without_unit(c.name).lower()))
     return None, [c for c in named if c.varies]
 
 
@@ -366,23 +396,57 @@ def _named(role, signals, n_roles):
 
 
 def _left_over(role, signals, found):
-    """Return the only remaining signal that is not constant, if its name does not exclude it."""
+    """Return the only remaining signal whose name allows the role, and the reason.
+
+    Names that exclude no role come first, then those of a quantity that is seldom meant or usually
+    has the other role, then those of the other role. Several candidates are returned with None.
+    """
     used = [choice[0] for choice in found.values() if choice]
     free = [c for c in signals if not any(c is one for one in used)]
     other = {"drive": "response", "response": "drive"}[role]
     given = other not in found  # then a unit such as V does not show that it is the other
-    possible = [c for c in free if c.moves and c.role in ("", "either", other if given else "")]
+    moving = [c for c in free if c.moves]
+    opposite = [c for c in moving if given and c.role == other]
+    seldom = [c for c in moving if given and c.has(_LAST[role])]
+    levels = [
+        [c for c in moving if c.role in ("", "either")],
+        seldom + [c for c in opposite if not c.kinds[0]],
+        opposite,
+        # a ramp, if it is no second time
+        [c for c in free if c.varies and c.role in ("", role) and not (c.rises and c.called_time)],
+    ]
+    possible = next(filter(None, levels), [])
+    reason = _LEFT if len(moving) == 1 else _ALLOWED
     if len(possible) == 1 and found.get(other, possible) and (given or not possible[0].role):
-        return (possible[0], _LEFT), []
+        return (possible[0], reason), []
     free = [c for c in free if not c.counts and not c.is_blank]
     free = [c for c in free if c.values is not None] or free
     likely = [c for c in free if c.role in ("", "either", role) or c.has(_LAST[role])]
     return None, likely or [c for c in free if c.role != "neither"] or free
 
 
+def _either_causes(found):
+    """Whether the drive is a force and the response a motion, neither given as the cause."""
+    drive, response = (found.get(role) for role in ("drive", "response"))
+    if not (drive and response and drive[0].is_force):
+        return False
+    motion = response[0]
+    moves = motion.kinds[1] == {"response"} or motion.has(_LAST["response"])
+    return moves or bool(re.fullmatch(_MOTIONS, motion.unit))
+
+
+def _doubt(columns):
+    force, motion = (columns[role].name for role in ("drive", "response"))
+    return (
+        f"{force!r} is taken for the cause of {motion!r}. Where the motion is set and the force is "
+        f"its answer, as of a damper or of friction: pass drive={motion!r} and response={force!r}."
+    )
+
+
 def _question(path, variables, role, candidates):
+    if not candidates:
+        listed = listed_variables(variables)
+        return f"In {path.name} no column is left for the {role}. {listed} {_JOIN}"
     shown = ", ".join(repr(c.name) for c in candidates[:_SHOWN])
     may_be = "more than one column may be" if len(candidates) > 1 else "no column is known to be"
-    return f"In {path.name} {may_be} the {role}: pass {role}=NAME. Candidates: " + (
-        f"{shown}." if shown else f"none is left. {listed_variables(variables)}"
-    )
+    return f"In {path.name} {may_be} the {role}: pass {role}=NAME. Candidates: {shown}."

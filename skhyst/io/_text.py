@@ -8,7 +8,9 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import RecordError
+from ._column_names import is_time, without_unit
 from ._layout import BEYOND, fields, find_layout, is_assignment
+from ._missing import marks_missing
 
 _SAMPLE = 65_536  # characters at the beginning and the end from which the layout is determined
 _BINARY = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
@@ -16,6 +18,15 @@ _NAMES = re.compile(r"[\"'#%(\[\s]*[^\W\d]")  # of a line that may contain names
 _HEADS = 8  # repeated lines that are tried as names
 _LINE = re.compile(r"[^\r\n]+")
 _ARRIVED = re.compile(r"^(\d\d:\d\d:\d\d[.,]\d+) -> (?=.*?([;\t,]|$))", re.MULTILINE)
+_MARK = re.compile(r"[\W_]*(run|test|trial|record)?[\W_]*(\d{1,3}|(?<![^\W_])[a-h])?$")  # of a run
+_TITLE = re.compile(
+    r"^\W*(run|record|recording|trial|test|sweep|measurement|messung)[ _#.:]*\w{1,8}\W*$",
+    re.IGNORECASE | re.MULTILINE,
+)
+_WRAPPED = re.compile(r"^[ \t]*[(\[][ \t]*([-+.\d][^()\[\]\r\n]*)[)\]],?[ \t]*$", re.MULTILINE)
+_PREAMBLE = 50  # lines above labelled readings
+_LABEL = re.compile(r"([^\W\d]\w*)[ ]?[:=][ ]?([-+.\d][^\s,;]*)")
+_LABELS = re.compile(rf"\s*{_LABEL.pattern}(?:[\s,;]+{_LABEL.pattern})+[\s,;]*")
 _NOWHERE = "\x1f"  # a delimiter that no text has
 _IDEOGRAPHS = "\u3005\u4e00-\u9fff"
 _SCRIPTS = {  # encodings that are tried: letters of the script
@@ -37,20 +48,38 @@ def parse_table(text, delimiter=None, decimal=None):
     The numbers may follow a preamble, a line of names and a line of units, and be followed by a
     footer of text. Without a line of names, names are the positions; without units, these are "";
     the interval in s is None if the preamble does not contain it. There is more than one table if
-    the line of names is repeated, below its rows or next to itself. Columns are floats or objects
-    (text).
+    the line of names is repeated, below its rows or next to itself, or if a line such as "Run 2"
+    stands between rows. Columns are floats or objects (text).
     """
     # a serial monitor writes "12:00:00.123 -> " before each line
     text = _ARRIVED.sub(lambda found: found[1] + (delimiter or found[2] or " "), text)
+    text = _labelled(_WRAPPED.sub(r"\1", text))
     head = _head_of(text, delimiter, decimal)
     begins = [found.start() for found in re.finditer(head, text, re.MULTILINE)] if head else []
     ends = [*begins[1:], len(text)]
     blocks = [text[start:end] for start, end in zip([0, *begins[1:]], ends, strict=True)]
+    if len(blocks) == 1:
+        blocks = _titled(text, delimiter, decimal)
     tables = []
     for block in blocks:
         if block is blocks[0] or len(_lines(block, 0, _SAMPLE)) > 1:  # names without rows
             tables += _side_by_side(*_parsed(block, delimiter, decimal))
     return tables
+
+
+def _labelled(text):
+    """Return readings with their labels, as "u:1.5,x:2" for a serial plotter, as a table."""
+    if not any(_LABELS.fullmatch(line[0]) for line in islice(_LINE.finditer(text), _PREAMBLE)):
+        return text
+    lines = [line[0] for line in _lines(text, 0, len(text))]
+    rows = [_LABEL.findall(line) if _LABELS.fullmatch(line) else [] for line in lines]
+    used = [i for i, row in enumerate(rows) if row]
+    rows = rows[used[0] : used[-1] + 1]  # text may be above and below
+    names = [name for name, _ in rows[0]]
+    if any([name for name, _ in row] != names for row in rows):
+        return text
+    values = ["\t".join(value for _, value in row) for row in rows]
+    return "\n".join(["\t".join(names), *values])
 
 
 def _head_of(text, delimiter, decimal):
@@ -69,21 +98,45 @@ def _head_of(text, delimiter, decimal):
     return ""
 
 
+def _titled(text, delimiter, decimal):
+    """Return the parts of a text between lines such as "Run 2", each below the first's head."""
+    titles = [*_TITLE.finditer(text)]
+    for number, title in enumerate(titles):
+        try:
+            layout, begin, _ = _table(text[: title.start()], delimiter, decimal)
+        except RecordError:  # the title of the first
+            continue
+        if layout.n_rows > 1:
+            starts = [title.end() for title in titles[number:]]
+            ends = [*(title.start() for title in titles[number + 1 :]), len(text)]
+            parts = [text[start:end] for start, end in zip(starts, ends, strict=True)]
+            return [text[: title.start()], *(text[:begin] + part for part in parts)]
+    return [text]
+
+
 def _side_by_side(names, units, columns, interval):
-    """Return tables whose names repeat side by side, without the blank rows below them."""
+    """Return tables whose names repeat side by side, without the blank rows below them.
+
+    Names that begin with a time repeat, too, if a mark follows them, as in t1, u1, y1, t2, u2, y2.
+    """
     used = [i for i, v in enumerate(columns) if names[i] != str(i) or not pd.isna(v).all()]
-    shown = [names[i] for i in used]
-    widths = (n for n in range(2, len(shown) // 2 + 1) if len(shown) % n == 0)
-    width = next((n for n in widths if shown == shown[:n] * (len(shown) // n)), None)
-    if width is None or len(set(shown[:width])) < width:
+    bare = [_MARK.sub("", without_unit(names[i]).lower()) for i in used]
+    for shown, least in (([names[i] for i in used], 2), (bare, 3)):
+        widths = (n for n in range(least, len(shown) // 2 + 1) if len(shown) % n == 0)
+        width = next((n for n in widths if shown == shown[:n] * (len(shown) // n)), None)
+        if width and len(set(shown[:width])) == width and (least == 2 or is_time(shown[0])):
+            break
+    else:
         return [(*_without_copies(names, units, columns), interval)]
     tables = []
     for k in range(0, len(used), width):
         group = used[k : k + width]
         empty = np.logical_and.reduce([pd.isna(columns[i]) for i in group])
         stop = len(empty) - int(np.argmin(empty[::-1])) if not empty.all() else 0
-        parts = ([part[i] for i in group] for part in (names, units))
-        tables.append((*parts, [columns[i][:stop] for i in group], interval))
+        first = [names[i] for i in used[:width]]
+        tables.append(
+            (first, [units[i] for i in group], [columns[i][:stop] for i in group], interval)
+        )
     return tables
 
 
@@ -115,7 +168,7 @@ def _parsed(text, delimiter, decimal):
         na_values=sorted(BEYOND),
     )
     names, units = layout.head
-    columns = [_ungrouped(frame[column], layout.commas).to_numpy() for column in frame.columns]
+    columns = [_as_numbers(frame[column], layout.commas).to_numpy() for column in frame.columns]
     while len(columns) > 1 and _is_unnamed(names[-1]) and pd.isna(columns[-1]).all():
         for part in (names, units, columns):  # a delimiter at the end of every line
             part.pop()
@@ -123,20 +176,20 @@ def _parsed(text, delimiter, decimal):
     return names, units, columns, layout.interval
 
 
-def _ungrouped(column, commas):
-    """Return a column as numbers if it is text that groups thousands, as in 1.234,50 or 1'234.5."""
+def _as_numbers(column, commas):
+    """Return a column of text as numbers if its readings are, as 1.5, ---, 1.234,50 or 1'234.5."""
     if column.dtype.kind != "O":
         return column
-    mark, other = (",", ".") if commas else (".", ",")
-    groups = rf"\d{{1,3}}(?:[{other}'’\s]\d{{3}})+|\d+"
     text = column.dropna().astype(str).str.strip()
-    if text.empty or not text.str.fullmatch(rf"[+-]?(?:{groups})(?:\{mark}\d+)?").all():
+    text = text[[not marks_missing(cell) for cell in text]]
+    mark, other = (",", ".") if commas else (".", ",")
+    groups = rf"\d{{1,3}}(?:[{other}'’\s]\d{{3}})+|\d*"
+    form = rf"[+-]?(?:{groups})(?:\{mark}\d*)?(?:[eE][+-]?\d+)?"
+    if text.empty or not text.str.fullmatch(form).all():
         return column
-    return pd.to_numeric(
-        column.astype("string")
-        .str.replace(rf"[{other}'’\s]", "", regex=True)
-        .str.replace(mark, ".")
-    )
+    text = text.str.replace(rf"[{other}'’\s]", "", regex=True).str.replace(mark, ".")
+    numbers = text.map(float)
+    return numbers.reindex(column.index) if np.isfinite(numbers).all() else column
 
 
 def _is_unnamed(name):

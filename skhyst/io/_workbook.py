@@ -32,8 +32,12 @@ def read_workbook(path, openpyxl):
         book = openpyxl.load_workbook(file, read_only=True, data_only=True, keep_links=False)
         for sheet in book.worksheets:
             rows, budget = _cells(sheet, budget)
+            text = "\n".join(map(_as_line, rows))
             try:
-                tables = parse_table("\n".join(map(_as_line, rows)), "\t", ".")
+                try:
+                    tables = parse_table(text, "\t", ".")
+                except RecordError:  # its numbers may be text
+                    tables = parse_table(text, "\t", ",")
             except RecordError as error:  # a sheet of notes
                 reasons.append(f"in the sheet {sheet.title!r} {error}")
             else:

@@ -2,7 +2,8 @@ r"""What characterises the closed loops of a recording: coercivity, remanence, a
 
 A cycle goes from a turning point of the drive to the next one of the same kind. It is closed where
 the drive is back where it was; one that repeats the cycle before it is closed, too, if the drive
-then goes further, as where its amplitude is raised. Its path :math:`(u, y)` encloses the area
+then goes further, as where its amplitude is raised. A drive that jumps from one end to the other
+traces no path between them, and so no loop. The path :math:`(u, y)` encloses the area
 
 .. math:: \oint u \, dy = \frac{1}{2} \sum_k (u_k y_{k+1} - u_{k+1} y_k) ,
 
@@ -215,7 +216,7 @@ def _cycles(u, tolerance):
         closed = [
             own
             for k in range(first, len(points) - 2, 2)
-            if (own := _closed(u, points, k, tolerance))
+            if (own := _closed(u, points, k, tolerance)) and _is_traced(u, own)
         ]
         best = closed if len(closed) > len(best) else best
     return best
@@ -235,6 +236,14 @@ def _closed(u, points, k, tolerance):
         passed = b + int(np.argmax((u[b : c + 1] - u[a]) / size <= 0.0))
         return a, b, min((passed, passed - 1), key=lambda k: abs(u[k] - u[a]))
     return None
+
+
+def _is_traced(u, cycle):
+    """Whether both branches have samples in the middle half of the drive's range."""
+    a, b, c = cycle
+    middle, size = 0.5 * (u[a] + u[b]), abs(u[b] - u[a])
+    parts = u[a : b + 1], u[b : c + 1]
+    return all((np.abs(part - middle) < 0.25 * size).any() for part in parts)
 
 
 def _repeated(u, cycles, tolerance):

@@ -16,11 +16,11 @@ from ._index import first_of_equals, record_names
 
 _ADVICE = {
     "outlier": "treat the rows as missing readings, or use a robust loss",
-    "lost_reading": "read the file with missing_code= and on_missing='interpolate' or 'drop'",
+    "lost_reading": "read it again with its value as missing_code (--missing-code), and on_missing",
     "stuck_sensor": "leave these rows out: the sensor gave one reading while the drive moved",
     "clipped_range": "choose a larger range of the converter, or leave these samples out",
     "wrapped_reading": "unwrap the reading, as np.unwrap(y, period=value) does",
-    "clock_jitter": "resample with skhyst.records.resample_records",
+    "clock_jitter": "resample with skhyst.records.resample_records (--resample)",
     "lost_samples": "start a new record at each of these rows; a time index would show the gap",
     "lost_rows": "nothing to do: models simulate through them, and they are not scored",
     "repeated_record": "leave it out: it is equal to an earlier one to the last bit",
@@ -30,6 +30,10 @@ _ADVICE = {
     "noisy_drive": "use the commanded signal as the drive, or average it over repetitions",
     "closed_loop": "record what the controller follows, and search with it as the reference",
 }
+
+
+_STANDING = 10  # least number of equal readings of a sensor that is stuck
+_BESIDE = 20  # readings on either side of a jump that show which way the signal goes
 
 
 def data_quality(X, y, records) -> pd.DataFrame:
@@ -210,7 +214,8 @@ def _scatter(y):
 def _wrapped(u, y):
     """Yield jumps of one size, over half the range, of a smooth signal whose drive does not jump.
 
-    A counter that overflows, or an angle that wraps, makes such jumps.
+    A counter that overflows, or an angle that wraps, makes such jumps, against the way it goes
+    before and after. A device that switches between two states rests there, or goes the same way.
     """
     jumps, size = np.diff(y), np.ptp(y)
     at = np.flatnonzero(np.abs(jumps) > 0.5 * size)
@@ -219,8 +224,19 @@ def _wrapped(u, y):
     sizes, rest = np.abs(jumps[at]), np.delete(np.abs(jumps), at)
     moved = np.abs(np.diff(u)[at]).max() / (np.ptp(u) or 1.0)
     alike = np.ptp(sizes) + 2.0 * rest.max(initial=0.0) < 0.2 * size
-    if alike and moved < 0.2 and 2 * at.size < len(rest):
+    if alike and moved < 0.2 and 2 * at.size < len(rest) and _against_the_way(y, at):
         yield "wrapped_reading", at + 1, np.median(sizes)
+
+
+def _against_the_way(y, at):
+    """Whether a signal goes on, before and after most of its jumps, against their direction."""
+    ends = np.r_[-1, at, len(y) - 1]
+    ways = []
+    for before, here, after in zip(ends[:-2], at, ends[2:], strict=True):
+        sides = y[max(before + 1, here - _BESIDE + 1) : here + 1], y[here + 1 : after + 1][:_BESIDE]
+        jump = np.sign(y[here + 1] - y[here])
+        ways += [-jump * (side[-1] - side[0]) for side in sides if len(side) > 1]
+    return bool(ways) and np.median(ways) > 4.0 * _scatter(y)
 
 
 def _noisy(lengths):
@@ -229,12 +245,18 @@ def _noisy(lengths):
 
 
 def _stuck(u, y, starts, lengths):
-    """Yield stretches of one reading while the drive moves, away from the ends of the range."""
+    """Yield stretches of one reading while the drive moves, away from the ends of the range.
+
+    One that begins before the drive moves may be that of a device at rest, with noise below a step
+    of the converter, which does not move at once.
+    """
     ends, least = (y.min(), y.max()), 0.03 * (np.ptp(u) or np.inf)
-    long = lengths >= 10
+    rest = 8.0 * _scatter(u)  # range of a drive that rests, four standard deviations to either side
+    long = lengths >= _STANDING
     for start, length in zip(starts[long], lengths[long], strict=True):
         rows = np.arange(start, start + length)
-        if y[start] not in ends and np.ptp(u[rows]) > least:
+        moves = np.ptp(u[rows[:_STANDING]]) > rest and np.ptp(u[rows]) > least
+        if moves and y[start] not in ends:
             yield "stuck_sensor", rows, y[start]
 
 

@@ -44,6 +44,9 @@ class RecordingOverview:
 
     def __repr__(self):
         lines = [self.name, *(f"  {column}" for column in self.columns)]
+        intervals = {} if self.records else dict.fromkeys(c.interval for c in self.columns)
+        intervals = " or ".join(f"{dt:g} s" for dt in intervals if dt)
+        lines += [f"  one row every {intervals}, as the file says"] if intervals else []
         names = record_names(self.records)
         for record, name in list(zip(self.records, names, strict=True))[:_MOST]:
             every = "at an unknown interval (samples are counted)"
@@ -105,7 +108,7 @@ def inspect_recording(path, **reading):
     if {"drive", "response"} <= roles.keys():
         X, y = _read(path, reading | roles, faults)
     records = _records(X, y, faults)
-    return RecordingOverview(name, columns, records, tuple(faults), X, y)
+    return RecordingOverview(name, columns, records, tuple(dict.fromkeys(faults)), X, y)
 
 
 def _records(X, y, faults):

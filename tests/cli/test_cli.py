@@ -1,5 +1,6 @@
 """The command line: the same results as Python, clear errors, nothing lost."""
 
+import ast
 import importlib.util
 import json
 import os
@@ -9,6 +10,7 @@ import subprocess
 import sys
 import warnings
 from functools import partial
+from pathlib import Path
 
 import joblib
 import numpy as np
@@ -19,6 +21,9 @@ import skhyst
 from skhyst.cli import main
 from skhyst.cli._demo_recording import SECRETS, make_demo_recording
 from skhyst.cli._diagnose import _training_rows
+from skhyst.cli._main import _parser
+from skhyst.cli._messages import as_options
+from skhyst.cli._reading_options import _READING
 from skhyst.compose import Cascade
 from skhyst.diagnosis import EffectSearchCV, next_experiment
 from skhyst.discovery import parse_model
@@ -493,6 +498,29 @@ def test_what_needs_no_model_is_told_at_once(asked):
     told = f"skhyst {skhyst.__version__}" if asked == ["--version"] else "usage: "
     assert found.stdout.startswith(told)
     assert found.stderr == ""
+
+
+def test_every_option_that_a_message_names_exists():
+    """In a command's own messages, and in those of Python as each command tells them."""
+    (commands,) = (a.choices for a in _parser()._actions if a.dest == "subcommand")
+    known = {name: {*parser._option_string_actions} for name, parser in commands.items()}
+    others = {"_main", "_controllers", "_fmu", "_svg"}  # make options, or name those of others
+    for path in Path(skhyst.__file__).parent.rglob("*.py"):
+        command = path.stem.removeprefix("_")
+        allowed = known.get(command) or set.union(*known.values())
+        source = path.read_text(encoding="utf-8")
+        if " --" not in source and "(--" not in source and '"--' not in source:
+            continue
+        nodes = ast.walk(ast.parse(source))
+        text = " ".join(str(node.value) for node in nodes if isinstance(node, ast.Constant))
+        named = {*re.findall(r"(?<![\w-])--[a-z][a-z-]+", text)}
+        assert path.stem in others or named <= allowed, path
+    for name, parser in commands.items():
+        options = {action.dest for action in parser._actions}
+        for parameter in (*_READING, "resample"):
+            told = as_options(f"Pass {parameter}='a b', or '{parameter}'.", options)
+            command = "diagnose" if "skhyst diagnose" in told else name
+            assert {*re.findall(r"--[a-z-]+", told)} <= known[command], told
 
 
 def test_a_reader_may_leave_early(monkeypatch):

@@ -651,11 +651,12 @@ def test_the_summary_says_what_is_missing_how_sure_and_what_next(report, nothing
     settled = changed(report, next_steps=[])
     assert settled.summary == (
         f"The model lacks resonance: it explains {part:#.3g} % of the power of its held-out "
-        "error. Significant at alpha = 0.01. The residual is noise. Next: nothing more to record."
+        "error. Sure: where nothing is missing, at most 1 % of searches claim an effect. The "
+        "residual is noise. Next: nothing more to record."
     )
     unsure = changed(report, **ambiguous(report), next_steps=["a", "b"])
     assert "resonance may be lag instead. " in unsure.summary
-    assert unsure.summary.endswith("Next: 2 steps, below.")
+    assert unsure.summary.endswith("Next: the 2 steps below.")
     assert (
         "but not which effect. The residual still has structure"
         in changed(report, **provisional(report)).summary

@@ -103,6 +103,16 @@ def test_a_model_of_two_mechanisms_is_shown_and_not_taken():
     assert len(display.plot().ax_.lines) == 2
 
 
+def test_of_two_models_that_are_as_good_the_one_with_fewer_parameters_is_taken():
+    table = pd.DataFrame(
+        {"about": "", "single": True, "error": [0.100, 0.101], "n_parameters": [21, 4]},
+        index=["plays", "mode"],
+    )
+    _, taken, as_good = _taken(table, {"plays": [0.1, 0.2], "mode": [0.3, 0.3]})
+    assert (taken, as_good) == ("mode", "plays")
+    assert "4 parameters instead of 21" in ModelComparisonDisplay(table, taken, as_good, 1.0).reason
+
+
 @pytest.mark.parametrize(
     ("tanks", "taken"),
     [
@@ -120,6 +130,7 @@ def test_a_part_is_taken_of_two_mechanisms_that_explain_far_more(tanks, taken):
     }
     table = pd.Series(errors).to_frame("error")
     table["single"] = table.index.isin(list(_SINGLE))
+    table["n_parameters"] = [21 if "prandtl" in name else 4 for name in table.index]
     assert _taken(table, {name: 5 * [error**2] for name, error in errors.items()}) == taken
 
 

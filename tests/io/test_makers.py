@@ -21,7 +21,7 @@ NAMES = {  # of the first and the second channel, with their units
     "labview_without_time": ("Voltage_0", "Voltage_1"),
     "catman": ("Kraft [N]", "Weg [mm]"),
     "dspace": ("Model Root/Amp/Out1 [V]", "Model Root/Gauge/Out1 [um]"),
-    "siglent": ("CH1", "CH2"),
+    "siglent": ("CH1 [V]", "CH2 [V]"),
     "rohde_schwarz": ("C1 in V", "C2 in V"),
     "yokogawa": ("CH1 [V]", "CH2 [V]"),
     "hioki": ("ACH1 [V]", "ACH2 [V]"),

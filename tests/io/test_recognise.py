@@ -98,7 +98,7 @@ def test_all_that_is_open_is_asked_at_once(tmp_path):
     assert message.endswith("Recognised: time 't'.")
     assert recognised({"Tick": np.arange(N), "Ref": U, "Fbk": Y}) == (None, "Ref", "Fbk")
     np.savez(tmp_path / "rig.npz", u=np.zeros((10, 2, 3, 2)))
-    with pytest.raises(RecordError, match=r"none is left\. It has: u \(10, 2, 3, 2\)"):
+    with pytest.raises(RecordError, match=r"no column is a signal\. It has: u \(10, 2, 3, 2\)"):
         recognise_columns(tmp_path / "rig.npz")
 
 
@@ -213,3 +213,19 @@ def test_an_overview_tells_roles_records_and_intervals():
     assert [record.n_samples for record in overview.records] == [N, N]
     assert "record 1: 200 samples every 0.001 s, 0.2 s in all" in str(overview)
     assert "as given" in str(inspect_recording(table, drive="y", response="u"))
+
+
+@pytest.mark.parametrize(
+    ("force", "motion", "doubted"),
+    [
+        ("force [N]", "displacement [mm]", True),
+        ("F [kN]", "velocity", True),
+        ("force command [N]", "displacement [mm]", False),
+        ("voltage", "displacement [mm]", False),
+    ],
+)
+def test_a_force_and_a_motion_may_each_be_the_cause(force, motion, doubted):
+    found = recognise_columns(pd.DataFrame({"t": T, force: U, motion: Y}))["drive"]
+    assert found.name == force
+    assert bool(found.doubt) == doubted
+    assert f"drive={motion!r} and response={force!r}" in found.doubt or not doubted

@@ -149,8 +149,9 @@ def test_records_without_closed_loops_say_so():
     assert found.loc[("loop", 0), "period"] == pytest.approx(40.0)
 
 
-def test_a_drive_that_rests_has_no_loop():
-    (found,) = loop_figures(np.ones((9, 2)), np.arange(9.0))["n_cycles"]
+@pytest.mark.parametrize("drive", [np.ones(60), np.repeat([0.0, 1.0, 0.0, 1.0, 0.0, 1.0], 10)])
+def test_a_drive_that_rests_or_jumps_has_no_loop(drive):
+    (found,) = loop_figures(drive, np.arange(60.0))["n_cycles"]
     assert found == 0
 
 

@@ -4,6 +4,7 @@ Each writer makes the files of a case in a folder and returns their paths; drive
 those of :func:`scope_layouts.signals`, 400 samples, one every millisecond.
 """
 
+import json
 from dataclasses import dataclass
 
 import numpy as np
@@ -185,6 +186,55 @@ def rate_in_a_comment(folder):
     return [folder / "rate.txt"]
 
 
+def numbered_side_by_side(folder):
+    """Two recordings beside each other, whose names are numbered."""
+    pd.DataFrame({"t1": T, "u1": U, "y1": Y, "t2": T, "u2": U, "y2": Y}).to_csv(
+        folder / "runs.csv", index=False
+    )
+    return [folder / "runs.csv"]
+
+
+def titled(folder):
+    """Two recordings below each other, with a line between them."""
+    frame = pd.DataFrame({"time": T, "voltage": U, "position": Y})
+    rows = frame.to_csv(index=False, header=False)
+    (folder / "runs.csv").write_text(f"time,voltage,position\n{rows}\nRun 2\n{rows}")
+    return [folder / "runs.csv"]
+
+
+def over_midnight(folder):
+    """Times of day, the last of them on the next day."""
+    stamps = pd.Timestamp("2024-05-31 23:59:59.900") + pd.to_timedelta(T, unit="s")
+    frame = pd.DataFrame({"Uhrzeit": stamps.strftime("%H:%M:%S,%f").str[:-3], "V": U, "mm": Y})
+    frame.to_csv(folder / "night.csv", index=False, sep=";", decimal=",")
+    return [folder / "night.csv"]
+
+
+def serial_plotter(folder):
+    """What a microcontroller prints for a plotter: each reading with its label."""
+    rows = zip(np.round(1e3 * T).astype(int), U, Y, strict=True)
+    text = "".join(f"t_ms:{t},cmd:{u},pos:{y}\n" for t, u, y in rows)
+    (folder / "plot.txt").write_text(f"Ready.\n{text}")
+    return [folder / "plot.txt"]
+
+
+def json_lines(folder):
+    """A logger's JSON, a record in each line, with a record inside."""
+    rows = zip(T.tolist(), U.tolist(), Y.tolist(), strict=True)
+    lines = [json.dumps({"t": t, "command": u, "sensor": {"position": y}}) for t, u, y in rows]
+    (folder / "log.jsonl").write_text("\n".join(lines))
+    return [folder / "log.jsonl"]
+
+
+def time_series_objects(folder):
+    """A struct for each signal, with its times."""
+    from scipy.io import savemat
+
+    pairs = (("command", U), ("position", Y))
+    savemat(folder / "s.mat", {name: {"Time": T, "Data": values} for name, values in pairs})
+    return [folder / "s.mat"]
+
+
 def grouped(values):
     """Return numbers as text with points between thousands and a decimal comma."""
     return [f"{v:,.6f}".translate(str.maketrans(",.", ".,")) for v in values]
@@ -194,7 +244,7 @@ READINGS = {
     "tektronix.csv": Reading(of_maker("tektronix"), "CH1 [V]", "CH2 [V]", ("--drive", "CH1")),
     "keysight.csv": Reading(of_maker("keysight"), "1 [V]", "2 [V]", ("--drive", "1 [V]")),
     "rigol.csv": Reading(of_maker("rigol"), "CH1 [V]", "CH2 [V]", ("--drive", "CH1")),
-    "siglent.csv": Reading(of_maker("siglent"), "CH1", "CH2", ("--drive", "CH1")),
+    "siglent.csv": Reading(of_maker("siglent"), "CH1 [V]", "CH2 [V]", ("--drive", "CH1")),
     "rohde_schwarz.csv": Reading(
         of_maker("rohde_schwarz"), "C1 in V", "C2 in V", ("--drive", "C1")
     ),
@@ -291,6 +341,22 @@ READINGS = {
     ),
     "repeated_header.csv": Reading(repeated_header, "voltage", "position", records=2),
     "side_by_side.csv": Reading(side_by_side, "voltage", "position", records=2),
+    "numbered_side_by_side.csv": Reading(numbered_side_by_side, "u1", "y1", records=2),
+    "titled.csv": Reading(titled, "voltage", "position", records=2),
+    "over_midnight.csv": Reading(over_midnight, "V", "mm"),
+    "serial_plotter.txt": Reading(serial_plotter, "cmd", "pos"),
+    "log.jsonl": Reading(json_lines, "command", "sensor.position"),
+    "time_series.mat": Reading(time_series_objects, "command.Data", "position.Data"),
+    "dashes.csv": Reading(
+        table({"t_ms": T, "voltage": U, "position": [*Y[:-2].astype(str), "---", "OL"]}),
+        refused="2 row(s) (398, 399). Pass --on-missing drop or --on-missing interpolate",
+    ),
+    "heater_current.csv": Reading(
+        table({"t": T, "command": U**2, "current": U, "temperature": Y}),
+        "current",
+        "temperature",
+        ("--drive", "current"),
+    ),
     "field_and_flux": Reading(field_and_flux, "H", "B", ("--drive", "H")),
     "rate_and_units.mat": Reading(matlab_rate_and_units, "u [V]", "y [um]"),
     "simulink.mat": Reading(simulink_structure, "command", "position"),

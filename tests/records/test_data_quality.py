@@ -83,6 +83,12 @@ def test_a_rest_below_a_step_of_the_converter_is_no_stuck_sensor(signals):
     device = np.where(np.arange(N) < N // 2, 1.3 * drive, 1.3 * drive[N // 2])
     steps = np.round(300 * device) / 300
     assert "stuck_sensor" not in set(faults(drive, steps)["fault"])
+    # with play, it begins to move after the drive
+    drive, way = np.r_[np.zeros(200), np.sin(0.12 * np.arange(1500))], np.zeros(1700)
+    for k in range(1, 1700):
+        way[k] = np.clip(way[k - 1], drive[k] - 0.2, drive[k] + 0.2)
+    way += 0.0003 * np.random.default_rng(0).normal(size=1700)
+    assert faults(drive, np.round(600 * way) / 600).empty
 
 
 @pytest.mark.parametrize("unit", [1e-9, 1e9])
@@ -98,6 +104,10 @@ def test_a_counter_that_overflows(unit):
     # a device that the drive lets jump
     jumps = np.sign(np.sin(np.arange(3000) / 200.0))
     assert "wrapped_reading" not in set(faults(jumps, jumps + 0.01 * way)["fault"])
+    # one that switches between two states, at rest in each or not
+    noise = way - 3.0 * drive
+    for slope in (0.0, 0.5):
+        assert faults(drive, 5.0 * (drive > 0.0) + slope * drive + noise).empty
 
 
 @pytest.mark.parametrize("scale", [1e-9, 1e9])

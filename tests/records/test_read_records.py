@@ -223,7 +223,7 @@ def test_lost_readings_are_named(tmp_path, lost):
     values = Y.copy()
     values[[4, 5, 20]] = lost
     table = TABLE.assign(y=values)
-    with pytest.raises(RecordError, match=r"y: 3 row\(s\) \(4, 5, 20\).*'drop' or 'interpolate'"):
+    with pytest.raises(RecordError, match=r"y: 3 row\(s\) \(4, 5, 20\).*'drop' or on_missing="):
         read(tmp_path, table, response="y", time="t", missing_code={"y": -999})
     read(tmp_path, table, time="t", missing_code=-999)  # nothing lost in what is read
 
