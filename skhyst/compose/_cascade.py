@@ -585,31 +585,42 @@ class Cascade(Composition):
         orders = [given, backwards, limits_last]
         return [order for k, order in enumerate(orders) if order not in orders[:k]]
 
-    def identified_otherwise(self, data):
+    def identified_otherwise(self, data, starts):
         """Yield results of further orders, of joint starts of all steps, and of backward starts.
 
         In one of the orders a step is added last: the cascade then fits at least as well as without
-        this step.
+        this step. With starts of this step alone, the other steps being linear in their parameters,
+        there is nothing to combine.
 
         Parameters
         ----------
         data : sequence of RecordData
             Records of the fit.
+        starts : callable
+            Returns :meth:`further_starts` of these records.
 
         Yields
         ------
         IdentificationResult
         """
-        models, usual = self._models(), self._orders()
+        models, tried = self._models(), self._orders()
         free = [i for i, model in enumerate(models) if not isinstance(model, HeldStep)]
-        for order in islice(permutations(free), _MOST_ORDERS):
+        for order in map(list, islice(permutations(free), _MOST_ORDERS)):
             is_possible = order[0] == 0 or not models[0].reads_columns  # those have to be first
-            if is_possible and list(order) not in usual:
+            if is_possible and order not in tried:
+                tried.append(order)
                 yield self._add_steps(data, order, self.method)
-        products = self.further_starts(data)
-        if products:
+        products = starts()
+        added_last = {self._kept_steps()[order[-1]][0] for order in tried if order}
+        if products and not any(self._searched(products[0]) == {last} for last in added_last):
             yield refine(self, products, data, self.method)
         yield from self._fitted_to_last_input(data)
+
+    def _searched(self, operator):
+        """Return the names of the steps with free entries that are not solved exactly."""
+        held = self.held_parameters()
+        specs = ((n, s) for n, s in operator.entries() if n not in held)
+        return {name.split("__", 1)[0] for name, s in specs if not (s.linear or s.held)}
 
     def _fitted_to_last_input(self, data):
         """Yield results whose other steps are first fitted to the input of the last step.
