@@ -589,8 +589,9 @@ class Cascade(Composition):
         """Yield results of further orders, of joint starts of all steps, and of backward starts.
 
         In one of the orders a step is added last: the cascade then fits at least as well as without
-        this step. With starts of this step alone, the other steps being linear in their parameters,
-        there is nothing to combine.
+        this step. There is nothing to combine where the second of two steps alone has parameters
+        that are searched: its starts were tried with the first step, whose structure, such as the
+        thresholds of plays, is that of the drive.
 
         Parameters
         ----------
@@ -603,16 +604,14 @@ class Cascade(Composition):
         ------
         IdentificationResult
         """
-        models, tried = self._models(), self._orders()
+        models, usual = self._models(), self._orders()
         free = [i for i, model in enumerate(models) if not isinstance(model, HeldStep)]
-        for order in map(list, islice(permutations(free), _MOST_ORDERS)):
+        for order in islice(permutations(free), _MOST_ORDERS):
             is_possible = order[0] == 0 or not models[0].reads_columns  # those have to be first
-            if is_possible and order not in tried:
-                tried.append(order)
+            if is_possible and list(order) not in usual:
                 yield self._add_steps(data, order, self.method)
-        products = starts()
-        added_last = {self._kept_steps()[order[-1]][0] for order in tried if order}
-        if products and not any(self._searched(products[0]) == {last} for last in added_last):
+        products, (first, *others) = starts(), self._kept_steps()
+        if products and not (len(others) == 1 and first[0] not in self._searched(products[0])):
             yield refine(self, products, data, self.method)
         yield from self._fitted_to_last_input(data)
 
