@@ -415,7 +415,7 @@ class ParametricModel(ScoredMixin, BaseEstimator):
         data = self._read_records(X, y, sample_weight)
         # the matrices are tiny: synchronising threads costs more than they gain
         with _calculable():
-            self._fit_records(data)
+            self.fit_records(data)
         weights = None if sample_weight is None else np.concatenate([r.weights for r in data])
         self._warn_of_other_column(X, y, weights)
         return self
@@ -609,7 +609,7 @@ class ParametricModel(ScoredMixin, BaseEstimator):
         """
         return self.starting_values(records)
 
-    def identified_otherwise(self, data):
+    def identified_otherwise(self, data, starts):
         """Yield results from other starting strategies, if the residual of :meth:`fit` is coloured.
 
         By default from each of several starts: :meth:`fit` has followed the best two.
@@ -618,13 +618,15 @@ class ParametricModel(ScoredMixin, BaseEstimator):
         ----------
         data : sequence of RecordData
             Records of the fit.
+        starts : callable
+            Returns :meth:`further_starts` of these records.
 
         Yields
         ------
         IdentificationResult
         """
-        starts = self.starting_values(data)
-        for start in starts if len(starts) > 1 else ():
+        several = starts()
+        for start in several if len(several) > 1 else ():
             yield refine(self, [start], data)
 
     def with_hold(self, hold):
@@ -714,8 +716,18 @@ class ParametricModel(ScoredMixin, BaseEstimator):
         """
         return self
 
-    def _fit_records(self, records):
-        """Fit validated records."""
+    def fit_records(self, records) -> Self:
+        """Fit validated records: identify, settle how they begin, warn, and store the result.
+
+        Parameters
+        ----------
+        records : sequence of RecordData
+            Those of ``records_``.
+
+        Returns
+        -------
+        self
+        """
         model, result = identified(self, records)
         moving = None if self.free_run_state == "zero" else self._without_rest(result, records)
         if moving is None:
@@ -744,8 +756,9 @@ class ParametricModel(ScoredMixin, BaseEstimator):
             return result
         if self.method == "variable_projection":
             options = {"fixed": model.held_parameters(), "initial_state": self.free_run_state}
-            further = partial(model.further_starts, records), model.identified_otherwise(records)
-            result = with_further_starts(result, records, *further, **options)
+            starts = cache(partial(model.further_starts, records))
+            others = model.identified_otherwise(records, starts)
+            result = with_further_starts(result, records, starts, others, **options)
         ordered = model.in_order(result.operator, records)
         if ordered is result.operator:
             return result
@@ -1156,7 +1169,7 @@ class ParametricModel(ScoredMixin, BaseEstimator):
         if return_std:
             self._require_noise()
         known = [] if y_start is None else [known_response(self, X, y_start)]
-        slices, X = self._read_inputs(X)
+        slices, X = self.read_inputs(X)
         slices, X, *known, read = with_lost_rows(slices, X, *known)
         if known and read is not None:
             known[0][~read] = np.nan
@@ -1208,8 +1221,21 @@ class ParametricModel(ScoredMixin, BaseEstimator):
                 "of predictions one step ahead. Got True instead."
             )
 
-    def _read_inputs(self, X):
-        """Return the records of X, and X as an array."""
+    def read_inputs(self, X):
+        """Return the records of the inputs of a prediction, and the inputs as an array.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+            As for :meth:`predict`.
+
+        Returns
+        -------
+        slices : sequence of RecordSlice
+            Rows and sampling interval of each record.
+        X : ndarray of shape (n_samples, n_inputs)
+            Validated.
+        """
         return read_data(self, X, reset=False, bridge=True)[:2]
 
     def _runs_with_known_response(self, slices, signal, schedules, y):
@@ -1385,7 +1411,7 @@ class ParametricModel(ScoredMixin, BaseEstimator):
         """
         check_is_fitted(self)
         y = known_response(self, X, y)
-        slices, X = self._read_inputs(X)
+        slices, X = self.read_inputs(X)
         slices, X, y, read = with_lost_rows(slices, X, y)
         if read is not None:
             y[~read] = np.nan
@@ -1541,7 +1567,7 @@ def warn_gaps(model, operator, slices, going=()):
 
 def _with_movable_positions(tree):
     """Return a tree in which the positions that its models fit are parameters, or the same tree."""
-    if getattr(tree, "resolution", None) is not None:
+    if tree.resolution is not None:
         moves = isinstance(tree.model, ParametricModel) and tree.model.moves_positions
         return MovableOperator.around(tree, np.inf) if moves else tree
     if not isinstance(tree, Series | SumOperator):

@@ -107,7 +107,7 @@ _KERNELS = {  # module: tests beside those of the same name, names in the suite 
     "linear/_interpolation": ("test_linear", "shift or clocks or delay"),
     "linear/_log_creep": ("", "creep and logarithmic"),
     "linear/_time_shift": ("test_linear", "shift or clocks"),
-    "operators/_differences": ("", "delay or mode or series"),
+    "operators/_slopes": ("", "delay or mode or series"),
     "operators/_linear_inverse": ("test_inverse", "mode"),
     "operators/_one_state": ("", "Dahl or tanh"),
     "operators/_plays": ("test_prandtl_ishlinskii", "plays and not rate-dependent"),

@@ -585,16 +585,20 @@ class Cascade(Composition):
         orders = [given, backwards, limits_last]
         return [order for k, order in enumerate(orders) if order not in orders[:k]]
 
-    def identified_otherwise(self, data):
+    def identified_otherwise(self, data, starts):
         """Yield results of further orders, of joint starts of all steps, and of backward starts.
 
         In one of the orders a step is added last: the cascade then fits at least as well as without
-        this step.
+        this step. There is nothing to combine where the second of two steps alone has parameters
+        that are searched: its starts were tried with the first step, whose structure, such as the
+        thresholds of plays, is that of the drive.
 
         Parameters
         ----------
         data : sequence of RecordData
             Records of the fit.
+        starts : callable
+            Returns :meth:`further_starts` of these records.
 
         Yields
         ------
@@ -606,10 +610,16 @@ class Cascade(Composition):
             is_possible = order[0] == 0 or not models[0].reads_columns  # those have to be first
             if is_possible and list(order) not in usual:
                 yield self._add_steps(data, order, self.method)
-        products = self.further_starts(data)
-        if products:
+        products, (first, *others) = starts(), self._kept_steps()
+        if products and not (len(others) == 1 and first[0] not in self._searched(products[0])):
             yield refine(self, products, data, self.method)
         yield from self._fitted_to_last_input(data)
+
+    def _searched(self, operator):
+        """Return the names of the steps with free entries that are not solved exactly."""
+        held = self.held_parameters()
+        specs = ((n, s) for n, s in operator.entries() if n not in held)
+        return {name.split("__", 1)[0] for name, s in specs if not (s.linear or s.held)}
 
     def _fitted_to_last_input(self, data):
         """Yield results whose other steps are first fitted to the input of the last step.

@@ -183,7 +183,7 @@ class Feedback(ParametricModel):
             self._models()[0], initial_state=common_parameter(self, "initial_state")
         )
         base = linear.identify(records).operator
-        is_linear = hasattr(base, "discrete") and hasattr(base, "hold")
+        is_linear = base.has_matrices and hasattr(base, "hold")
         if not (is_linear and base.gain and not base.n_start):
             raise TypeError(
                 "The 'linear' parameter of Feedback must be linear dynamics with a static gain and "

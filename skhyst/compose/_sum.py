@@ -87,7 +87,7 @@ class Sum(Composition):
         self._check_steps()
         return self._identified_from(0, data)
 
-    def identified_otherwise(self, data):
+    def identified_otherwise(self, data, starts):
         """Yield results with each step identified first, and of joint starts of all steps.
 
         A step that is identified first is fitted alone: the sum then fits at least as well as this
@@ -97,6 +97,8 @@ class Sum(Composition):
         ----------
         data : sequence of RecordData
             Records of the fit.
+        starts : callable
+            Returns :meth:`further_starts` of these records.
 
         Yields
         ------
@@ -104,7 +106,7 @@ class Sum(Composition):
         """
         for first in range(1, len(self._kept_steps())):
             yield self._identified_from(first, data)
-        products = self.further_starts(data)
+        products = starts()
         if products:
             yield refine(self, products, data)
 

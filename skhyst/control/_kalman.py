@@ -165,7 +165,7 @@ def last_linear_stages(operator):
     driven, _ = split_disturbances(operator)
     tail = []
     for stage in reversed(stages_of(driven)):
-        if not _is_linear(stage):
+        if not stage.has_matrices:
             mode = None if stage.at_once else stage.linear_mode()
             return [mode, *tail] if mode else tail
         tail.insert(0, stage)
@@ -262,11 +262,6 @@ def maximum_likelihood(tail, records, given, smallest):
     options = {"xatol": _ENOUGH, "fatol": _ENOUGH, "initial_simplex": simplex}
     fit = minimize(deviance, start, method="Nelder-Mead", options=options)
     return variances(fit.x)
-
-
-def _is_linear(stage):
-    """Whether a stage, or all parts of a sum, has discrete matrices."""
-    return all(hasattr(part, "discrete") for part in (stage, *getattr(stage, "stages", ())))
 
 
 def driven_by_noise(tail, dt):

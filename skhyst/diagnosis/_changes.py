@@ -27,8 +27,7 @@ from ..hysteresis import (
     RateDependentPrandtlIshlinskii,
 )
 from ..linear import DynamicStiffnessOperator, GainOperator, TransferFunction
-from ..operators import Scaled as ModulatedBy
-from ..operators import SumOperator, bare, is_straight, of_columns, snake_case
+from ..operators import Scaled, SumOperator, bare, is_straight, of_columns, snake_case
 from ..optimize import identify, predicted_cost, variable_projection
 from ._constants import ENOUGH, FULL, NOTICEABLE, TOLERANCE, USUAL
 from ._edits import (
@@ -539,7 +538,7 @@ class LoadedForce:
             force = _of_motion(self.model, parts[0])
             model = Modulated(force, column, magnitude=True)
             for start in driven_starts(force, scene.residuals):
-                loaded = ModulatedBy(of_columns(start), *load, magnitude=True)
+                loaded = Scaled(of_columns(start), *load, magnitude=True)
                 trees.append(tree.edited(name, AddForce(place, model, loaded)))
         return trees
 
@@ -653,7 +652,7 @@ class Driven:
 
 
 @dataclass(frozen=True)
-class Scaled:
+class Scaling:
     """A further column of X, or the amplitude of the record, scales the response.
 
     A column may act through a lag, as the current of a coil or a heater does.

@@ -60,7 +60,7 @@ from ._changes import (
     ParallelForce,
     PerRecord,
     RateDependence,
-    Scaled,
+    Scaling,
     UnderWay,
 )
 from ._plausibility import (
@@ -168,6 +168,7 @@ def _in_between(model):
 
 
 def _of_free_mass(**forces):
+    # a constant force is an effect of its own, "offset"
     return MoreTerms(FreeMass(**({"fit_force_offset": False} | forces)))
 
 
@@ -175,6 +176,7 @@ def _knees():
     return [Knee(SoftSaturation(fit_center=center)) for center in (False, True)]
 
 
+# functions return the variants, so that no two searches share a model
 _BUILT_IN = (
     Effect(
         "hysteresis",
@@ -182,6 +184,7 @@ _BUILT_IN = (
             InMotion(RestoringForce(1, damping_degree=1)),
             InMotion(BoucWenStage()),
             InMotion(BoucWenStage(fit_exponent=True)),
+            # forms of friction, too: `builds_up` and `slides` tell the two names apart
             ParallelForce(Dahl(fit_damping=False, fit_intercept=False), with_gain=True),
             ParallelForce(BoucWen(fit_gain=False, fit_intercept=False)),
             ParallelForce(MaxwellSlip(10)),
@@ -292,6 +295,7 @@ _BUILT_IN = (
     ),
     Effect(
         "lag",
+        # a mode, too: what is no lag is a resonance, by whether it has a peak
         lambda: [FirstOrderLag(), SecondOrderMode(), AtJoints(FirstOrderLag())],
         "A low-pass of first or second order, without a peak, delays and attenuates fast motion.",
         "Sweep to higher frequency: gain and phase fall together.",
@@ -348,6 +352,7 @@ _BUILT_IN = (
     ),
     Effect(
         "end_stops",
+        # one stop first: two explain whatever one does
         lambda: (
             [
                 InMotion(EndStops(sides, fit_stop_damping=damped))
@@ -387,6 +392,7 @@ _BUILT_IN = (
             AtJoints(SmoothCurve(3)),
             AtJoints(SmoothCurve(9)),
             AtJoints(Saturation(), inner=True),
+            # what passes would be the gain that the hysteresis has already
             BesideHysteresis(SmoothCurve(3, passes=False)),
             BesideHysteresis(SmoothCurve(9, passes=False)),
             InBetween(SmoothCurve(3)),
@@ -419,7 +425,7 @@ _BUILT_IN = (
     Effect(
         "amplitude_dependence",
         lambda: [
-            Scaled("amplitude"),
+            Scaling("amplitude"),
             PerRecord("amplitude", "dynamics"),
             PerRecord("amplitude", "all"),
             MovedModes(1),
@@ -433,12 +439,12 @@ _BUILT_IN = (
     Effect(
         "auxiliary_input",
         lambda: [
-            Driven(Gain(fit_intercept=False)),
+            Driven(Gain(fit_intercept=False)),  # a constant is an "offset", no further input
             Driven(Gain(fit_intercept=False), to_drive=True),
             Driven(FirstOrderLag(fit_intercept=False)),
             Driven(FirstOrderLag(fit_intercept=False), to_drive=True),
-            Scaled("column"),
-            Scaled("column", lagged=True),
+            Scaling("column"),
+            Scaling("column", lagged=True),
             FollowedWidth(),
             PerRecord("column", "all"),
         ],
@@ -454,6 +460,7 @@ _BUILT_IN = (
     ),
     Effect(
         "drift",
+        # the force is no function of time alone, so that it is tried with the driven effects
         lambda: [*(Drift(degree) for degree in (1, 3, 8)), _of_free_mass(fit_force_drift=True)],
         "The response drifts slowly, whatever the drive does, or a force that does adds to it.",
         "Rest at a constant drive for as long as a record takes.",

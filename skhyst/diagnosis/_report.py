@@ -207,7 +207,7 @@ class Report:
         return cls(content, _displays(search, comparison, experiment))
 
     def __getattr__(self, name):
-        try:
+        try:  # not self.content, which a copy or a pickle does not have yet while it is restored
             return self.__dict__["content"][name]
         except KeyError:
             raise AttributeError(f"A {type(self).__name__} has no {name!r}.") from None
@@ -345,6 +345,7 @@ class Report:
             If the file cannot be written, or is a link; an existing file is then unchanged.
         """
         text = _rendered(self, "markdown")
+        # sections without content leave blank lines
         return _save(re.sub(r"\n{3,}", "\n\n", text).strip() + "\n", path)
 
 
@@ -368,6 +369,7 @@ def _experiment(search):
 def _collect(search, command, held_out, comparison, experiment):
     """Return the entries of a report by name, as plain data."""
     columns = getattr(search, "feature_names_in_", ["drive"])
+    # candidates that were not contested have no error: they follow, best screened first
     order = {"by": ["round", "error_after", "screen"], "ascending": [True, True, False]}
     ranking = search.ranking_.sort_values(**order, kind="stable")
     claims = [_claim(row) for row in search.history_.to_dict("records")]
@@ -442,6 +444,7 @@ def _plain(value):
 
 def _claim(row):
     """Return one claim: a row of the history with its evidence as plain data."""
+    # None for an effect that has been unregistered since the search
     row, effect = dict(row), EFFECTS.get(row["effect"])
     evidence = row.pop("evidence")
     return row | {
@@ -485,7 +488,7 @@ def _folds(search):
             f"error_{name}": getattr(search, f"residual_{name}_")[record.rows] ** 2
             for name in ("before", "after")
         }
-        scored = np.isfinite(sum(squares.values()))
+        scored = np.isfinite(sum(squares.values()))  # not where a record or block begins
         for fold in np.unique(fold_of[scored & (fold_of >= 0)]):
             at = scored & (fold_of == fold)
             errors = {name: float(np.sqrt(square[at].mean())) for name, square in squares.items()}
@@ -874,7 +877,7 @@ def _known_and_unknown(report):
 
 def _explained_shares(report):
     """Return the fractions of the declared model's error, in power, by what explains them."""
-    _, *parts = report.explained.items()
+    _, *parts = report.explained.items()  # the first is the part of the declared model
     total = sum(value for _, value in parts)
     if not total > 0.0 or report.explained["nothing"] >= total:
         return {}
@@ -1004,7 +1007,7 @@ def _drawn(name, display):
     """Return a picture as SVG text for a page."""
     height, label, shape = _PICTURES.get(name, (3.4, name.capitalize(), (1, 1)))
     width = _WIDE if name == "models" or name.startswith("round") else _WIDTH
-    if name.startswith("round"):
+    if name.startswith("round"):  # one line of text a row, below and above them the axes
         height = 0.95 + 0.24 * len(display.ranking)
     elif name == "models":
         height, label = 0.95 + 0.24 * len(display.table), "Models, held-out errors"
@@ -1044,7 +1047,7 @@ def _template(form):
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("skhyst.diagnosis", "_templates"),
         autoescape=form == "html",
-        undefined=jinja2.StrictUndefined,
+        undefined=jinja2.StrictUndefined,  # a misspelt name is an error, not an empty place
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
@@ -1053,7 +1056,7 @@ def _template(form):
     def escaped(text):
         """Return text with the characters escaped that HTML or Markdown would interpret."""
         text = " ".join(str(markupsafe.escape(text) if form == "html" else text).split())
-        if form == "html":
+        if form == "html":  # a number and its sign stay on one line
             return markupsafe.Markup(re.sub(r"(?<=\d) (?=%|×)", "\u00a0", text))
         return re.sub(r"([\\`*_\[\]<>|#])", r"\\\1", text)
 
@@ -1091,6 +1094,7 @@ def _rendered(report, form):
             error=partial(_error, report),
             plus_minus=plus_minus,
             script=script,
+            # the page allows this script alone: no text of a recording can run as another
             script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
         )
     )

@@ -371,12 +371,14 @@ _NOTES = {  # on the bits of the status
     "refused": "the input was not finite",
     "overrange": "since the start numbers have been beyond the range of the program",
 }
+# on small controllers a double may be a float, with whose digits the constants are not enough
 _BITS_OF_DOUBLE = """\
 #if DBL_MANT_DIG < 53
 #error "double has fewer than 64 bits here: write the program with dtype float32"
 #endif
 
 """
+# these flags let the compiler take isfinite as true, so that nothing would be refused
 _FINITE_MATH = """\
 #if defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__
 #error "isfinite is needed: compile without -ffast-math and -ffinite-math-only"
@@ -600,7 +602,7 @@ def program(
         "preview": source.stepper.preview,
         "needs": "#include <float.h>\n" if dtype == "float64" else "",
         "bits_of_double": _BITS_OF_DOUBLE if dtype == "float64" else "",
-        "n_states": max(len(source.compiled_step.state), 1),
+        "n_states": max(len(source.compiled_step.state), 1),  # C has no empty arrays
         "digest": digest,
         "one_u": "" if source.by_row else "[0]",
         **_status(name, source.stepper, dtype),
@@ -612,6 +614,7 @@ def program(
     is_default = drive is None
     if is_integer:
         units = _units(drive, *units)
+        # the ranges of numbers are those under this drive, which begins where the device rests
         drive, begins_at = np.append(source.rest, source.inputs(drive), axis=0), False
     else:
         expected = source.tested(drive)
@@ -739,6 +742,7 @@ def _units(drive, *units):
 
 def digest_of(source):
     """Return the SHA-256 of a program in double precision, without the prefix of its names."""
+    # so that programs of one model in other number types, or with another name, have one digest
     dialect = DIALECTS["float64"]
     printer = Printer("", dialect)
     printer.function(source.step)
@@ -961,6 +965,7 @@ def _in_integers(stepper, common, drive, units):
     counts = np.round(drive / units[0]).astype(np.int64)
     stepper = whole_limits(stepper, units[1])
     step = model_step(stepper.compiled_step, with_numbers=True)
+    # branches that no input within the limits takes would need a fixed point, too
     step = reachable(step, stepper.state, limits(counts)[0] * units[0])
     ranges = Ranges(step, stepper.state, counts * units[0])
     recorded, options = counts, (units, MARGIN, lambda u: answers(stepper, u))
@@ -1017,7 +1022,7 @@ def _in_integers(stepper, common, drive, units):
     )
     limited = np.clip(counts, *ends)
     outputs = answers(stepper, limited * units[0]) / units[1]
-    outputs = np.clip(outputs, 1 - 2.0**31, 2.0**31 - 1)
+    outputs = np.clip(outputs, 1 - 2.0**31, 2.0**31 - 1)  # as the program holds them
     return _texts(common, printer, [_listed(row, str) for row in counts], outputs)
 
 

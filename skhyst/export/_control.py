@@ -99,7 +99,7 @@ def _linear(operator, dt, control):
             return None
         join, none = (add, 0.0) if isinstance(operator, SumOperator) else (mul, 1.0)
         return reduce(join, parts[::-1], control.ss([], [], [], [[none]], dt))
-    if not hasattr(operator, "discrete"):
+    if not operator.has_matrices:
         return _by_its_step(operator, dt, control)
     # with the state x - b1 u instead of x, only the present input is needed
     a, b0, b1, c, d = operator.discrete(dt)

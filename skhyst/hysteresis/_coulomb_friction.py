@@ -304,10 +304,10 @@ class CoulombFriction(FrictionModel):
             return self._starts(records, max(largest_noise(record.u) for record in records))
         return self._starts(records, speed_noise(records, int(self.smoothing)))
 
-    def identified_otherwise(self, data):
+    def identified_otherwise(self, data, starts):
         # corners of the drive look like noise, which limits the transition velocity
         yield refine(self, self._starts(data, 0.0), data)
-        yield from super().identified_otherwise(data)
+        yield from super().identified_otherwise(data, starts)
 
     def _starts(self, records, noise):
         """Return starting values for a standard error of the velocity, in drive/s."""

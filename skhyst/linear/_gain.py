@@ -38,6 +38,7 @@ class GainOperator(Operator):
     intercept: float = parameter(default=0.0, linear=True, gauge=0.0, unit="response")
 
     signal_linear = True
+    has_matrices = True
     memoryless = True
     n_poles = (0, 0)
 

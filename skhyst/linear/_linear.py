@@ -138,6 +138,7 @@ class LinearOperator(HeldInput):
     """
 
     signal_linear = True
+    has_matrices = True
     intercept = 0.0
     n_poles = (0, 0)
     integrators = 0  # poles at zero, whose states are the last ones

@@ -1140,10 +1140,10 @@ class TransferFunction(ModesMixin, LinearModel):
             )
         return super().fit_from(operator, X, y, records=records, method=method)
 
-    def _fit_records(self, records):
+    def fit_records(self, records) -> Self:
         self.__dict__.pop("predictor_gain_", None)  # of an earlier fit
         if self.stable:
-            return super()._fit_records(records)
+            return super().fit_records(records)
         model = self.with_hold("foh") if self.hold == "auto" else self
         result, self.predictor_gain_ = model._one_step(records)
         return self.finish(result, records)
@@ -1537,9 +1537,9 @@ class TransferFunction(ModesMixin, LinearModel):
             )
         return super().predict(X, y_start, return_std)
 
-    def _read_inputs(self, X):
+    def read_inputs(self, X):
         if not hasattr(self, "_response_inputs"):
-            return super()._read_inputs(X)
+            return super().read_inputs(X)
         names = list(getattr(X, "columns", ()))
         if set(self._response_inputs) <= set(names):
             X = X[list(self._response_inputs)]

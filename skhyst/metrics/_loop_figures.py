@@ -33,7 +33,7 @@ FIGURES = ("coercivity", "remanence", "area", "opening", "closure")
 
 
 @dataclass(frozen=True)
-class Loop:
+class HysteresisLoop:
     """Cycles of one record that repeat each other.
 
     Parameters
@@ -174,7 +174,7 @@ def closed_loops(u, records, tolerance=TOLERANCE, skip=0):
         own = u[record.rows]
         groups = _repeated(own, _cycles(own, tolerance), tolerance)
         found += [
-            Loop(
+            HysteresisLoop(
                 name,
                 tuple(tuple(start + i for i in cycle) for cycle in cycles[skip:]),
                 record.dt,

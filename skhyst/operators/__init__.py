@@ -23,11 +23,6 @@ from ._composition import bare as bare
 from ._composition import can_scale as can_scale
 from ._composition import of_columns as of_columns
 from ._composition import split_disturbances as split_disturbances
-from ._differences import latest as latest
-from ._differences import samples_before as samples_before
-from ._differences import slope_step as slope_step
-from ._differences import slopes as slopes
-from ._differences import stepped_slopes as stepped_slopes
 from ._edits import add_parallel as add_parallel
 from ._edits import modulated as modulated
 from ._edits import on_column as on_column
@@ -77,6 +72,11 @@ from ._resolution import same_places as same_places
 from ._resolution import select_terms as select_terms
 from ._resolution import with_terms as with_terms
 from ._root_inverse import InverseOperator, RootInverseOperator, inverse_of
+from ._slopes import latest as latest
+from ._slopes import samples_before as samples_before
+from ._slopes import slope_step as slope_step
+from ._slopes import slopes as slopes
+from ._slopes import stepped_slopes as stepped_slopes
 from ._state_space import block_run as block_run
 from ._state_space import block_table as block_table
 from ._state_space import first_order_run as first_order_run

@@ -37,6 +37,14 @@ def _forwarded(path):
     return property(attrgetter(path), doc=f"The ``{name}`` of the operator within.")
 
 
+def _of_stages(which, name):
+    """Return a property that is true where an attribute of all or any stages is."""
+    return property(
+        lambda node: which(getattr(stage, name) for stage in node.stages),
+        doc=f"Whether {which.__name__} stages have ``{name}``.",
+    )
+
+
 class _ByEntries(Operator):
     """An operator whose entries do not correspond to fields of its own."""
 
@@ -784,29 +792,12 @@ class _Composition(_ByEntries):
     def children(self):
         return self.stages
 
-    @property
-    def signal_linear(self):
-        return all(stage.signal_linear for stage in self.stages)
-
-    @property
-    def owns_gain(self):
-        return any(stage.owns_gain for stage in self.stages)
-
-    @property
-    def memoryless(self):
-        return all(stage.memoryless for stage in self.stages)
-
-    @property
-    def causal(self):
-        return all(stage.causal for stage in self.stages)
-
-    @property
-    def reads_columns(self):
-        return any(stage.reads_columns for stage in self.stages)
-
-    @property
-    def at_once(self):
-        return all(stage.at_once for stage in self.stages)
+    signal_linear = _of_stages(all, "signal_linear")
+    owns_gain = _of_stages(any, "owns_gain")
+    memoryless = _of_stages(all, "memoryless")
+    causal = _of_stages(all, "causal")
+    reads_columns = _of_stages(any, "reads_columns")
+    at_once = _of_stages(all, "at_once")
 
     @property
     def stage_order(self):
@@ -1149,6 +1140,7 @@ class SumOperator(_Composition):
     """
 
     structure_of = "Sum"
+    has_matrices = _of_stages(all, "has_matrices")
 
     def _marked(self, parts):
         marked, taken = [], False
@@ -1210,8 +1202,7 @@ class SumOperator(_Composition):
         """
         if not self.stages:
             raise ValueError("A sum without terms has no inverse.")
-        is_linear = all(hasattr(stage, "discrete") for stage in self.stages)
-        return InverseLinearOperator(self) if is_linear else RootInverseOperator(self)
+        return InverseLinearOperator(self) if self.has_matrices else RootInverseOperator(self)
 
     def compiled_step(self, dt, state):
         return CompiledSum(self._compiled_step(dt, state) or (CompiledLaw(nothing, (), ()),))

@@ -301,7 +301,7 @@ class FeedbackOperator(_Composition, HeldInput):
         self._require("n_substeps", self.n_substeps > 0, "be above 0")
         is_right = len(self.stages) == 2
         is_right = is_right and (self.curve.of_rate if self._of_both else self.curve.memoryless)
-        is_right = is_right and all(hasattr(self.linear, name) for name in ("discrete", "hold"))
+        is_right = is_right and self.linear.has_matrices and hasattr(self.linear, "hold")
         curve = "function of a signal and its rate" if self._of_both else "memoryless curve"
         self._require("stages", is_right, f"be linear dynamics and a {curve}")
         self._require("stages", self.linear.gain != 0.0, "have a static gain other than zero")

@@ -92,6 +92,8 @@ class Part:
         shifts between instruments, and additive disturbances.
     n_poles : (int, int)
         Number of real poles and of pairs of poles of a linear operator.
+    has_matrices : bool
+        It is linear, and ``discrete(dt)`` returns the matrices of its discrete form.
     memoryless : bool
         The output depends on the input of the same instant alone.
     of_rate : bool
@@ -126,6 +128,8 @@ class Part:
         samples gives an output that is not.
     schedule_range : (float, float) or None
         Least and largest schedule of the fit, where parameters depend on a schedule.
+    resolution : Resolution or None
+        What its description is fine to, such as the number of plays, if that may be chosen.
     scaled_within : tuple of str
         Parameters that it scales within itself by a factor that varies from sample to sample, all
         together, such as the thresholds of plays: by the methods ``scaled_init`` to
@@ -151,6 +155,7 @@ class Part:
     owns_gain = False
     stage_order = 30
     n_poles = (0, 0)
+    has_matrices = False
     memoryless = False
     of_rate = False
     causal = True
@@ -160,6 +165,7 @@ class Part:
     signed = ()
     keeps_lines = False
     schedule_range = None
+    resolution = None
     scaled_within = ()
     children = ()
     driving_column = 0  # of the input

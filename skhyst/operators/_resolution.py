@@ -178,7 +178,7 @@ def parts_with_resolution(operator, _prefix=""):
         The prefix of the part's entries among those of the operator; the part; and a function that
         returns the operator with another part in its place.
     """
-    if getattr(operator, "resolution", None) is not None:
+    if operator.resolution is not None:
         return [(_prefix, operator, lambda part: part)]
     if not isinstance(operator, Series | SumOperator):
         return []

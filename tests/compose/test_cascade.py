@@ -3,6 +3,7 @@
 import warnings
 
 import numpy as np
+import optima
 import pytest
 from sklearn.base import clone
 from sklearn.exceptions import NotFittedError
@@ -398,3 +399,13 @@ def test_a_curve_between_two_transfer_functions_needs_no_starts(slow_first, n_ze
         "dead_zone__center": 0.1,
     }
     assert_recovered(model, truth)
+
+
+def test_the_starts_of_a_mode_set_the_thresholds_of_the_plays_behind_it():
+    rng = np.random.default_rng([5500308, 9])
+    u, size = optima.drive(rng)
+    y = optima.series(optima.mode, optima.prandtl_ishlinskii)(rng, size)(u)
+    noise = rng.uniform(0.003, 0.03) * np.std(y) * rng.normal(size=len(y))
+    steps = [("mode", SecondOrderMode()), ("plays", PrandtlIshlinskii(10))]
+    model = Cascade(steps, dt=optima.DT).fit(u[:, None], y + noise)
+    assert model.fit_error_ < optima.BAR * np.std(noise)  # three times, from one start of the mode

@@ -29,7 +29,7 @@ from skhyst.diagnosis._changes import (
     ParallelForce,
     PerRecord,
     RateDependence,
-    Scaled,
+    Scaling,
     _refitted_to,
 )
 from skhyst.diagnosis._edits import Insert, InsertAt
@@ -121,12 +121,12 @@ WITHOUT_COLUMNS = [
     (PerRecord("amplitude", "dynamics"), DYNAMIC),
     (PerRecord("amplitude", "all"), EVERY),
     (MovedModes(1), {"gain"}),
-    (Scaled("amplitude"), EVERY),
+    (Scaling("amplitude"), EVERY),
 ]
 BY_A_COLUMN = [
     (Driven(Gain(fit_intercept=False)), EVERY),
     (Driven(Gain(fit_intercept=False), to_drive=True), EVERY),
-    (Scaled("column"), EVERY),
+    (Scaling("column"), EVERY),
     (FollowedWidth(), {"plays", "plays, mode"}),
     (PerRecord("column", "all"), EVERY),
     (LoadedForce(CoulombFriction()), {"force"}),
@@ -155,7 +155,7 @@ def test_an_effect_enters_where_its_law_can_act(change, where):
             assert names[0] != names[1] or isinstance(change, HeldDrive)
         if of_column:
             assert found_by(change, name, recordings(columns=False)) == []
-        elif isinstance(change, PerRecord | MovedModes | Scaled):
+        elif isinstance(change, PerRecord | MovedModes | Scaling):
             assert found_by(change, name, recordings()[:1]) == []  # there is one amplitude
 
 
@@ -186,7 +186,7 @@ def test_columns_are_numbered_from_one_and_those_that_rest_do_nothing():
     assert [e.column for e in edits(Driven(Gain(fit_intercept=False)))] == [1, 2]
     shifted = edits(Driven(Gain(fit_intercept=False), to_drive=True))
     assert [e.column for e in shifted] == [1, 2]
-    for change in (Scaled("column"), FollowedWidth()):
+    for change in (Scaling("column"), FollowedWidth()):
         assert [e.column for e in edits(change)] == [1, 2]
         np.testing.assert_allclose([e.reference for e in edits(change)], means)
     still = [RecordData(r.u, r.y, DT, auxiliary=0.0 * r.auxiliary + 3.0) for r in records]
@@ -295,9 +295,9 @@ def test_what_depends_on_the_record_depends_on_nothing_else_yet():
     ):
         assert change.trees("more", scene) == []
     assert Driven(Gain(fit_intercept=False)).trees("more", scene)
-    scaled = found_by(Scaled("column"), "lag")[0]
+    scaled = found_by(Scaling("column"), "lag")[0]
     edits = [
-        tree.edits[-1][1] for tree in Scaled("column").trees("more", Scene(scaled, recordings()))
+        tree.edits[-1][1] for tree in Scaling("column").trees("more", Scene(scaled, recordings()))
     ]
     assert [edit.column for edit in edits] == [2]  # it is scaled by the first one
 

@@ -13,7 +13,7 @@ from skhyst.diagnosis import EFFECTS, _contest, _open_questions, _structure
 from skhyst.diagnosis._candidates import Candidate
 from skhyst.diagnosis._changes import (
     Folded,
-    Scaled,
+    Scaling,
     UnderWay,
     _before,
     _constant_per_record,
@@ -822,21 +822,21 @@ def test_the_response_is_scaled_by_what_differs_between_records():
     ]
     records = [RecordData(u, u, 0.01, auxiliary=c) for u, c in zip(drives, columns, strict=True)]
     sizes = [amplitude(u) for u in drives]
-    (edit,) = changed(Scaled("amplitude"), records)
+    (edit,) = changed(Scaling("amplitude"), records)
     assert (edit.column, edit.reference) == (
         "amplitude",
         pytest.approx(0.25 * sizes[0] + 0.75 * sizes[1]),
     )
-    assert changed(Scaled("amplitude"), records[:1] * 2) == []
-    assert changed(Scaled("amplitude"), records, scaled_by=("amplitude",)) == []
-    assert changed(Scaled("amplitude"), records, multi_input=True) == []
-    found = changed(Scaled("column"), records)
+    assert changed(Scaling("amplitude"), records[:1] * 2) == []
+    assert changed(Scaling("amplitude"), records, scaled_by=("amplitude",)) == []
+    assert changed(Scaling("amplitude"), records, multi_input=True) == []
+    found = changed(Scaling("column"), records)
     means = np.concatenate(columns).mean(axis=0)
     assert [(edit.column, edit.reference) for edit in found] == [
         (1, pytest.approx(means[0])),
         (3, pytest.approx(means[2])),
     ]
-    assert [edit.column for edit in changed(Scaled("column"), records, scaled_by=("1",))] == [3]
+    assert [edit.column for edit in changed(Scaling("column"), records, scaled_by=("1",))] == [3]
     scene = SimpleNamespace(tree=SimpleNamespace(multi_input=False), records=records)
     assert _constant_per_record(scene) == [3]  # constant in each record, and not the same in all
 

@@ -96,6 +96,11 @@ def test_modes_side_by_side_are_one_system():
     both = SumOperator(("a", "b"), modes)
     drive, _ = both.inverse().run(REFERENCE, DT)
     np.testing.assert_allclose(both.run(drive, DT)[0], REFERENCE, rtol=0.0, atol=1e-11)
+    # no such system where a part of a part has a memory
+    plays = SumOperator(("plays", "gain"), (OPERATORS["backlash"], GainOperator(2.0)))
+    nested = SumOperator(("a", "b"), (plays, GainOperator(1.0)))
+    drive, _ = nested.inverse().run(REFERENCE, DT)
+    np.testing.assert_allclose(nested.run(drive, DT)[0], REFERENCE, rtol=0.0, atol=1e-9)
 
 
 def test_forces_within_the_motion_are_undone():
