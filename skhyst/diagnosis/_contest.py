@@ -16,9 +16,10 @@ effect that is removed, such as the number of plays, may be wrong without it: if
 effect of a path, the model grows again without it.
 
 **Name.** Each remaining effect is contested by all others at its place. The name is that of the
-least held-out error; a function of time alone gives way to the best effect that responds to the
-drive and is not rejected against it. A simpler effect replaces the best if it is nested in it, as
-far as the recording shows, and the larger one is not better by the criterion.
+least held-out error; a function of time alone gives way to an effect that responds to the drive, is
+not rejected against it, and is simpler or predicts about as well. A simpler effect replaces the
+best if it is nested in it, as far as the recording shows, and the larger one is not better by the
+criterion.
 
 A step is done once for a set of effects: its result is kept, and is what a checkpoint stores.
 """
@@ -510,11 +511,18 @@ class Contest:
             rivals.append(own)
         chosen = min(rivals, key=lambda c: c.error)
         same = [c for c in rivals if self.criterion.p_value(c, chosen) >= alpha]
-        # what responds to the drive explains new records, a function of time alone does not
-        driven = [
-            c for c in same if c.structure.label(c.effects[0]) not in c.structure.disturbance_names
-        ]
-        chosen = min(driven or same, key=lambda c: c.error)
+        if _is_additive(chosen):
+            # what responds to the drive explains new records, a function of time alone does not
+            driven = [
+                c
+                for c in same
+                if not _is_additive(c)
+                and (
+                    c.n_parameters < chosen.n_parameters
+                    or not self.criterion.improves_enough(c, chosen)
+                )
+            ]
+            chosen = min(driven, key=lambda c: c.error, default=chosen)
         simpler = [
             c
             for c in rivals
@@ -839,3 +847,9 @@ class Contest:
         """Return a key of the set of effects, the resolution of the parts, and the weights."""
         names = " + ".join(sorted(candidate.structure.effects)) or "nothing"
         return f"{names}, {candidate.structure.root.n_parameters} values, weighed {self._weighings}"
+
+
+def _is_additive(candidate):
+    """Whether the last effect of a candidate is a function of time alone."""
+    tree = candidate.structure
+    return tree.label(candidate.effects[-1]) in tree.disturbance_names

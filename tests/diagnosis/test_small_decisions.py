@@ -746,7 +746,7 @@ def of_effects(names, error=1.0, n_parameters=1):
 def test_the_best_path_goes_on_and_the_simplest_that_is_not_told_from_it():
     """Of all candidates, and of those that would be claimed; of each set of effects the best."""
     criterion = SimpleNamespace(is_better=lambda worse, better: worse.error > 1.2 * better.error)
-    contest = SimpleNamespace(criterion=criterion)
+    contest = SimpleNamespace(criterion=criterion, _refreshed=lambda c: c)
     best, simple, simpler = (
         of_effects("a", 1.0, 5),
         of_effects("b", 1.1, 3),
