@@ -243,19 +243,21 @@ class Contest:
         """Return the candidates that continue: the best, and the simplest of equal ones.
 
         Both among all candidates and among those that would be claimed at once, so that one path at
-        least does not begin with an effect that fits chance. The best ones are identified from
-        scratch before they are compared, since each asks for its own resolution.
+        least does not begin with an effect that fits chance. Also the one of the best that leads
+        when each is identified from scratch, with the resolution that it asks for.
         """
         least, few = {}, []
         for c in sorted(candidates, key=lambda c: c.error):
             least.setdefault(frozenset(c.structure.effects), c)
         claimed = {frozenset(c.structure.effects) for c in claims}
-        for sets in (list(least), [names for names in least if names in claimed]):
-            group = [self._refreshed(least[names]) for names in sets[:FEW]]
+        for sets in (least, [names for names in least if names in claimed]):
+            group = [least[names] for names in sets]
             if group:
-                best = min(group, key=lambda c: c.error)
-                same = [c for c in group if not self.criterion.is_better(c, best)]
-                few += [best, min(same, key=lambda c: (c.n_parameters, c.error))]
+                same = [c for c in group if not self.criterion.is_better(c, group[0])]
+                simplest = min(same, key=lambda c: (c.n_parameters, c.error))
+                finest = [self._refreshed(c) for c in group[:FEW]]
+                best = min(finest, key=lambda c: c.error)
+                few += [finest[0], best, self._refreshed(simplest)]
         return list({frozenset(c.structure.effects): c for c in few}.values())
 
     def _refreshed(self, base):
