@@ -90,7 +90,9 @@ class UnderWay:
             return []
         # a history affects the first samples most: this is a start for the fit to whole records
         parts = [r.first_part(len(r.u) // 3) for r in scene.records]
-        return [tree.edited(name, Begin(tree.with_estimated_history(parts).input_history))]
+        start = tree.edited(name, Begin(tree.with_estimated_history(parts).input_history))
+        # the parameters compensate for the state of rest: they are fitted together with it, too
+        return [start, start.with_input_history(scene.records)]
 
 
 @dataclass(frozen=True)

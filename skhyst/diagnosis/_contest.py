@@ -16,9 +16,10 @@ effect that is removed, such as the number of plays, may be wrong without it: if
 effect of a path, the model grows again without it.
 
 **Name.** Each remaining effect is contested by all others at its place. The name is that of the
-least held-out error; a function of time alone gives way to the best effect that responds to the
-drive and is not rejected against it. A simpler effect replaces the best if it is nested in it, as
-far as the recording shows, and the larger one is not better by the criterion.
+least held-out error; a function of time alone gives way to an effect that responds to the drive, is
+not rejected against it, and is simpler or predicts about as well. A simpler effect replaces the
+best if it is nested in it, as far as the recording shows, and the larger one is not better by the
+criterion.
 
 A step is done once for a set of effects: its result is kept, and is what a checkpoint stores.
 """
@@ -242,19 +243,21 @@ class Contest:
         """Return the candidates that continue: the best, and the simplest of equal ones.
 
         Both among all candidates and among those that would be claimed at once, so that one path at
-        least does not begin with an effect that fits chance. The best ones are identified from
-        scratch before they are compared, since each asks for its own resolution.
+        least does not begin with an effect that fits chance. Also the one of the best that leads
+        when each is identified from scratch, with the resolution that it asks for.
         """
         least, few = {}, []
         for c in sorted(candidates, key=lambda c: c.error):
             least.setdefault(frozenset(c.structure.effects), c)
         claimed = {frozenset(c.structure.effects) for c in claims}
-        for sets in (list(least), [names for names in least if names in claimed]):
-            group = [self._refreshed(least[names]) for names in sets[:FEW]]
+        for sets in (least, [names for names in least if names in claimed]):
+            group = [least[names] for names in sets]
             if group:
-                best = min(group, key=lambda c: c.error)
-                same = [c for c in group if not self.criterion.is_better(c, best)]
-                few += [best, min(same, key=lambda c: (c.n_parameters, c.error))]
+                same = [c for c in group if not self.criterion.is_better(c, group[0])]
+                simplest = min(same, key=lambda c: (c.n_parameters, c.error))
+                finest = [self._refreshed(c) for c in group[:FEW]]
+                best = min(finest, key=lambda c: c.error)
+                few += [finest[0], best, self._refreshed(simplest)]
         return list({frozenset(c.structure.effects): c for c in few}.values())
 
     def _refreshed(self, base):
@@ -510,11 +513,18 @@ class Contest:
             rivals.append(own)
         chosen = min(rivals, key=lambda c: c.error)
         same = [c for c in rivals if self.criterion.p_value(c, chosen) >= alpha]
-        # what responds to the drive explains new records, a function of time alone does not
-        driven = [
-            c for c in same if c.structure.label(c.effects[0]) not in c.structure.disturbance_names
-        ]
-        chosen = min(driven or same, key=lambda c: c.error)
+        if _is_additive(chosen):
+            # what responds to the drive explains new records, a function of time alone does not
+            driven = [
+                c
+                for c in same
+                if not _is_additive(c)
+                and (
+                    c.n_parameters < chosen.n_parameters
+                    or not self.criterion.improves_enough(c, chosen)
+                )
+            ]
+            chosen = min(driven, key=lambda c: c.error, default=chosen)
         simpler = [
             c
             for c in rivals
@@ -839,3 +849,9 @@ class Contest:
         """Return a key of the set of effects, the resolution of the parts, and the weights."""
         names = " + ".join(sorted(candidate.structure.effects)) or "nothing"
         return f"{names}, {candidate.structure.root.n_parameters} values, weighed {self._weighings}"
+
+
+def _is_additive(candidate):
+    """Whether the last effect of a candidate is a function of time alone."""
+    tree = candidate.structure
+    return tree.label(candidate.effects[-1]) in tree.disturbance_names

@@ -188,15 +188,15 @@ def rings(operator, motion, records):
     margin = min(0.5 / ratio**2, resolved**2) - 1.0
     if not np.size(getattr(operator, "numerator", ())):
         return margin
+    vibrating = sum(_excited_time(record, ringing_time(operator)) for record in records)
+    half_periods = mode * vibrating / np.pi
+    margin = min(margin, half_periods / (2 + np.size(operator.numerator)) - 1.0)
     multiples = np.r_[0.0, np.geomspace(0.1, 10.0, 200), 1e4]  # static, near the mode, fast
     gain = np.log(np.abs(operator.frequency_response(mode / (2.0 * np.pi) * multiples)))
     static, high, between = gain[0], gain[-1], gain[1:-1]
     # of a peak, or of a notch
     prominence = max(between.max() - max(static, high), min(static, high) - between.min())
-    vibrating = sum(_excited_time(record, ringing_time(operator)) for record in records)
-    half_periods = mode * vibrating / np.pi
-    shown = half_periods / (2 + np.size(operator.numerator)) - 1.0
-    return min(margin, prominence - np.log1p(NOTICEABLE), shown)
+    return min(margin, prominence - np.log1p(NOTICEABLE))
 
 
 def _excited_time(record, ringing):

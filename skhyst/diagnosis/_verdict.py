@@ -20,13 +20,12 @@ the held-out error, or the part of it that a black box does not predict.
    the level of 1 % find half of the power with a probability of 95 % from
    :math:`m = (2 (3.1 + 1.6))^2` on. Its median magnitude is less than three times that of its
    innovations: a larger ratio resembles a smooth misfit with a little noise (for a first-order
-   process, a correlation of 0.94 per sample), also where the misfit jumps now and then. The
-   held-out error, times the ratio of the innovations to the residual, is less than three times the
-   floor, or the rounding of the converter if that is larger: innovations are at most 2.2 times the
-   scaled differences under all laws with an exponent below 2, but any number of times if the misfit
-   jumps. A black box predicts less of it than matters, even by chance. And the held-out error is
-   less than three times that of the fit, both in blocks and in whole records within the range of
-   the others: a larger ratio is not that of stationary noise.
+   process, a correlation of 0.94 per sample), also where the misfit jumps now and then. Its
+   innovations, enlarged as the held-out error is, are less than three times the floor, or the
+   rounding of the converter if that is larger: under all laws with an exponent below 2 innovations
+   are at most 2.2 times the scaled differences. A black box predicts less of it than matters, even
+   by chance. And the held-out error is less than three times that of the fit, both in blocks and in
+   whole records within the range of the others: a larger ratio is not that of stationary noise.
 4. Otherwise it is ``undetermined``, and the advice says what to record.
 
 The limits of the third step are checked by ``benchmarks/verdicts.py``: hardly any white,
@@ -37,6 +36,7 @@ noise.
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import norm
 
 from ..noise import NoiseModel, difference_noise, fit_noise
 from ._structure import (
@@ -167,11 +167,7 @@ def judge_residual(records, residuals, predictions, rng, criterion, *, error=Non
             "noise", floor, ceiling, noise, "it does not repeat with the drive", *statistics
         )
     size = float(np.sqrt(power))
-    against = list(_against_noise(records, residuals, noise))
-    white = ceiling * _innovation_size(noise, residuals) / size  # what is no colour of the noise
-    least = max(floor, noise.quantisation / 12.0**0.5)
-    if white >= PREDICTABLE * least:
-        against.append(f"without its colour it is {white:.3g}, the noise floor {least:.3g}")
+    against = list(_against_noise(records, residuals, noise, floor, ceiling / size))
     predicts = trials["a black box predicts it"]
     if predicts.improves_enough(criterion):
         against.append(
@@ -217,8 +213,11 @@ def _innovation_size(noise, residuals):
     return np.sqrt(np.nanmean(np.square(innovations)))
 
 
-def _against_noise(records, residuals, noise):
-    """Yield the reasons why residuals can hardly be noise."""
+def _against_noise(records, residuals, noise, floor, excess):
+    """Yield the reasons why residuals can hardly be noise.
+
+    ``excess`` is the held-out error over the root mean square of the residuals.
+    """
     if noise.law == "power_law" and noise.coefficient >= LARGEST_EXPONENT:
         yield f"its spectrum falls as f^-{noise.coefficient:.2f}"
     counts = [int(np.isfinite(r).sum()) for r in residuals]
@@ -228,6 +227,9 @@ def _against_noise(records, residuals, noise):
     size, innovation = map(_median_magnitude, (residuals, noise.innovations(residuals)))
     if size >= PREDICTABLE * innovation:
         yield f"it is {size / innovation:.3g} times its innovations"
+    white, least = excess * innovation / norm.ppf(0.75), max(floor, noise.quantisation / 12.0**0.5)
+    if white >= PREDICTABLE * least:
+        yield f"without its colour it is {white:.3g}, the noise floor {least:.3g}"
 
 
 def _median_magnitude(signals):

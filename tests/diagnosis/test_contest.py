@@ -29,6 +29,10 @@ class Names:
     def label(self, name):
         return name
 
+    @property
+    def disturbance_names(self):
+        return tuple(name for name in self.effects if name in "op")
+
     names = ()
 
 
@@ -254,7 +258,12 @@ def test_the_name_is_that_of_the_least_error(known):
     assert tried(none=1.0, a=0.5, b=0.45, c=0.48) == ("b", ("c", "a"))
     assert tried(none=1.0, a=0.5, b=0.7) == (None, ())  # told from it
     assert tried(none=1.0, a=0.5, b=0.95) == (None, ())  # no better than nothing
-    assert tried(none=1.0, a=0.5, o=0.45) == ("o", ("a",))
+    # a function of time helps no new record
+    assert tried(none=1.0, a=0.5, o=0.46) == (None, ("o",))
+    assert tried(none=1.0, a=0.5, b=0.48, o=0.46) == ("b", ("o", "a"))
+    assert tried(none=1.0, a=0.5, o=0.44) == ("o", ("a",))
+    assert tried(none=1.0, a=0.5, o=0.44, sizes={"o": 4}) == (None, ("o",))
+    assert tried(none=1.0, a=0.5, o=0.3, sizes={"o": 4}) == ("o", ())
     assert tried(none=1.0, a=0.5, p=0.45) == (None, ())  # the noise's own course
 
 
@@ -355,6 +364,17 @@ def test_a_function_of_time_is_more_than_the_noise(known, monkeypatch, name, p_v
     assert contest._is_needed(candidate(name, 0.5), name, without) == stays
     contest.renew = True  # what a black box leaves has a course of the box's own
     assert contest._is_needed(candidate(name, 0.5), name, without)
+
+
+def test_an_effect_that_was_significant_beside_others_stays_so_without_them(known):
+    contest, without = contest_of(), candidate("", 1.0)
+    assert not contest._is_needed(candidate("a", 0.85), "a", without)
+    assert contest._is_needed(candidate("ab", 0.3), "a", candidate("b", 0.7))
+    assert contest._is_needed(candidate("a", 0.85), "a", without)
+    assert not contest._is_needed(candidate("a", 0.95), "a", without)  # it does not matter
+    assert not contest._is_needed(candidate("ac", 0.85), "a", candidate("c", 1.0))
+    contest._weighings += 1
+    assert not contest._is_needed(candidate("a", 0.85), "a", without)
 
 
 def test_of_variants_those_are_held_out_that_may_matter_and_are_plausible(known, monkeypatch):

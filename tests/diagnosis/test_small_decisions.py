@@ -10,7 +10,7 @@ import pytest
 
 from skhyst.compose import Cascade, amplitude
 from skhyst.diagnosis import EFFECTS, _contest, _open_questions, _structure
-from skhyst.diagnosis._candidates import Candidate
+from skhyst.diagnosis._candidates import Candidate, screened
 from skhyst.diagnosis._changes import (
     Folded,
     Scaling,
@@ -49,7 +49,7 @@ from skhyst.diagnosis._structure import (
 from skhyst.diagnosis._tree import Tree
 from skhyst.diagnosis._turns import turns
 from skhyst.hysteresis import PrandtlIshlinskii
-from skhyst.linear import FirstOrderLag, Gain, GainOperator
+from skhyst.linear import FirstOrderLag, FirstOrderLagOperator, Gain, GainOperator
 from skhyst.noise import NoiseModel
 from skhyst.noise._block_test import _autocovariance
 from skhyst.optimize import RecordData
@@ -746,7 +746,7 @@ def of_effects(names, error=1.0, n_parameters=1):
 def test_the_best_path_goes_on_and_the_simplest_that_is_not_told_from_it():
     """Of all candidates, and of those that would be claimed; of each set of effects the best."""
     criterion = SimpleNamespace(is_better=lambda worse, better: worse.error > 1.2 * better.error)
-    contest = SimpleNamespace(criterion=criterion)
+    contest = SimpleNamespace(criterion=criterion, _refreshed=lambda c: c)
     best, simple, simpler = (
         of_effects("a", 1.0, 5),
         of_effects("b", 1.1, 3),
@@ -809,8 +809,8 @@ def test_claims_are_told_by_what_they_remove_of_the_error():
 
 def changed(variant, records, **tree):
     """Return what is done to a model for a variant of an effect."""
-    known = {"input_history": (), "lines": (), "multi_input": False, "scaled_by": (), **tree}
-    fake = SimpleNamespace(**known, edited=lambda name, edit: edit)
+    known = {"input_history": (), "lines": (), "multi_input": False, "scaled_by": ()}
+    fake = SimpleNamespace(**{**known, "edited": lambda name, edit: edit, **tree})
     return variant.trees("effect", SimpleNamespace(tree=fake, records=records, residuals=records))
 
 
@@ -853,16 +853,32 @@ def test_what_came_before_records_is_seen_in_their_first_third(segments):
         "with_estimated_history": lambda parts: (
             seen.extend(parts) or SimpleNamespace(input_history=("past",))
         ),
+        "edited": lambda name, edit: SimpleNamespace(
+            edit=edit, with_input_history=lambda records: records
+        ),
     }
-    (edit,) = changed(UnderWay(), [record], **known)
-    assert edit.input_history == ("past",)
+    start, together = changed(UnderWay(), [record], **known)
+    assert (start.edit.input_history, together) == (("past",), [record])
     assert [len(part.u) for part in seen] == [max(30, segments)]
     still = {**known, "operators": [SimpleNamespace(memoryless=True)]}
     assert changed(UnderWay(), [record], **still) == []
     zero = {**known, "model": Cascade([("lag", FirstOrderLag(initial_state="zero"))])}
     assert changed(UnderWay(), [record], **zero) == []
-    (edit,) = changed(UnderWay(), [record], **{**known, "multi_input": True})
-    assert edit.input_history == ("past",)
+    start, _ = changed(UnderWay(), [record], **{**known, "multi_input": True})
+    assert start.edit.input_history == ("past",)
+
+
+def test_a_start_in_motion_shows_although_the_parameters_have_compensated_for_it():
+    """Fitted one after the other, a ninth of the sum of squares would be left."""
+    t = np.arange(300.0)
+    u = np.sin(t / 15.0) + 0.5 * np.sin(t / 37.0)
+    at_rest, _ = FirstOrderLagOperator(40.0).run(u, 1.0)
+    records = [RecordData(u, at_rest + 0.8 * np.exp(-t / 40.0), 1.0)]
+    tree = Tree.from_result(FirstOrderLag(), FirstOrderLag().identify(records))
+    problem = tree.problem(records)
+    cost = problem.total(problem.evaluate(problem.x0))[-1, -1]
+    (found,) = screened(EFFECTS["initial_state"], tree, records)
+    assert found.predicted_cost < 1e-3 * cost
 
 
 def test_a_candidate_is_nested_up_to_what_the_noise_of_its_parameters_hides():

@@ -111,14 +111,18 @@ def test_the_period_of_a_drive_has_two_turns():
 
 
 def test_what_is_flat_between_jumps_is_no_noise():
-    """A staircase has the spectrum of first-order noise; noise with outliers is no staircase."""
+    """A staircase has the spectrum of first-order noise; noise with outliers is no staircase.
+
+    Noise has no held-out error that is twice that of the fit.
+    """
     rng = np.random.default_rng(3)
     white = rng.standard_normal(3000)
     noise = lfilter([1.0], [1.0, -0.9], white)
     steps = np.repeat(rng.uniform(-1.0, 1.0, 300), 10) + 0.03 * white
     lost = np.where(rng.random(3000) < 0.05, 8.0 * noise.std() * white, 0.0)
-    for r, number in ((noise, 0), (noise + lost, 0), (steps, 1)):
+    for r, excess, number in ((noise, 1, 0), (noise + lost, 1, 0), (steps, 1, 1), (noise, 2, 1)):
         law = fit_noise([r])
         assert law.law == "autoregressive"
         records = [RecordData(np.sin(np.arange(3000) / 10.0), r, 1.0)]
-        assert len(list(_against_noise(records, [r], law))) == number
+        floor = noise_floor([r], [r], law)
+        assert len(list(_against_noise(records, [r], law, floor, excess))) == number
