@@ -133,8 +133,8 @@ DIAGNOSIS = [
 CRITERION = [  # of this way to decide
     (
         "a resonance without a peak is let through, whatever its margin",
-        "return min(margin, prominence - np.log1p(NOTICEABLE), shown)",
-        "return min(margin, shown)",
+        "return min(margin, prominence - np.log1p(NOTICEABLE))",
+        "return margin",
         "tests/diagnosis/test_effects.py tests/diagnosis/test_plausibility.py -k peak",
     ),
     (
