@@ -33,6 +33,7 @@ from ._oscillator import (
     F,
     OscillatorModel,
     OscillatorOperator,
+    begin_sample,
     decay,
     loops,
     mean_factor,
@@ -41,7 +42,6 @@ from ._oscillator import (
     propagate,
     pull_tangents,
     scaled,
-    set_identity,
     solve_tangents,
 )
 
@@ -282,7 +282,7 @@ def bouc_wen_tangents(
     dsigma = np.zeros(OWN + 6)
     for k in range(u.size):
         u0 = before
-        set_identity(step)
+        first = begin_sample(d, du.shape[1], step)
         for i in range(n_substeps):
             start, stop = i / n_substeps, (i + 1) / n_substeps
             u1 = before + (u[k] - before) * stop
@@ -306,7 +306,7 @@ def bouc_wen_tangents(
             displacement_tangents(x, side, b, w, rho, size, shape, sigma, dsigma, by)
             force = side * size * mean
             pull_tangents(loaded[3], force, by)
-            move_tangents(loaded, mode_by, by, q, p, u0, u1, start, stop, step)
+            move_tangents(loaded, mode_by, by, q, p, u0, u1, start, stop, step, first)
             q += side * x
             p = free_p - bp * force
             f = side * size * end

@@ -25,6 +25,7 @@ from ._oscillator import (
     OscillatorModel,
     OscillatorOperator,
     Q,
+    begin_sample,
     loops,
     mean_factor,
     move_tangents,
@@ -32,7 +33,6 @@ from ._oscillator import (
     propagate,
     pull_tangents,
     scaled,
-    set_identity,
     solve_tangents,
 )
 
@@ -117,7 +117,7 @@ def end_stops_tangents(
     by = np.zeros((3, OWN + n_own))
     for k in range(u.size):
         u0 = before
-        set_identity(step)
+        first = begin_sample(d, du.shape[1], step)
         for i in range(n_substeps):
             start, stop = i / n_substeps, (i + 1) / n_substeps
             u1 = before + (u[k] - before) * stop
@@ -142,7 +142,7 @@ def end_stops_tangents(
                 by[1, column] = -by_upper
             solve_tangents(loaded[2], slope, force, by)
             pull_tangents(loaded[3], force, by)
-            move_tangents(loaded, mode_by, by, q, p, u0, u1, start, stop, step)
+            move_tangents(loaded, mode_by, by, q, p, u0, u1, start, stop, step, first)
             q = end
             p = free_p - loaded[3] * force
             u0 = u1

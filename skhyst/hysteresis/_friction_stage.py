@@ -27,7 +27,6 @@ from ..operators import parameter
 from ._lugre import LuGreOperator
 from ._oscillator import (
     FREE_D,
-    GRADIENT,
     OWN,
     PARAMETERS,
     SLOPE_B,
@@ -36,6 +35,7 @@ from ._oscillator import (
     OscillatorModel,
     OscillatorOperator,
     P,
+    begin_sample,
     decay,
     loops,
     mean_factor,
@@ -44,7 +44,6 @@ from ._oscillator import (
     propagate,
     pull_tangents,
     scaled,
-    set_identity,
     solve_tangents,
 )
 
@@ -154,10 +153,10 @@ def friction_tangents(
     constants = fs, ratio, 1.0 / (h * vs), rho, eta
     n_own = dout.shape[1] - du.shape[1]
     step = np.empty((3, PARAMETERS + n_own))
-    by = np.zeros((3, OWN + 7))
+    by = np.zeros((3, OWN + n_own))
     for k in range(u.size):
         u0 = before
-        set_identity(step)
+        first = begin_sample(d, du.shape[1], step)
         for i in range(n_substeps):
             start, stop = i / n_substeps, (i + 1) / n_substeps
             u1 = before + (u[k] - before) * stop
@@ -173,13 +172,15 @@ def friction_tangents(
                     delta, free_d, loaded[2], f, constants, vs, -eta / w, eta_bristle, by
                 )
             pull_tangents(loaded[3], force, by)
-            move_tangents(loaded, mode_by, by, q, p, u0, u1, start, stop, step)
+            if n_own > 7:
+                for i_state in range(3):
+                    by_factor = by[i_state, B] * loaded[6] + by[i_state, SLOPE_B] * loaded[7]
+                    by[i_state, -1] = loaded[11] * by_factor
+            move_tangents(loaded, mode_by, by, q, p, u0, u1, start, stop, step, first)
             q += delta
             p = free_p - loaded[3] * force
             f = new
             u0 = u1
-        if n_own > 7:
-            step[:, -1] = step[:, GRADIENT]
         propagate(step, k, du, dfactor, dbefore, d, dout)
         before = u[k]
         out[k] = q

@@ -17,9 +17,10 @@ exponential form (Quispel and McLaren, *Journal of Physics A*, 2008). It is of s
 for F = 0, and it keeps the energy balance: the work ``F D`` done on the hysteresis equals what f
 stores and dissipates, at any substep.
 
-A sample maps the state (q, p, f) and the drive before and now to the next state. Its Jacobian,
-together with the derivatives by the parameters, is accumulated over the substeps
-(:func:`move_tangents`) and applied once per sample to the propagated tangents (:func:`propagate`).
+The derivatives by the parameters are moved over every substep (:func:`move_tangents`). Tangents of
+the input may be many: for them the Jacobian of a sample, which maps the state (q, p, f) and the
+drive before and now to the next state, is accumulated over the substeps in the same way and applied
+once per sample (:func:`propagate`); without such tangents it is not computed.
 A law gives the derivatives of D, of ``B' F`` and of the new f by the quantities of the oscillator
 that enter it (``FREE_D``: D without F, ``FREE_P``: p1 without F, then q, p, f, B and B'), and by
 the parameters themselves.
@@ -34,7 +35,9 @@ with B and B' multiplied by the factor (:func:`scaled`).
 import dataclasses
 import math
 from abc import abstractmethod
-from functools import cached_property
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache, partial
 from numbers import Integral, Real
 
 import numpy as np
@@ -49,9 +52,10 @@ from ..optimize import VariableProjection
 # columns of a law's derivatives; its own parameters begin at OWN
 FREE_D, FREE_P, Q, P, F, B, SLOPE_B, OWN = range(8)
 # columns of a sample's Jacobian, after those of the state: drive before and at the sample, factor
-# of the force before and at it, its gradient along the way, then the parameters
-_DRIVES, _FACTORS, GRADIENT, PARAMETERS = 3, 5, 7, 8
+# of the force before and at it; then the tangents by the parameters
+_DRIVES, _FACTORS, PARAMETERS = 3, 5, 7
 _SERIES = 0.1  # below it the quotients cancel and the series converges fast
+_LONGEST = 1 << 16  # samples of a simulation up to which its tangents are kept: 4 MB
 _C3, _C4, _C5, _C6, _C7, _C8, _C9, _C10 = (1.0 / math.factorial(k) for k in range(3, 11))
 
 
@@ -218,14 +222,42 @@ def pull_tangents(slope_b, force, by):
 
 
 @jit
-def move_tangents(mode, mode_by, by, q, p, u0, u1, start, stop, step):
-    """Move the Jacobian ``step`` (3, 8 + n) of a sample over a substep that begins at q and p.
+def begin_sample(d, n_inputs, step):
+    """Set ``step`` before the first substep; return the first of its columns that is in use.
+
+    The Jacobian of the sample is the identity, and used if there are tangents of the input; the
+    tangents by the parameters are those of ``d``.
+    """
+    for i in range(3):
+        for j in range(PARAMETERS):
+            step[i, j] = 1.0 if i == j else 0.0
+        for j in range(n_inputs, d.shape[1]):
+            step[i, PARAMETERS + j - n_inputs] = d[i, j]
+    return 0 if n_inputs else PARAMETERS
+
+
+@jit(inline=True)
+def add_tangent(by, free_d, free_p, db, dbp, step, j):
+    """Add to column j of ``step`` the change by something that a substep depends on.
+
+    ``free_d``, ``free_p``, ``db`` and ``dbp`` are the derivatives by it of D and p1 without F, and
+    of B and B' of the force.
+    """
+    for k in range(3):
+        value = by[k, FREE_D] * free_d + by[k, FREE_P] * free_p
+        value += by[k, B] * db + by[k, SLOPE_B] * dbp
+        step[k, j] += free_p - value if k == 1 else value
+
+
+@jit
+def move_tangents(mode, mode_by, by, q, p, u0, u1, start, stop, step, first):
+    """Move the columns of ``step`` (3, 7 + n) from ``first`` on over a substep that begins at q, p.
 
     ``by`` (3, 7 + n) are the derivatives of D, of ``B' F`` (see :func:`pull_tangents`) and of the
-    new f by ``FREE_D``, ... and by the n parameters; B and B' are those of the force. ``mode`` is
-    that of :func:`scaled`, ``mode_by`` (2, 9) are the derivatives of the ``mode`` given to it by
-    the first two parameters. The substep lasts from ``start`` to ``stop``, fractions of the
-    sampling interval.
+    new f by ``FREE_D``, ... and by the n parameters; it may have further columns. B and B' are
+    those of the force. ``mode`` is that of :func:`scaled`, ``mode_by`` (2, 9) are the derivatives
+    of the ``mode`` given to it by the first two parameters. The substep lasts from ``start`` to
+    ``stop``, fractions of the sampling interval.
     """
     # new q, p and f by the old ones: q1 = q + D, p1 = its value without F, less B' F
     a, b, c = by_state(mode, by, 0)
@@ -239,50 +271,32 @@ def move_tangents(mode, mode_by, by, q, p, u0, u1, start, stop, step):
     by_q, by_p = mode[10], mode[10] * mode[12]
     a, e, x = a + by_q * d_by, e + by_q * p_by, x + by_q * f_by
     b, f, y = b + by_p * d_by, f + by_p * p_by, y + by_p * f_by
-    for j in range(step.shape[1]):
+    for j in range(first, step.shape[1]):
         dq, dp, df = step[0, j], step[1, j], step[2, j]
         step[0, j] = a * dq + b * dp + c * df
         step[1, j] = e * dq + f * dp + g * df
         step[2, j] = x * dq + y * dp + z * df
-    # derivatives by drive and factor before and at the sample, by the gradient, and by the first
-    # two parameters
-    pull, slope, middle = u0 - q, u1 - u0, 0.5 * (start + stop)
-    for i in range(7):
-        db = dbp = free_d = free_p = moved = 0.0
-        if i < 2:
-            fraction = start if i else 1.0 - start
-            length = stop - start if i else start - stop
+    pull, slope = u0 - q, u1 - u0
+    if first < PARAMETERS:  # drive and factor before and at the sample
+        middle = 0.5 * (start + stop)
+        for i in range(2):
+            fraction, length = (start, stop - start) if i else (1.0 - start, start - stop)
             free_d = mode[6] * fraction + mode[4] * length
             free_p = mode[7] * fraction + mode[5] * length
-        elif i < 4:
-            moved = (middle if i == 3 else 1.0 - middle) * mode[9]
-        elif i == 4:
-            moved = mode[11]
-        else:
-            m = mode_by[i - 5]
-            db, dbp = mode[8] * m[2], mode[8] * m[3]
-            free_d = m[0] * p + m[2] * pull + m[4] * slope
-            free_p = m[1] * p + m[3] * pull + m[5] * slope
-            moved = mode[10] * m[8] * p
-        db, dbp = db + moved * mode[6], dbp + moved * mode[7]
-        for k in range(3):
-            value = by[k, FREE_D] * free_d + by[k, FREE_P] * free_p
-            value += by[k, B] * db + by[k, SLOPE_B] * dbp
-            if k == 1:
-                value = free_p - value
-            step[k, 3 + i] += value
-    for j in range(by.shape[1] - OWN):
+            add_tangent(by, free_d, free_p, 0.0, 0.0, step, _DRIVES + i)
+            moved = (middle if i else 1.0 - middle) * mode[9]
+            add_tangent(by, 0.0, 0.0, moved * mode[6], moved * mode[7], step, _FACTORS + i)
+    for i in range(2):
+        m = mode_by[i]
+        free_d = m[0] * p + m[2] * pull + m[4] * slope
+        free_p = m[1] * p + m[3] * pull + m[5] * slope
+        moved = mode[10] * m[8] * p
+        db, dbp = mode[8] * m[2] + moved * mode[6], mode[8] * m[3] + moved * mode[7]
+        add_tangent(by, free_d, free_p, db, dbp, step, PARAMETERS + i)
+    for j in range(step.shape[1] - PARAMETERS):
         step[0, PARAMETERS + j] += by[0, OWN + j]
         step[1, PARAMETERS + j] -= by[1, OWN + j]
         step[2, PARAMETERS + j] += by[2, OWN + j]
-
-
-@jit
-def set_identity(step):
-    """Set the Jacobian of a sample to the identity, as before its first substep."""
-    for i in range(3):
-        for j in range(step.shape[1]):
-            step[i, j] = 1.0 if i == j else 0.0
 
 
 @jit
@@ -291,8 +305,8 @@ def propagate(step, k, du, dfactor, dbefore, d, dout):
 
     The first m are tangents of the input: ``du`` (n_samples, m) are those of the drive, ``dbefore``
     (m,) those before the first sample, and ``dfactor`` (n_samples + 1, m) those of the factor of
-    the force, from before it. The others are derivatives by parameters. The sample's Jacobian
-    ``step`` is (3, 8 + n).
+    the force, from before it. The others are derivatives by parameters, which ``step`` (3, 7 + n)
+    has moved already.
     """
     m = du.shape[1]
     for j in range(m):
@@ -305,10 +319,8 @@ def propagate(step, k, du, dfactor, dbefore, d, dout):
             d[i, j] = value
         dout[k, j] = d[0, j]
     for j in range(m, d.shape[1]):
-        a, b, c = d[0, j], d[1, j], d[2, j]
         for i in range(3):
-            value = step[i, 0] * a + step[i, 1] * b + step[i, 2] * c
-            d[i, j] = value + step[i, PARAMETERS + j - m]
+            d[i, j] = step[i, PARAMETERS + j - m]
         dout[k, j] = d[0, j]
 
 
@@ -571,9 +583,26 @@ class OscillatorOperator(HeldInput):
         u, factor, dfactor = as_signal(u), as_signal(factor), as_signal(dfactor)
         m, p, n_own = du.shape[1], dfactor.shape[1], self.n_parameters - 2
         du = np.concatenate([du, np.zeros((u.size, p - m))], axis=1)  # none by those of the factor
-        d, dy = np.zeros((3, p + n_own)), np.empty((u.size, p + n_own + 2))
+        dy = np.empty((u.size, p + n_own + 2))
         if not u.size:
             return np.empty(0), dy
+        simulation = partial(self._motion, u, du, factor, dfactor, dt, initial_state)
+        if p or u.size > _LONGEST:
+            q, dq = simulation()
+        else:  # a search tries many parts behind a stage, and other gains of it
+            fixed = (f.name for f in dataclasses.fields(self) if f.name not in self._sizes)
+            own = type(self), *self._sizes.items(), *map(partial(getattr, self), fixed)
+            values = (part.tobytes() for part in (self.pack()[:-2], u, factor))
+            q, dq = _kept(_Simulation((*own, *values, dt, initial_state), simulation))
+        by_own = dy[:, m : m + n_own + 2]
+        dy[:, :m], dy[:, m + n_own + 2 :] = self.gain * dq[:, :m], self.gain * dq[:, m:p]
+        by_own[:, :-2], by_own[:, -2], by_own[:, -1] = self.gain * dq[:, p:], q, 1.0
+        return self.gain * q + self.intercept, dy
+
+    def _motion(self, u, du, factor, dfactor, dt, initial_state):
+        """Return q and its tangents, by the input and by all parameters but the last two."""
+        p, n_own = du.shape[1], self.n_parameters - 2
+        d = np.zeros((3, p + n_own))
         if initial_state == "zero":
             initial = self.scaled_init(u[0], factor[0], initial_state)
         else:
@@ -588,10 +617,7 @@ class OscillatorOperator(HeldInput):
         drive = u[first:], du[first:], np.append(loaded, factor[first:])
         past = np.concatenate([dfactor[:1], dfactor[first:]]), before, du[0]
         self._tangent_loop(*head, *drive, *past, *state, d, q[first:], dq[first:])
-        by_own = dy[:, m : m + n_own + 2]
-        dy[:, :m], dy[:, m + n_own + 2 :] = self.gain * dq[:, :m], self.gain * dq[:, m:p]
-        by_own[:, :-2], by_own[:, -2], by_own[:, -1] = self.gain * dq[:, p:], q, 1.0
-        return self.gain * q + self.intercept, dy
+        return q, dq
 
     def _force_characteristics(self, level):
         """Return characteristics of a hysteretic force up to ``level`` (drive), {} without one."""
@@ -602,6 +628,20 @@ class OscillatorOperator(HeldInput):
             "largest hysteretic force": (level, "drive"),
             "presliding displacement": (displacement, "response"),
         }
+
+
+@dataclass(frozen=True)
+class _Simulation:
+    """A simulation, equal to another one if all that it depends on is equal."""
+
+    key: tuple
+    run: Callable = field(compare=False)
+
+
+@lru_cache(maxsize=4)
+def _kept(simulation):
+    """Return the result of a simulation, one of the last few if it is equal to it."""
+    return simulation.run()
 
 
 def _first(begun, u):

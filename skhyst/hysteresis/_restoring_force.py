@@ -33,6 +33,7 @@ from ._oscillator import (
     OscillatorOperator,
     P,
     Q,
+    begin_sample,
     loops,
     mean_factor,
     move_tangents,
@@ -40,7 +41,6 @@ from ._oscillator import (
     propagate,
     pull_tangents,
     scaled,
-    set_identity,
     solve_tangents,
 )
 from ._prandtl_ishlinskii import PrandtlIshlinskiiOperator
@@ -126,17 +126,18 @@ def slide_tangents(b, b_z, k, delta, mean, part, force, dforce, first, by):
     the column of k_s.
     """
     sign = 1.0 if delta > 0.0 else -1.0
-    by[1] = 0.0
+    for j in range(by.shape[1]):
+        by[1, j] = 0.0
     by[1, F] = part
     by[1, first] = 0.5 * part * part * delta
     by[1, first + 1] = sign * (1.0 - part)
     solve_tangents(b_z, 0.5 * k * part * part, mean, by)
-    by[2] = 0.0
+    held = k if part == 1.0 else 0.0
+    for j in range(by.shape[1]):
+        by[2, j] = held * by[0, j]
     if part < 1.0:
         by[2, first + 1] = sign
     else:
-        for j in range(by.shape[1]):
-            by[2, j] = k * by[0, j]
         by[2, F] += 1.0
         by[2, first] += delta
     for i in range(3):
@@ -160,13 +161,13 @@ def restoring_tangents(
     """
     k_s, limit, preload, scale, bound, springs, dampers = law
     n_springs, n_dampers = springs.size, dampers.size
-    first = OWN + 2 + n_springs + n_dampers
-    step = np.empty((3, PARAMETERS + first + 3 - OWN))
-    by = np.empty((3, first + 4))
-    dforce0, dforce = np.empty((2, first + 4))
+    own = OWN + 2 + n_springs + n_dampers  # column of k_s
+    step = np.empty((3, PARAMETERS + own + 3 - OWN))
+    by = np.empty((3, own + 5))
+    dforce0, dforce = np.empty((2, own + 5))
     for k in range(u.size):
         u0 = before + preload
-        set_identity(step)
+        first = begin_sample(d, du.shape[1], step)
         for i in range(n_substeps):
             start, stop = i / n_substeps, (i + 1) / n_substeps
             u1 = preload + before + (u[k] - before) * stop
@@ -177,12 +178,13 @@ def restoring_tangents(
             from_q, by_q = odd_terms(q, springs, scale)
             from_p, by_p = odd_terms(p, dampers, scale)
             force0 = from_q + from_p
-            dforce0[:] = 0.0
+            for j in range(dforce0.size):
+                dforce0[j] = 0.0
             dforce0[Q], dforce0[P] = by_q, by_p
             add_powers(q, scale, dforce0, OWN + 2, n_springs)
             add_powers(p, scale, dforce0, OWN + 2 + n_springs, n_dampers)
             delta, mean, _, part = slide(free_d - b * force0, b_z, z, k_s, limit)
-            slide_tangents(b, b_z, k_s, delta, mean, part, force0, dforce0, first, by)
+            slide_tangents(b, b_z, k_s, delta, mean, part, force0, dforce0, own, by)
             # with the mean of both ends
             end = free_p - bp * force0 - bp_z * mean
             from_q, by_q = odd_terms(q + delta, springs, scale)
@@ -196,19 +198,23 @@ def restoring_tangents(
             dforce[_SLOPE_B] -= by_p * force0
             add_powers(q + delta, scale, dforce, OWN + 2, n_springs)
             add_powers(end, scale, dforce, OWN + 2 + n_springs, n_dampers)
-            dforce *= 0.5
+            for j in range(dforce.size):
+                dforce[j] *= 0.5
             force = 0.5 * (force0 + (from_q + from_p))
             delta, mean, z, part = slide(free_d - b * force, b_z, z, k_s, limit)
-            slide_tangents(b, b_z, k_s, delta, mean, part, force, dforce, first, by)
+            slide_tangents(b, b_z, k_s, delta, mean, part, force, dforce, own, by)
             pull_tangents(bp_z, mean, by)
             for j in range(dforce.size):
                 by[1, j] += bp * dforce[j]
             by[1, _SLOPE_B] += force
-            move_tangents(loaded, mode_by, by[:, :_B], q, p, u0, u1, start, stop, step)
-            for m in range(2):  # w and zeta act through the polynomials' B and B', too
-                for i_state in range(3):
+            for i_state in range(3):
+                for m in range(2):  # w and zeta act through the polynomials' B and B', too
                     change = by[i_state, _B] * mode_by[m, 2] + by[i_state, _SLOPE_B] * mode_by[m, 3]
-                    step[i_state, PARAMETERS + m] += -change if i_state == 1 else change
+                    by[i_state, OWN + m] += change
+                # the preload is added to the drive
+                by[i_state, own + 2] = by[i_state, FREE_D] * b + by[i_state, FREE_P] * bp
+            by[1, own + 2] -= bp
+            move_tangents(loaded, mode_by, by, q, p, u0, u1, start, stop, step, first)
             q += delta
             p = free_p - bp * force - bp_z * mean
             u0 = u1
@@ -216,9 +222,6 @@ def restoring_tangents(
             out[k:] = np.nan
             dout[k:] = np.nan
             return
-        # the preload is added to the drive both before and at the sample
-        for i in range(step.shape[0]):
-            step[i, -1] = step[i, 3] + step[i, 4]
         propagate(step, k, du, dfactor, dbefore, d, dout)
         before = u[k]
         out[k] = q
