@@ -245,27 +245,27 @@ def displacement_tangents(x, side, b, w, rho, level, shape, sigma, dsigma, by):
     t = min(rho / level * x, _LONGEST)
     below, above = (1.0 - shape) * sigma, (1.0 + shape) * sigma
     end, mean, by_end, by_mean = branch_tangents(t, w, below, above)
-    force_tangents(side, level * mean, x, t, w, rho, level, shape, sigma, by_mean, dsigma, by, 1)
+    force_tangents(side, level * mean, x, t, w, rho, level, shape, sigma, by_mean, dsigma, by[1])
     solve_tangents(b, by_mean[0] * rho, side * level * mean, by)
-    force_tangents(side, level * end, x, t, w, rho, level, shape, sigma, by_end, dsigma, by, 2)
+    force_tangents(side, level * end, x, t, w, rho, level, shape, sigma, by_end, dsigma, by[2])
     for j in range(by.shape[1]):
         by[2, j] += by_end[0] * rho * by[0, j]
 
 
 @jit
-def force_tangents(side, force, x, t, w, rho, level, shape, sigma, by_branch, dsigma, by, i):
-    """Write the derivatives of ``side force``, after a given displacement, to ``by[i]``.
+def force_tangents(side, force, x, t, w, rho, level, shape, sigma, by_branch, dsigma, by):
+    """Write the derivatives of ``side force``, after a given displacement, to a row ``by``.
 
     ``by_branch`` are the derivatives of ``force / level``, a result of :func:`branch`.
     """
     by_t, by_w, by_behind, by_ahead = by_branch
     by_sigma = side * level * ((1.0 - shape) * by_behind + (1.0 + shape) * by_ahead)
-    for j in range(by.shape[1]):
-        by[i, j] = by_sigma * dsigma[j]
-    by[i, F] += by_w
-    by[i, _RHO] += side * by_t * x
-    by[i, _LEVEL] += side * (force / level - by_t * t - by_w * w)
-    by[i, _SHAPE] += side * level * sigma * (by_ahead - by_behind)
+    for j in range(by.size):
+        by[j] = by_sigma * dsigma[j]
+    by[F] += by_w
+    by[_RHO] += side * by_t * x
+    by[_LEVEL] += side * (force / level - by_t * t - by_w * w)
+    by[_SHAPE] += side * level * sigma * (by_ahead - by_behind)
 
 
 @jit

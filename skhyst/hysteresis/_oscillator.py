@@ -200,16 +200,16 @@ def solve_tangents(b, slope, force, by):
 
 
 @jit
-def by_state(mode, by, i):
-    """Return the derivatives by q, p and f, at constant drive, of the quantity of row i of ``by``.
+def by_state(mode, by):
+    """Return the derivatives by q, p and f, at constant drive, of the quantity of a row ``by``.
 
     They include those through D and p1 without F.
     """
-    free_d, free_p = by[i, FREE_D], by[i, FREE_P]
+    free_d, free_p = by[FREE_D], by[FREE_P]
     return (
-        by[i, Q] - mode[6] * free_d - mode[7] * free_p,
-        by[i, P] + mode[0] * free_d + mode[1] * free_p,
-        by[i, F],
+        by[Q] - mode[6] * free_d - mode[7] * free_p,
+        by[P] + mode[0] * free_d + mode[1] * free_p,
+        by[F],
     )
 
 
@@ -260,9 +260,9 @@ def move_tangents(mode, mode_by, by, q, p, u0, u1, start, stop, step, first):
     ``stop``, fractions of the sampling interval.
     """
     # new q, p and f by the old ones: q1 = q + D, p1 = its value without F, less B' F
-    a, b, c = by_state(mode, by, 0)
-    e, f, g = by_state(mode, by, 1)
-    x, y, z = by_state(mode, by, 2)
+    a, b, c = by_state(mode, by[0])
+    e, f, g = by_state(mode, by[1])
+    x, y, z = by_state(mode, by[2])
     a, e, f, g = 1.0 + a, -mode[7] - e, mode[1] - f, -g
     # by the factor of the force, which depends on q and p along the way
     d_by = by[0, B] * mode[6] + by[0, SLOPE_B] * mode[7]
