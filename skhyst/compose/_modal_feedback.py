@@ -19,14 +19,16 @@ from numbers import Integral
 from typing import Self
 
 import numpy as np
+from sklearn.utils import check_random_state
 
 from .._jit import jit
 from .._sklearn import Interval, fit_context
 from ..base import one_thread
 from ..exceptions import ConvergenceWarning
 from ..linear import ModalModel, SampledStateSpace
+from ..noise import whiteness_p_value
 from ..operators import CompiledLaw
-from ..optimize import variable_projection
+from ..optimize import LEVEL, NOISELESS, variable_projection
 
 _CHUNK = 512  # samples whose tangents are in memory at once
 _TRIALS = 50  # most steps of Newton's method for the state at rest
@@ -454,6 +456,15 @@ class _Problem:
         """Return the Gram matrix."""
         return blocks
 
+    def is_noise(self, solution):
+        """Whether the residual is white at the level ``LEVEL``, or rounding."""
+        if solution.cost <= NOISELESS * self.scale:
+            return True
+        operator, residuals = self.operator(solution.x), []
+        for u, y in self.records:
+            residuals += [*(y - operator.run(u, self.dt)[0])[self.washout :].T]
+        return whiteness_p_value(residuals) >= LEVEL
+
     def covariance(self, solution):
         """Return the covariance of the unknowns, and which of them the data determine.
 
@@ -525,7 +536,9 @@ class ModalFeedback(ModalModel):
 
     The start is :class:`~skhyst.linear.ModalModel`, the best linear approximation; each loop senses
     a response. All parameters are then refined jointly on the free run by least squares with exact
-    derivatives.
+    derivatives. Until the residual is white, further starts are tried whose loops sense random
+    combinations of states and inputs, each with a standard deviation of 1 about a random point of
+    the same distribution; the best fit is kept.
 
     Parameters
     ----------
@@ -533,6 +546,8 @@ class ModalFeedback(ModalModel):
         Number of states.
     n_loops : int, default=1
         Number of curves in the feedback.
+    n_random_starts : int, default=12
+        Most of these further starts.
     washout : int, default=0
         Samples at the start of each record that are not scored: those of an unknown initial state.
     fit_intercept : bool, default=True
@@ -544,9 +559,11 @@ class ModalFeedback(ModalModel):
     tolerance : float, default=1e-6
         Relative change of the sum of squares at which the least-squares fit stops.
     max_evaluations : int, default=60
-        Largest number of evaluations of either fit.
+        Largest number of evaluations of each fit.
     dt : float or None, default=None
         Sampling interval in s of data without a time index.
+    random_state : int, RandomState instance or None, default=0
+        Of the random starts.
 
     Attributes
     ----------
@@ -597,6 +614,8 @@ class ModalFeedback(ModalModel):
     _parameter_constraints = {
         **ModalModel._parameter_constraints,
         "n_loops": [Interval(Integral, 1, None, closed="left")],
+        "n_random_starts": [Interval(Integral, 0, None, closed="left")],
+        "random_state": ["random_state"],
         "washout": [Interval(Integral, 0, None, closed="left")],
     }
 
@@ -605,6 +624,7 @@ class ModalFeedback(ModalModel):
         n_poles=4,
         *,
         n_loops=1,
+        n_random_starts=12,
         washout=0,
         fit_intercept=True,
         transient_periods=1,
@@ -612,6 +632,7 @@ class ModalFeedback(ModalModel):
         tolerance=1e-6,
         max_evaluations=60,
         dt=None,
+        random_state=0,
     ):
         super().__init__(
             n_poles,
@@ -623,7 +644,9 @@ class ModalFeedback(ModalModel):
             dt=dt,
         )
         self.n_loops = n_loops
+        self.n_random_starts = n_random_starts
         self.washout = washout
+        self.random_state = random_state
 
     @fit_context(prefer_skip_nested_validation=True)
     def fit(self, X, y) -> Self:
@@ -653,12 +676,17 @@ class ModalFeedback(ModalModel):
             linear.intercept / sizes[1],
         )
         records = [(array[s.rows] / sizes[0], response[s.rows] / sizes[1]) for s in slices]
-        start = self._start(scaled, response.mean(axis=0) / sizes[1])
+        limits = {"tolerance": self.tolerance, "max_evaluations": self.max_evaluations}
+        problem = solution = None
         with one_thread():
-            problem = _Problem(records, start, self.washout)
-            limits = {"tolerance": self.tolerance, "max_evaluations": self.max_evaluations}
-            solution = variable_projection(problem, problem.x0, **limits)
-        self.n_evaluations_ += solution.n_evaluations
+            for start in self._starts(scaled, records, response.mean(axis=0) / sizes[1]):
+                other = _Problem(records, start, self.washout)
+                found = variable_projection(other, other.x0, **limits)
+                self.n_evaluations_ += found.n_evaluations
+                if solution is None or found.cost < solution.cost:
+                    problem, solution = other, found
+                    if problem.is_noise(solution):
+                        break
         self.n_iter_ = self.n_evaluations_
         self._warn_unless_converged(solution, "ModalFeedback")
         n_scored = sum(max(len(std) - self.washout, 0) for _, std in records) * len(size)
@@ -702,17 +730,32 @@ class ModalFeedback(ModalModel):
                 key = f"{name}[{','.join(map(str, at))}]"
                 self.params_[key], self.params_std_[key] = float(value[at]), float(std[at])
 
-    def _start(self, linear, mean):
-        """Return loops of zero effect, each of which senses a response relative to its mean.
+    def _starts(self, linear, records, mean):
+        """Yield loops of zero effect.
 
-        With more loops than responses, further ones sense a response relative to a standard
-        deviation above its mean, then below it, then two above, and so on.
+        First those that sense a response each, relative to its mean. With more loops than
+        responses, further ones sense a response relative to a standard deviation above its mean,
+        then below it, then two above, and so on. Then those that sense random combinations of
+        states and inputs, of the linear model.
         """
         repetition, sensed = np.divmod(np.arange(self.n_loops), len(mean))
         distance = (repetition + 1) // 2 * np.where(repetition % 2, 1.0, -1.0)
         bias = (linear.intercept - mean)[sensed] - distance
-        e = np.zeros((len(linear.a), self.n_loops))
-        return SampledFeedback(linear, e, linear.c[sensed], linear.d[sensed], bias)
+        n = len(linear.a)
+        e = np.zeros((n, self.n_loops))
+        yield SampledFeedback(linear, e, linear.c[sensed], linear.d[sensed], bias)
+        rng = check_random_state(self.random_state)
+        to_states = replace(linear, c=np.eye(n), d=np.zeros_like(linear.b), intercept=np.zeros(n))
+        signals = np.vstack([np.hstack([to_states.run(u, linear.dt)[0], u]) for u, _ in records])
+        center = signals.mean(axis=0)
+        _, size, directions = np.linalg.svd(signals - center, full_matrices=False)
+        kept = size > size[0] * max(signals.shape) * np.finfo(float).eps
+        to_white = directions[kept] / size[kept, None] * np.sqrt(len(signals))
+        for _ in range(self.n_random_starts):
+            weights = rng.normal(size=(self.n_loops, kept.sum()))
+            rows = weights / np.linalg.norm(weights, axis=1, keepdims=True) @ to_white
+            bias = rng.normal(size=self.n_loops) - rows @ center
+            yield SampledFeedback(linear, e, rows[:, :n], rows[:, n:], bias)
 
     def _judge_rests(self, array):
         """Warn of rests that are unstable."""
