@@ -22,7 +22,7 @@ from scipy.optimize import root
 from scipy.signal import cont2discrete, lfilter
 from sklearn.base import clone
 
-from skhyst.compose import Cascade, Feedback, Modulated, Sum
+from skhyst.compose import Cascade, Feedback, ModalFeedback, Modulated, Sum
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.exceptions import ConvergenceWarning
 from skhyst.hysteresis import (
@@ -517,6 +517,26 @@ def of_velocity(rng):
     return v[:, None], y, model, true
 
 
+def modes_with_loops(rng):
+    """Draw a mode and a lag of two inputs and responses, with two saturating loops."""
+    size, angle = rng.uniform(0.75, 0.95), rng.uniform(0.2, 1.2)
+    a, turn = np.zeros((3, 3)), size * np.exp(1j * angle)
+    a[:2, :2], a[2, 2] = [[turn.real, turn.imag], [-turn.imag, turn.real]], rng.uniform(0.3, 0.9)
+    b, c, d = 0.5 * rng.normal(size=(3, 2)), rng.normal(size=(2, 3)), 0.1 * rng.normal(size=(2, 2))
+    f, g, bias = rng.normal(size=(2, 3)), 0.3 * rng.normal(size=(2, 2)), rng.uniform(-0.7, 0.7, 2)
+    e, offset = 0.1 * rng.normal(size=(3, 2)), rng.normal(size=2)
+    u, x, y = rng.normal(size=(N, 2)), np.zeros(3), np.empty((N, 2))
+    u = 0.5 * (u + np.roll(u, 1, axis=0))
+    u[0] = 0.0
+    for k in range(N):
+        y[k] = c @ x + d @ u[k] + offset
+        x = a @ x + b @ u[k] + e @ (np.tanh(f @ x + g @ u[k] + bias) - np.tanh(bias))
+    y += LEVEL * np.ptp(y, axis=0) * rng.normal(size=y.shape)
+    true = {f"d[{i},{j}]": d[i, j] for i in range(2) for j in range(2)}
+    true |= {f"intercept[{i}]": offset[i] for i in range(2)}
+    return u, y, ModalFeedback(3, n_loops=2, dt=DT), true
+
+
 @dataclass(frozen=True)
 class Structure:
     """How plants are drawn, and what a search is given and should name.
@@ -577,6 +597,7 @@ STRUCTURES = {
         "width before a lag": Structure(partial(by_state, with_lag=True)),
         "gain of a coil": Structure(coil, Gain(dt=DT), ("auxiliary_input",)),
     },
+    "several_responses": {"modes with loops": Structure(modes_with_loops)},
     "velocity": {
         # called hysteresis while it builds up, and friction for its fall with the speed
         "friction of a velocity": Structure(

@@ -651,14 +651,14 @@ class ScoredMixin(RegressorMixin):
         return super().score(X, y, sample_weight)
 
 
-def known_response(estimator, X, y):
-    """Return a response of the samples of X, NaN where it is not known, as a copy."""
+def known_response(estimator, X, y, one=True):
+    """Return a response of the samples of X, or several, NaN where it is not known, as a copy."""
     refuse_lost_index(X, y)
     refuse_other_unit(estimator, y)
     options = {"ensure_2d": False, "ensure_all_finite": "allow-nan", "copy": True}
-    y = column_or_1d(check_array(y, dtype=float, input_name="y", **options), warn=True)
+    y = check_array(y, dtype=float, input_name="y", **options)
     check_consistent_length(X, y)
-    return y
+    return column_or_1d(y, warn=True) if one else y
 
 
 def refuse_std(estimator, return_std, why):

@@ -19,6 +19,7 @@ from numbers import Integral
 from typing import Self
 
 import numpy as np
+from scipy.linalg import block_diag
 from sklearn.utils import check_random_state
 
 from .._jit import jit
@@ -381,23 +382,45 @@ class SampledFeedback:
         )
 
 
+def _in_blocks(linear):
+    """Return a system with the poles in blocks on the diagonal of A, first the real ones."""
+    poles, vectors = np.linalg.eig(linear.a)
+    real, upper = np.flatnonzero(poles.imag == 0.0), np.flatnonzero(poles.imag > 0.0)
+    basis, blocks = [vectors[:, real].real], [*poles[real].real]
+    for i in upper:
+        basis.append(np.column_stack([vectors[:, i].real, vectors[:, i].imag]))
+        blocks.append([[poles[i].real, poles[i].imag], [-poles[i].imag, poles[i].real]])
+    basis = np.concatenate(basis, axis=1)
+    b, c = np.linalg.solve(basis, linear.b), linear.c @ basis
+    return replace(linear, a=block_diag(*blocks), b=b, c=c)
+
+
+def _in_units(linear, inputs, outputs):
+    """Return a system in other units, of which ``inputs`` and ``outputs`` are the former."""
+    return replace(
+        linear,
+        b=linear.b / inputs,
+        c=np.ascontiguousarray(linear.c * outputs[:, None]),
+        d=linear.d * outputs[:, None] / inputs,
+        intercept=linear.intercept * outputs,
+    )
+
+
 class _Problem:
-    """Least squares of the free run, with the interface that the solver needs."""
+    """Least squares of the free run, with the interface that the solver needs.
+
+    The linear part of ``start`` is one of :func:`_in_blocks`.
+    """
 
     def __init__(self, records, start, washout):
         self.records, self.washout, self.dt = records, washout, start.dt
         a, b, e, f, g, bias, c, d, intercept = start._arrays()
-        poles, vectors = np.linalg.eig(a)
-        real, upper = np.flatnonzero(poles.imag == 0.0), np.flatnonzero(poles.imag > 0.0)
-        basis, entries = [vectors[:, real].real], [poles[real].real]
-        for i in upper:
-            basis.append(np.column_stack([vectors[:, i].real, vectors[:, i].imag]))
-            entries.append([poles[i].real, poles[i].imag])
-        basis, self.n_real = np.concatenate(basis, axis=1), len(real)
+        self.n_real = len(a) - 2 * np.count_nonzero(np.diag(a, 1))
+        entries = np.diag(a).copy()
+        entries[self.n_real + 1 :: 2] = np.diag(a, 1)[self.n_real :: 2]
         self.shapes = b.shape, e.shape, f.shape, g.shape, bias.shape
-        parts = [np.linalg.solve(basis, b), np.linalg.solve(basis, e), f @ basis, g, bias]
-        output_rows = np.column_stack([c @ basis, d, intercept])
-        self.x0 = np.concatenate([*entries, *map(np.ravel, parts), output_rows.ravel()])
+        output_rows = np.column_stack([c, d, intercept])
+        self.x0 = np.concatenate([*map(np.ravel, (entries, b, e, f, g, bias, output_rows))])
         self.n_dynamic = len(self.x0) - output_rows.size
         self.lower, self.upper = np.full(len(self.x0), -np.inf), np.full(len(self.x0), np.inf)
         self.log = np.zeros(len(self.x0), dtype=bool)
@@ -456,14 +479,17 @@ class _Problem:
         """Return the Gram matrix."""
         return blocks
 
+    def residuals(self, x):
+        """Return the residual of each record, without the samples that are not scored."""
+        operator = self.operator(x)
+        return [(y - operator.run(u, self.dt)[0])[self.washout :] for u, y in self.records]
+
     def is_noise(self, solution):
         """Whether the residual is white at the level ``LEVEL``, or rounding."""
         if solution.cost <= NOISELESS * self.scale:
             return True
-        operator, residuals = self.operator(solution.x), []
-        for u, y in self.records:
-            residuals += [*(y - operator.run(u, self.dt)[0])[self.washout :].T]
-        return whiteness_p_value(residuals) >= LEVEL
+        series = [column for residual in self.residuals(solution.x) for column in residual.T]
+        return whiteness_p_value(series) >= LEVEL
 
     def covariance(self, solution):
         """Return the covariance of the unknowns, and which of them the data determine.
@@ -576,6 +602,11 @@ class ModalFeedback(ModalModel):
         ``"bias[i]"`` and ``"g[i,j]"`` (one over the units of the input) of loop i, ``"d[k,j]"`` and
         ``"intercept[k]"`` of response k. Standard errors, those of the poles too, assume that the
         residual is white; NaN: not determined.
+    covariance_ : ndarray of shape (n_unknowns, n_unknowns)
+        Of the unknowns of the fit: entries of A, then of B, E, F, G by rows, the bias, and for each
+        response its rows of C and D and its intercept.
+    noise_std_ : ndarray of shape (n_outputs,)
+        Standard deviation of the residual, units of the responses.
     n_evaluations_ : int
     fit_error_ : float
         Root mean square of the residual, relative to the standard deviation of each response.
@@ -665,16 +696,8 @@ class ModalFeedback(ModalModel):
         """
         slices, array, response = self._read(X, y)
         self._warn_unless_converged(self._fit_linear(slices, array, response), "ModalModel")
-        linear, size = self.operator_, response.std(axis=0)
-        sizes = [np.where(std > 0.0, std, 1.0) for std in (array.std(axis=0), size)]
-        scaled = SampledStateSpace(
-            linear.a,
-            linear.b * sizes[0],
-            linear.c / sizes[1][:, None],
-            linear.d * sizes[0] / sizes[1][:, None],
-            linear.dt,
-            linear.intercept / sizes[1],
-        )
+        sizes = [np.where(std > 0.0, std, 1.0) for std in (array.std(axis=0), response.std(axis=0))]
+        scaled = _in_blocks(_in_units(self.operator_, 1.0 / sizes[0], 1.0 / sizes[1]))
         records = [(array[s.rows] / sizes[0], response[s.rows] / sizes[1]) for s in slices]
         limits = {"tolerance": self.tolerance, "max_evaluations": self.max_evaluations}
         problem = solution = None
@@ -689,46 +712,62 @@ class ModalFeedback(ModalModel):
                         break
         self.n_iter_ = self.n_evaluations_
         self._warn_unless_converged(solution, "ModalFeedback")
-        n_scored = sum(max(len(std) - self.washout, 0) for _, std in records) * len(size)
-        self.fit_error_ = float(np.sqrt(solution.cost / max(n_scored, 1)))
-        fitted = problem.operator(solution.x)
-        linear = SampledStateSpace(
-            fitted.linear.a,
-            fitted.linear.b / sizes[0],
-            np.ascontiguousarray(fitted.linear.c * sizes[1][:, None]),
-            fitted.linear.d * sizes[1][:, None] / sizes[0],
-            fitted.dt,
-            fitted.intercept * sizes[1],
-        )
-        self.operator_ = replace(fitted, linear=linear, g=fitted.g / sizes[0])
+        residuals = np.vstack(problem.residuals(solution.x))
+        self.fit_error_ = float(np.sqrt(np.mean(np.square(residuals)))) if len(residuals) else 0.0
         covariance, determined = problem.covariance(solution)
-        poles, by = problem.pole_slopes(solution.x, array.mean(axis=0) / sizes[0])
+
+        def in_units(operator):
+            return replace(
+                operator, linear=_in_units(operator.linear, *sizes), g=operator.g / sizes[0]
+            )
+
+        self.operator_ = in_units(problem.operator(solution.x))
+        # the units of X and y, relative to those of the fit, of each unknown
+        units = _Problem([], in_units(problem.operator(np.ones(len(covariance)))), 0).x0
+        self.covariance_ = units[:, None] * covariance * units
+        rank = np.linalg.matrix_rank(covariance, hermitian=True)
+        freedom = max(1.0 - rank / max(residuals.size, 1), np.finfo(float).eps)
+        power = np.sum(np.square(residuals), axis=0) / max(len(residuals), 1)
+        self.noise_std_ = sizes[1] * np.sqrt(power / freedom)
+        problem = _Problem([], self.operator_, 0)
+        poles, by = problem.pole_slopes(problem.x0, array.mean(axis=0))
         with np.errstate(divide="ignore", invalid="ignore"):
-            by = np.where(np.abs(by) > 0.0, by / (poles[:, None] * fitted.dt), 0.0)
-            self._set_modes(np.log(poles.astype(complex)) / fitted.dt, by, covariance)
-        std = np.where(determined, np.sqrt(np.diag(covariance)), np.nan)
-        self._set_parameters(problem.operator(std), sizes)
+            by = np.where(np.abs(by) > 0.0, by / (poles[:, None] * self.operator_.dt), 0.0)
+            poles = np.log(poles.astype(complex)) / self.operator_.dt
+            self._set_modes(poles, by, self.covariance_)
+        std = np.where(determined, np.sqrt(np.diag(self.covariance_)), np.nan)
+        self._set_parameters(problem.operator(std))
         self._judge_rests(array)
         return self
 
-    def _set_parameters(self, spread, sizes):
+    def _set_parameters(self, spread):
         """Store the parameters that do not depend on the choice of states, and their errors.
 
-        ``spread`` is an operator with the standard errors in place of the parameters, in units of
-        the ``sizes`` of inputs and responses.
+        ``spread`` is an operator with the standard errors in place of the parameters.
         """
-        found = self.operator_
-        values = {
-            "bias": (found.bias, spread.bias),
-            "g": (found.g, spread.g / sizes[0]),
-            "d": (found.linear.d, spread.linear.d * sizes[1][:, None] / sizes[0]),
-            "intercept": (found.intercept, spread.intercept * sizes[1]),
-        }
         self.params_, self.params_std_ = {}, {}
-        for name, (value, std) in values.items():
+        for name in ("bias", "g", "d", "intercept"):
+            value, std = (
+                getattr(found.linear if name == "d" else found, name)
+                for found in (self.operator_, spread)
+            )
             for at in np.ndindex(value.shape):
                 key = f"{name}[{','.join(map(str, at))}]"
                 self.params_[key], self.params_std_[key] = float(value[at]), float(std[at])
+
+    def _variance(self, u):
+        """Return the variance of the free run by the errors of the parameters."""
+        problem, parts = _Problem([], self.operator_, 0), []
+        state, dx = problem.begun(self.operator_, u[0])
+        if self.initial_state == "zero":
+            state[:], dx[:] = 0.0, 0.0
+        for begin in range(0, len(u), _CHUNK):
+            _, dy = problem.tangents(self.operator_, u[begin : begin + _CHUNK], state, dx)
+            parts.append(np.sum((dy @ self.covariance_) * dy, axis=2))
+        return np.concatenate(parts)
+
+    def _state(self, x, u0):
+        return x
 
     def _starts(self, linear, records, mean):
         """Yield loops of zero effect.
