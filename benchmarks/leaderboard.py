@@ -187,13 +187,15 @@ def emps_by_hand(data=SHARED):
     In the estimation record the force at constant speed shows what there is: it rises with the
     speed by 154 N s/m forward and by 230 N s/m backward, and what it is more forward than backward
     falls by half a newton in the course of the record. Either half of it has the same gradient of
-    the friction along the way, at six and at eight times its standard error.
+    the friction along the way, at six and at eight times its standard error. A force that is held
+    between samples, as a controller's is, leaves 0.75 mm of the record, a straight line 0.86 mm.
     """
     model = FreeMass(
         friction=True,
         damping_asymmetry=True,
         friction_gradient=True,
         fit_force_drift=True,
+        hold="zoh",
         initial_state="estimate",
     )
     return _emps_error(model.fit(*_emps("train", data)), data)
