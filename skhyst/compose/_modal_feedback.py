@@ -38,35 +38,59 @@ _DETERMINED = 1e-6  # largest entry in such a direction of an unknown that is
 
 
 @jit
-def _advance(a, b, e, f, g, bias, c, d, intercept, u, x, y):
-    """Write the responses (n_samples, n_outputs) to ``y`` and the last state to ``x``."""
-    n, m, r = x.size, u.shape[1], bias.size
-    new, w = np.empty(n), np.empty(r)
+def _move(u, c, s):
+    """Advance the states, the first of ``s``, by a sample; the rest of ``s`` is workspace.
+
+    ``c`` begins with A, B, E, F, G and the bias.
+    """
+    a, b, e, f, g, bias = c[:6]
+    n, m, r = a.shape[0], b.shape[1], bias.size
+    for i in range(r):
+        total = bias[i]
+        for j in range(n):
+            total += f[i, j] * s[j]
+        for j in range(m):
+            total += g[i, j] * u[j]
+        s[2 * n + i] = math.tanh(total) - math.tanh(bias[i])
+    for i in range(n):
+        total = 0.0
+        for j in range(n):
+            total += a[i, j] * s[j]
+        for j in range(m):
+            total += b[i, j] * u[j]
+        for j in range(r):
+            total += e[i, j] * s[2 * n + j]
+        s[n + i] = total
+    for i in range(n):
+        s[i] = s[n + i]
+
+
+@jit
+def _advance(c, u, s, y):
+    """Write the responses (n_samples, n_outputs) to ``y``; ``s`` is that of :func:`_move`."""
+    output, direct, intercept = c[6:]
     for k in range(len(u)):
         for i in range(intercept.size):
             total = intercept[i]
-            for j in range(n):
-                total += c[i, j] * x[j]
-            for j in range(m):
-                total += d[i, j] * u[k, j]
+            for j in range(output.shape[1]):
+                total += output[i, j] * s[j]
+            for j in range(direct.shape[1]):
+                total += direct[i, j] * u[k, j]
             y[k, i] = total
-        for i in range(r):
-            total = bias[i]
-            for j in range(n):
-                total += f[i, j] * x[j]
-            for j in range(m):
-                total += g[i, j] * u[k, j]
-            w[i] = math.tanh(total) - math.tanh(bias[i])
-        for i in range(n):
-            total = 0.0
-            for j in range(n):
-                total += a[i, j] * x[j]
-            for j in range(m):
-                total += b[i, j] * u[k, j]
-            for j in range(r):
-                total += e[i, j] * w[j]
-            new[i] = total
-        x[:] = new
+        _move(u[k], c, s)
+
+
+@jit
+def modal_feedback_step(u, c, s):
+    """Return the single response; ``c`` and ``s`` are those of :func:`_move`."""
+    output, direct, intercept = c[6:]
+    y = intercept
+    for j in range(output.size):
+        y += output[j] * s[j]
+    for j in range(direct.size):
+        y += direct[j] * u[j]
+    _move(u, c, s)
+    return y
 
 
 @jit
@@ -137,36 +161,6 @@ def _tangents(a, n_real, b, e, f, g, bias, c, u, x, dx, dy):
             new[i] = total
         x[:] = new
         dx[:] = dnew
-
-
-@jit
-def modal_feedback_step(u, c, s):
-    """Return the single response; ``c`` is that of :func:`_advance`, ``s`` the states and work."""
-    a, b, e, f, g, bias, output, direct, intercept = c
-    n, r = output.size, bias.size
-    y = intercept
-    for i in range(r):
-        total = bias[i]
-        for j in range(n):
-            total += f[i, j] * s[j]
-        for j in range(direct.size):
-            total += g[i, j] * u[j]
-        s[2 * n + i] = math.tanh(total) - math.tanh(bias[i])
-    for i in range(n):
-        total = 0.0
-        y += output[i] * s[i]
-        for j in range(n):
-            total += a[i, j] * s[j]
-        for j in range(direct.size):
-            total += b[i, j] * u[j]
-        for j in range(r):
-            total += e[i, j] * s[2 * n + j]
-        s[n + i] = total
-    for j in range(direct.size):
-        y += direct[j] * u[j]
-    for i in range(n):
-        s[i] = s[n + i]
-    return y
 
 
 @dataclass(frozen=True)
@@ -325,10 +319,13 @@ class SampledFeedback:
         """
         self.linear.refuse_other(dt)
         u = np.ascontiguousarray(u, dtype=float)
-        x = np.array(self.init(u[0]) if state is None else state, dtype=float)
-        y = np.empty((len(u), len(self.linear.c)))
-        _advance(*self._arrays(), u, x, y)
-        return y, x
+        x = self.init(u[0]) if state is None else state
+        s, y = self._with_workspace(x), np.empty((len(u), len(self.linear.c)))
+        _advance(self._arrays(), u, s, y)
+        return y, s[: len(x)]
+
+    def _with_workspace(self, x):
+        return np.concatenate([x, np.zeros(len(x) + len(self.bias))])
 
     def step(self, state, u, dt):
         """Advance by one sample.
@@ -375,11 +372,9 @@ class SampledFeedback:
         self.linear.refuse_several()
         self.linear.refuse_other(dt)
         *loops, c, d, intercept = self._arrays()
-        work = np.zeros(len(state) + len(self.bias))
         constants = *loops, c[0], d[0], float(intercept[0])
-        return CompiledLaw(
-            modal_feedback_step, constants, [*state, *work], n_inputs=self.linear.b.shape[1]
-        )
+        s = list(self._with_workspace(state))
+        return CompiledLaw(modal_feedback_step, constants, s, n_inputs=self.linear.b.shape[1])
 
 
 def _in_blocks(linear):
@@ -445,11 +440,10 @@ class _Problem:
 
     def tangents(self, operator, u, x, dx):
         """Return responses and their tangents; advance the state and its tangents."""
-        y = np.empty((len(u), len(operator.linear.c)))
-        dy = np.empty((*y.shape, len(self.x0)))
-        a, b, e, f, g, bias, c, d, intercept = operator._arrays()
-        _tangents(a, self.n_real, b, e, f, g, bias, c, u, x.copy(), dx, dy)
-        _advance(a, b, e, f, g, bias, c, d, intercept, u, x, y)
+        dy = np.empty((len(u), len(operator.linear.c), len(self.x0)))
+        *dynamic, output, _, _ = operator._arrays()
+        _tangents(dynamic[0], self.n_real, *dynamic[1:], output, u, x.copy(), dx, dy)
+        y, x[:] = operator.run(u, self.dt, x)
         return y, dy
 
     def begun(self, operator, u0):
