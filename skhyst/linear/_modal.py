@@ -579,7 +579,9 @@ class ModalModel(ModesMixin, MultiOutputMixin, ScoredMixin, BaseEstimator):
             run, _ = self.operator_.run(u, self.operator_.dt, self._state(x, u[0]))
             return (run - known)[is_known] / size
 
-        size = max(float(np.ptp(known[is_known])), np.finfo(float).tiny)
+        high = np.where(is_known, known, -np.inf).max(axis=0)
+        spans = high - np.where(is_known, known, np.inf).min(axis=0)
+        size = np.broadcast_to(np.where(spans > 0.0, spans, 1.0), known.shape)[is_known]
         found = least_squares(misfit, start, x_scale="jac", method="trf")
         return self._state(found.x, u[0])
 
