@@ -410,14 +410,17 @@ def read_weights(sample_weight, X):
 
 def with_unread(y, sample_weight):
     """Return a response with a read value in place of NaN in rows of weight zero."""
-    if sample_weight is None or np.ndim(y) == 0 or np.shape(y)[:1] != np.shape(sample_weight):
+    if sample_weight is None:
         return y
-    unread = pd.isna(np.asarray(y))
-    unread &= np.reshape(np.asarray(sample_weight) == 0.0, (-1, *[1] * (unread.ndim - 1)))
+    values, weights = np.asarray(y), np.asarray(sample_weight)
+    if values.ndim == 0 or values.shape[:1] != weights.shape:
+        return y
+    unread = pd.isna(values)
+    unread &= np.reshape(weights == 0.0, (-1, *[1] * (unread.ndim - 1)))
     if not unread.any() or unread.all():
         return y
-    filled = y.copy() if hasattr(y, "iloc") else np.array(y)
-    filled[unread] = np.asarray(y)[~unread][0]
+    filled = y.copy() if hasattr(y, "iloc") else values.copy()
+    filled[unread] = values[~unread][0]
     return filled
 
 
