@@ -187,13 +187,15 @@ def emps_by_hand(data=SHARED):
     In the estimation record the force at constant speed shows what there is: it rises with the
     speed by 154 N s/m forward and by 230 N s/m backward, and what it is more forward than backward
     falls by half a newton in the course of the record. Either half of it has the same gradient of
-    the friction along the way, at six and at eight times its standard error.
+    the friction along the way, at six and at eight times its standard error. A force that is held
+    between samples, as a controller's is, leaves 0.75 mm of the record, a straight line 0.86 mm.
     """
     model = FreeMass(
         friction=True,
         damping_asymmetry=True,
         friction_gradient=True,
         fit_force_drift=True,
+        hold="zoh",
         initial_state="estimate",
     )
     return _emps_error(model.fit(*_emps("train", data)), data)
@@ -281,13 +283,15 @@ def bouc_wen_searched(data=SHARED):
 
 MIRROR_PERIOD = 8_192  # samples; a record is two periods of the steady state
 MIRROR_LEVELS = 200, 300  # mV
-MIRROR_STATES, MIRROR_LOOPS = 32, 3
+MIRROR_STATES, MIRROR_LOOPS = 28, 8
+MIRROR_LEAD = 1_200  # samples in which a free run from rest enters the steady state
 
 
 def _mirror(level, split, realisations, data):
-    """Return realisations at a level, with the level in their names."""
+    """Return realisations at a level, with the level in their names: a lead-in and a period."""
     X, Y = load_piezo_fsm(level, split, data)
-    kept = np.isin(np.arange(len(X)) // (2 * MIRROR_PERIOD), realisations)
+    number, sample = np.divmod(np.arange(len(X)), 2 * MIRROR_PERIOD)
+    kept = np.isin(number, realisations) & (sample >= MIRROR_PERIOD - MIRROR_LEAD)
     return tuple(
         part[kept].rename(index=lambda name: f"{level} mV, {name}", level="record")
         for part in (X, Y)
@@ -297,23 +301,25 @@ def _mirror(level, split, realisations, data):
 def mirror_by_hand(data=SHARED):
     """Return the errors in um of modes with loops at 200 mV, and at 300 mV, of all displacements.
 
-    Fitted to the first three realisations at both levels, in whose first periods a free run from
-    rest enters the steady state. There is no test record at 300 mV: the other three realisations
-    take its place.
+    Fitted to the first three realisations at both levels. There is no test record at 300 mV: the
+    other three realisations take its place. Of those at both levels, eight loops that are fitted to
+    two realisations leave 0.141 and 0.202 um, modes without loops 0.300 and 0.280 um. The residual
+    is never white, and further starts of so many samples take hours.
     """
     records = [_mirror(level, "train", (0, 1, 2), data) for level in MIRROR_LEVELS]
     X, Y = (pd.concat(parts) for parts in zip(*records, strict=True))
     model = ModalFeedback(
         MIRROR_STATES,
         n_loops=MIRROR_LOOPS,
-        washout=MIRROR_PERIOD,
+        n_random_starts=0,
+        washout=MIRROR_LEAD,
         transient_periods=0,
         dt=1.0 / FSM_RATE,
     ).fit(X, Y)
     errors = []
     for level, split, held_out in ((200, "test", (0, 1, 2)), (300, "train", (3, 4, 5))):
         X, Y = _mirror(level, split, held_out, data)
-        steady = np.arange(len(X)) % (2 * MIRROR_PERIOD) >= MIRROR_PERIOD
+        steady = np.arange(len(X)) % (MIRROR_LEAD + MIRROR_PERIOD) >= MIRROR_LEAD
         error = (model.predict(X) - Y.to_numpy())[steady]
         errors.append(1e6 * float(np.sqrt(np.mean(error**2))))
     return errors

@@ -1,17 +1,19 @@
 """Twenty simulated plants of each structure: `python benchmarks/new_structures.py`.
 
-    python benchmarks/new_structures.py [--only feedback,no_rest] [--plants 20]
+    python benchmarks/new_structures.py [--only feedback,no_rest] [--plants 20] [--searches]
 
-The plants are drawn, integrated by Runge-Kutta steps of their own, and read with white noise of
-1 % of the range. Each line is a structure: how many of the intervals of 1.96 standard errors hold
-the true value, over all plants and parameters, and the limits of 90 to 99 %; the parameter whose
-intervals hold least often; and the seconds of a fit.
+The plants are drawn, integrated by steps of their own, and read with white noise of 1 % of the
+range. Each line is a structure: how many of the intervals of 1.96 standard errors hold the true
+value, over all plants and parameters, and the limits of 90 to 99 %; the parameter whose intervals
+hold least often; and the seconds of a fit. With --searches, in place of these: how many searches
+around a model without the effect name it (bar 90 %), and what else they claim.
 """
 
 import argparse
 import time
 import warnings
-from collections import defaultdict
+from collections import Counter, defaultdict
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -20,7 +22,7 @@ from scipy.optimize import root
 from scipy.signal import cont2discrete, lfilter
 from sklearn.base import clone
 
-from skhyst.compose import Cascade, Feedback, Modulated, Sum
+from skhyst.compose import Cascade, Feedback, ModalFeedback, Modulated, Sum
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.exceptions import ConvergenceWarning
 from skhyst.hysteresis import (
@@ -76,65 +78,67 @@ def on_a_spring(u, w, zeta, spring):
     return found
 
 
-def _fit(model, u, displacement, gain, intercept, rng):
-    y = gain * displacement + intercept
-    return model.fit(u[:, None], y + LEVEL * np.ptp(y) * rng.normal(size=len(y)))
+def _read(u, y, rng):
+    """Return a column of drives, and responses with noise."""
+    return u[:, None], y + LEVEL * np.ptp(y) * rng.normal(size=len(y))
 
 
 def curved_spring(rng):
-    """Return a fit of a mass on a spring with a square and a cube, and the true values."""
+    """Draw a mass on a spring with a square and a cube."""
     w, zeta = rng.uniform(12.0, 35.0), rng.uniform(0.1, 0.5)
     gain, intercept = rng.uniform(0.5, 3.0), rng.normal()
     cube = rng.uniform(0.1, 1.0)
     spring = np.polynomial.Polynomial([0.0, 1.0, rng.uniform(-0.5, 0.5) * cube, cube])
     u = multisine(rng, N)
     x = on_a_spring(u, w, zeta, lambda x: ((spring.coef[3] * x + spring.coef[2]) * x + 1.0) * x)
-    model = _fit(Feedback(SecondOrderMode(), SmoothCurve(3), dt=DT), u, x, gain, intercept, rng)
-    # the same in the coordinate p of the model: x = a p + b, such that its curve has unit slope
-    linear, curve = model.operator_.linear, model.operator_.curve
-    around = np.polynomial.Polynomial([curve.center, curve.scale])
 
-    def legendre(values):
-        a, b = values
-        return spring(a * around + b).convert(kind=np.polynomial.Legendre).coef
+    def true(model):
+        # in the coordinate p of the model: x = a p + b, such that its curve has unit slope
+        linear, curve = model.operator_.linear, model.operator_.curve
+        around = np.polynomial.Polynomial([curve.center, curve.scale])
 
-    a, b = root(
-        lambda values: legendre(values)[:2] - around.coef,
-        (linear.gain / gain, (linear.intercept - intercept) / gain),
-    ).x
-    square, cube = legendre((a, b))[2:] / curve.scale
-    return model, {
-        "linear__natural_frequency": w / np.sqrt(a),
-        "linear__damping_ratio": zeta * np.sqrt(a),
-        "linear__gain": a * gain,
-        "linear__intercept": gain * b + intercept,
-        "curve__coefficients[0]": square,
-        "curve__coefficients[1]": cube,
-    }
+        def legendre(values):
+            a, b = values
+            return spring(a * around + b).convert(kind=np.polynomial.Legendre).coef
+
+        a, b = root(
+            lambda values: legendre(values)[:2] - around.coef,
+            (linear.gain / gain, (linear.intercept - intercept) / gain),
+        ).x
+        square, cube = legendre((a, b))[2:] / curve.scale
+        return {
+            "linear__natural_frequency": w / np.sqrt(a),
+            "linear__damping_ratio": zeta * np.sqrt(a),
+            "linear__gain": a * gain,
+            "linear__intercept": gain * b + intercept,
+            "curve__coefficients[0]": square,
+            "curve__coefficients[1]": cube,
+        }
+
+    model = Feedback(SecondOrderMode(), SmoothCurve(3), dt=DT)
+    return *_read(u, gain * x + intercept, rng), model, true
 
 
 def spring_with_a_stop(rng):
-    """Return a fit of a mass on a spring that a second one joins, and the true values."""
+    """Draw a mass on a spring that a second one joins."""
     w, zeta = rng.uniform(12.0, 35.0), rng.uniform(0.1, 0.5)
     gain, intercept = rng.uniform(0.5, 3.0), rng.normal()
     stiffness, at = rng.uniform(0.5, 4.0), rng.uniform(0.2, 0.6)
     u = multisine(rng, N)
     x = on_a_spring(u, w, zeta, lambda x: x + stiffness * max(x - at, 0.0))
     model = Feedback(SecondOrderMode(), DeadZones(1, sides="upper"), dt=DT)
-    return _fit(model, u, x, gain, intercept, rng), {
-        "linear__natural_frequency": w,
-        "linear__damping_ratio": zeta,
-        "linear__gain": gain,
-        "linear__intercept": intercept,
-        "curve__weights[0]": stiffness,
-        "curve__thresholds[0]": at,
-    }
-
-
-def feedback(n_plants):
-    """Yield rows of static feedback around a mode: a curved spring, and one with a stop."""
-    for name, plant in (("curved spring", curved_spring), ("with a stop", spring_with_a_stop)):
-        yield _row(f"feedback, {name}", plant, n_plants)
+    return (
+        *_read(u, gain * x + intercept, rng),
+        model,
+        {
+            "linear__natural_frequency": w,
+            "linear__damping_ratio": zeta,
+            "linear__gain": gain,
+            "linear__intercept": intercept,
+            "curve__weights[0]": stiffness,
+            "curve__thresholds[0]": at,
+        },
+    )
 
 
 class _LowPass:
@@ -189,51 +193,26 @@ def _clipping(rng):
     return Saturation(), lambda v: min(max(v, low), high), {"lower": low, "upper": high}
 
 
-def _drawn(rng, make_curve):
-    """Return drive and response of a curve between filters, its model, filters, and true values."""
+def between(make_curve, rng):
+    """Draw a curve between two filters."""
     lags = rng.random(2) < 0.5
     first, second = (_LowPass(rng, bool(with_lag)) for with_lag in lags)
-    model, curve, true = make_curve(rng)
+    middle, curve, true = make_curve(rng)
     gain, intercept = rng.uniform(0.5, 3.0), rng.normal()
     u = multisine(rng, N)
     y = gain * between_filters(u, first, curve, second) + intercept
-    y += LEVEL * np.ptp(y) * rng.normal(size=N)
+    steps = [("first", TransferFunction(first.order)), ("curve", middle)]
+    steps.append(("second", TransferFunction(second.order)))
     known = {f"curve__{key}": value for key, value in true.items()}
     known |= first.true("first") | second.true("second")
     known |= {"second__gain": gain, "second__intercept": intercept}
-    return u[:, None], y, model, (first, second), known
+    return *_read(u, y, rng), Cascade(steps, dt=DT), known
 
 
-def curve_between_filters(make_curve):
-    """Return what fits a curve between two filters that are drawn."""
-
-    def plant(rng):
-        X, y, model, filters, true = _drawn(rng, make_curve)
-        first, second = (TransferFunction(own.order) for own in filters)
-        steps = [("first", first), ("curve", model), ("second", second)]
-        return Cascade(steps, dt=DT).fit(X, y), true
-
-    return plant
-
-
-def wiener_hammerstein(n_plants):
-    """Yield rows of a dead zone and of clipping between two filters, and what searches name."""
-    for name, make_curve in (("dead_zone", _dead_zone), ("static_nonlinearity", _clipping)):
-        yield _row(f"between filters, {name}", curve_between_filters(make_curve), n_plants)
-
-
-def wiener_hammerstein_searched(n_plants):
-    """Yield rows of how often a search around one transfer function names what is in between."""
-    for name, make_curve in (("dead_zone", _dead_zone), ("static_nonlinearity", _clipping)):
-        named, claimed, start = 0, 0, time.perf_counter()
-        for seed in range(n_plants):
-            X, y, _, filters, _ = _drawn(np.random.default_rng(seed), make_curve)
-            linear = TransferFunction(sum(own.order for own in filters), dt=DT)
-            found = EffectSearchCV(linear, random_state=0).fit(X, y).effects_
-            named, claimed = named + (name in found), claimed + len(found)
-        seconds = (time.perf_counter() - start) / n_plants
-        told = f"{claimed - named} others"
-        yield f"searched, {name}", f"{named / n_plants:.3f} named", told, f"{seconds:.1f}"
+def _all_poles(model):
+    """Return one linear model of the poles of both filters."""
+    steps = dict(model.steps)
+    return TransferFunction(steps["first"].n_poles + steps["second"].n_poles, dt=DT)
 
 
 @njit
@@ -257,7 +236,7 @@ def slide(u, mass, damping, friction, offset, load, gradient=0.0):
 
 
 def sliding_mass(rng):
-    """Return a fit of a mass without a spring with friction and an offset, and the true values."""
+    """Draw a mass without a spring with friction and an offset."""
     true = {
         "mass": float(np.exp(rng.uniform(-1.5, 0.5))),
         "damping": float(np.exp(rng.uniform(-1.0, 0.5))),
@@ -265,22 +244,11 @@ def sliding_mass(rng):
         "force_offset": float(rng.choice([-1.0, 1.0]) * rng.uniform(0.05, 0.2)),
     }
     u = 4.0 * multisine(rng, N)
-    y = slide(u, *true.values(), np.ones(N))
-    return _fit(FreeMass(True, dt=DT), u, y, 1.0, 0.0, rng), true
+    return *_read(u, slide(u, *true.values(), np.ones(N)), rng), FreeMass(True, dt=DT), true
 
 
-def along_the_way(rng):
-    """Return a fit of a mass whose friction changes along the way, and the true values."""
-    X, y, true = _tight_at_one_end(rng)
-    model = FreeMass(True, friction_gradient=True, fit_force_offset=False, dt=DT).fit(X, y)
-    level = 1.0 + true["friction_gradient"] * model.operator_.friction_center
-    true["friction"] *= level
-    true["friction_gradient"] /= level
-    return model, true
-
-
-def _tight_at_one_end(rng):
-    """Return drive and response of a mass whose friction changes along the way, and its values."""
+def mass_along_the_way(rng):
+    """Draw a mass whose friction changes along the way."""
     true = {
         "mass": float(np.exp(rng.uniform(-1.5, 0.5))),
         "damping": float(np.exp(rng.uniform(-1.0, 0.5))),
@@ -291,22 +259,32 @@ def _tight_at_one_end(rng):
     true["friction_gradient"] = float(rng.choice([-1.0, 1.0]) * rng.uniform(0.3, 0.8) / reach)
     *own, gradient = true.values()
     y = slide(u, *own, 0.0, np.ones(N), gradient)
-    return u[:, None], y + LEVEL * np.ptp(y) * rng.normal(size=N), true
+    model = FreeMass(True, friction_gradient=True, fit_force_offset=False, dt=DT)
+    return *_read(u, y, rng), model, partial(_relative_to_its_center, true)
+
+
+def _relative_to_its_center(true, model):
+    """Return the values with friction and its gradient at the center of the model."""
+    factor = 1.0 + true["friction_gradient"] * model.operator_.friction_center
+    grows = {"friction", "static_level", "bristle_stiffness"} & true.keys()
+    gradient = {"friction_gradient": true["friction_gradient"] / factor}
+    return true | {name: true[name] * factor for name in grows} | gradient
 
 
 def mode_and_integrator(rng):
-    """Return a fit of a mode before an integrator, and the true values."""
+    """Draw a mode before an integrator."""
     w, zeta = float(np.exp(rng.uniform(2.5, 4.0))), float(rng.uniform(0.05, 0.4))
     gain, u = float(rng.uniform(0.5, 3.0)), multisine(rng, N)
     poles = [1.0, 2.0 * zeta * w, w**2, 0.0]
     b, a, _ = cont2discrete(([gain * w**2], poles), DT, method="foh")
     y = lfilter(np.ravel(b), a, u)
-    model = _fit(TransferFunction(2, integrators=1, dt=DT), u, y, 1.0, 0.0, rng)
-    return model, {"natural_frequencies[0]": w, "damping_ratios[0]": zeta, "gain": gain}
+    model = TransferFunction(2, integrators=1, dt=DT)
+    true = {"natural_frequencies[0]": w, "damping_ratios[0]": zeta, "gain": gain}
+    return *_read(u, y, rng), model, true
 
 
 def in_a_loop(rng):
-    """Return a fit of an unstable plant that a feedback keeps in bounds, and the true values."""
+    """Draw an unstable plant that a feedback keeps in bounds."""
     fast, slow = float(rng.uniform(5.0, 20.0)), float(rng.uniform(2.0, 8.0))
     true = {"time_constants[0]": -1.0 / slow, "time_constants[1]": 1.0 / fast}
     true["gain"] = float(rng.uniform(0.5, 2.0))
@@ -319,17 +297,7 @@ def in_a_loop(rng):
         y[k] = clean[k] + LEVEL * rng.normal()
         change = y[k] - (y[k - 1] if k else y[k])
         u[k] = wanted[k] + (2.5 * y[k] + 0.15 * change / DT) / true["gain"]
-    model = TransferFunction(2, stable=False, hold="zoh", dt=DT)
-    return model.fit(u[:, None], y), true
-
-
-def no_rest(n_plants):
-    """Yield rows of plants without a rest: a mass without a spring, an integrator, unstable."""
-    yield _row("mass without a spring, friction", sliding_mass, n_plants)
-    yield _row("mass, friction along the way", along_the_way, n_plants)
-    yield _row("stage, friction along the way", stage_along_the_way, n_plants)
-    yield _row("mode and integrator", mode_and_integrator, n_plants)
-    yield _row("unstable, in a loop", in_a_loop, n_plants)
+    return u[:, None], y, TransferFunction(2, stable=False, hold="zoh", dt=DT), true
 
 
 def _wave(rng, periods):
@@ -344,8 +312,8 @@ def _wave(rng, periods):
     return value
 
 
-def _joint(rng):
-    """Return motion and load, the friction force of a joint, its parameters, and its model.
+def loaded_joint(rng):
+    """Draw the friction force of a joint, which grows with a load.
 
     As an integrating converter does, the sensor reads means over the sampling interval.
     """
@@ -369,8 +337,8 @@ def _joint(rng):
     return np.column_stack([motion(t), load(t)]), y, model, true
 
 
-def _carriage(rng):
-    """Return force and load, the displacement of a mass whose friction grows with the load, ..."""
+def loaded_mass(rng):
+    """Draw a mass whose friction grows with a load."""
     true = {
         "mass": float(np.exp(rng.uniform(-1.5, 0.5))),
         "damping": float(np.exp(rng.uniform(-1.0, 0.5))),
@@ -413,8 +381,8 @@ def slide_on_a_spring(u, load, w, zeta, level, stiffness, gradient=0.0):
     return found
 
 
-def _loaded_stage(rng):
-    """Return force and load, the displacement of a stage whose friction grows with the load, ..."""
+def loaded_stage(rng):
+    """Draw a mass on a spring whose friction grows with a load."""
     true = {
         "natural_frequency": float(rng.uniform(12.0, 35.0)),
         "damping_ratio": float(rng.uniform(0.1, 0.5)),
@@ -435,7 +403,7 @@ def _loaded_stage(rng):
 
 
 def stage_along_the_way(rng):
-    """Return a fit of a stage whose friction changes along the way, and the true values."""
+    """Draw a mass on a spring whose friction changes along the way."""
     true = {
         "natural_frequency": float(rng.uniform(12.0, 35.0)),
         "damping_ratio": float(rng.uniform(0.1, 0.5)),
@@ -446,15 +414,12 @@ def stage_along_the_way(rng):
     gradient = float(rng.choice([-1.0, 1.0]) * rng.uniform(0.2, 0.5))
     x = slide_on_a_spring(u, np.ones(N), *true.values(), gradient)
     stage = FrictionStage(False, fit_bristle_damping=False, friction_gradient=True, dt=DT)
-    model = _fit(stage, u, x, gain, offset, rng)
-    factor = 1.0 + gradient * model.operator_.friction_center
-    true["static_level"] *= factor
-    true["bristle_stiffness"] *= factor
-    return model, true | {"friction_gradient": gradient / factor, "gain": gain, "intercept": offset}
+    true |= {"friction_gradient": gradient, "gain": gain, "intercept": offset}
+    return *_read(u, gain * x + offset, rng), stage, partial(_relative_to_its_center, true)
 
 
-def _by_state(rng, with_lag=False):
-    """Return a drive and a temperature, what plays whose thresholds it sets respond, and so on."""
+def by_state(rng, with_lag=False):
+    """Draw plays whose thresholds a temperature sets, in front of a lag or not."""
     motion, slow = _wave(rng, [11, 19, 31]), _wave(rng, [1, 3])
     t = np.arange(N * FINE) / (N * FINE)
     drive, warm = motion(t), 20.0 + 3.0 * slow(t)
@@ -489,8 +454,8 @@ def _by_state(rng, with_lag=False):
     return X, y, model, true
 
 
-def _coil(rng):
-    """Return a drive and the voltage of a coil whose current sets the gain, and so on."""
+def coil(rng):
+    """Draw a gain that the current of a coil sets, of which the voltage is recorded."""
     drive = _wave(rng, [11, 19, 31])(np.arange(N) / N)
     voltage = np.interp(np.arange(N), np.arange(0, N + 50, 50), rng.uniform(1, 3, N // 50 + 1))
     true = {
@@ -513,79 +478,6 @@ def _coil(rng):
     return np.column_stack([drive, voltage]), y, model, true
 
 
-BY_COLUMNS = {
-    "friction of a load": _joint,
-    "friction of a load, in motion": _carriage,
-    "friction of a load, on a spring": _loaded_stage,
-    "width of a temperature": _by_state,
-    "width before a lag": partial(_by_state, with_lag=True),
-    "gain of a coil": _coil,
-}
-
-
-def velocity(n_plants):
-    """Yield a row of friction with presliding whose drive is the velocity."""
-
-    def plant(rng):
-        X, y, model, true = _of_velocity(rng)
-        return model.fit(X, y), true
-
-    yield _row("friction of a velocity", plant, n_plants)
-
-
-def velocity_searched(n_plants):
-    """Yield a row of how often a search around a viscous force names what is added to it.
-
-    Which may be called hysteresis while it builds up, and friction for its fall with the speed.
-    """
-    viscous = DynamicStiffness(drive="velocity", fit_mass=False, dt=DT)
-    named, others, start = 0, 0, time.perf_counter()
-    for seed in range(n_plants):
-        X, y, *_ = _of_velocity(np.random.default_rng(seed))
-        found = EffectSearchCV(clone(viscous), random_state=0).fit(X, y).effects_
-        other = {*found} - {"friction", "hysteresis"}
-        named, others = named + (len(other) < len(found)), others + len(other)
-    seconds = (time.perf_counter() - start) / n_plants
-    told = f"{others} others"
-    yield (
-        "searched, friction of a velocity",
-        f"{named / n_plants:.3f} named",
-        told,
-        f"{seconds:.1f}",
-    )
-
-
-def columns(n_plants):
-    """Yield rows of parameters that a further column sets."""
-    for name, drawn in BY_COLUMNS.items():
-
-        def plant(rng, drawn=drawn):
-            X, y, model, true = drawn(rng)
-            return model.fit(X, y), true
-
-        yield _row(name, plant, n_plants)
-
-
-def columns_searched(n_plants):
-    """Yield rows of how often a search around the model without the column names the effect."""
-    declared = {
-        "friction of a load": (CoulombFriction(dt=DT), "friction"),
-        "friction of a load, in motion": (FreeMass(fit_force_offset=False, dt=DT), "friction"),
-        "friction of a load, on a spring": (SecondOrderMode(dt=DT), "friction"),
-        "width of a temperature": (PrandtlIshlinskii(8, dt=DT), "auxiliary_input"),
-        "gain of a coil": (Gain(dt=DT), "auxiliary_input"),
-    }
-    for name, (model, effect) in declared.items():
-        named, claimed, start = 0, 0, time.perf_counter()
-        for seed in range(n_plants):
-            X, y, *_ = BY_COLUMNS[name](np.random.default_rng(seed))
-            found = EffectSearchCV(clone(model), random_state=0).fit(X, y).effects_
-            named, claimed = named + (effect in found), claimed + len(found)
-        seconds = (time.perf_counter() - start) / n_plants
-        told = f"{claimed - named} others"
-        yield f"searched, {name}", f"{named / n_plants:.3f} named", told, f"{seconds:.1f}"
-
-
 @njit
 def presliding(v, length, stribeck, ratio):
     """Return the LuGre force of a velocity, from zero, relative to that of slow sliding.
@@ -601,8 +493,8 @@ def presliding(v, length, stribeck, ratio):
     return found
 
 
-def _of_velocity(rng):
-    """Return a velocity, a viscous force and LuGre friction, their parameters, and the model."""
+def of_velocity(rng):
+    """Draw a viscous force and LuGre friction, whose drive is the velocity."""
     true = {
         "friction__friction__presliding_displacement": rng.uniform(0.03, 0.1),
         "friction__friction__stribeck_velocity": rng.uniform(0.3, 0.8),
@@ -625,41 +517,147 @@ def _of_velocity(rng):
     return v[:, None], y, model, true
 
 
-def _row(name, plant, n_plants):
-    held, start = defaultdict(list), time.perf_counter()
-    for seed in range(n_plants):
-        model, true = plant(np.random.default_rng(seed))
-        for key, value in true.items():
-            held[key].append(abs(model.params_[key] - value) <= 1.96 * model.params_std_[key])
-    share = np.mean([np.mean(own) for own in held.values()])
-    worst = min(held, key=lambda key: np.mean(held[key]))
-    seconds = (time.perf_counter() - start) / n_plants
-    return name, f"{share:.3f}", f"{worst} {np.mean(held[worst]):.2f}", f"{seconds:.1f}"
+def modes_with_loops(rng):
+    """Draw a mode and a lag of two inputs and responses, with two saturating loops."""
+    size, angle = rng.uniform(0.75, 0.95), rng.uniform(0.2, 1.2)
+    a, turn = np.zeros((3, 3)), size * np.exp(1j * angle)
+    a[:2, :2], a[2, 2] = [[turn.real, turn.imag], [-turn.imag, turn.real]], rng.uniform(0.3, 0.9)
+    b, c, d = 0.5 * rng.normal(size=(3, 2)), rng.normal(size=(2, 3)), 0.1 * rng.normal(size=(2, 2))
+    f, g, bias = rng.normal(size=(2, 3)), 0.3 * rng.normal(size=(2, 2)), rng.uniform(-0.7, 0.7, 2)
+    e, offset = 0.1 * rng.normal(size=(3, 2)), rng.normal(size=2)
+    u, x, y = rng.normal(size=(N, 2)), np.zeros(3), np.empty((N, 2))
+    u = 0.5 * (u + np.roll(u, 1, axis=0))
+    u[0] = 0.0
+    for k in range(N):
+        y[k] = c @ x + d @ u[k] + offset
+        x = a @ x + b @ u[k] + e @ (np.tanh(f @ x + g @ u[k] + bias) - np.tanh(bias))
+    y += LEVEL * np.ptp(y, axis=0) * rng.normal(size=y.shape)
+    true = {f"d[{i},{j}]": d[i, j] for i in range(2) for j in range(2)}
+    true |= {f"intercept[{i}]": offset[i] for i in range(2)}
+    return u, y, ModalFeedback(3, n_loops=2, dt=DT), true
+
+
+@dataclass(frozen=True)
+class Structure:
+    """How plants are drawn, and what a search is given and should name.
+
+    ``draw`` is a function of a random generator, to X, y, the model that is fitted, and its true
+    parameters, or a function of the fitted model to these. ``declared`` is the model without the
+    effect, or a function of the model with it; any of ``effects`` names the effect.
+    """
+
+    draw: object
+    declared: object = None
+    effects: tuple = ()
 
 
 STRUCTURES = {
-    "feedback": feedback,
-    "wiener_hammerstein": wiener_hammerstein,
-    "wiener_hammerstein_searched": wiener_hammerstein_searched,
-    "no_rest": no_rest,
-    "columns": columns,
-    "columns_searched": columns_searched,
-    "velocity": velocity,
-    "velocity_searched": velocity_searched,
+    "feedback": {
+        "curved spring": Structure(
+            curved_spring,
+            SecondOrderMode(dt=DT),
+            ("cubic_stiffness", "static_nonlinearity"),
+        ),
+        "spring with a stop": Structure(
+            spring_with_a_stop, SecondOrderMode(dt=DT), ("end_stops", "cubic_stiffness")
+        ),
+    },
+    "wiener_hammerstein": {
+        "dead zone between filters": Structure(
+            partial(between, _dead_zone), _all_poles, ("dead_zone",)
+        ),
+        "clipping between filters": Structure(
+            partial(between, _clipping), _all_poles, ("static_nonlinearity",)
+        ),
+    },
+    "no_rest": {
+        "mass without a spring, friction": Structure(
+            sliding_mass, FreeMass(fit_force_offset=False, dt=DT), ("friction",)
+        ),
+        "mass, friction along the way": Structure(
+            mass_along_the_way, FreeMass(fit_force_offset=False, dt=DT), ("friction",)
+        ),
+        "stage, friction along the way": Structure(
+            stage_along_the_way, SecondOrderMode(dt=DT), ("friction",)
+        ),
+        "mode and integrator": Structure(mode_and_integrator),
+        "unstable, in a loop": Structure(in_a_loop),
+    },
+    "columns": {
+        "friction of a load": Structure(loaded_joint, CoulombFriction(dt=DT), ("friction",)),
+        "friction of a load, in motion": Structure(
+            loaded_mass, FreeMass(fit_force_offset=False, dt=DT), ("friction",)
+        ),
+        "friction of a load, on a spring": Structure(
+            loaded_stage, SecondOrderMode(dt=DT), ("friction",)
+        ),
+        "width of a temperature": Structure(
+            by_state, PrandtlIshlinskii(8, dt=DT), ("auxiliary_input",)
+        ),
+        "width before a lag": Structure(partial(by_state, with_lag=True)),
+        "gain of a coil": Structure(coil, Gain(dt=DT), ("auxiliary_input",)),
+    },
+    "several_responses": {"modes with loops": Structure(modes_with_loops)},
+    "velocity": {
+        # called hysteresis while it builds up, and friction for its fall with the speed
+        "friction of a velocity": Structure(
+            of_velocity,
+            DynamicStiffness(drive="velocity", fit_mass=False, dt=DT),
+            ("friction", "hysteresis"),
+        ),
+    },
 }
+
+
+def fitted(structure, seeds):
+    """Return how often intervals hold the truth, and the parameter where they do least often."""
+    held = defaultdict(list)
+    for seed in seeds:
+        X, y, model, true = structure.draw(np.random.default_rng(seed))
+        model.fit(X, y)
+        for key, value in (true(model) if callable(true) else true).items():
+            held[key].append(abs(model.params_[key] - value) <= 1.96 * model.params_std_[key])
+    share = np.mean([np.mean(own) for own in held.values()])
+    worst = min(held, key=lambda key: np.mean(held[key]))
+    return f"{share:.3f}", f"{worst} {np.mean(held[worst]):.2f}"
+
+
+def searched(structure, seeds):
+    """Return how often a search names the effect, and what else it claims."""
+    named, others = 0, Counter()
+    for seed in seeds:
+        X, y, model, _ = structure.draw(np.random.default_rng(seed))
+        declared = structure.declared
+        declared = declared(model) if callable(declared) else clone(declared)
+        found = set(EffectSearchCV(declared, random_state=0).fit(X, y).effects_)
+        named += not found.isdisjoint(structure.effects)
+        others.update(found.difference(structure.effects))
+    told = ", ".join(f"{name} {count}" for name, count in others.most_common())
+    return f"{named / len(seeds):.3f}", told
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--only", default=",".join(STRUCTURES))
     parser.add_argument("--plants", type=int, default=20)
+    parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--searches", action="store_true")
     options = parser.parse_args()
-    print(f"structure | held, bar {BAR[0]:.2f} to {BAR[1]:.2f} | held least often | seconds")
+    seeds = range(options.first_seed, options.first_seed + options.plants)
+    if options.searches:
+        print(f"structure | named, bar {BAR[0]:.2f} | other claims | seconds of a search")
+    else:
+        print(f"structure | held, bar {BAR[0]:.2f} to {BAR[1]:.2f} | held least often | seconds")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
-        for name in options.only.split(","):
-            for row in STRUCTURES[name](options.plants):
-                print(" | ".join(row), flush=True)
+        for group in options.only.split(","):
+            for name, structure in STRUCTURES[group].items():
+                if options.searches and structure.declared is None:
+                    continue
+                start = time.process_time()
+                row = (searched if options.searches else fitted)(structure, seeds)
+                seconds = (time.process_time() - start) / len(seeds)
+                print(" | ".join((name, *row, f"{seconds:.1f}")), flush=True)
 
 
 if __name__ == "__main__":

@@ -410,14 +410,17 @@ def read_weights(sample_weight, X):
 
 def with_unread(y, sample_weight):
     """Return a response with a read value in place of NaN in rows of weight zero."""
-    if sample_weight is None or np.ndim(y) == 0 or np.shape(y)[:1] != np.shape(sample_weight):
+    if sample_weight is None:
         return y
-    unread = pd.isna(np.asarray(y))
-    unread &= np.reshape(np.asarray(sample_weight) == 0.0, (-1, *[1] * (unread.ndim - 1)))
+    values, weights = np.asarray(y), np.asarray(sample_weight)
+    if values.ndim == 0 or values.shape[:1] != weights.shape:
+        return y
+    unread = pd.isna(values)
+    unread &= np.reshape(weights == 0.0, (-1, *[1] * (unread.ndim - 1)))
     if not unread.any() or unread.all():
         return y
-    filled = y.copy() if hasattr(y, "iloc") else np.array(y)
-    filled[unread] = np.asarray(y)[~unread][0]
+    filled = y.copy() if hasattr(y, "iloc") else values.copy()
+    filled[unread] = values[~unread][0]
     return filled
 
 
@@ -651,14 +654,14 @@ class ScoredMixin(RegressorMixin):
         return super().score(X, y, sample_weight)
 
 
-def known_response(estimator, X, y):
-    """Return a response of the samples of X, NaN where it is not known, as a copy."""
+def known_response(estimator, X, y, one=True):
+    """Return a response of the samples of X, or several, NaN where it is not known, as a copy."""
     refuse_lost_index(X, y)
     refuse_other_unit(estimator, y)
     options = {"ensure_2d": False, "ensure_all_finite": "allow-nan", "copy": True}
-    y = column_or_1d(check_array(y, dtype=float, input_name="y", **options), warn=True)
+    y = check_array(y, dtype=float, input_name="y", **options)
     check_consistent_length(X, y)
-    return y
+    return column_or_1d(y, warn=True) if one else y
 
 
 def refuse_std(estimator, return_std, why):

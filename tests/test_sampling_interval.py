@@ -37,7 +37,7 @@ from skhyst.linear import (
     TransferFunction,
     frequency_response,
 )
-from skhyst.operators import Series
+from skhyst.operators import Series, SumOperator
 from skhyst.optimize import VariableProjection
 from skhyst.preprocessing import GeneralizedInputGradient, LaggedFeatures
 from skhyst.records import Units, stack_records
@@ -314,13 +314,14 @@ def test_a_free_mass_is_exact_at_any_interval(hold):
     np.testing.assert_allclose(found[::3], model.predict(WALK[:, None]), atol=1e-9)
 
 
-def test_dynamics_behind_a_delay_by_whole_samples_are_exact():
+def test_dynamics_behind_a_delay_by_whole_samples_and_sums_are_exact():
     delay, lag = DelayOperator(2.0 * DT), FirstOrderLagOperator(0.7 * DT)
     u = np.random.default_rng(0).normal(size=50)
     fine = between(u, 2)
     series = Series(("delay", "lag"), (delay, lag))
-    again = series.resampled(DT, 0.5 * DT)
-    np.testing.assert_allclose(again.run(fine, 0.5 * DT)[0][::2], series.run(u, DT)[0], atol=1e-12)
+    for system in (series, SumOperator(("delayed", "lag"), (series, lag))):
+        again = system.resampled(DT, 0.5 * DT).run(fine, 0.5 * DT)[0]
+        np.testing.assert_allclose(again[::2], system.run(u, DT)[0], atol=1e-12)
     assert series.resampled(DT, 1.5 * DT) is None  # between two samples
 
 

@@ -19,14 +19,17 @@ from numbers import Integral
 from typing import Self
 
 import numpy as np
+from scipy.linalg import block_diag
+from sklearn.utils import check_random_state
 
 from .._jit import jit
 from .._sklearn import Interval, fit_context
 from ..base import one_thread
 from ..exceptions import ConvergenceWarning
 from ..linear import ModalModel, SampledStateSpace
+from ..noise import whiteness_p_value
 from ..operators import CompiledLaw
-from ..optimize import variable_projection
+from ..optimize import LEVEL, NOISELESS, variable_projection
 
 _CHUNK = 512  # samples whose tangents are in memory at once
 _TRIALS = 50  # most steps of Newton's method for the state at rest
@@ -35,35 +38,59 @@ _DETERMINED = 1e-6  # largest entry in such a direction of an unknown that is
 
 
 @jit
-def _advance(a, b, e, f, g, bias, c, d, intercept, u, x, y):
-    """Write the responses (n_samples, n_outputs) to ``y`` and the last state to ``x``."""
-    n, m, r = x.size, u.shape[1], bias.size
-    new, w = np.empty(n), np.empty(r)
+def _move(u, c, s):
+    """Advance the states, the first of ``s``, by a sample; the rest of ``s`` is workspace.
+
+    ``c`` begins with A, B, E, F, G and the bias.
+    """
+    a, b, e, f, g, bias = c[:6]
+    n, m, r = a.shape[0], b.shape[1], bias.size
+    for i in range(r):
+        total = bias[i]
+        for j in range(n):
+            total += f[i, j] * s[j]
+        for j in range(m):
+            total += g[i, j] * u[j]
+        s[2 * n + i] = math.tanh(total) - math.tanh(bias[i])
+    for i in range(n):
+        total = 0.0
+        for j in range(n):
+            total += a[i, j] * s[j]
+        for j in range(m):
+            total += b[i, j] * u[j]
+        for j in range(r):
+            total += e[i, j] * s[2 * n + j]
+        s[n + i] = total
+    for i in range(n):
+        s[i] = s[n + i]
+
+
+@jit
+def _advance(c, u, s, y):
+    """Write the responses (n_samples, n_outputs) to ``y``; ``s`` is that of :func:`_move`."""
+    output, direct, intercept = c[6:]
     for k in range(len(u)):
         for i in range(intercept.size):
             total = intercept[i]
-            for j in range(n):
-                total += c[i, j] * x[j]
-            for j in range(m):
-                total += d[i, j] * u[k, j]
+            for j in range(output.shape[1]):
+                total += output[i, j] * s[j]
+            for j in range(direct.shape[1]):
+                total += direct[i, j] * u[k, j]
             y[k, i] = total
-        for i in range(r):
-            total = bias[i]
-            for j in range(n):
-                total += f[i, j] * x[j]
-            for j in range(m):
-                total += g[i, j] * u[k, j]
-            w[i] = math.tanh(total) - math.tanh(bias[i])
-        for i in range(n):
-            total = 0.0
-            for j in range(n):
-                total += a[i, j] * x[j]
-            for j in range(m):
-                total += b[i, j] * u[k, j]
-            for j in range(r):
-                total += e[i, j] * w[j]
-            new[i] = total
-        x[:] = new
+        _move(u[k], c, s)
+
+
+@jit
+def modal_feedback_step(u, c, s):
+    """Return the single response; ``c`` and ``s`` are those of :func:`_move`."""
+    output, direct, intercept = c[6:]
+    y = intercept
+    for j in range(output.size):
+        y += output[j] * s[j]
+    for j in range(direct.size):
+        y += direct[j] * u[j]
+    _move(u, c, s)
+    return y
 
 
 @jit
@@ -134,36 +161,6 @@ def _tangents(a, n_real, b, e, f, g, bias, c, u, x, dx, dy):
             new[i] = total
         x[:] = new
         dx[:] = dnew
-
-
-@jit
-def modal_feedback_step(u, c, s):
-    """Return the single response; ``c`` is that of :func:`_advance`, ``s`` the states and work."""
-    a, b, e, f, g, bias, output, direct, intercept = c
-    n, r = output.size, bias.size
-    y = intercept
-    for i in range(r):
-        total = bias[i]
-        for j in range(n):
-            total += f[i, j] * s[j]
-        for j in range(direct.size):
-            total += g[i, j] * u[j]
-        s[2 * n + i] = math.tanh(total) - math.tanh(bias[i])
-    for i in range(n):
-        total = 0.0
-        y += output[i] * s[i]
-        for j in range(n):
-            total += a[i, j] * s[j]
-        for j in range(direct.size):
-            total += b[i, j] * u[j]
-        for j in range(r):
-            total += e[i, j] * s[2 * n + j]
-        s[n + i] = total
-    for j in range(direct.size):
-        y += direct[j] * u[j]
-    for i in range(n):
-        s[i] = s[n + i]
-    return y
 
 
 @dataclass(frozen=True)
@@ -322,10 +319,13 @@ class SampledFeedback:
         """
         self.linear.refuse_other(dt)
         u = np.ascontiguousarray(u, dtype=float)
-        x = np.array(self.init(u[0]) if state is None else state, dtype=float)
-        y = np.empty((len(u), len(self.linear.c)))
-        _advance(*self._arrays(), u, x, y)
-        return y, x
+        x = self.init(u[0]) if state is None else state
+        s, y = self._with_workspace(x), np.empty((len(u), len(self.linear.c)))
+        _advance(self._arrays(), u, s, y)
+        return y, s[: len(x)]
+
+    def _with_workspace(self, x):
+        return np.concatenate([x, np.zeros(len(x) + len(self.bias))])
 
     def step(self, state, u, dt):
         """Advance by one sample.
@@ -372,30 +372,50 @@ class SampledFeedback:
         self.linear.refuse_several()
         self.linear.refuse_other(dt)
         *loops, c, d, intercept = self._arrays()
-        work = np.zeros(len(state) + len(self.bias))
         constants = *loops, c[0], d[0], float(intercept[0])
-        return CompiledLaw(
-            modal_feedback_step, constants, [*state, *work], n_inputs=self.linear.b.shape[1]
-        )
+        s = list(self._with_workspace(state))
+        return CompiledLaw(modal_feedback_step, constants, s, n_inputs=self.linear.b.shape[1])
+
+
+def _in_blocks(linear):
+    """Return a system with the poles in blocks on the diagonal of A, first the real ones."""
+    poles, vectors = np.linalg.eig(linear.a)
+    real, upper = np.flatnonzero(poles.imag == 0.0), np.flatnonzero(poles.imag > 0.0)
+    basis, blocks = [vectors[:, real].real], [*poles[real].real]
+    for i in upper:
+        basis.append(np.column_stack([vectors[:, i].real, vectors[:, i].imag]))
+        blocks.append([[poles[i].real, poles[i].imag], [-poles[i].imag, poles[i].real]])
+    basis = np.concatenate(basis, axis=1)
+    b, c = np.linalg.solve(basis, linear.b), linear.c @ basis
+    return replace(linear, a=block_diag(*blocks), b=b, c=c)
+
+
+def _in_units(linear, inputs, outputs):
+    """Return a system in other units, of which ``inputs`` and ``outputs`` are the former."""
+    return replace(
+        linear,
+        b=linear.b / inputs,
+        c=np.ascontiguousarray(linear.c * outputs[:, None]),
+        d=linear.d * outputs[:, None] / inputs,
+        intercept=linear.intercept * outputs,
+    )
 
 
 class _Problem:
-    """Least squares of the free run, with the interface that the solver needs."""
+    """Least squares of the free run, with the interface that the solver needs.
+
+    The linear part of ``start`` is one of :func:`_in_blocks`.
+    """
 
     def __init__(self, records, start, washout):
         self.records, self.washout, self.dt = records, washout, start.dt
         a, b, e, f, g, bias, c, d, intercept = start._arrays()
-        poles, vectors = np.linalg.eig(a)
-        real, upper = np.flatnonzero(poles.imag == 0.0), np.flatnonzero(poles.imag > 0.0)
-        basis, entries = [vectors[:, real].real], [poles[real].real]
-        for i in upper:
-            basis.append(np.column_stack([vectors[:, i].real, vectors[:, i].imag]))
-            entries.append([poles[i].real, poles[i].imag])
-        basis, self.n_real = np.concatenate(basis, axis=1), len(real)
+        self.n_real = len(a) - 2 * np.count_nonzero(np.diag(a, 1))
+        entries = np.diag(a).copy()
+        entries[self.n_real + 1 :: 2] = np.diag(a, 1)[self.n_real :: 2]
         self.shapes = b.shape, e.shape, f.shape, g.shape, bias.shape
-        parts = [np.linalg.solve(basis, b), np.linalg.solve(basis, e), f @ basis, g, bias]
-        output_rows = np.column_stack([c @ basis, d, intercept])
-        self.x0 = np.concatenate([*entries, *map(np.ravel, parts), output_rows.ravel()])
+        output_rows = np.column_stack([c, d, intercept])
+        self.x0 = np.concatenate([*map(np.ravel, (entries, b, e, f, g, bias, output_rows))])
         self.n_dynamic = len(self.x0) - output_rows.size
         self.lower, self.upper = np.full(len(self.x0), -np.inf), np.full(len(self.x0), np.inf)
         self.log = np.zeros(len(self.x0), dtype=bool)
@@ -420,11 +440,10 @@ class _Problem:
 
     def tangents(self, operator, u, x, dx):
         """Return responses and their tangents; advance the state and its tangents."""
-        y = np.empty((len(u), len(operator.linear.c)))
-        dy = np.empty((*y.shape, len(self.x0)))
-        a, b, e, f, g, bias, c, d, intercept = operator._arrays()
-        _tangents(a, self.n_real, b, e, f, g, bias, c, u, x.copy(), dx, dy)
-        _advance(a, b, e, f, g, bias, c, d, intercept, u, x, y)
+        dy = np.empty((len(u), len(operator.linear.c), len(self.x0)))
+        *dynamic, output, _, _ = operator._arrays()
+        _tangents(dynamic[0], self.n_real, *dynamic[1:], output, u, x.copy(), dx, dy)
+        y, x[:] = operator.run(u, self.dt, x)
         return y, dy
 
     def begun(self, operator, u0):
@@ -453,6 +472,18 @@ class _Problem:
     def total(self, blocks, select=None):
         """Return the Gram matrix."""
         return blocks
+
+    def residuals(self, x):
+        """Return the residual of each record, without the samples that are not scored."""
+        operator = self.operator(x)
+        return [(y - operator.run(u, self.dt)[0])[self.washout :] for u, y in self.records]
+
+    def is_noise(self, solution):
+        """Whether the residual is white at the level ``LEVEL``, or rounding."""
+        if solution.cost <= NOISELESS * self.scale:
+            return True
+        series = [column for residual in self.residuals(solution.x) for column in residual.T]
+        return whiteness_p_value(series) >= LEVEL
 
     def covariance(self, solution):
         """Return the covariance of the unknowns, and which of them the data determine.
@@ -525,7 +556,9 @@ class ModalFeedback(ModalModel):
 
     The start is :class:`~skhyst.linear.ModalModel`, the best linear approximation; each loop senses
     a response. All parameters are then refined jointly on the free run by least squares with exact
-    derivatives.
+    derivatives. Until the residual is white, further starts are tried whose loops sense random
+    combinations of states and inputs, each with a standard deviation of 1 about a random point of
+    the same distribution; the best fit is kept.
 
     Parameters
     ----------
@@ -533,6 +566,8 @@ class ModalFeedback(ModalModel):
         Number of states.
     n_loops : int, default=1
         Number of curves in the feedback.
+    n_random_starts : int, default=12
+        Most of these further starts.
     washout : int, default=0
         Samples at the start of each record that are not scored: those of an unknown initial state.
     fit_intercept : bool, default=True
@@ -544,9 +579,11 @@ class ModalFeedback(ModalModel):
     tolerance : float, default=1e-6
         Relative change of the sum of squares at which the least-squares fit stops.
     max_evaluations : int, default=60
-        Largest number of evaluations of either fit.
+        Largest number of evaluations of each fit.
     dt : float or None, default=None
         Sampling interval in s of data without a time index.
+    random_state : int, RandomState instance or None, default=0
+        Of the random starts.
 
     Attributes
     ----------
@@ -559,6 +596,11 @@ class ModalFeedback(ModalModel):
         ``"bias[i]"`` and ``"g[i,j]"`` (one over the units of the input) of loop i, ``"d[k,j]"`` and
         ``"intercept[k]"`` of response k. Standard errors, those of the poles too, assume that the
         residual is white; NaN: not determined.
+    covariance_ : ndarray of shape (n_unknowns, n_unknowns)
+        Of the unknowns of the fit: entries of A, then of B, E, F, G by rows, the bias, and for each
+        response its rows of C and D and its intercept.
+    noise_std_ : ndarray of shape (n_outputs,)
+        Standard deviation of the residual, units of the responses.
     n_evaluations_ : int
     fit_error_ : float
         Root mean square of the residual, relative to the standard deviation of each response.
@@ -597,6 +639,8 @@ class ModalFeedback(ModalModel):
     _parameter_constraints = {
         **ModalModel._parameter_constraints,
         "n_loops": [Interval(Integral, 1, None, closed="left")],
+        "n_random_starts": [Interval(Integral, 0, None, closed="left")],
+        "random_state": ["random_state"],
         "washout": [Interval(Integral, 0, None, closed="left")],
     }
 
@@ -605,6 +649,7 @@ class ModalFeedback(ModalModel):
         n_poles=4,
         *,
         n_loops=1,
+        n_random_starts=12,
         washout=0,
         fit_intercept=True,
         transient_periods=1,
@@ -612,6 +657,7 @@ class ModalFeedback(ModalModel):
         tolerance=1e-6,
         max_evaluations=60,
         dt=None,
+        random_state=0,
     ):
         super().__init__(
             n_poles,
@@ -623,7 +669,9 @@ class ModalFeedback(ModalModel):
             dt=dt,
         )
         self.n_loops = n_loops
+        self.n_random_starts = n_random_starts
         self.washout = washout
+        self.random_state = random_state
 
     @fit_context(prefer_skip_nested_validation=True)
     def fit(self, X, y) -> Self:
@@ -642,77 +690,105 @@ class ModalFeedback(ModalModel):
         """
         slices, array, response = self._read(X, y)
         self._warn_unless_converged(self._fit_linear(slices, array, response), "ModalModel")
-        linear, size = self.operator_, response.std(axis=0)
-        sizes = [np.where(std > 0.0, std, 1.0) for std in (array.std(axis=0), size)]
-        scaled = SampledStateSpace(
-            linear.a,
-            linear.b * sizes[0],
-            linear.c / sizes[1][:, None],
-            linear.d * sizes[0] / sizes[1][:, None],
-            linear.dt,
-            linear.intercept / sizes[1],
-        )
+        sizes = [np.where(std > 0.0, std, 1.0) for std in (array.std(axis=0), response.std(axis=0))]
+        scaled = _in_blocks(_in_units(self.operator_, 1.0 / sizes[0], 1.0 / sizes[1]))
         records = [(array[s.rows] / sizes[0], response[s.rows] / sizes[1]) for s in slices]
-        start = self._start(scaled, response.mean(axis=0) / sizes[1])
+        limits = {"tolerance": self.tolerance, "max_evaluations": self.max_evaluations}
+        problem = solution = None
         with one_thread():
-            problem = _Problem(records, start, self.washout)
-            limits = {"tolerance": self.tolerance, "max_evaluations": self.max_evaluations}
-            solution = variable_projection(problem, problem.x0, **limits)
-        self.n_evaluations_ += solution.n_evaluations
+            for start in self._starts(scaled, records, response.mean(axis=0) / sizes[1]):
+                other = _Problem(records, start, self.washout)
+                found = variable_projection(other, other.x0, **limits)
+                self.n_evaluations_ += found.n_evaluations
+                if solution is None or found.cost < solution.cost:
+                    problem, solution = other, found
+                    if problem.is_noise(solution):
+                        break
         self.n_iter_ = self.n_evaluations_
         self._warn_unless_converged(solution, "ModalFeedback")
-        n_scored = sum(max(len(std) - self.washout, 0) for _, std in records) * len(size)
-        self.fit_error_ = float(np.sqrt(solution.cost / max(n_scored, 1)))
-        fitted = problem.operator(solution.x)
-        linear = SampledStateSpace(
-            fitted.linear.a,
-            fitted.linear.b / sizes[0],
-            np.ascontiguousarray(fitted.linear.c * sizes[1][:, None]),
-            fitted.linear.d * sizes[1][:, None] / sizes[0],
-            fitted.dt,
-            fitted.intercept * sizes[1],
-        )
-        self.operator_ = replace(fitted, linear=linear, g=fitted.g / sizes[0])
+        residuals = np.vstack(problem.residuals(solution.x))
+        self.fit_error_ = float(np.sqrt(np.mean(np.square(residuals)))) if len(residuals) else 0.0
         covariance, determined = problem.covariance(solution)
-        poles, by = problem.pole_slopes(solution.x, array.mean(axis=0) / sizes[0])
+
+        def in_units(operator):
+            return replace(
+                operator, linear=_in_units(operator.linear, *sizes), g=operator.g / sizes[0]
+            )
+
+        self.operator_ = in_units(problem.operator(solution.x))
+        # the units of X and y, relative to those of the fit, of each unknown
+        units = _Problem([], in_units(problem.operator(np.ones(len(covariance)))), 0).x0
+        self.covariance_ = units[:, None] * covariance * units
+        rank = np.linalg.matrix_rank(covariance, hermitian=True)
+        freedom = max(1.0 - rank / max(residuals.size, 1), np.finfo(float).eps)
+        power = np.sum(np.square(residuals), axis=0) / max(len(residuals), 1)
+        self.noise_std_ = sizes[1] * np.sqrt(power / freedom)
+        problem = _Problem([], self.operator_, 0)
+        poles, by = problem.pole_slopes(problem.x0, array.mean(axis=0))
         with np.errstate(divide="ignore", invalid="ignore"):
-            by = np.where(np.abs(by) > 0.0, by / (poles[:, None] * fitted.dt), 0.0)
-            self._set_modes(np.log(poles.astype(complex)) / fitted.dt, by, covariance)
-        std = np.where(determined, np.sqrt(np.diag(covariance)), np.nan)
-        self._set_parameters(problem.operator(std), sizes)
+            by = np.where(np.abs(by) > 0.0, by / (poles[:, None] * self.operator_.dt), 0.0)
+            poles = np.log(poles.astype(complex)) / self.operator_.dt
+            self._set_modes(poles, by, self.covariance_)
+        std = np.where(determined, np.sqrt(np.diag(self.covariance_)), np.nan)
+        self._set_parameters(problem.operator(std))
         self._judge_rests(array)
         return self
 
-    def _set_parameters(self, spread, sizes):
+    def _set_parameters(self, spread):
         """Store the parameters that do not depend on the choice of states, and their errors.
 
-        ``spread`` is an operator with the standard errors in place of the parameters, in units of
-        the ``sizes`` of inputs and responses.
+        ``spread`` is an operator with the standard errors in place of the parameters.
         """
-        found = self.operator_
-        values = {
-            "bias": (found.bias, spread.bias),
-            "g": (found.g, spread.g / sizes[0]),
-            "d": (found.linear.d, spread.linear.d * sizes[1][:, None] / sizes[0]),
-            "intercept": (found.intercept, spread.intercept * sizes[1]),
-        }
         self.params_, self.params_std_ = {}, {}
-        for name, (value, std) in values.items():
+        for name in ("bias", "g", "d", "intercept"):
+            value, std = (
+                getattr(found.linear if name == "d" else found, name)
+                for found in (self.operator_, spread)
+            )
             for at in np.ndindex(value.shape):
                 key = f"{name}[{','.join(map(str, at))}]"
                 self.params_[key], self.params_std_[key] = float(value[at]), float(std[at])
 
-    def _start(self, linear, mean):
-        """Return loops of zero effect, each of which senses a response relative to its mean.
+    def _variance(self, u):
+        """Return the variance of the free run by the errors of the parameters."""
+        problem, parts = _Problem([], self.operator_, 0), []
+        state, dx = problem.begun(self.operator_, u[0])
+        if self.initial_state == "zero":
+            state[:], dx[:] = 0.0, 0.0
+        for begin in range(0, len(u), _CHUNK):
+            _, dy = problem.tangents(self.operator_, u[begin : begin + _CHUNK], state, dx)
+            parts.append(np.sum((dy @ self.covariance_) * dy, axis=2))
+        return np.concatenate(parts)
 
-        With more loops than responses, further ones sense a response relative to a standard
-        deviation above its mean, then below it, then two above, and so on.
+    def _state(self, x, u0):
+        return x
+
+    def _starts(self, linear, records, mean):
+        """Yield loops of zero effect.
+
+        First those that sense a response each, relative to its mean. With more loops than
+        responses, further ones sense a response relative to a standard deviation above its mean,
+        then below it, then two above, and so on. Then those that sense random combinations of
+        states and inputs, of the linear model.
         """
         repetition, sensed = np.divmod(np.arange(self.n_loops), len(mean))
         distance = (repetition + 1) // 2 * np.where(repetition % 2, 1.0, -1.0)
         bias = (linear.intercept - mean)[sensed] - distance
-        e = np.zeros((len(linear.a), self.n_loops))
-        return SampledFeedback(linear, e, linear.c[sensed], linear.d[sensed], bias)
+        n = len(linear.a)
+        e = np.zeros((n, self.n_loops))
+        yield SampledFeedback(linear, e, linear.c[sensed], linear.d[sensed], bias)
+        rng = check_random_state(self.random_state)
+        to_states = replace(linear, c=np.eye(n), d=np.zeros_like(linear.b), intercept=np.zeros(n))
+        signals = np.vstack([np.hstack([to_states.run(u, linear.dt)[0], u]) for u, _ in records])
+        center = signals.mean(axis=0)
+        _, size, directions = np.linalg.svd(signals - center, full_matrices=False)
+        kept = size > size[0] * max(signals.shape) * np.finfo(float).eps
+        to_white = directions[kept] / size[kept, None] * np.sqrt(len(signals))
+        for _ in range(self.n_random_starts):
+            weights = rng.normal(size=(self.n_loops, kept.sum()))
+            rows = weights / np.linalg.norm(weights, axis=1, keepdims=True) @ to_white
+            bias = rng.normal(size=self.n_loops) - rows @ center
+            yield SampledFeedback(linear, e, rows[:, :n], rows[:, n:], bias)
 
     def _judge_rests(self, array):
         """Warn of rests that are unstable."""

@@ -115,6 +115,8 @@ def _balance(claim, motions, reach):
     drive. Frequencies above ``reach`` times the resonance are removed as noise.
     """
     operator, signals = claim.operator, []
+    while not hasattr(operator, "natural_frequency"):  # its friction follows a load
+        operator = operator.operator
     w, zeta, gain = operator.natural_frequency, operator.damping_ratio, operator.gain
     preload = getattr(operator, "preload", 0.0)
     for record, drive, motion in zip(claim.records, claim.seen.inputs, motions, strict=True):

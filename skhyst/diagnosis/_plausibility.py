@@ -236,6 +236,7 @@ def responds_promptly(operator, motion, records):
     Creep whose prompt response is a negligible part of that within a record is a lag. A unit whose
     time constant is below the sampling interval is part of the prompt response.
     """
+    operator = getattr(operator, "stages", [operator])[-1]  # a velocity is integrated before it
     times = np.ravel(getattr(operator, "time_constants", getattr(operator, "time_constant", None)))
     # what still relaxes after the first sample: bounded where no sample determines the rate
     unsampled = np.exp(-min(record.dt for record in records) / times).min() - np.exp(-1.0)

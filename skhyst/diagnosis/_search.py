@@ -278,6 +278,9 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, ScoredMixin, BaseEstimator)
     stepper = property(
         lambda self: self.best_estimator_.stepper, doc="That of the augmented model."
     )
+    stepper_from = property(
+        lambda self: self.best_estimator_.stepper_from, doc="That of the augmented model."
+    )
 
     _parameter_constraints = {
         "estimator": [HasMethods(["fit", "predict"])],

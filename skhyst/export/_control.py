@@ -5,7 +5,14 @@ from operator import add, mul
 
 import numpy as np
 
-from ..operators import FrozenOperator, Series, Stepper, SumOperator, split_disturbances
+from ..operators import (
+    FrozenOperator,
+    Operator,
+    Series,
+    Stepper,
+    SumOperator,
+    split_disturbances,
+)
 from ._content import stepper_of
 
 _ROUNDING = 1e-9  # largest relative error of the matrices of a linear step
@@ -83,7 +90,9 @@ def to_control(model, dt=None, *, u0=0.0, initial_state=None):
         raise ValueError("The 'dt' parameter of to_control must be given, in s, for an operator.")
     stepper, dt = stepper_of(model, dt, initial_state, u0)
     operator = model if hasattr(model, "init") else getattr(model, "operator_", None)
-    system = None if operator is None else _linear(split_disturbances(operator)[0], dt, control)
+    if isinstance(operator, Operator):
+        operator, _ = split_disturbances(operator)
+    system = None if operator is None else _linear(operator, dt, control)
     return _stepped(stepper, dt, control) if system is None else system
 
 

@@ -8,6 +8,7 @@ from numbers import Integral, Real
 from typing import Self
 
 import numpy as np
+from scipy.optimize import least_squares
 from sklearn.base import BaseEstimator, MultiOutputMixin
 from sklearn.utils.validation import check_is_fitted
 
@@ -16,8 +17,10 @@ from .._sklearn import Interval, StrOptions, fit_context
 from .._validation import (
     ScoredMixin,
     as_floats,
+    known_response,
     read_slices,
     refuse_extreme,
+    refuse_several,
     refuse_std,
     rest_input,
     store_drive_range,
@@ -31,7 +34,7 @@ from ..operators import (
     CompiledSum,
     Signal,
     Stepper,
-    run_records,
+    cut_off,
     state_space_step,
 )
 from ..optimize import (
@@ -99,6 +102,11 @@ class SampledStateSpace:
     dt: float
     intercept: np.ndarray
 
+    @property
+    def n_inputs(self):
+        """Number of inputs."""
+        return self.b.shape[1]
+
     def init(self, u0, initial_state="rest"):
         """Return the state before the first sample.
 
@@ -114,7 +122,7 @@ class SampledStateSpace:
         tuple of (ndarray, ndarray)
             State vector (n_states,) and last inputs (n_inputs,).
         """
-        u0 = np.asarray(u0, dtype=float)
+        u0 = np.atleast_1d(np.asarray(u0, dtype=float))
         if initial_state == "zero":
             return np.zeros(len(self.a)), np.zeros(len(u0))
         return np.linalg.solve(np.eye(len(self.a)) - self.a, self.b @ u0), u0
@@ -478,34 +486,136 @@ class ModalModel(ModesMixin, MultiOutputMixin, ScoredMixin, BaseEstimator):
         by = by / np.where(slope == 0.0, 1.0, slope)[:, None]
         self._set_modes(warp(poles, dt), by, problem.pole_covariance(solution))
 
-    def predict(self, X, return_std=False) -> np.ndarray:
+    def predict(self, X, y_start=None, return_std=False):
         """Return the free run: the responses to the inputs alone, each record from its own start.
 
         Parameters
         ----------
         X : DataFrame or array-like of shape (n_samples, n_inputs)
             Sampled at the interval of the fit.
+        y_start : array-like of shape (n_samples, n_outputs) or (n_samples,), default=None
+            Known responses, such as in the first part of a record that begins in motion, NaN
+            elsewhere. The state at the first sample is estimated from them. A record without known
+            responses begins at ``initial_state``, as all do by default.
         return_std : bool, default=False
-            Must be False: the covariance is that of spectra, not of a free run.
+            Whether to return the standard deviation of the prediction of a new sample, too, by the
+            errors of the parameters and the noise. Of :class:`~skhyst.compose.ModalFeedback` alone:
+            the covariance of a fit to spectra is not that of a free run.
 
         Returns
         -------
-        ndarray of shape (n_samples, n_outputs), or (n_samples,) where ``y`` of ``fit`` was 1-D
+        y : ndarray of shape (n_samples, n_outputs), or (n_samples,) where ``y`` of ``fit`` was 1-D
+        std : ndarray of that shape
+            Only with ``return_std``.
 
         Raises
         ------
         ValueError
-            If the sampling interval is not that of the fit.
+            If the sampling interval is not that of the fit, or a standard deviation is not known:
+            that of an estimated start is not.
+
+        Warns
+        -----
+        ConvergenceWarning
+            If a record has fewer known values than the model has states: then the start is the
+            nearest to ``initial_state`` that explains them.
         """
         check_is_fitted(self)
-        refuse_std(self, return_std, "that is fitted to spectra")
-        array = as_floats(self, X, reset=False)
+        if not hasattr(self, "covariance_"):
+            refuse_std(self, return_std, "that is fitted to spectra")
+        if y_start is not None:
+            refuse_std(self, return_std, "whose start is estimated")
+        slices, array, known, read = self._read_known(X, y_start)
         columns = set(range(array.shape[1]))
         warn_beyond(self, array, columns, linear=self.operator_.signal_linear)
-        slices, array, read = with_lost_rows(read_slices(self, X, reset=False, bridge=True), array)
-        y = run_records(self.operator_, array, slices, self.initial_state)
-        y = y if read is None else y[read]
-        return y[:, 0] if self._one_response else y
+        parts = []
+        with np.errstate(over="ignore", invalid="ignore"):  # divergence is reported below
+            for s in slices:
+                state = self._start_state(array[s.rows], known[s.rows])
+                parts.append(self.operator_.run(array[s.rows], s.dt, state)[0])
+        found = [cut_off(np.concatenate(parts))]
+        if return_std:
+            variance = np.concatenate([self._variance(array[s.rows]) for s in slices])
+            found.append(np.sqrt(variance + self.noise_std_**2))
+        found = [y if read is None else y[read] for y in found]
+        found = [y[:, 0] if self._one_response else y for y in found]
+        return tuple(found) if return_std else found[0]
+
+    def _read_known(self, X, y):
+        """Return the records, their inputs and known responses, and the rows that X has."""
+        array, n_outputs = as_floats(self, X, reset=False), len(self.operator_.intercept)
+        known = np.full((len(array), n_outputs), np.nan)
+        if y is not None:
+            known = known_response(self, X, y, one=False).reshape(len(array), -1)
+        if known.shape[1] != n_outputs:
+            raise ValueError(
+                f"The known responses of {type(self).__name__} must have {n_outputs} column(s), as "
+                f"in the fit. Got {known.shape[1]} instead."
+            )
+        slices = read_slices(self, X, reset=False, bridge=True)
+        slices, array, known, read = with_lost_rows(slices, array, known)
+        if read is not None:
+            known[~read] = np.nan
+        return slices, array, known, read
+
+    def _start_state(self, u, known):
+        """Return the state at the first sample from which the run fits the known responses best."""
+        state = self.operator_.init(u[0], self.initial_state)
+        is_known = np.isfinite(known)
+        if not is_known.any():
+            return state
+        end = np.flatnonzero(is_known.any(axis=1))[-1] + 1
+        u, known, is_known = u[:end], known[:end], is_known[:end]
+        start = state if isinstance(state, np.ndarray) else state[0]
+        if is_known.sum() < len(start):
+            warnings.warn(
+                f"The start of a record is not determined: {is_known.sum()} known responses for "
+                f"{len(start)} states.",
+                ConvergenceWarning,
+                stacklevel=4,
+            )
+
+        def misfit(x):
+            run, _ = self.operator_.run(u, self.operator_.dt, self._state(x, u[0]))
+            return (run - known)[is_known] / size
+
+        high = np.where(is_known, known, -np.inf).max(axis=0)
+        spans = high - np.where(is_known, known, np.inf).min(axis=0)
+        size = np.broadcast_to(np.where(spans > 0.0, spans, 1.0), known.shape)[is_known]
+        found = least_squares(misfit, start, x_scale="jac", method="trf")
+        return self._state(found.x, u[0])
+
+    def _state(self, x, u0):
+        return x, u0
+
+    def stepper_from(self, X, y) -> Stepper:
+        """Return the fitted model as a device that continues from a known record.
+
+        Parameters
+        ----------
+        X : DataFrame or array-like of shape (n_samples, n_inputs)
+            One record.
+        y : array-like of shape (n_samples,)
+            Its response, NaN where unknown, from which the start is estimated as in
+            :meth:`predict`.
+
+        Returns
+        -------
+        Stepper
+            Its next ``step(u)`` is the sample after the last one of X.
+
+        Raises
+        ------
+        NotImplementedError
+            If there are several responses: a step returns one number.
+        ValueError
+            If X has several records.
+        """
+        check_is_fitted(self)
+        slices, array, known, _ = self._read_known(X, y)
+        refuse_several(self, slices)
+        _, state = self.operator_.run(array, slices[0].dt, self._start_state(array, known))
+        return self._stepper(slices[0].dt, state)
 
     def stepper(self, dt=None, u0=0.0, initial_state=None) -> Stepper:
         """Return the fitted model as a simulated device that is stepped sample by sample.
@@ -535,9 +645,12 @@ class ModalModel(ModesMixin, MultiOutputMixin, ScoredMixin, BaseEstimator):
         caller = f"{type(self).__name__}.stepper"
         dt = self.operator_.dt if dt is None else chosen_interval((), dt, caller)
         u0 = rest_input(u0, initial_state, self.n_features_in_, caller)
-        state = self.operator_.init(u0, initial_state or self.initial_state)
+        return self._stepper(dt, self.operator_.init(u0, initial_state or self.initial_state))
+
+    def _stepper(self, dt, state):
+        """Return a device that continues from a state."""
         step = self.operator_.compiled_step(dt, state)
-        again = partial(copy(self).stepper, dt, u0, initial_state)
+        again = partial(copy(self)._stepper, dt, state)
         inputs = input_signals(self, step.n_inputs)
         return Stepper(step, dt, inputs=inputs, result=Signal("response"), remake=again)
 

@@ -1055,11 +1055,12 @@ class TransferFunction(ModesMixin, LinearModel):
         """Return "fit", or the delays in s: one per input, or an empty array for none."""
         if isinstance(self.delay, str):
             return self.delay
-        delays = np.asarray(self.delay, dtype=float)
-        if delays.ndim > 1 or delays.size not in (1, n_inputs) or not np.all(delays >= 0.0):
+        delays = np.asarray(self.delay)
+        possible = delays.ndim <= 1 and delays.size in (1, n_inputs) and delays.dtype != bool
+        if not (possible and np.all(delays >= 0.0)):
             raise ValueError(
-                "The 'delay' parameter of TransferFunction must be a number that is not negative, "
-                f"or one for each of {n_inputs} input(s). Got {self.delay!r} instead."
+                "The 'delay' parameter of TransferFunction must be 'fit', a number that is not "
+                f"negative, or one for each of {n_inputs} input(s). Got {self.delay!r} instead."
             )
         delays = np.broadcast_to(delays, n_inputs).astype(float)
         return delays if delays.any() else np.empty(0)

@@ -799,6 +799,10 @@ class _Composition(_ByEntries):
     reads_columns = _of_stages(any, "reads_columns")
     at_once = _of_stages(all, "at_once")
 
+    def _each_resampled(self, own, dt):
+        stages = tuple(stage.resampled(own, dt) for stage in self.stages)
+        return None if None in stages else replace(self, stages=stages)
+
     @property
     def stage_order(self):
         return max((stage.stage_order for stage in self.stages), default=Operator.stage_order)
@@ -1090,12 +1094,9 @@ class Series(_Composition):
         return CompiledSeries(tuple(compiled_step)), samples
 
     def resampled(self, own, dt):
-        stages = [stage.resampled(own, dt) for stage in self.stages]
         # behind other stages the input is no straight line between samples
         straight = all(stage.keeps_lines for stage in self.stages[:-1])
-        if not straight or any(stage is None for stage in stages):
-            return None
-        return replace(self, stages=tuple(stages))
+        return self._each_resampled(own, dt) if straight else None
 
     def inverse(self):
         """Return the series of the inverses, last stage first."""
@@ -1141,6 +1142,9 @@ class SumOperator(_Composition):
 
     structure_of = "Sum"
     has_matrices = _of_stages(all, "has_matrices")
+
+    def resampled(self, own, dt):
+        return self._each_resampled(own, dt)
 
     def _marked(self, parts):
         marked, taken = [], False

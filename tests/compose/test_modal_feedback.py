@@ -14,14 +14,14 @@ DT = 0.01
 
 
 def device(n_outputs=2):
-    """Return a pair of poles and a real one with two loops, two inputs."""
-    a = np.array([[0.7, 0.5, 0.0], [-0.5, 0.7, 0.0], [0.0, 0.0, 0.4]])
-    b, c = np.array([[1.0, 0.3], [0.2, 0.5], [0.4, -0.6]]), np.array([[1.0, 0.0, 0.5], [0.2, 1, 1]])
+    """Return a real pole and a pair with two loops, two inputs."""
+    a = np.array([[0.4, 0.0, 0.0], [0.0, 0.7, 0.5], [0.0, -0.5, 0.7]])
+    b, c = np.array([[0.4, -0.6], [1.0, 0.3], [0.2, 0.5]]), np.array([[0.5, 1.0, 0.0], [1, 0.2, 1]])
     d, intercept = np.array([[0.0, 0.1], [0.2, 0.0]]), np.array([0.3, -0.2])
     linear = SampledStateSpace(a, b, c[:n_outputs], d[:n_outputs], DT, intercept[:n_outputs])
     e, f = (
-        np.array([[0.2, 0.0], [0.0, -0.3], [0.1, 0.2]]),
-        np.array([[0.5, 0, 0.2], [0, 0.4, -0.3]]),
+        np.array([[0.1, 0.2], [0.2, 0.0], [0.0, -0.3]]),
+        np.array([[0.2, 0.5, 0], [-0.3, 0, 0.4]]),
     )
     return SampledFeedback(linear, e, f, np.array([[0.1, 0.0], [0.0, 0.3]]), np.array([0.2, -0.5]))
 
@@ -91,6 +91,22 @@ def test_recovery_and_units():
     assert left < 0.02 * np.std(linear.predict(X) - y)
 
 
+@pytest.mark.filterwarnings("ignore::skhyst.exceptions.ExtrapolationWarning")
+def test_standard_deviation_of_a_prediction():
+    """The response lies in the intervals of the parameters' errors, a sample in those of both."""
+    rng = np.random.default_rng(3)
+    X = rng.normal(size=(500, 2))
+    y = device().run(X, DT)[0]
+    noise = 0.03 * y.std(axis=0)
+    measured = y + noise * rng.normal(size=y.shape)
+    model = ModalFeedback(3, n_loops=2, dt=DT).fit(X[:300], measured[:300])
+    np.testing.assert_allclose(model.noise_std_, noise, rtol=0.15)
+    found, std = (values[300:] for values in model.predict(X, return_std=True))
+    of_run = np.sqrt(std**2 - model.noise_std_**2)
+    assert np.mean(np.abs(found - y[300:]) <= 1.96 * of_run) > 0.85
+    assert 0.9 < np.mean(np.abs(found - measured[300:]) <= 1.96 * std) < 0.99
+
+
 def test_one_response_is_stepped_and_saved():
     X = np.random.default_rng(2).normal(size=(120, 2))
     y = device(1).run(X, DT)[0][:, 0]
@@ -104,6 +120,13 @@ def test_one_response_is_stepped_and_saved():
     np.testing.assert_array_equal(from_json(to_json(model)).predict(X), whole)
     with pytest.warns(ExtrapolationWarning, match="values of column 1"):
         model.predict(X * [1.0, 9.0])
+    known = np.where(np.arange(60) < 10, whole[60:], np.nan)
+    late = model.predict(X[60:], y_start=known)
+    np.testing.assert_allclose(late, whole[60:], atol=1e-5 * np.ptp(whole))
+    with pytest.warns(ConvergenceWarning, match="2 known responses for 3 states"):
+        model.predict(X[60:], y_start=np.where(np.arange(60) < 2, whole[60:], np.nan))
+    device_in_motion = model.stepper_from(X[60:90], whole[60:90])
+    np.testing.assert_allclose(device_in_motion.run(X[90:]), whole[90:], atol=1e-5 * np.ptp(whole))
     first, state = model.operator_.run(X[:50], DT)
     rest = model.operator_.run(X[50:], DT, state)[0]
     np.testing.assert_array_equal(np.concatenate([first, rest])[:, 0], whole)

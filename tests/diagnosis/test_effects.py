@@ -16,11 +16,12 @@ from skhyst.disturbance import SinusoidOperator
 from skhyst.linear import (
     DelayOperator,
     FirstOrderLag,
+    FirstOrderLagOperator,
     SecondOrderModeOperator,
     TimeShiftOperator,
     TransferFunctionOperator,
 )
-from skhyst.operators import split_disturbances
+from skhyst.operators import Series, split_disturbances
 from skhyst.optimize import RecordData
 from skhyst.static import SoftSaturationOperator
 
@@ -179,6 +180,17 @@ def test_a_shift_below_an_interval_is_the_readings_and_a_longer_one_the_devices(
         assert margin("timing", TimeShiftOperator(late)) > 0.0
     assert margin("timing", TimeShiftOperator(0.11)) < 0.0 < margin("delay", DelayOperator(0.11))
     assert margin("delay", DelayOperator(0.09)) < 0.0
+
+
+def test_creep_takes_longer_than_an_interval_whatever_its_drive():
+    """Behind the integrator of a velocity, too."""
+    none = np.empty(0)
+    integrator = TransferFunctionOperator(none, none, none, none, integrators=1)
+    records = [RecordData(np.zeros(50), np.zeros(50), 0.1)]
+    for time_constant, sign in ((0.05, -1.0), (1.0, 1.0)):
+        lag = FirstOrderLagOperator(time_constant)
+        for operator in (lag, Series(("displacement", "lag"), (integrator, lag))):
+            assert sign * EFFECTS["creep"].plausible(operator, np.ones(1), records) > 0.0
 
 
 @pytest.mark.parametrize("knee", [1.0, 2.5, 40.0])

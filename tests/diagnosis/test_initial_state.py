@@ -82,6 +82,10 @@ def test_the_first_part_of_a_record_tells_the_rest(search):
     errors = [np.sqrt(np.mean(np.square((y - own)[late]))) for own in (rest, told)]
     assert errors[1] < 1.5 * NOISE
     assert errors[1] < 0.5 * errors[0]
+    first = X.index.get_level_values("record") == X.index[0][0]
+    begun, later = X[first & ~late], X[first & late]
+    stepped = search.stepper_from(begun, y[begun.index]).run(later.to_numpy()[:, 0])
+    assert np.sqrt(np.mean(np.square(y[later.index] - stepped))) < 1.5 * NOISE
 
 
 def test_what_begins_at_rest_has_none():
