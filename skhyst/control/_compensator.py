@@ -865,4 +865,4 @@ def _indexed(values, X):
     """Return values as a column with the index of ``X``, where it has one."""
     if not hasattr(X, "iloc"):
         return values[:, None]
-    return pd.DataFrame(values[:, None], X.index)
+    return pd.DataFrame({"response": values}, X.index)

@@ -61,7 +61,7 @@ def test_no_column_of_a_published_recording_is_guessed_wrongly(name):
     try:
         found = recognise_columns(DATA / name)
     except RecordError as error:
-        assert "Candidates" in str(error)  # noqa: PT017
+        assert any(words in str(error) for words in ("Candidates", "no column is a signal"))  # noqa: PT017
         return
     for role in ("drive", "response"):
         assert str(options[role]).rpartition("/")[2] == found[role].name
