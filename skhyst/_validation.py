@@ -403,9 +403,14 @@ def _held_parts(estimator):
 
 
 def read_weights(sample_weight, X):
-    """Return the weights of the samples, (n_samples,), of the rows of X; ones for None."""
+    """Return the weights of the samples, (n_samples,), of the rows of X; ones for None.
+
+    Whole numbers are counts. Others, such as inverse variances, are relative: their scale would
+    otherwise be that of the number of samples, and so of the standard errors.
+    """
     refuse_lost_index(X, sample_weight, "sample_weight")
-    return check_sample_weight(sample_weight, X, dtype=float, ensure_non_negative=True)
+    weights = check_sample_weight(sample_weight, X, dtype=float, ensure_non_negative=True)
+    return weights / weights[weights > 0.0].mean() if np.any(weights % 1.0) else weights
 
 
 def with_unread(y, sample_weight):

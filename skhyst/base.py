@@ -404,8 +404,9 @@ class ParametricModel(ScoredMixin, BaseEstimator):
             Response.
         sample_weight : array-like of shape (n_samples,), default=None
             Nonnegative weights: the squared error of each sample is multiplied by its weight, as if
-            the sample occurred that many times. A sample of weight zero still acts on later ones
-            through its drive; its response is not read.
+            the sample occurred that many times. If not all of them are whole numbers, they are
+            relative, such as inverse variances: their scale does not matter. A sample of weight
+            zero still acts on later ones through its drive; its response is not read.
 
         Returns
         -------

@@ -812,6 +812,21 @@ def test_weights_count_as_repetitions_do(model):
     assert weighted.fit_error_ == pytest.approx(repeated.fit_error_)
 
 
+@pytest.mark.parametrize("scale", [1.0, 3e-5])
+def test_inverse_variances_are_relative(scale):
+    """Standard errors are those of the scatter under them, whatever their scale."""
+    rng = np.random.default_rng(2)
+    std = np.repeat([0.15, 1.1], 100)
+    found = []
+    for _ in range(40):
+        u = rng.normal(size=200)
+        y = u + std * rng.normal(size=200)
+        found.append(Gain().fit(u[:, None], y, sample_weight=scale / std**2))
+    scatter = np.std([fit.params_["gain"] for fit in found])
+    told = np.mean([fit.params_std_["gain"] for fit in found])
+    assert told == pytest.approx(scatter, rel=0.3)  # of 40 draws: 11 % standard error
+
+
 def test_weights_of_other_rows_are_refused():
     """As a response of other rows is."""
     time = pd.Index(0.01 * np.arange(50), name="time")

@@ -160,8 +160,9 @@ class AutoregressiveRegressor(ScoredMixin, BaseEstimator):
             Response.
         sample_weight : array-like of shape (n_samples,), default=None
             Nonnegative weights: the squared error of each sample is multiplied by its weight, as if
-            the sample occurred that many times. A response of weight zero is not read: one step
-            ahead, samples with it among their past outputs are left out.
+            the sample occurred that many times. If not all of them are whole numbers, they are
+            relative, such as inverse variances: their scale does not matter. A response of weight
+            zero is not read: one step ahead, samples with it among their past outputs are left out.
 
         Returns
         -------
