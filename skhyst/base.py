@@ -1266,7 +1266,7 @@ class ParametricModel(ScoredMixin, BaseEstimator):
         input_history, _ = input_history_of(driven, additive, parts, limits, **options)
         runs = {}
         for i, record, part, before in zip(numbers, data, parts, input_history, strict=True):
-            before = before if driven.n_start else self._needed(part, before)
+            before = before if driven.n_start else self._needed(part, before, limits, noise)
             record, part = (record_with_history(driven, r, before) for r in (record, part))
             precision = start_precision(driven, part, limits, response_range)
             operator, own = calibrated(self.operator_, part, covariance, noise, precision)
@@ -1275,21 +1275,34 @@ class ParametricModel(ScoredMixin, BaseEstimator):
             runs[i] = _Run(operator, own, u, record.dt, state, skip, record).at(record.schedule)
         return runs
 
-    def _needed(self, record, before):
+    def _needed(self, record, before, limits, noise):
         """Return the input history of a record, or a rest where only rows before readings need it.
 
         What is read in the middle of a record hardly depends on its beginning: a history then also
-        fits the misfit of the model.
+        fits the misfit of the model. So the readings must be ``1 / LEVEL`` times likelier with a
+        history than from rest: with the residuals r of either in units of the noise, the
+        derivatives S by the history, and the inverse P of its covariance before the readings, twice
+        the logarithm of this Bayes factor is, for the most likely history h of a linear model,
+        ``r_rest' r_rest - r' r - h' P h - log det(I + S' S / P)``.
         """
         if record.weights[0]:
             return before
         rest, errors = np.repeat(record.u[:1], len(before), axis=0), []
+        driven, _ = split_disturbances(self.operator_)
         for history in (rest, before):
-            u, skip = replace(record, before=history).with_history()
-            operator, _ = calibrated(self.operator_, replace(record, before=history))
+            begun = replace(record, before=history)
+            u, skip = begun.with_history()
+            operator, _ = calibrated(self.operator_, begun)
             run = _Run(operator, None, u, record.dt, "rest", skip).at(record.schedule).run()[0]
             errors.append(np.sum(record.weights * np.square(run - record.y)))
-        return before if errors[1] < _MOST * errors[0] else rest
+        prior = noise**2 * start_precision(driven, begun, limits, np.inf)
+        columns = OperatorProblem(driven, [begun]).history_sensitivities(driven, begun)
+        move = (before - rest).ravel()
+        gram = (columns.T * record.weights) @ columns
+        gain = (errors[0] - errors[1] - move @ prior @ move) / noise**2
+        free = np.ix_(*2 * (prior.diagonal() > 0.0,))  # not of an input that is constant
+        volumes = [np.linalg.slogdet(matrix[free])[1] for matrix in (gram + prior, prior)]
+        return before if gain - volumes[0] + volumes[1] > -2.0 * np.log(LEVEL) else rest
 
     def depends_on_interval(self, dt) -> bool:
         """Return whether the fitted model responds differently at another sampling interval.

@@ -22,7 +22,7 @@ class DivergenceWarning(UserWarning):
 
 
 class ExtrapolationWarning(UserWarning):
-    """A model that is not linear predicts for a drive further out than those of its fit."""
+    """A model predicts for inputs, or at an interval, far beyond those of its fit."""
 
 
 class ReachWarning(UserWarning):

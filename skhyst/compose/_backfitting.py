@@ -85,7 +85,8 @@ class Backfitting:
 
     def __init__(self, estimator, X, slices, fold, weights=None):
         # rows of an index, so that the rows on both sides of a fold are no neighbours
-        self._estimator, self._X = estimator, X if hasattr(X, "iloc") else pd.DataFrame(X)
+        self._table = X if hasattr(X, "iloc") else pd.DataFrame(X)
+        self._estimator, self._X = estimator, X
         self._weights = np.ones(len(fold)) if weights is None else weights
         self._slices, self._fold = slices, fold
         self.n_folds = int(fold.max()) + 1
@@ -98,10 +99,10 @@ class Backfitting:
         predictions = np.empty_like(targets)
         for k, target in enumerate(targets):
             rows = np.flatnonzero(self._fold != k)
-            fitted = self._fitted(select_rows(self._X, rows), target[rows], self._weights[rows])
+            fitted = self._fitted(select_rows(self._table, rows), target[rows], self._weights[rows])
             with warnings.catch_warnings():  # a fold may exceed the range of the others
                 warnings.simplefilter("ignore", ExtrapolationWarning)
-                predictions[k] = np.ravel(fitted.predict(self._X))
+                predictions[k] = np.ravel(fitted.predict(self._table))
         return predictions
 
     def _fitted(self, X, y, weights):

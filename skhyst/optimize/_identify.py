@@ -272,7 +272,10 @@ def calibrated(operator, record, covariance=None, noise_std=None, precision=None
 
 def _inverse(blocks, d):
     """Return the inverse of the Gram matrix of the columns of d coefficients."""
-    return np.linalg.pinv(blocks.sum(axis=0)[:d, :d], hermitian=True)
+    gram = blocks.sum(axis=0)[:d, :d]
+    scale = np.sqrt(gram.diagonal())
+    scale[scale == 0.0] = 1.0
+    return np.linalg.pinv(gram / scale / scale[:, None], hermitian=True) / scale / scale[:, None]
 
 
 def _determined(problem, solution, powers):

@@ -34,10 +34,9 @@ from itertools import compress
 
 import numpy as np
 
-from ._bounded_step import bounded_step
 from ._identify import identify
 from ._problem import OperatorProblem, ages, record_with_history, scheduled
-from ._start_values import estimate_start_values, start_values_of
+from ._start_values import SETTLED, estimate_start_values, start_values_of
 from ._variable_projection import VariableProjection, variable_projection
 
 _THIRDS = 3.0 ** -np.arange(1, 5)  # of the limits: the range of the drive, to a few per cent of it
@@ -380,18 +379,23 @@ class _Misfit:
         """Return the values of least residual and penalty, for a linear operator.
 
         The penalty is set as by :meth:`screen_starts`, from the least residual of the starts, then
-        from that of the solution: a start far from all of them must not be held there by their
-        residual.
+        from that of the solution until it no longer falls: a start far from all of them must not be
+        held there by their residual, such as that of the rest of a slow pole.
         """
-        rest = starts[0]
-        columns, free = self._columns(rest), np.full(len(rest), np.inf)
-        residuals = columns[:, -1:] + columns[:, :-1] @ (starts - rest).T
-        for _ in range(2):
-            self._stiffen(np.square(residuals).sum(axis=0).min())
-            gram = self._gram(columns, rest)
-            step = bounded_step(gram[:-1, :-1], gram[:-1, -1], -free, free)
-            residuals = np.column_stack([residuals, columns[:, -1] + columns[:, :-1] @ step])
-        return rest + step
+        rest, previous = starts[0], np.inf
+        factor = np.linalg.qr(self._columns(rest), mode="r")  # sums of squares are the same
+        steps = starts - rest
+        while True:
+            residuals = factor[:, -1] + steps @ factor[:, :-1].T
+            self._stiffen(np.square(residuals).sum(axis=1).min())
+            if not self._stiffness < (1.0 - SETTLED) * previous:
+                return rest + steps[-1]
+            previous = self._stiffness
+            rows = self._penalised(factor, rest)
+            size = np.linalg.norm(rows[:, :-1], axis=0)
+            size[size == 0.0] = 1.0
+            step = -np.linalg.lstsq(rows[:, :-1] / size, rows[:, -1])[0] / size
+            steps = np.vstack([steps, step])
 
     def screen_starts(self, starts):
         """Return the sums of squares of starts without the penalty of changes, and set the penalty.
@@ -473,15 +477,15 @@ class _Misfit:
         columns[:, -1] = self._whole(output) - self._record.y
         return np.nan_to_num(self._left(columns), nan=_FAR, posinf=_FAR, neginf=-_FAR)
 
-    def _gram(self, columns, values):
-        """Return the Gram matrix of these columns and of the penalties."""
+    def _penalised(self, columns, values):
+        """Return these columns with rows of the penalties."""
         slopes = np.eye(len(values)) - np.eye(len(values), k=-len(self._size))
-        changes = np.column_stack([self._stiffness * slopes, self.changes(values)])
-        return columns.T @ columns + changes.T @ changes
+        return np.vstack([columns, np.c_[self._stiffness * slopes, self.changes(values)]])
 
     def evaluate(self, values, select=None):
         """Return the Gram matrix of the derivatives and the residual, as a problem does."""
-        return self._gram(self._columns(values), values)
+        rows = self._penalised(self._columns(values), values)
+        return rows.T @ rows
 
     @staticmethod
     def total(gram, select=None):

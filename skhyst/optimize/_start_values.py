@@ -18,7 +18,7 @@ from ._problem import OperatorProblem, record_with_history, scheduled
 _STEPS = 20  # Gauss-Newton steps for the start of a record, or passes over the parameters
 _HALVES = 10
 _FOLLOWED = 3  # starts of the parameters that are followed to convergence
-_SETTLED = 1e-8  # relative decrease of the error by a pass that is worth another one
+SETTLED = 1e-8  # relative decrease of the error by a pass that is worth another one
 
 
 def start_values_of(operator, disturbances, records, which=None, stiffness=0.0):
@@ -95,7 +95,7 @@ def _start(problem, record, stiffness):
             step = 0.5 * step
         if not cost < least:
             break
-        settled = cost > (1.0 - _SETTLED) * least
+        settled = cost > (1.0 - SETTLED) * least
         start, residual, least = start + step, new, cost
         if settled:
             break
@@ -158,7 +158,7 @@ def estimate_start_values(
         moved, runs = start_values_of(result.operator, result.disturbances, begun, which)
         evaluations += runs
         error = _error(result.operator, result.disturbances, begun, moved, initial_state)
-        if best is not None and not error < (1.0 - _SETTLED) * best[0].error:
+        if best is not None and not error < (1.0 - SETTLED) * best[0].error:
             break
         own_part = result.record_coefficients[:, : result.record_coefficients.shape[1] - count]
         best = replace(result, error=error, record_coefficients=own_part), moved

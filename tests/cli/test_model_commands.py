@@ -310,7 +310,9 @@ def test_references_that_are_none_are_refused(model_file, reference, tmp_path, c
     table = pd.read_csv(reference)
     table.loc[7, "um"] = np.nan
     table.to_csv(reference, index=False)
-    assert re.search("um: 1 row.*Pass --on-missing drop", error(reference))
+    assert re.search(
+        "um: 1 row.*Pass --on-missing drop or --on-missing interpolate", error(reference)
+    )
     out = tmp_path / "drive.csv"
     call = ["compensate", str(model_file), str(reference), "-o", str(out), "--time-unit", "ms"]
     assert main([*call, "--on-missing", "interpolate", "--force"]) == 0
@@ -321,3 +323,13 @@ def test_references_that_are_none_are_refused(model_file, reference, tmp_path, c
     table.to_csv(reference, index=False)
     assert main([*call, "--force"]) == 0
     np.testing.assert_allclose(pd.read_csv(out)["drive"], expected["drive"])
+    # a rate in place of a time, and a grid in place of uneven instants
+    table[["um"]].to_csv(reference, index=False)
+    rated = [*call[:-2], "--sampling-rate", "1000", "--force"]
+    assert main(rated) == 0
+    np.testing.assert_allclose(pd.read_csv(out)["drive"], expected["drive"])
+    t = np.arange(200) + 0.3 * (np.arange(200) % 2)
+    pd.DataFrame({"t": t, "um": 4.0 * np.sin(0.03 * t) ** 2}).to_csv(reference, index=False)
+    assert "--resample" in error(reference, "--force")
+    assert main([*call, "--resample", "1e-3", "--force"]) == 0
+    np.testing.assert_allclose(pd.read_csv(out)["drive"], expected["drive"], atol=0.01)

@@ -4,6 +4,7 @@ import pickle
 from itertools import pairwise
 
 import numpy as np
+import pandas as pd
 import pytest
 from sklearn.base import clone
 from sklearn.ensemble import RandomForestRegressor
@@ -22,7 +23,7 @@ from skhyst.compose import (
 )
 from skhyst.compose._backfitting import explained_change, fold_of_rows
 from skhyst.disturbance import Offset
-from skhyst.exceptions import ConvergenceWarning
+from skhyst.exceptions import ConvergenceWarning, ExtrapolationWarning
 from skhyst.linear import (
     FirstOrderLag,
     FirstOrderLagOperator,
@@ -33,7 +34,7 @@ from skhyst.linear import (
 )
 from skhyst.operators import OnColumnOperator, Scaled, Series
 from skhyst.optimize import OperatorProblem, RecordData
-from skhyst.preprocessing import PlayOperators
+from skhyst.preprocessing import LaggedFeatures, PlayOperators
 from skhyst.records import record_slices, stack_records
 from skhyst.static import Saturation
 
@@ -183,6 +184,31 @@ def test_a_gain_by_default():
     model = Corrected(LinearRegression(), cv=3).fit(u, 3.0 * u[:, 0] + 1.0)
     np.testing.assert_allclose(model.predict(u), 3.0 * u[:, 0] + 1.0)
     assert model.n_iter_ <= 2
+
+
+def test_rows_of_an_array_are_no_neighbours_across_a_fold():
+    """As those of a frame, whose index tells where a fold has been cut out."""
+    rng = np.random.default_rng(0)
+    u = rng.uniform(-1.0, 1.0, 120)
+    X = pd.DataFrame({"u": u}, DT * np.arange(120))
+    y = np.convolve([u[0], u[0], *u], [0.5, 0.3, 0.2], "valid") + 0.01 * rng.normal(size=120)
+    regressor = make_pipeline(LaggedFeatures([0, 1, 2]), Ridge(1e-6))
+    model = Corrected(regressor, Gain(), cv=4, dt=DT)
+    found, expected = clone(model).fit(u[:, None], y), clone(model).fit(X, y)
+    np.testing.assert_allclose(found.predict(u[:, None]), expected.predict(X), rtol=1e-9)
+    assert found.fit_error_ == pytest.approx(expected.fit_error_)
+    assert found.fit_error_ < 0.015
+
+
+def test_inputs_beyond_those_of_a_regressor_are_told():
+    """A tree answers with a constant there; what is linear throughout goes on a long way."""
+    u = next(iter(drives(1)))[:, None]
+    for regressor, factor in ((DecisionTreeRegressor(max_depth=5), 2.0), (LinearRegression(), 1e3)):
+        model = Corrected(regressor, cv=3).fit(u, u[:, 0])
+        model.predict(u)  # warnings are errors
+        with pytest.warns(ExtrapolationWarning, match="Corrected was fitted to drives from"):
+            model.predict(factor * u)
+    model.predict(2.0 * u)
 
 
 def test_what_is_refused():

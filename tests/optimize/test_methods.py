@@ -334,17 +334,25 @@ def test_levenberg_marquardt_counts_epochs_and_moves_its_damping():
 
 
 @pytest.mark.filterwarnings("ignore:The records do not begin at rest")  # those of folds
-def test_a_grid_over_what_a_method_is_given():
+@pytest.mark.filterwarnings("ignore::skhyst.exceptions.ConvergenceWarning")  # of a limit of 1
+@pytest.mark.parametrize(
+    ("method", "limit"),
+    [
+        (ParticleSwarm(population=8, max_iterations=3, polish=False), "max_iterations"),
+        (VariableProjection(max_evaluations=3), "max_evaluations"),
+    ],
+    ids=lambda given: type(given).__name__,
+)
+def test_a_grid_over_what_a_method_is_given(method, limit):
     """A search sets parameters of the method of its own copy of a model, by name."""
     data = record(0.01)
-    given = data.u[:, None], data.y
-    method = ParticleSwarm(population=8, max_iterations=3, polish=False)
     model = SecondOrderMode(dt=DT, method=method)
-    search = GridSearchCV(model, {"method__max_iterations": [1, 9]}, cv=KFold(2)).fit(*given)
-    assert search.best_params_ == {"method__max_iterations": 9}
-    assert search.best_estimator_.method == replace(method, max_iterations=9)
-    assert model.method.max_iterations == 3
-    names = {f"method__{own.name}" for own in dataclasses.fields(ParticleSwarm)}
+    search = GridSearchCV(model, {f"method__{limit}": [1, 9]}, cv=KFold(2))
+    search.fit(data.u[:, None], data.y)
+    assert search.best_params_ == {f"method__{limit}": 9}
+    assert search.best_estimator_.method == replace(method, **{limit: 9})
+    assert getattr(model.method, limit) == 3
+    names = {f"method__{own.name}" for own in dataclasses.fields(method)}
     assert names < set(model.get_params())
 
 
