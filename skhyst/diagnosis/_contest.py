@@ -9,11 +9,10 @@ in pairs with every other one.
 
 **Prune.** From the model with all effects, each effect is removed once: the full model is tested
 against the model without it, so that chance is the residual of the full model. Of the effects that
-the criterion (``_criterion``) does not need, the one whose removal costs least goes; and so on. An
-effect that was significant stays so when others have gone. A function of time alone stays only
-where the course of the noise does not explain it (``_course``). Choices that were made with an
-effect that is removed, such as the number of plays, may be wrong without it: if it is the first
-effect of a path, the model grows again without it.
+the criterion (``_criterion``) does not need, the one whose removal costs least goes; and so on. A
+function of time alone stays only where the course of the noise does not explain it (``_course``).
+Choices that were made with an effect that is removed, such as the number of plays, may be wrong
+without it: if it is the first effect of a path, the model grows again without it.
 
 **Name.** Each remaining effect is contested by all others at its place. The name is that of the
 least held-out error; a function of time alone gives way to an effect that responds to the drive, is
@@ -119,7 +118,6 @@ class Contest:
     _contests: dict = field(default_factory=dict)
     _reidentified_fits: dict = field(default_factory=dict)
     _rounds: dict = field(default_factory=dict)
-    _tested: dict = field(default_factory=dict)
     _weighings: int = 0
 
     # ------------------------------------------------------------------ what was tried
@@ -315,19 +313,6 @@ class Contest:
     def _p_value(self, base, name, reduced):
         """Return the p-value of an effect of a candidate, for all that was tried.
 
-        It is the smallest of the tests in this candidate and in larger ones, whose residual
-        contains less of what else is missing.
-        """
-        tested = self._tested.setdefault((self._weighings, name), {})
-        effects = frozenset(base.structure.effects)
-        p_value = self._p_value_within(base, name, reduced)
-        larger = [p for others, p in tested.items() if others > effects]
-        tested[effects] = min(p_value, tested.get(effects, 1.0))
-        return min(1.0, self.n_tried * min([p_value, *larger]))
-
-    def _p_value_within(self, base, name, reduced):
-        """Return the p-value of an effect of a candidate, not corrected for all that was tried.
-
         A drift or an offset is one slow course in each record, hence one block in the test of the
         criterion: its power is compared with that of the course of the noise itself. A sinusoid
         repeats within a record and passes both tests.
@@ -336,10 +321,11 @@ class Contest:
         # the residual of a black box has a course that depends on the box
         if self.renew is None and EFFECTS[name].additive:
             p_values = course_p_values(base.structure, self.records_of(base))
-        course = p_values.get(name, 0.0)  # none of a force within the driven part
+        # none of a force within the driven part
+        course = min(1.0, self.n_tried * p_values.get(name, 0.0))
         if name in p_values and not isinstance(base.structure.part(name), SinusoidOperator):
             return course
-        return max(course, self.criterion.p_value(reduced, base))
+        return max(course, self.criterion.p_value(reduced, base, self.n_tried))
 
     # ------------------------------------------------------------------ prune
 

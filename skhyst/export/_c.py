@@ -153,7 +153,7 @@ static const uint8_t ${name}_bits[N_SAMPLES][2] = {$bits_of_run};
 
 $more_outputs${refuses}\
 /* Run one sample after the output *y. Return whether its status is wrong, or it leaves limits. */
-static int ${name}_sample(${name}_state *state, int k, const $type *u, const uint8_t *bits,
+static int ${name}_test_sample(${name}_state *state, int k, const $type *u, const uint8_t *bits,
                           $type *y)
 {
     int failed = 0;
@@ -171,7 +171,7 @@ static int ${name}_run(${name}_state *state, const double *outputs, const uint8_
 {
     int k, failed = 0;
     for (k = 0; k < N_SAMPLES; k++) {
-        failed |= ${name}_sample(state, k, ${name}_inputs[k], bits[k], &y);
+        failed |= ${name}_test_sample(state, k, ${name}_inputs[k], bits[k], &y);
         const double error = fabs((double)y - outputs[k]);
         if (!(error <= *largest) && !isnan(*largest)) {
             *largest = error;
@@ -335,7 +335,7 @@ static const uint8_t ${name}_extreme_bits[$n_extremes][2] = {$bits_of_run};
         int k;
         ${name}_init(&state);
         for (k = 0; k < $n_extremes; k++) {
-            failed |= ${name}_sample(&state, k, ${name}_extremes[k], ${name}_extreme_bits[k],
+            failed |= ${name}_test_sample(&state, k, ${name}_extremes[k], ${name}_extreme_bits[k],
                                     &y);
         }
     }

@@ -366,17 +366,6 @@ def test_a_function_of_time_is_more_than_the_noise(known, monkeypatch, name, p_v
     assert contest._is_needed(candidate(name, 0.5), name, without)
 
 
-def test_an_effect_that_was_significant_beside_others_stays_so_without_them(known):
-    contest, without = contest_of(), candidate("", 1.0)
-    assert not contest._is_needed(candidate("a", 0.85), "a", without)
-    assert contest._is_needed(candidate("ab", 0.3), "a", candidate("b", 0.7))
-    assert contest._is_needed(candidate("a", 0.85), "a", without)
-    assert not contest._is_needed(candidate("a", 0.95), "a", without)  # it does not matter
-    assert not contest._is_needed(candidate("ac", 0.85), "a", candidate("c", 1.0))
-    contest._weighings += 1
-    assert not contest._is_needed(candidate("a", 0.85), "a", without)
-
-
 def test_of_variants_those_are_held_out_that_may_matter_and_are_plausible(known, monkeypatch):
     """By a tenth of the error, so 0.81 of the sum of squares; of each effect one is completed."""
     completions = []
