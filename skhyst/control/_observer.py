@@ -145,6 +145,8 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
 
     def __getstate__(self):
         state = super().__getstate__()
+        if "_recent" in state:
+            state = state | {"_recent": list(self._recent)}
         if state.get("_stream") is not None:  # compiled: begun again where it is
             u0, _, stream = self._stream
             state = state | {"_stream": None, "_begun": (u0, stream.state)}
@@ -368,8 +370,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         place of its reading.
         """
         check_is_fitted(self)
-        options = {"reset": False, "dt": interval_of(self.model_), "bridge": True}
-        slices, columns, y = read_data(self, X, y, **options)
+        slices, columns, y = read_data(self, X, y, reset=False, bridge=True)
         slices, columns, y, read = with_lost_rows(slices, columns, y)
         read = np.ones(len(y), dtype=bool) if read is None else read
         signal, schedules = self.model_.operator_input(columns, slices)
@@ -411,7 +412,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         return begun
 
     def _interval(self, dt):
-        return used_interval(self.model_, dt, "Observer.compiled_step")
+        return used_interval(self, dt, "Observer.compiled_step")
 
     def _compiled_step(self, dt, u0, operator):
         driven, disturbances = split_disturbances(operator)
