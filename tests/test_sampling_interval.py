@@ -21,7 +21,7 @@ from skhyst.compose import (
     ScheduledParameters,
     Sum,
 )
-from skhyst.control import InverseCompensator, Monitor, Observer
+from skhyst.control import FeedforwardPI, InverseCompensator, Monitor, Observer
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.exceptions import ConvergenceWarning, RecordError
 from skhyst.export import to_c
@@ -147,6 +147,13 @@ IN_SAMPLES = {
         InverseCompensator(Cascade(steps_of())).fit(X, y).drive_for(y, DT)
     ),
     "inverse of a model": lambda X, y, timed: InverseCompensator(FirstOrderLag().fit(X, y)).fit(
+        timed, y
+    ),
+    "controller": lambda X, y, timed: FeedforwardPI(
+        1.0, 0.0, compensator=InverseCompensator(Gain()).fit(X, y)
+    ).stepper(DT),
+    "random walk": lambda X, y, timed: Observer(Gain()).fit(X, y).stepper(DT),
+    "random walk of a monitor": lambda X, y, timed: Monitor(Observer(Gain()).fit(X, y)).fit(
         timed, y
     ),
     "observer": lambda X, y, timed: Observer(FirstOrderLag()).fit(X, y).filter(timed, y),

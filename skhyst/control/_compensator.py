@@ -502,6 +502,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
 
     def _require_rate(self, used):
         """Refuse an interval in s where the rate of the fit is per sample, and limits the drive."""
+        check_is_fitted(self)
         fitted_dt, unit = fitted_interval(self if self.method == "learned" else self.model_)
         if unit == "sample" and used != fitted_dt and self.rate_limit == "fit":
             raise RecordError(

@@ -16,7 +16,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from .._signals import input_signals
 from .._sklearn import HasMethods, Interval, StrOptions, fit_context
-from .._validation import interval_of, used_interval
+from .._validation import fitted_interval, interval_of, used_interval
 from ..base import (
     ParametricModel,
     input_at_rest,
@@ -24,6 +24,7 @@ from ..base import (
     read_data,
     warn_of_unmatched_response,
 )
+from ..exceptions import RecordError
 from ..operators import (
     CompiledSeries,
     CompiledStep,
@@ -384,7 +385,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
                 rows = with_predicted_readings(
                     step.innovating, step.state.copy(), rows, ~read[s.rows]
                 )
-            yield rows, u, s.dt, read[s.rows]
+            yield rows, u, self._interval(s.dt), read[s.rows]
 
     def _compare(self, run, known):
         """Warn if readings, NaN where there is none, have little to do with the model's run."""
@@ -412,7 +413,15 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         return begun
 
     def _interval(self, dt):
-        return used_interval(self, dt, "Observer.compiled_step")
+        used = used_interval(self, dt, "Observer.compiled_step")
+        fitted_dt, unit = fitted_interval(self)
+        if unit == "sample" and used != fitted_dt and self.drift_std is None and self.drift_std_:
+            raise RecordError(
+                "The Observer was fitted without a time, so that the random walk that it has "
+                f"estimated is per sample. Got the interval {used:g} s instead: fit it with a time "
+                "index or 'dt', or give a 'drift_std'."
+            )
+        return used
 
     def _compiled_step(self, dt, u0, operator):
         driven, disturbances = split_disturbances(operator)
