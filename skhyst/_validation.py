@@ -342,9 +342,18 @@ def fitted_interval(estimator):
 
 
 def used_interval(estimator, dt, caller):
-    """Return the interval at which a fitted model is used, by default that of its fit."""
-    fitted_dt, unit = fitted_interval(estimator)
-    used = chosen_interval(estimator.records_, fitted_dt if dt is None else dt, caller)
+    """Return the interval at which an estimator, such as a model or what is around one, is used.
+
+    By default that of its fit, also if that of its model is another one.
+    """
+    used = fitted_interval(estimator)[0] if dt is None else dt
+    if used is None:
+        raise RecordError(
+            f"The 'dt' parameter of {caller} must be given: {type(estimator).__name__} was fitted "
+            "to records of several sampling intervals, or to none."
+        )
+    used = chosen_interval((), used, caller)
+    fitted_dt, unit = fitted_interval(getattr(estimator, "model_", estimator))
     if unit == "sample" and used != fitted_dt:
         _refuse_seconds(estimator, used)
     return used

@@ -21,7 +21,7 @@ from skhyst.compose import (
     ScheduledParameters,
     Sum,
 )
-from skhyst.control import InverseCompensator, Observer
+from skhyst.control import FeedforwardPI, InverseCompensator, Monitor, Observer
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.exceptions import ConvergenceWarning, RecordError
 from skhyst.export import to_c
@@ -146,6 +146,16 @@ IN_SAMPLES = {
     "drive_for": lambda X, y, timed: (
         InverseCompensator(Cascade(steps_of())).fit(X, y).drive_for(y, DT)
     ),
+    "inverse of a model": lambda X, y, timed: InverseCompensator(FirstOrderLag().fit(X, y)).fit(
+        timed, y
+    ),
+    "controller": lambda X, y, timed: FeedforwardPI(
+        1.0, 0.0, compensator=InverseCompensator(Gain()).fit(X, y)
+    ).stepper(DT),
+    "random walk": lambda X, y, timed: Observer(Gain()).fit(X, y).stepper(DT),
+    "random walk of a monitor": lambda X, y, timed: Monitor(Observer(Gain()).fit(X, y)).fit(
+        timed, y
+    ),
     "observer": lambda X, y, timed: Observer(FirstOrderLag()).fit(X, y).filter(timed, y),
     "to_c": lambda X, y, timed: to_c(FirstOrderLag().fit(X, y), "never written", "lag", dt=DT),
     "delay of many samples": lambda X, y, timed: (
@@ -160,6 +170,58 @@ def test_constants_in_samples_are_not_taken_for_seconds(name, data):
     array, response = X.to_numpy(), y.to_numpy()
     with pytest.raises(RecordError, match="fitted without a time"):
         IN_SAMPLES[name](array, response, pd.DataFrame(array, X.index))
+
+
+ALREADY_FITTED = {
+    "lag": lambda X, y: FirstOrderLag().fit(X, y),
+    "cascade": lambda X, y: Cascade(steps_of()).fit(X, y),
+    "array": lambda X, y: FirstOrderLag(dt=DT).fit(X.to_numpy(), y.to_numpy()),
+}
+
+
+@pytest.mark.filterwarnings("ignore:X .* feature names")
+@pytest.mark.parametrize("name", ALREADY_FITTED)
+def test_what_is_around_a_fitted_model_has_the_interval_of_its_own_fit(name, data):
+    """Of the same device at twice the interval."""
+    X, y = data
+    model, slow, u = ALREADY_FITTED[name](X, y), X.set_axis(2.0 * X.index), X["u"].to_numpy()
+    response, _ = FirstOrderLagOperator(TIME_CONSTANT).run(u, 2.0 * DT)
+    free_run = {"disturbance": None, "noise_std": 1.0, "process_std": 0.0}
+    observer = Observer(model, **free_run).fit(slow, response)
+    for own in (observer, pickle.loads(pickle.dumps(observer))):
+        rows = np.column_stack([u, response])
+        estimates = [own.update(*row) for row in rows]
+        np.testing.assert_allclose(estimates, response, rtol=1e-6, atol=1e-6)
+        np.testing.assert_allclose(own.stepper(u0=u[0]).run(rows), response, rtol=1e-6, atol=1e-6)
+        filtered = own.filter(X.to_numpy(), response)
+        np.testing.assert_allclose(filtered, response, rtol=1e-6, atol=1e-6)
+    no_limits = {"drive_limits": None, "rate_limit": None}
+    inverse = InverseCompensator(model, **no_limits).fit(slow, response)
+    reference = pd.DataFrame({"u": response})
+    np.testing.assert_allclose(inverse.predict(reference)[1:-1], u[1:-1], rtol=1e-5, atol=1e-5)
+    stepper = inverse.stepper(reference=response[0])
+    delayed = stepper.run(response)[stepper.preview + 1 :]
+    np.testing.assert_allclose(delayed, u[1 : N - stepper.preview], rtol=1e-5, atol=1e-5)
+    limited = InverseCompensator(model, drive_limits=None).fit(slow, response).stepper()
+    largest = np.abs(np.diff(limited.run(np.append(0.0, np.full(20, 1e3))))).max()
+    assert largest == pytest.approx(model.drive_rate_ * 2.0 * DT)
+
+
+@pytest.mark.filterwarnings("ignore:X does not have valid feature names")
+def test_a_monitor_around_a_fitted_observer_has_the_interval_of_its_own_fit(data):
+    X, y = data
+    noise = 0.02 * np.random.default_rng(1).normal(size=N)
+    variances = {"noise_std": 0.02, "drift_std": 0.0, "process_std": 0.0}
+    observer = Observer(FirstOrderLag(), **variances).fit(X, y + noise)
+    slow = X.set_axis(2.0 * X.index)
+    reading = FirstOrderLagOperator(TIME_CONSTANT).run(X["u"].to_numpy(), 2.0 * DT)[0] + noise
+    for around in (observer, Observer(observer.model_, **variances)):
+        monitor = Monitor(around).fit(slow, reading)
+        for row in zip(X["u"], reading, strict=True):
+            monitor.update(*row)
+            assert not monitor.drift_detected
+    again = Monitor(monitor.observer_).fit(X.to_numpy(), reading)
+    assert (again.dt_, again.observer_.stepper().dt) == (2.0 * DT, 2.0 * DT)
 
 
 def test_what_does_not_depend_on_time_is_not_asked_for_it(data):

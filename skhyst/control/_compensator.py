@@ -54,6 +54,7 @@ from .._validation import (
     finite_numbers,
     fitted_interval,
     interval_of,
+    read_slices,
     refuse_large,
     refuse_other_unit,
     used_interval,
@@ -228,7 +229,8 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
             If the limits are not in ascending order.
         """
         self._check_limits()
-        _, columns, response = read_data(self, X, y, reset=True, dt=interval_of(self.model))
+        known = interval_of(self.model, fitted=self.method != "learned")
+        _, columns, response = read_data(self, X, y, reset=True, dt=known)
         if self.method == "learned":
             self.model_ = clone(self.model).fit(_indexed(response, X), columns[:, 0])
         else:
@@ -239,8 +241,9 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
                     f"skhyst of one input. Got {self.model!r} instead: method='learned' takes any "
                     "regressor."
                 )
+            read_slices(self.model_, X, reset=False)  # refuses an interval that it cannot have
             # the limits are those of the data the model was fitted to, which need not be X
-            for name in ("drive_range_", "drive_rate_", "dt_", "time_unit_"):
+            for name in ("drive_range_", "drive_rate_"):
                 delattr(self, name)
                 if hasattr(self.model_, name):
                     setattr(self, name, getattr(self.model_, name))
@@ -493,13 +496,14 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
 
     def _used_interval(self, dt, caller):
         """Return the interval of a drive; refuse one in s where the rate of the fit has no time."""
-        used = used_interval(self.model_, dt, f"InverseCompensator.{caller}")
+        used = used_interval(self, dt, f"InverseCompensator.{caller}")
         self._require_rate(used)
         return used
 
     def _require_rate(self, used):
         """Refuse an interval in s where the rate of the fit is per sample, and limits the drive."""
-        fitted_dt, unit = fitted_interval(self)
+        check_is_fitted(self)
+        fitted_dt, unit = fitted_interval(self if self.method == "learned" else self.model_)
         if unit == "sample" and used != fitted_dt and self.rate_limit == "fit":
             raise RecordError(
                 "The model was fitted without a time, so that the largest rate of its drive is per "

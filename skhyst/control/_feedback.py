@@ -30,7 +30,7 @@ from .._sklearn import HasMethods, Interval, StrOptions, validate_parameter_cons
 from .._validation import finite_number, finite_numbers
 from ..operators import CompiledLaw, Signal, Stepper
 from ..records import chosen_interval
-from ._compensator import check_limits
+from ._compensator import InverseCompensator, check_limits
 from ._damping import as_mode
 
 _THROUGH = (1.0, 0.0, 0.0, 0.0, 0.0)
@@ -327,6 +327,9 @@ class FeedforwardPI:
                 "The 'tracking_time' parameter of FeedforwardPI must be at least the sampling "
                 f"interval, {dt:g} s. Got {self.tracking_time!r} instead."
             )
+        has_rate = isinstance(self.compensator, InverseCompensator)
+        if has_rate and "fit" in (self.rate_limit, self.start_time):
+            self.compensator._require_rate(dt)
         filter_time, change = self._filter_time(), self._rate_limit() * dt
         follows, tracks = self.compensator is not None, self.tracking_time is not None
         constants = (

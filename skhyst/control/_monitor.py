@@ -11,7 +11,7 @@ The misfit of a model is known from the records of the fit, for drives like thei
 the drive leaves their range or exceeds their rate are not judged.
 """
 
-from copy import copy
+from copy import copy, deepcopy
 from numbers import Integral, Real
 from typing import Self
 
@@ -22,7 +22,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from .._sklearn import HasMethods, Interval, fit_context
 from .._validation import interval_of
-from ..base import read_data
+from ..base import read_data, with_params
 from ..noise import whitening_filter
 from ..operators import add_disturbances, split_disturbances
 from ._local_tests import LocalTests
@@ -131,6 +131,8 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
 
     def __getstate__(self):
         state = super().__getstate__()
+        changing = {name: state[name] for name in ("_tests", "_rows") if name in state}
+        state = state | deepcopy(changing)
         if isinstance(state.get("_columns"), _Columns):  # compiled: begun again where they are
             state = state | {"_columns": self._columns.begun()}
         return state
@@ -157,12 +159,14 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
             If a name in ``parameters`` is not a parameter of the model, the records are sensitive
             to none of the parameters, or they have no noise.
         """
-        read_data(self, X, y, reset=True, dt=interval_of(self.observer.model), bridge=True)
-        self.observer_ = self.observer
-        if not hasattr(self.observer, "model_"):  # its model may be fitted: no clone
-            self.observer_ = copy(self.observer).fit(X, y)
+        observer, is_fitted = self.observer, hasattr(self.observer, "model_")
+        known = interval_of(observer if is_fitted else observer.model)
+        read_data(self, X, y, reset=True, dt=known, bridge=True)
+        if not is_fitted:  # its model may be fitted: no clone
+            observer = copy(observer).fit(X, y)
+        read = list(observer._rows(X, y))
+        self.observer_ = with_params(observer, dt_=self.dt_, time_unit_=self.time_unit_)
         self._changed, self.whitening_ = self._candidates(), np.ones(1)
-        read = list(self.observer_._rows(X, y))
         self._n_read = read[0][0].shape[1]
         runs = [(_Columns(self, dt, u[0]), rows, known) for rows, u, dt, known in read]
         motion = np.concatenate([columns.motion(rows) for columns, rows, _ in runs])
@@ -448,7 +452,8 @@ class _Columns:
         self.past = np.zeros((len(monitor.whitening_) - 1, len(operators)))
         self.last = np.reshape(u0, (1, -1))
         if begun is not None:
-            self.states, self.past, self.last = begun
+            states, self.past, self.last = begun
+            self.states = [state.copy() for state in states]
         self.innovations = [
             part.innovating(s) for part, s in zip(compiled_steps, self.states, strict=True)
         ]

@@ -16,7 +16,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from .._signals import input_signals
 from .._sklearn import HasMethods, Interval, StrOptions, fit_context
-from .._validation import interval_of, used_interval
+from .._validation import fitted_interval, interval_of, used_interval
 from ..base import (
     ParametricModel,
     input_at_rest,
@@ -24,6 +24,7 @@ from ..base import (
     read_data,
     warn_of_unmatched_response,
 )
+from ..exceptions import RecordError
 from ..operators import (
     CompiledSeries,
     CompiledStep,
@@ -145,6 +146,8 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
 
     def __getstate__(self):
         state = super().__getstate__()
+        if "_recent" in state:
+            state = state | {"_recent": list(self._recent)}
         if state.get("_stream") is not None:  # compiled: begun again where it is
             u0, _, stream = self._stream
             state = state | {"_stream": None, "_begun": (u0, stream.state)}
@@ -368,8 +371,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         place of its reading.
         """
         check_is_fitted(self)
-        options = {"reset": False, "dt": interval_of(self.model_), "bridge": True}
-        slices, columns, y = read_data(self, X, y, **options)
+        slices, columns, y = read_data(self, X, y, reset=False, bridge=True)
         slices, columns, y, read = with_lost_rows(slices, columns, y)
         read = np.ones(len(y), dtype=bool) if read is None else read
         signal, schedules = self.model_.operator_input(columns, slices)
@@ -383,7 +385,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
                 rows = with_predicted_readings(
                     step.innovating, step.state.copy(), rows, ~read[s.rows]
                 )
-            yield rows, u, s.dt, read[s.rows]
+            yield rows, u, self._interval(s.dt), read[s.rows]
 
     def _compare(self, run, known):
         """Warn if readings, NaN where there is none, have little to do with the model's run."""
@@ -411,7 +413,15 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         return begun
 
     def _interval(self, dt):
-        return used_interval(self.model_, dt, "Observer.compiled_step")
+        used = used_interval(self, dt, "Observer.compiled_step")
+        fitted_dt, unit = fitted_interval(self)
+        if unit == "sample" and used != fitted_dt and self.drift_std is None and self.drift_std_:
+            raise RecordError(
+                "The Observer was fitted without a time, so that the random walk that it has "
+                f"estimated is per sample. Got the interval {used:g} s instead: fit it with a time "
+                "index or 'dt', or give a 'drift_std'."
+            )
+        return used
 
     def _compiled_step(self, dt, u0, operator):
         driven, disturbances = split_disturbances(operator)

@@ -1,5 +1,6 @@
 """The monitor: how often it is wrong, how soon it is right, and what it names."""
 
+import copy
 import pickle
 
 import numpy as np
@@ -352,12 +353,14 @@ def test_samples_one_by_one(monitor):
         monitor.update(*row)
         found.append(monitor.drift_detected)
         if k == 710:  # in the middle of a block
-            copied = pickle.loads(pickle.dumps(monitor))
+            copies = [pickle.loads(pickle.dumps(monitor)), copy.copy(monitor)]
+            copies.append(copy.copy(copies[-1]))
     np.testing.assert_array_equal(found, expected)
-    for k in range(711, len(u)):
-        copied.update(u[k], y[k])
-        assert copied.drift_detected == expected[k]
-    assert copied.suspect_ == suspect
+    for copied in copies:
+        for k in range(711, len(u)):
+            copied.update(u[k], y[k])
+            assert copied.drift_detected == expected[k]
+    assert copies[0].suspect_ == suspect
     assert monitor.suspect_ == suspect
     again = pickle.loads(pickle.dumps(monitor))
     assert again.suspect_ == suspect
