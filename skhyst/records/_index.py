@@ -357,9 +357,10 @@ def _pieces(stamps, bridge):
             "with its neighbours; to predict sample by sample, use the 'stepper' of a model."
         )
     if single and stamps.counts:
+        steps = np.unique(np.abs(np.diff(stamps.values)))
         raise RecordError(
             "The integers in the index of X count samples, and must advance by one within a "
-            f"record. Got steps of {np.median(np.abs(np.diff(stamps.values))):g} instead, and "
+            f"record. Got steps of {', '.join(map(str, steps[:5]))} instead, and "
             f"{describe_rows(single)} without a neighbour. If they are times, or rows are left out "
             "(X.iloc[::2]) or lost, give times in seconds as floats: "
             "X.set_axis(X.index * seconds), with the seconds of one step of 1. If the rows are a "
