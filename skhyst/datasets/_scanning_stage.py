@@ -257,8 +257,10 @@ def _drive(drive, dt, rng):
         if drive not in _EXPERIMENTS:
             names = ", ".join(map(repr, _EXPERIMENTS))
             refuse("make_scanning_stage", "drive", f"a frame, an array or one of {names}", drive)
-        return stack_records(_EXPERIMENTS[drive](rng), dt=1.0 / _RATE)
-    X = stack_records([drive if hasattr(drive, "iloc") else np.asarray(drive, dtype=float)], dt=dt)
+        return stack_records(_EXPERIMENTS[drive](rng))
+    X = stack_records([drive if hasattr(drive, "iloc") else np.asarray(drive, dtype=float)])
+    if X.index.levels[1].dtype.kind == "i":  # without times
+        X = stack_records([X], dt=dt)
     if not len(X) or not np.isfinite(X.iloc[:, 0].to_numpy(dtype=float)).all():
         raise RecordError("The drive of make_scanning_stage must have samples, all of them finite.")
     return X.iloc[:, :1].set_axis(["drive"], axis=1)
@@ -289,7 +291,7 @@ def _validation(rng):
 
 
 def _small_signal(rng):
-    return {"white noise": rng.uniform(-1.0, 1.0, 2**17)}
+    return {"white noise": stack_records([rng.uniform(-1.0, 1.0, 2**17)], dt=1.0 / _RATE)}
 
 
 _EXPERIMENTS = {

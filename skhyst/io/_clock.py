@@ -22,8 +22,15 @@ _NATIONAL = (  # dates that pandas does not parse by itself, or can parse in sev
     {"format": "%I:%M:%S.%f %p"},
     {"format": "%I:%M:%S %p"},
 )
+# what pandas makes durations of, without the dates (01.01.2024 00:00) that it takes for some
+_DURATION = re.compile(
+    r"[+-]?(\d+ days?,? [+-]?)?\d+:[0-5]?\d:[0-5]?\d(\.\d+)?"
+    r"|[+-]?(\d+(\.\d+)? *[a-zµμ]+ *)+|[+-]?P[\dDTHMS.]+",
+    re.IGNORECASE,
+)
 _FRACTION = re.compile(r"(\d\d:\d\d:\d\d):(\d{1,6})$")
 _SINCE_1970 = (1e9, 1e10)  # s, from 2001 to 2286: a count of ms, us or ns is not within
+_DAY_1970 = (25569.0, 719529.0)  # of a count of days: of a spreadsheet, of MATLAB
 
 
 def evenly(path, columns, rows, sampling_rate):
@@ -44,7 +51,7 @@ def evenly(path, columns, rows, sampling_rate):
 
 
 def _seconds(path, name, values, unit):
-    """Return times in s; warn if they have no unit, and steps of 1 or more make s unlikely."""
+    """Return times in s; warn without a unit if steps of 1 or more, or dates, make s unlikely."""
     if unit is None:
         try:
             unit = time_unit_of(name)
@@ -56,14 +63,15 @@ def _seconds(path, name, values, unit):
             ) from None
     if not unit:
         unit = next(
-            (candidate for candidate in ("ms", "us", "ns") if _is_since_1970(values, candidate)), ""
+            (one for one in ("ms", "us", "ns") if _is_since_1970(values * SECONDS[one])), ""
         )
     steps = np.abs(np.diff(values))
     step = np.median(steps[np.isfinite(steps)]) if np.isfinite(steps).any() else 0.0
-    if not unit and step >= 1.0:
+    days = any(_is_since_1970((values - day) * SECONDS["d"]) for day in _DAY_1970)
+    if not unit and (step >= 1.0 or days):
         warnings.warn(
             f"The time {name!r} of {path.name} has no unit and is taken for seconds, {step:g} s "
-            "from sample to sample. Pass 'time_unit' if it counts s, ms or others, or "
+            "from sample to sample. Pass 'time_unit' if it counts s, ms, days ('d') or others, or "
             "'sampling_rate' instead of 'time' if it counts samples.",
             TimeUnitWarning,
             stacklevel=6,
@@ -71,9 +79,9 @@ def _seconds(path, name, values, unit):
     return values * SECONDS[unit or "s"]
 
 
-def _is_since_1970(values, unit):
-    """Whether all times lie between 2001 and 2286, if they count ``unit`` since 1970."""
-    finite = values[np.isfinite(values)] * SECONDS[unit]
+def _is_since_1970(seconds):
+    """Whether all times lie between 2001 and 2286, if they count from 1970."""
+    finite = seconds[np.isfinite(seconds)]
     return bool(finite.size and np.all((_SINCE_1970[0] <= finite) & (finite < _SINCE_1970[1])))
 
 
@@ -90,7 +98,7 @@ def times(path, column, unit):
         return _seconds(path, name, numbers(path, name, values), unit)
     # a comma is a decimal one, which pandas would leave out
     column = column.map(_with_point, na_action="ignore")
-    clock = pd.to_timedelta(column, errors="coerce")
+    clock = pd.to_timedelta(column.map(_duration, na_action="ignore"), errors="coerce")
     if clock.notna().any() and (clock.notna() | column.isna()).all():
         return _over_midnight(pd.TimedeltaIndex(clock))
     with reading(path):
@@ -121,6 +129,11 @@ def _over_midnight(clock):
 def _with_point(cell):
     """Return a time with a point in place of a comma, or of a colon before the fraction."""
     return _FRACTION.sub(r"\1.\2", cell.replace(",", ".")) if isinstance(cell, str) else cell
+
+
+def _duration(cell):
+    """Return a cell, None if it is a text that is no duration."""
+    return cell if not isinstance(cell, str) or _DURATION.fullmatch(cell.strip()) else None
 
 
 def _national_dates(column):

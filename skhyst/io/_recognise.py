@@ -59,7 +59,7 @@ _NEITHER = "|".join(  # signals of a controller, of the environment, and counter
     (*_LAST.values(), "error|err|status|flag|mode|index|samples?|number|count|counter|ticks?|id")
 )
 _AT_PRESENT = re.compile(r"current(?=[ _]?(position|value|angle))", re.IGNORECASE)
-_CLOCK = re.compile(r"(\d+[./-]\d+[./-]\d+[T ])?\d+:\d\d(:\d\d([.,]\d+)?)?Z?( [AP]M)?")
+_CLOCK = re.compile(r"(\d+[./-]\d+[./-]\d+(T| +))?\d+:\d\d(:\d\d([.,]\d+)?)?Z?( [AP]M)?")
 _RECORD = "record|run|recording|trial|segment"
 _MOST_RESTARTS = 0.1  # largest fraction of rows at which time restarts or a record label changes
 _SHOWN = 20  # candidates that an error message lists

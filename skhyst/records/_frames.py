@@ -7,7 +7,15 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import RecordError
-from ._index import record_slices, refuse_interval, refuse_masked, time_level, time_stamps
+from ._index import (
+    MISMATCH,
+    record_slices,
+    refuse_interval,
+    refuse_lost_index,
+    refuse_masked,
+    time_level,
+    time_stamps,
+)
 
 
 def iter_records(X, y=None, *, dt=None) -> Iterator[tuple]:
@@ -93,7 +101,8 @@ def stack_records(records, labels=None, *, dt=None):
         One label per record; by default the labels that the records have, or 0, 1, ...
     dt : float, optional
         Sampling interval in s of the records without times. By default their time level counts
-        samples, whose interval is then the ``dt`` of the model.
+        samples, whose interval is then the ``dt`` of the model. If all records have times, it must
+        not contradict them.
 
     Returns
     -------
@@ -106,8 +115,8 @@ def stack_records(records, labels=None, *, dt=None):
     Raises
     ------
     RecordError
-        If there are no records, labels repeat, or the records differ in their columns, in the type
-        of their times, or in the lengths of ``X`` and ``y``.
+        If there are no records, labels repeat, the records differ in their columns or in the type
+        of their times, ``X`` and ``y`` differ in their lengths or indexes, or times are not in s.
 
     See Also
     --------
@@ -148,12 +157,15 @@ def stack_records(records, labels=None, *, dt=None):
             "The 'records' parameter of stack_records must hold pairs (X, y) throughout, or X "
             "throughout. Got a mixture instead."
         )
-    parts, seen = [], set()
+    parts, seen, intervals = [], set(), []
     for number, record in enumerate(records):
         x, y = record if paired[0] else (record, None)
         frame, label = as_frame(x), number if labels is None else labels[number]
-        y = None if y is None else as_series(y)
-        refuse_lengths(frame, y, f"record {label!r}")
+        if y is not None:
+            given, y = y, as_series(y)
+            refuse_lengths(frame, y, f"record {label!r}")
+            refuse_lost_index(x, given)
+        intervals.append(_median_interval(frame))
         index = _stacked_index(frame, label, labels is not None, dt)
         new = set(index.get_level_values("record").unique())
         if seen & new:
@@ -163,6 +175,13 @@ def stack_records(records, labels=None, *, dt=None):
             )
         seen |= new
         parts.append((frame.set_axis(index), None if y is None else y.set_axis(index)))
+    contradicted = dt is not None and None not in intervals
+    if contradicted and np.any(np.abs(np.subtract(intervals, dt)) > MISMATCH * dt):
+        raise RecordError(
+            f"The 'dt' parameter of stack_records must not contradict the times of the records. "
+            f"Got {dt!r}, and intervals of {min(intervals):.6g} to {max(intervals):.6g} s in their "
+            "indexes, instead; leave it out, or give arrays."
+        )
     frames = [frame for frame, _ in parts]
     _refuse_differences(frames)
     X = pd.concat(frames)
@@ -212,11 +231,18 @@ def as_series(y):
     return y.rename("response") if y.name is None else y
 
 
+def _median_interval(frame):
+    """Return the median interval of the times of a frame in s, None without times."""
+    stamps = time_stamps(frame.index)  # refuses other units, and rows without a label or a time
+    if stamps.counts or len(frame) < 2:
+        return None
+    return float(np.median(np.diff(stamps.values))) * stamps.unit
+
+
 def _stacked_index(frame, label, relabel, dt):
     """Return the index (record, time) of one frame in the stack."""
     times, labels = frame.index, [label] * len(frame)
     if isinstance(times, pd.MultiIndex):
-        time_stamps(times)  # refuses rows without a label or a time
         level = time_level(times)
         given = times.get_level_values(1 - level)
         if relabel and given.nunique() > 1:

@@ -356,16 +356,22 @@ def _pieces(stamps, bridge):
             "A single row with a time does not determine the sampling interval. Give it together "
             "with its neighbours; to predict sample by sample, use the 'stepper' of a model."
         )
-    if single:
-        counts = (
-            " The integers of the index count samples: give times in seconds as floats."
-            if stamps.counts
-            else " If the sampling is uneven, call skhyst.records.resample_records, which "
-            "EffectSearchCV does with resample='auto'."
+    if single and stamps.counts:
+        steps = np.unique(np.abs(np.diff(stamps.values)))
+        raise RecordError(
+            "The integers in the index of X count samples, and must advance by one within a "
+            f"record. Got steps of {', '.join(map(str, steps[:5]))} instead, and "
+            f"{describe_rows(single)} without a neighbour. If they are times, or rows are left out "
+            "(X.iloc[::2]) or lost, give times in seconds as floats: "
+            "X.set_axis(X.index * seconds), with the seconds of one step of 1. If the rows are a "
+            f"random subset: {SPLITTERS}."
         )
+    if single:
         raise RecordError(
             f"A record must have at least two samples. Got {describe_rows(single)} instead, "
-            f"without a neighbour one sampling interval away. {SPLITTERS}.{counts}"
+            f"without a neighbour one sampling interval away. {SPLITTERS}. If the sampling is "
+            "uneven, call skhyst.records.resample_records, which EffectSearchCV does with "
+            "resample='auto'."
         )
     return pieces
 
@@ -545,8 +551,9 @@ def _numbers(times, dt, codes=None):
     else:
         raise RecordError(
             f"The time in the index of X must be seconds, datetimes, timedeltas or integers that "
-            f"count samples. Got values of type {dtype} instead; X.reset_index(drop=True) makes "
-            f"one record of the rows, skhyst.records.stack_records builds an index."
+            f"count samples. Got values of type {dtype} instead; convert texts by pd.to_datetime "
+            "(dates) or pd.to_timedelta (clock times hh:mm:ss), X.set_axis(pd.to_datetime("
+            "X.index)). Only without times: X.reset_index(drop=True) makes one record of the rows."
         )
     if dtype.kind not in "mM":
         _refuse_other_unit(times.name)

@@ -41,8 +41,8 @@ def resample_records(X, y=None, *, dt, max_gap=None, anti_alias=True):
     Parameters
     ----------
     X : array-like or DataFrame of shape (n_samples, n_inputs)
-        Input. Its index may be sampled unevenly, and differently in every record; without one,
-        rows are 1 s apart.
+        Input. Its index may be sampled unevenly, and differently in every record. Data that count
+        samples are returned unchanged by "auto" if none are missing, and refused otherwise.
     y : array-like or Series of shape (n_samples,), optional
         Response.
     dt : float or "auto"
@@ -68,7 +68,7 @@ def resample_records(X, y=None, *, dt, max_gap=None, anti_alias=True):
     RecordError
         If a value is NaN or infinite, rows are shuffled or repeated, a record is shorter than two
         samples of the old or the new interval, ``y`` has an index with records that ``X`` lacks, or
-        ``dt`` is "auto" and the index consists of integers that count samples.
+        ``X`` is to be changed and has no times.
 
     See Also
     --------
@@ -104,7 +104,7 @@ def resample_records(X, y=None, *, dt, max_gap=None, anti_alias=True):
             f"infinite values instead; drop them, or read with on_missing='interpolate'."
         )
     stamps = time_stamps(frame.index)
-    if dt == "auto" and _is_even(frame, stamps):
+    if dt == "auto" and _is_even(frame):
         return frame if series is None else (frame, series.set_axis(frame.index))
     labels, times, values = [], [], []
     for label, start, stop, interval in _resampled_pieces(stamps, dt, max_gap):
@@ -186,7 +186,7 @@ def resampling_error(X, y, *, dt="auto", max_gap=None) -> float:
     frame, series = as_frame(X), as_series(y)
     refuse_lengths(frame, series, "resampling_error")
     stamps, values = time_stamps(frame.index), series.to_numpy(dtype=float)
-    if dt == "auto" and _is_even(frame, stamps):
+    if dt == "auto" and _is_even(frame):
         return 0.0
     total, count = 0.0, 0
     for _, start, stop, interval in _resampled_pieces(stamps, dt, max_gap):
@@ -201,16 +201,11 @@ def resampling_error(X, y, *, dt="auto", max_gap=None) -> float:
     return float(np.sqrt(total / count))
 
 
-def _is_even(frame, stamps):
-    """Whether all records are even; raise a RecordError if the index only counts samples."""
+def _is_even(frame):
+    """Whether all records are even."""
     try:
         record_slices(frame, one_interval=False, bridge=True)
     except RecordError:
-        if stamps.counts:
-            raise RecordError(
-                "The 'dt' parameter of resample_records must be a number for an index of integers, "
-                "which count samples. Got 'auto' instead; give times in seconds as floats."
-            ) from None
         return False
     return True
 
@@ -279,6 +274,12 @@ def resample_like(y, X) -> np.ndarray:
 
 def _resampled_pieces(stamps, dt, max_gap):
     """Yield (label, start, stop, new interval in s) of each piece that is interpolated as one."""
+    if stamps.counts:
+        raise RecordError(
+            f"The index of X must have times to resample at {dt!r}. Got an array or an index of "
+            "integers, which count samples, instead; give times in seconds as floats, or call "
+            "skhyst.records.stack_records with 'dt', the interval of the data."
+        )
     runs = list(pairwise(stamps.runs()))
     for run, (start, stop) in enumerate(runs):
         if stop - start < 2:

@@ -460,6 +460,32 @@ def test_a_time_without_a_unit_that_counts_in_seconds_is_questioned(tmp_path):
     read(tmp_path, table, time="t", time_unit="s")  # no question where it is said
 
 
+@pytest.mark.parametrize("first", [45000.0, 739000.0])  # of a spreadsheet, of MATLAB
+def test_day_numbers_without_a_unit_are_questioned(tmp_path, first):
+    table = TABLE.assign(t=first + np.arange(N) / 1440.0)
+    with pytest.warns(TimeUnitWarning, match=r"days \('d'\)"):
+        read(tmp_path, table, time="t")
+    X, _ = read(tmp_path, table, time="t", time_unit="d")
+    assert record_slices(X)[0].dt == pytest.approx(60.0)
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+@pytest.mark.parametrize("form", ["%d.%m.%Y %H:%M", "%d.%m.%Y  %H:%M", "%Y.%m.%d %H:%M"])
+def test_dates_with_points_are_no_clock_times(tmp_path, form, separator):
+    for begin, n in (("2024-01-10", 200), ("2024-01-01", 20)):
+        dates = pd.date_range(begin, periods=n, freq="1h").strftime(form)
+        text = "\n".join(f"{date}{separator}{i % 7}" for i, date in enumerate(dates))
+        X, _ = read(tmp_path, f"t{separator}u\n{text}\n", time="t")
+        assert [(r.n_samples, r.dt) for r in record_slices(X)] == [(n, 3600.0)]
+
+
+@pytest.mark.parametrize(("form", "n"), [("%d.%m.%Y %H:%M", 200), ("%d.%m.%y %H:%M", 20)])
+def test_dates_of_more_than_one_meaning_are_refused(tmp_path, form, n):
+    dates = pd.date_range("2024-01-01", periods=n, freq="1h").strftime(form)
+    with pytest.raises(RecordError, match="have one meaning"):
+        read(tmp_path, pd.DataFrame({"t": dates, "u": np.arange(n) % 7}), time="t")
+
+
 @pytest.mark.parametrize(
     ("library", "kind"), [("pandas", "DataFrame"), ("polars", "DataFrame"), ("pyarrow", "table")]
 )

@@ -70,6 +70,9 @@ def test_times_and_columns_of_frames_are_kept():
     assert parts[0].index.name is None
 
 
+LINE = sine(1, 0.1, 4)
+
+
 @pytest.mark.parametrize(
     ("records", "options", "message"),
     [
@@ -88,6 +91,13 @@ def test_times_and_columns_of_frames_are_kept():
         ([np.zeros(3)], {"dt": 0.0}, "'dt' parameter of stack_records"),
         ([stack_records([np.zeros(3)] * 2)], {"labels": ["a"]}, "left out for frames that hold"),
         ([stack_records([np.zeros(3)])] * 2, {}, "give the 'labels' parameter"),
+        ([LINE.rename_axis("time_ms")], {}, "must be in seconds. Got the name 'time_ms'"),
+        ([LINE], {"dt": 0.2}, "must not contradict the times of the records. Got 0.2, and"),
+        *(
+            ([(LINE, y)], {}, "The index of X and that of y must be equal")
+            for y in (LINE["drive"][::-1], LINE["drive"].set_axis(2.0 * LINE.index))
+        ),
+        ([(np.zeros(4), LINE["drive"])], {}, "The index of X must carry the records and times"),
     ],
 )
 def test_records_that_do_not_stack(records, options, message):
@@ -100,6 +110,7 @@ def test_a_series_is_a_drive():
     for X in (stack_records([drive]), resample_records(drive, dt=0.1)):
         assert (list(X.columns), X["V"].tolist()) == (["V"], drive.tolist())
     assert stack_records([drive.rename(None)]).columns.tolist() == ["drive"]
+    pd.testing.assert_frame_equal(stack_records([drive], dt=0.1), stack_records([drive]))
 
 
 def test_iterating_over_arrays_and_without_a_response():
@@ -130,8 +141,15 @@ def test_straight_lines_survive_resampling(seed, dt):
     assert y_new.name == "um"
 
 
-def test_arrays_are_one_second_apart():
-    X, y = resample_records(np.arange(9.0), np.arange(9.0), dt=0.5)
+def test_data_in_samples_are_not_resampled_at_seconds():
+    line = np.arange(9.0)
+    for counted in (line, pd.DataFrame({"drive": line}), stack_records([line])):
+        for dt in (0.5, 2.0):
+            with pytest.raises(RecordError, match=r"integers, which count samples.*stack_records"):
+                resample_records(counted, line, dt=dt)
+        same = resample_records(counted, line, dt="auto")
+        np.testing.assert_array_equal(np.column_stack(same), np.c_[line, line])
+    X, y = resample_records(*stack_records([(line, line)], dt=1.0), dt=0.5)
     np.testing.assert_allclose(np.column_stack([X, y]), np.repeat(0.5 * np.c_[:17], 2, axis=1))
 
 

@@ -198,7 +198,8 @@ REFUSED = [
     (single([0.0, 0.1, 0.1, 0.2]), "Rows 1 and 2 have the same time"),
     (frame(("a", TIMES), ("b", [0.0]), ("c", TIMES)), r"two samples. Got 1 row\(s\) \(9\)"),
     (single([0.5]), "does not determine the sampling interval"),
-    (single(np.arange(0, 40, 2)), "give times in seconds as floats"),
+    (single(np.arange(0, 40, 2)), "steps of 2 instead.*give times in seconds as floats"),
+    (single(1000 * np.arange(20)), "steps of 1000 instead.*If they are times"),
     *((single(times), "resample_records") for times in UNEVEN),
     *(
         (X, r"2 row\(s\) \(3, 7\) without a finite time")
@@ -207,7 +208,7 @@ REFUSED = [
         for X in (single(times), frame(("a", times)))
     ),
     (frame(("a", [0.0, 0.1]), (None, [0.0, 0.1])), r"label. Got 2 row\(s\) \(2, 3\)"),
-    *((single(index), r"reset_index\(drop=True\)") for index in NO_TIMES),
+    *((single(index), r"pd\.to_timedelta.*reset_index\(drop=True\)") for index in NO_TIMES),
     (pd.DataFrame({"u": [0.0, 0.0]}, LEVELS), "3 levels"),
 ]
 
