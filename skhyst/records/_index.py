@@ -17,7 +17,7 @@ With ``bridge=True``, callers get one record with its missing samples instead of
 import dataclasses
 from collections.abc import Hashable
 from itertools import pairwise
-from numbers import Real
+from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
@@ -84,6 +84,11 @@ class RecordSlice:
             raise ValueError(
                 "The 'dt' parameter of RecordSlice must be a finite number above zero. Got "
                 f"{self.dt!r} instead."
+            )
+        if not (isinstance(self.n_samples, Integral) and self.n_samples >= 0):
+            raise ValueError(
+                "The 'n_samples' parameter of RecordSlice must be an integer from 0. Got "
+                f"{self.n_samples!r} instead."
             )
 
     @property
