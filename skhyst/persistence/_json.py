@@ -49,6 +49,7 @@ _FITTED = {  # constraints in the form of scikit-learn
     "drive_range_": [tuple],
     "drive_rate_": [Interval(Real, 0, None, closed="left")],
     "dt_": [_ABOVE_ZERO, None],
+    "fit_error_": [Interval(Real, 0, None, closed="left")],
     "has_rest_": ["boolean"],
     "n_features_in_": [Interval(Integral, 1, None, closed="left")],
     "operator_": [HasMethods(["run"])],
@@ -58,7 +59,7 @@ _FITTED = {  # constraints in the form of scikit-learn
     "time_unit_": [StrOptions({"s", "sample"})],
 }
 _NUMBERS = (  # arrays and tuples of finite numbers
-    *("drive_range_", "output_range_", "coef_", "intercept_"),
+    *("drive_range_", "input_range_", "output_range_", "_response_range", "coef_", "intercept_"),
     *("hidden_weights_", "hidden_biases_", "centers_", "widths_", "scaling_"),
 )
 _DTYPES = ("bool", "int32", "int64", "float64", "complex128", "str", "object")
@@ -322,6 +323,11 @@ def _requirements_of_operator(fitted, kind):
         own = values[places[key]] if key in places else "missing"
         wanted = f"be the values of its 'operator_', in which {key} is {own}"
         yield "params_", value == own, wanted, repr(value)
+    errors = fitted.get("params_std_", {})
+    is_right = errors.keys() == fitted["params_"].keys()
+    yield "params_std_", is_right, "be of the same parameters as 'params_'", [*errors]
+    is_right = all(isinstance(error, Real) and not error < 0 for error in errors.values())
+    yield "params_std_", is_right, "be numbers from 0, or NaN", errors
     covariance, noise = fitted.get("covariance_"), fitted.get("noise_std_")
     if noise is not None:
         yield "noise_std_", np.all(np.isfinite(noise)), "be finite", repr(noise)
@@ -334,6 +340,10 @@ def _requirements_of_operator(fitted, kind):
         std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         is_right = np.all(np.abs(covariance) <= np.outer(std, std) * (1.0 + 1e-6))  # rounded
         yield name, is_right, "have variances from 0 and correlations to 1", shortened(covariance)
+        determined = [key for key, error in errors.items() if np.isfinite(error)]
+        own = [std[places[key]] for key in determined]
+        is_right = np.allclose([errors[key] for key in determined], own, rtol=1e-6, atol=0.0)
+        yield "params_std_", is_right, "be those of 'covariance_'", errors
 
 
 def _is_position(n, column):

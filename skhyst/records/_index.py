@@ -85,10 +85,14 @@ class RecordSlice:
                 "The 'dt' parameter of RecordSlice must be a finite number above zero. Got "
                 f"{self.dt!r} instead."
             )
-        if not (isinstance(self.n_samples, Integral) and self.n_samples >= 0):
+        ends = self.rows.start, self.rows.stop
+        if not (
+            all(isinstance(v, Integral) for v in (*ends, self.n_samples))
+            and 0 <= self.n_samples == ends[1] - ends[0]
+        ):
             raise ValueError(
-                "The 'n_samples' parameter of RecordSlice must be an integer from 0. Got "
-                f"{self.n_samples!r} instead."
+                "The 'n_samples' parameter of RecordSlice must be the number of its 'rows'. "
+                f"Got {self.n_samples!r} instead."
             )
 
     @property

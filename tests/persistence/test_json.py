@@ -368,6 +368,12 @@ GONE = object()
         ("params_ dict gain", None, "params_"),
         ("params_ dict gain", -2.0, "params_"),
         ("params_ dict pole", 1.0, "params_"),
+        ("params_ dict gain", GONE, "params_std_"),
+        ("params_std_ dict gain", None, "params_std_"),
+        ("params_std_ dict gain", -1.0, "params_std_"),
+        ("params_std_ dict gain", 1.0, "params_std_"),
+        ("fit_error_", -1.0, "fit_error_"),
+        ("_response_range tuple 0", None, "_response_range"),
         ("operator_ parameters gain", GONE, "params_"),  # which would be 1 then
         ("operator_ class", "skhyst.static.FoldOperator", "operator_"),
         ("covariance_", None, "covariance_"),
@@ -376,13 +382,15 @@ GONE = object()
         ("covariance_", array(1.0, 2.0, 2.0, 1.0, shape=[2, 2]), "covariance_"),
         ("records_ tuple 0 parameters n_samples", None, "n_samples"),
         ("records_ tuple 0 parameters n_samples", -1, "n_samples"),
+        ("records_ tuple 0 parameters rows slice 0", None, "n_samples"),
     ],
 )
 def test_fitted_attributes_do_not_contradict_each_other(at, value, named):
     content = json.loads(to_json(Gain(dt=0.1).fit(U, Y)))
-    plain, (*path, last) = content["model"]["fitted"], at.split()
+    plain = content["model"]["fitted"]
+    *path, last = (int(key) if key.isdigit() else key for key in at.split())
     for key in path:
-        plain = plain[int(key) if isinstance(plain, list) else key]
+        plain = plain[key]
     if value is GONE:
         del plain[last]
     else:
