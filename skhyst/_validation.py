@@ -261,6 +261,7 @@ def read_slices(estimator, X, *y, reset, dt=None, bridge=False):
         intervals = {record.dt for record in slices}
         estimator.dt_ = intervals.pop() if len(intervals) == 1 else None
         estimator.time_unit_ = slices[0].time_unit
+        vars(estimator).pop("_records_dt", None)  # of a resampled model
         if estimator.time_unit_ == "s":
             for part in _held_parts(estimator):
                 if fitted_interval(part)[1] == "sample":

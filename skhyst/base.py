@@ -302,8 +302,8 @@ class ParametricModel(ScoredMixin, BaseEstimator):
     records_ : tuple of RecordSlice
         The records of the fit.
     dt_ : float or None
-        Sampling interval of the fit, in ``time_unit_``; None if the records have different
-        intervals.
+        Sampling interval of the fit, or that of :meth:`resampled`, in ``time_unit_``; None if the
+        records have different intervals.
     time_unit_ : {"s", "sample"}
         "sample" if the data of the fit had no interval.
     drive_range_ : tuple of (float, float)
@@ -1381,9 +1381,11 @@ class ParametricModel(ScoredMixin, BaseEstimator):
                 "model at this interval, or give X its times, which 'predict' follows."
             )
         operator_at_dt = operator if operator_at_dt is None else operator_at_dt
-        return with_params(
+        new = with_params(
             self, operator_=operator_at_dt, dt_=dt, dt=None if self.dt is None else dt
         )
+        new._records_dt = getattr(self, "_records_dt", fitted_interval(self)[0])
+        return new
 
     def stepper_from(self, X, y, *, schedule=None) -> Stepper:
         """Return the fitted model as a device that continues from a known record.

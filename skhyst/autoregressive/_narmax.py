@@ -538,6 +538,7 @@ def _of_terms(model, input_lags, output_lags, weights, dt):
         if name in attributes:
             setattr(new, name, attributes[name])
     new.dt_, new.time_unit_ = dt, unit
+    new._records_dt = getattr(model, "_records_dt", fitted_interval(model)[0])
     new.input_lags_, new.output_lags_, new.noise_lags_ = input_lags, output_lags, ()
     names = [check_feature_names_in(model, None)[column] for column, _ in input_lags]
     new.lag_names_ = [shifted(n, lag) for n, (_, lag) in zip(names, input_lags, strict=True)]

@@ -345,7 +345,7 @@ class Composition(ParametricModel, BaseComposition):
         without = {"disturbances": (), "input_history": None}
         result = _part_of(self._identified, keys, stage, **without)
         shared = self._agreed()
-        of_fit = ("records_", "dt_", "time_unit_")
+        of_fit = ("records_", "dt_", "_records_dt", "time_unit_")
         shared |= {key: getattr(self, key) for key in of_fit if hasattr(self, key)}
         return with_params(model, **shared).adopt(result)
 

@@ -21,6 +21,7 @@ from ._identify import IdentificationResult, identify
 from ._identify import as_of as as_of
 from ._identify import calibrated as calibrated
 from ._identify import constant_entries as constant_entries
+from ._identify import places_in_sum as places_in_sum
 from ._input_history import estimate_input_history as estimate_input_history
 from ._input_history import input_history_of as input_history_of
 from ._input_history import later_halves as later_halves

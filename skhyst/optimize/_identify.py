@@ -164,7 +164,7 @@ class IdentificationResult:
         """
         if self.joint_covariance is None:
             return None
-        places, coefficients = _places(self.operator, self.disturbances)
+        places, coefficients = places_in_sum(self.operator, self.disturbances)
         indices = [*(places[name] for name in self.params), *coefficients]
         covariance = np.zeros((len(places) + len(coefficients),) * 2)
         covariance[np.ix_(indices, indices)] = self.joint_covariance
@@ -202,7 +202,7 @@ class IdentificationResult:
         return problem.outputs(self.operator, self.disturbances, self.record_coefficients)
 
 
-def _places(driven, disturbances):
+def places_in_sum(driven, disturbances):
     """Return the indices in the pack of a sum: of parameters by name, and of coefficients."""
     places = {name: i for i, (name, _) in enumerate(driven.entries())}
     start, coefficients = len(places), []
@@ -240,7 +240,7 @@ def calibrated(operator, record, covariance=None, noise_std=None, precision=None
         Of the values of ``pack`` and of how the record begins.
     """
     driven, additive = split_disturbances(operator)
-    places, own = _places(driven, additive)
+    places, own = places_in_sum(driven, additive)
     if own:
         problem = OperatorProblem(driven, [record], disturbances=additive)
         coefficients = problem.coefficients(problem.evaluate(problem.x0, jacobian=False))[0]

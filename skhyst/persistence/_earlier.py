@@ -17,6 +17,7 @@ from sklearn.base import BaseEstimator
 
 from .._sizes import check_archive, check_array
 from ..operators import Operator
+from ..records import RecordSlice
 from ._json import class_named, field_named, refuse_wrong
 
 _SCHEMA = "schema.json"  # of a skops file
@@ -110,14 +111,18 @@ def checked(value):
         for child in value.children:
             checked(child)
         return value
-    if isinstance(value, BaseEstimator) and type(value).__module__.startswith("skhyst."):
+    if isinstance(value, RecordSlice):
+        value.__post_init__()
+    is_own = isinstance(value, BaseEstimator) and type(value).__module__.startswith("skhyst.")
+    if is_own:
         for name, parameter in inspect.signature(type(value)).parameters.items():
             if not hasattr(value, name) and parameter.default is not parameter.empty:
                 setattr(value, name, parameter.default)
-        refuse_wrong(vars(value), type(value).__name__)
     parts = vars(value).values() if isinstance(value, BaseEstimator) else ()
     if isinstance(value, (list, tuple, dict)):
         parts = value.values() if isinstance(value, dict) else value
     for part in parts:
         checked(part)
+    if is_own:
+        refuse_wrong(vars(value), type(value))
     return value

@@ -22,9 +22,11 @@ import pandas as pd
 from sklearn.base import BaseEstimator
 
 from .._sklearn import HasMethods, Interval, StrOptions, validate_parameter_constraints
-from .._validation import finite_numbers
+from .._validation import finite_numbers, shortened
+from ..base import ParametricModel
 from ..exceptions import RecordError
-from ..operators import MOST_STEPS, Operator
+from ..operators import MOST_STEPS, Operator, split_disturbances
+from ..optimize import places_in_sum
 
 FORMAT = 1
 _VERSION = version("skhyst")
@@ -47,14 +49,17 @@ _FITTED = {  # constraints in the form of scikit-learn
     "drive_range_": [tuple],
     "drive_rate_": [Interval(Real, 0, None, closed="left")],
     "dt_": [_ABOVE_ZERO, None],
+    "fit_error_": [Interval(Real, 0, None, closed="left")],
     "has_rest_": ["boolean"],
     "n_features_in_": [Interval(Integral, 1, None, closed="left")],
     "operator_": [HasMethods(["run"])],
     "output_range_": [tuple],
+    "params_": [dict],
+    "records_": [tuple],
     "time_unit_": [StrOptions({"s", "sample"})],
 }
 _NUMBERS = (  # arrays and tuples of finite numbers
-    *("drive_range_", "output_range_", "coef_", "intercept_"),
+    *("drive_range_", "input_range_", "output_range_", "_response_range", "coef_", "intercept_"),
     *("hidden_weights_", "hidden_biases_", "centers_", "widths_", "scaling_"),
 )
 _DTYPES = ("bool", "int32", "int64", "float64", "complex128", "str", "object")
@@ -207,6 +212,8 @@ def _plain(value):
         return {"slice": [_plain(item) for item in (value.start, value.stop, value.step)]}
     if isinstance(value, dict) and all(isinstance(key, str) for key in value):
         return {"dict": {key: _plain(item) for key, item in value.items()}}
+    if isinstance(value, dict):
+        return {"pairs": [[_plain(key), _plain(item)] for key, item in value.items()]}
     if isinstance(value, np.ndarray):
         return _plain_array(value)
     return _plain_object(value)
@@ -252,11 +259,14 @@ def _value(plain):
     ((kind, content),) = plain.items()
     if kind == "dict":
         return {key: _value(item) for key, item in content.items()}
+    if kind == "pairs":
+        return {_value(key): _value(item) for key, item in content}
     return {"float": float, "tuple": _tuple, "slice": lambda parts: slice(*parts)}[kind](content)
 
 
-def refuse_wrong(fitted, name):
-    """Refuse invalid values of fitted attributes that many estimators have in common."""
+def refuse_wrong(fitted, kind):
+    """Refuse fitted attributes of an estimator that are invalid or contradict each other."""
+    name = kind.__name__
     known = {attribute: value for attribute, value in fitted.items() if attribute in _FITTED}
     validate_parameter_constraints(
         {attribute: _FITTED[attribute] for attribute in known}, known, name
@@ -264,15 +274,9 @@ def refuse_wrong(fitted, name):
     for attribute in _NUMBERS:
         if attribute in fitted:
             finite_numbers(fitted[attribute], name, attribute, "finite numbers")
-    for attribute in ("drive_range_", "output_range_"):
-        low, high = fitted.get(attribute, (0.0, 0.0))
-        if not low <= high:
-            raise ValueError(f"The '{attribute}' of {name} must ascend. Got {low}, {high} instead.")
-    dts = {record.dt for record in fitted.get("records_", ())}
-    if dts and "dt_" in fitted and fitted["dt_"] != (dts.pop() if len(dts) == 1 else None):
-        raise ValueError(
-            f"The 'dt_' of {name} must be that of its records. Got {fitted['dt_']!r} instead."
-        )
+    for attribute, is_right, wanted, got in _requirements(fitted, kind):
+        if not is_right:
+            raise ValueError(f"The '{attribute}' of {name} must {wanted}. Got {got} instead.")
     n, operator = fitted.get("n_features_in_"), fitted.get("operator_")
     positions, columns = fitted.get("columns_", (0,)), {fitted.get("_drive_number", 0)}
     columns |= operator.acting_columns if isinstance(operator, Operator) else set()
@@ -283,6 +287,63 @@ def refuse_wrong(fitted, name):
             f"{name} must read columns of an X that has {n}, as that of its fit. Got the column(s) "
             f"{sorted({*positions, *columns}, key=repr)} instead."
         )
+
+
+def _requirements(fitted, kind):
+    """Yield what attributes have to be to each other: name, whether it holds, what, and value."""
+    for attribute in ("drive_range_", "output_range_"):
+        low, high = fitted.get(attribute, (0.0, 0.0))
+        yield attribute, low <= high, "ascend", f"{low}, {high}"
+    noise = fitted.get("noise_std_")  # NaN for a resampled polynomial, an array for several outputs
+    is_right = noise is None or (np.asarray(noise).dtype.kind in "if" and not np.any(noise < 0))
+    yield "noise_std_", is_right, "be a number from 0", repr(noise)
+    records, dt = fitted.get("records_", ()), fitted.get("dt_")
+    if records and "dt_" in fitted:
+        dts, units = ({getattr(record, k) for record in records} for k in ("dt", "time_unit"))
+        is_right = fitted.get("_records_dt", dt) == (dts.pop() if len(dts) == 1 else None)
+        yield "dt_", is_right, "be that of its records", repr(dt)
+        unit = fitted.get("time_unit_", "s")  # which earlier versions lack
+        yield "time_unit_", units == {unit}, "be that of its records", repr(unit)
+    if issubclass(kind, ParametricModel) and "operator_" in fitted:
+        yield from _requirements_of_operator(fitted, kind)
+
+
+def _requirements_of_operator(fitted, kind):
+    needed = ["n_features_in_", "params_", "records_"]
+    for one, other in (("time_unit_", "dt_"), ("covariance_", "noise_std_")):
+        needed += [other] if one in fitted else []  # earlier versions lack both
+    for attribute in needed:
+        yield attribute, attribute in fitted, "be in the file", "nothing"
+    operator, wanted = fitted["operator_"], kind.operator_class
+    driven, additive = split_disturbances(operator)
+    is_right = any(isinstance(part, wanted) for part in (operator, driven, *additive))
+    yield "operator_", is_right, f"be of {wanted.__name__}", type(operator).__name__
+    places, values = places_in_sum(driven, additive)[0], operator.pack()
+    for key, value in fitted["params_"].items():
+        own = values[places[key]] if key in places else "missing"
+        wanted = f"be the values of its 'operator_', in which {key} is {own}"
+        yield "params_", value == own, wanted, repr(value)
+    errors = fitted.get("params_std_", {})
+    is_right = errors.keys() == fitted["params_"].keys()
+    yield "params_std_", is_right, "be of the same parameters as 'params_'", [*errors]
+    is_right = all(isinstance(error, Real) and not error < 0 for error in errors.values())
+    yield "params_std_", is_right, "be numbers from 0, or NaN", errors
+    covariance, noise = fitted.get("covariance_"), fitted.get("noise_std_")
+    if noise is not None:
+        yield "noise_std_", np.all(np.isfinite(noise)), "be finite", repr(noise)
+        yield "covariance_", covariance is not None, "be there, as there is a noise", None
+    if covariance is not None:
+        n, name = operator.n_parameters, "covariance_"
+        finite_numbers(covariance, kind.__name__, name, "an array of finite numbers", ndim=2)
+        wanted, shape = f"have the shape ({n}, {n}), for its 'operator_'", np.shape(covariance)
+        yield name, shape == (n, n), wanted, shape
+        std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        is_right = np.all(np.abs(covariance) <= np.outer(std, std) * (1.0 + 1e-6))  # rounded
+        yield name, is_right, "have variances from 0 and correlations to 1", shortened(covariance)
+        determined = [key for key, error in errors.items() if np.isfinite(error)]
+        own = [std[places[key]] for key in determined]
+        is_right = np.allclose([errors[key] for key in determined], own, rtol=1e-6, atol=0.0)
+        yield "params_std_", is_right, "be those of 'covariance_'", errors
 
 
 def _is_position(n, column):
@@ -338,6 +399,6 @@ def _object(plain):
     if hasattr(instance, "_parameter_constraints"):
         instance._validate_params()  # as `fit` has done
     if fitted:
-        refuse_wrong(fitted, kind.__name__)
+        refuse_wrong(fitted, kind)
         instance.__setstate__(fitted)
     return instance

@@ -17,7 +17,7 @@ With ``bridge=True``, callers get one record with its missing samples instead of
 import dataclasses
 from collections.abc import Hashable
 from itertools import pairwise
-from numbers import Real
+from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
@@ -84,6 +84,15 @@ class RecordSlice:
             raise ValueError(
                 "The 'dt' parameter of RecordSlice must be a finite number above zero. Got "
                 f"{self.dt!r} instead."
+            )
+        ends = self.rows.start, self.rows.stop
+        if not (
+            all(isinstance(v, Integral) for v in (*ends, self.n_samples))
+            and 0 <= self.n_samples == ends[1] - ends[0]
+        ):
+            raise ValueError(
+                "The 'n_samples' parameter of RecordSlice must be the number of its 'rows'. "
+                f"Got {self.n_samples!r} instead."
             )
 
     @property

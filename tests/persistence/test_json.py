@@ -344,12 +344,75 @@ def test_fitted_attributes_are_what_a_fit_makes(name, value):
         from_json(json.dumps(content))
 
 
+def array(*values, shape):
+    return {"array": values, "dtype": "float64", "shape": shape}
+
+
+GONE = object()
+
+
 @pytest.mark.parametrize(
-    ("name", "value"), [("dt_", 2.0), ("dt_", True), ("drive_range_", {"tuple": [1.0, -1.0]})]
+    ("at", "value", "named"),
+    [
+        ("dt_", 2.0, "dt_"),
+        ("dt_", True, "dt_"),
+        ("dt_", GONE, "dt_"),
+        ("drive_range_", {"tuple": [1.0, -1.0]}, "drive_range_"),
+        ("time_unit_", "sample", "time_unit_"),
+        ("n_features_in_", GONE, "n_features_in_"),
+        ("noise_std_", -1.0, "noise_std_"),
+        ("noise_std_", "1", "noise_std_"),
+        ("noise_std_", {"float": "nan"}, "noise_std_"),
+        ("noise_std_", GONE, "noise_std_"),
+        ("params_", GONE, "params_"),
+        ("params_ dict gain", None, "params_"),
+        ("params_ dict gain", -2.0, "params_"),
+        ("params_ dict pole", 1.0, "params_"),
+        ("params_ dict gain", GONE, "params_std_"),
+        ("params_std_ dict gain", None, "params_std_"),
+        ("params_std_ dict gain", -1.0, "params_std_"),
+        ("params_std_ dict gain", 1.0, "params_std_"),
+        ("fit_error_", -1.0, "fit_error_"),
+        ("_response_range tuple 0", None, "_response_range"),
+        ("operator_ parameters gain", GONE, "params_"),  # which would be 1 then
+        ("operator_ class", "skhyst.static.FoldOperator", "operator_"),
+        ("covariance_", None, "covariance_"),
+        ("covariance_", array(1.0, shape=[1, 1]), "covariance_"),
+        ("covariance_", array(-1.0, 0.0, 0.0, 1.0, shape=[2, 2]), "covariance_"),
+        ("covariance_", array(1.0, 2.0, 2.0, 1.0, shape=[2, 2]), "covariance_"),
+        ("records_ tuple 0 parameters n_samples", None, "n_samples"),
+        ("records_ tuple 0 parameters n_samples", -1, "n_samples"),
+        ("records_ tuple 0 parameters rows slice 0", None, "n_samples"),
+    ],
 )
-def test_fitted_attributes_do_not_contradict_each_other(name, value):
+def test_fitted_attributes_do_not_contradict_each_other(at, value, named):
     content = json.loads(to_json(Gain(dt=0.1).fit(U, Y)))
-    assert type(content["model"]["fitted"][name]) is type(value) or value is True
-    content["model"]["fitted"][name] = value
-    with pytest.raises(ValueError, match=f"'{name}' of Gain must"):
+    plain = content["model"]["fitted"]
+    *path, last = (int(key) if key.isdigit() else key for key in at.split())
+    for key in path:
+        plain = plain[key]
+    if value is GONE:
+        del plain[last]
+    else:
+        plain[last] = value
+    if at == "operator_ class":
+        plain["parameters"] = {"level": 0.0}
+    with pytest.raises(ValueError, match=f"'{named}' (parameter )?of (Gain|RecordSlice) must"):
         from_json(json.dumps(content))
+
+
+@pytest.mark.parametrize("model", [Gain(dt=0.1), NARMAXRegressor(1, input_lags={0: [1]}, dt=0.1)])
+def test_a_resampled_model_is_read(model, tmp_path):
+    """Its records are those of the fit; a later fit has an interval of its own."""
+    resampled = model.fit(U, Y).resampled(0.2).resampled(0.3)
+    again = from_json(to_json(resampled))
+    assert again.dt_ == 0.3
+    np.testing.assert_array_equal(again.predict(U), resampled.predict(U))
+    assert from_json(to_json(again.fit(U, Y))).dt_ == again.dt_
+
+
+def test_keys_of_dictionaries_are_kept():
+    model = NARMAXRegressor(input_lags={0: [0, 1]}).fit(U, Y)
+    text = to_json(model)
+    assert from_json(text).input_lags == {0: [0, 1]}
+    assert to_json(from_json(text)) == text

@@ -160,7 +160,25 @@ def test_values_that_no_fit_finds_are_refused(tmp_path):
     lag, path = FirstOrderLag(dt=0.1).fit(*data), tmp_path / "model.skops"
     model = Cascade([("lag", FirstOrderLag())], dt=0.1).fit(*data)
     for own, part in ((lag, lag.operator_), (model, model.operator_.stages[0])):
-        object.__setattr__(part, "time_constant", -1.0)
+        object.__setattr__(part, "time_constant", 0.0)
         save_model(own, path)
         with pytest.raises(ValueError, match="'time_constant' parameter of FirstOrderLagOperator"):
             load_model(path)
+
+
+def test_parts_that_no_fit_has_made_are_refused(tmp_path):
+    path = tmp_path / "model.skops"
+    for attribute, value in (("operator_", FirstOrderLagOperator(0.3)), ("params_", {"gain": 1.0})):
+        model = Gain().fit(U, 2.0 * U[:, 0])
+        setattr(model, attribute, value)
+        save_model(model, path)
+        with pytest.raises(ValueError, match=f"'{attribute}' of Gain must"):
+            load_model(path)
+    model = Gain().fit(U, 2.0 * U[:, 0])
+    object.__setattr__(model.records_[0], "n_samples", -1)
+    save_model(model, path)
+    with pytest.raises(ValueError, match="'n_samples' parameter of RecordSlice"):
+        load_model(path)
+    resampled = Gain(dt=1.0).fit(U, 2.0 * U[:, 0]).resampled(2.0)
+    save_model(resampled, path)
+    assert load_model(path).dt_ == 2.0
