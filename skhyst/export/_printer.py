@@ -49,7 +49,9 @@ _HELPERS = {
     "//": "{t} {n}({t} a, {t} b)\n{{\n    const {t} whole = a / b;\n"
     "    return a % b != 0 && (a < 0) != (b < 0) ? whole - 1 : whole;\n}}",
     "cast": "{t} {n}(int32_t a)\n{{\n    return ({t})a;\n}}",
-    "trunc": "int32_t {n}({t} a)\n{{\n    return (int32_t)a;\n}}",
+    # half of the range, to which a few more can be added
+    "trunc": "int32_t {n}({t} a)\n{{\n    const {t} most = ({t})1073741823;\n"
+    "    return a < most ? a > -most ? (int32_t)a : -1073741823 : 1073741823;\n}}",
     "powi": "{t} {n}({t} a, int32_t n)\n{{\n    {t} power = {one};\n"
     "    while (n > 0) {{\n        power *= n % 2 == 1 ? a : {one};\n        a *= a;\n"
     "        n /= 2;\n"
