@@ -263,7 +263,9 @@ def calibrated(operator, record, covariance=None, noise_std=None, precision=None
         blocks[0, estimated, estimated] += noise_std**2 * precision
     propagation = np.eye(len(covariance))
     propagation[own] = 0.0
-    slopes = problem.coefficient_slopes(blocks)[0] / problem.chain(problem.x0)
+    slopes, chain = problem.coefficient_slopes(blocks)[0], problem.chain(problem.x0)
+    # zero where a value at its bound has no slope
+    slopes = np.divide(slopes, chain, out=np.zeros_like(slopes), where=chain != 0.0)
     propagation[np.ix_(own, [places[name] for name in problem.names])] = -slopes
     covariance = propagation @ covariance @ propagation.T
     covariance[np.ix_(own, own)] += (noise_std or 0.0) ** 2 * _inverse(blocks, len(own))

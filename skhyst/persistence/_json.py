@@ -23,7 +23,6 @@ from sklearn.base import BaseEstimator
 
 from .._sklearn import HasMethods, Interval, StrOptions, validate_parameter_constraints
 from .._validation import finite_numbers, shortened
-from ..base import ParametricModel
 from ..exceptions import RecordError
 from ..operators import MOST_STEPS, Operator, split_disturbances
 from ..optimize import places_in_sum
@@ -304,7 +303,7 @@ def _requirements(fitted, kind):
         yield "dt_", is_right, "be that of its records", repr(dt)
         unit = fitted.get("time_unit_", "s")  # which earlier versions lack
         yield "time_unit_", units == {unit}, "be that of its records", repr(unit)
-    if issubclass(kind, ParametricModel) and "operator_" in fitted:
+    if hasattr(kind, "operator_class") and "operator_" in fitted:
         yield from _requirements_of_operator(fitted, kind)
 
 
