@@ -539,7 +539,7 @@ def store_drive_range(estimator, drive, slices):
 def warn_beyond(estimator, X, columns, *, linear=False):
     """Warn of a drive, or of further columns that are read, beyond those of the fit.
 
-    Those of a ``linear`` model are told where they may be in another unit.
+    For a ``linear`` model only where they may be in another unit.
     """
     drive = drive_column(estimator)
     seen = {drive: getattr(estimator, "drive_range_", (-np.inf, np.inf))}

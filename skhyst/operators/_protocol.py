@@ -201,7 +201,6 @@ class Operator(Part, ABC):
                 low, high = specs[name].lower, specs[name].upper
                 is_right = np.all((low <= np.asarray(value)) & (np.asarray(value) <= high))
                 self._require(name, is_right, f"be from {low:g} to {high:g}")
-                self._require(name, not specs[name].log or np.all(value), "not be zero")
         if hasattr(self, "lower"):  # of two limits, or stops
             wanted = f"not be below 'lower', {self.lower:g}"
             self._require("upper", self.lower <= self.upper, wanted)

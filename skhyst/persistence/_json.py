@@ -315,7 +315,7 @@ def _requirements_of_operator(fitted, kind):
         yield attribute, attribute in fitted, "be in the file", "nothing"
     operator, wanted = fitted["operator_"], kind.operator_class
     driven, additive = split_disturbances(operator)
-    is_right = any(isinstance(part, wanted) for part in (operator, driven, *additive))
+    is_right = _contains(operator, wanted)
     yield "operator_", is_right, f"be of {wanted.__name__}", type(operator).__name__
     places, values = places_in_sum(driven, additive)[0], operator.pack()
     for key, value in fitted["params_"].items():
@@ -343,6 +343,11 @@ def _requirements_of_operator(fitted, kind):
         own = [std[places[key]] for key in determined]
         is_right = np.allclose([errors[key] for key in determined], own, rtol=1e-6, atol=0.0)
         yield "params_std_", is_right, "be those of 'covariance_'", errors
+
+
+def _contains(operator, kind):
+    """Return whether an operator, or a part of it, is of a class."""
+    return isinstance(operator, kind) or any(_contains(part, kind) for part in operator.children)
 
 
 def _is_position(n, column):

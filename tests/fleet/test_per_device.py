@@ -35,7 +35,7 @@ def fleet(constants=(0.03, 0.05, 0.08), days=2):
 @pytest.mark.parametrize("n_jobs", [None, 2])
 def test_each_device_is_fitted_as_if_alone(n_jobs):
     X, y = fleet()
-    weights = pd.Series(np.random.default_rng(9).uniform(0.5, 2.0, len(y)), y.index)
+    weights = pd.Series(np.random.default_rng(9).integers(1, 4, len(y)), y.index)
     model = PerDevice(FirstOrderLag(), ["device", "day"], n_jobs=n_jobs)
     model.fit(X, y, sample_weight=weights)
     assert model.params_.index.names == ["device", "day"]

@@ -160,7 +160,7 @@ def test_values_that_no_fit_finds_are_refused(tmp_path):
     lag, path = FirstOrderLag(dt=0.1).fit(*data), tmp_path / "model.skops"
     model = Cascade([("lag", FirstOrderLag())], dt=0.1).fit(*data)
     for own, part in ((lag, lag.operator_), (model, model.operator_.stages[0])):
-        object.__setattr__(part, "time_constant", 0.0)
+        object.__setattr__(part, "time_constant", -0.3)
         save_model(own, path)
         with pytest.raises(ValueError, match="'time_constant' parameter of FirstOrderLagOperator"):
             load_model(path)
