@@ -415,12 +415,15 @@ def _held_parts(estimator):
 def read_weights(sample_weight, X):
     """Return the weights of the samples, (n_samples,), of the rows of X; ones for None.
 
-    Whole numbers are counts. Others, such as inverse variances, are relative: their scale would
-    otherwise be that of the number of samples, and so of the standard errors.
+    Whole numbers are counts if the smallest, but for zeros, is 1. Others, such as inverse
+    variances, are relative: their scale would otherwise count as a number of samples.
     """
     refuse_lost_index(X, sample_weight, "sample_weight")
     weights = check_sample_weight(sample_weight, X, dtype=float, ensure_non_negative=True)
-    return weights / weights[weights > 0.0].mean() if np.any(weights % 1.0) else weights
+    positive = weights[weights > 0.0]
+    if not positive.size or (positive.min() == 1.0 and not np.any(positive % 1.0)):
+        return weights
+    return weights / positive.mean()
 
 
 def with_unread(y, sample_weight):

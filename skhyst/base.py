@@ -404,9 +404,10 @@ class ParametricModel(ScoredMixin, BaseEstimator):
             Response.
         sample_weight : array-like of shape (n_samples,), default=None
             Nonnegative weights: the squared error of each sample is multiplied by its weight, as if
-            the sample occurred that many times. If not all of them are whole numbers, they are
-            relative, such as inverse variances: their scale does not matter. A sample of weight
-            zero still acts on later ones through its drive; its response is not read.
+            the sample occurred that many times. Unless all are zero or whole numbers, the smallest
+            of them 1, they are relative, such as inverse variances: their scale does not matter,
+            and the standard deviation of the noise is that of a sample of mean weight. A sample of
+            weight zero still acts on later ones through its drive; its response is not read.
 
         Returns
         -------

@@ -98,7 +98,7 @@ def test_a_regressor_that_takes_no_weights():
     one = np.where(np.arange(N) == 9, 0.0, 1.0)
     assert model.fit(X, y, sample_weight=one).estimator_.n_samples_fit_ == N - 3
     with pytest.raises(ValueError, match=r"whose fit takes none\. Got KNeighborsRegressor"):
-        model.fit(X, y, sample_weight=2.0 * one)
+        model.fit(X, y, sample_weight=np.linspace(1.0, 2.0, N) * one)
 
 
 def test_no_sample_is_left():
