@@ -637,7 +637,7 @@ def test_feedback_keeps_to_the_limits_of_its_compensator():
 
 
 def test_a_single_value_and_a_rest_within_the_limits():
-    """A value is held; what the rate cuts to a rest is told, and why it rests."""
+    """A value is held; a message says which samples the rate cuts to a rest, and why."""
     found = compensator(FirstOrderLagOperator(0.05), rate_limit=1.0, drive_limits=None)
     np.testing.assert_allclose(found.drive_for([3.0], DT), [3.0])
     with pytest.warns(ReachWarning, match="than at rest, where it stays.*cut 9.* per s"):
