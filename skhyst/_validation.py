@@ -21,7 +21,7 @@ from sklearn.utils.validation import (
 from ._sklearn import StrOptions, check_sample_weight, validate_parameter_constraints
 from .exceptions import ConvergenceWarning, ExtrapolationWarning, RecordError
 from .io import are_swapped, symbol_of
-from .records import MISMATCH, chosen_interval, record_slices, refuse_lost_index
+from .records import MISMATCH, record_slices, refuse_lost_index, valid_interval
 
 # Largest value and, inverted, the smallest, unless an estimator has its own `largest_value`: the
 # squares of such values, of their gains and of the inverses of these are finite.
@@ -353,7 +353,7 @@ def used_interval(estimator, dt, caller):
             f"The 'dt' parameter of {caller} must be given: {type(estimator).__name__} was fitted "
             "to records of several sampling intervals, or to none."
         )
-    used = chosen_interval((), used, caller)
+    used = valid_interval(used, caller)
     fitted_dt, unit = fitted_interval(getattr(estimator, "model_", estimator))
     if unit == "sample" and used != fitted_dt:
         _refuse_seconds(estimator, used)

@@ -77,7 +77,7 @@ from .optimize import (
     with_further_starts,
     with_input_history,
 )
-from .records import RecordSlice, chosen_interval, with_lost_rows
+from .records import RecordSlice, valid_interval, with_lost_rows
 
 __all__ = ["ParametricModel"]
 
@@ -1267,27 +1267,30 @@ class ParametricModel(ScoredMixin, BaseEstimator):
         input_history, _ = input_history_of(driven, additive, parts, limits, **options)
         runs = {}
         for i, record, part, before in zip(numbers, data, parts, input_history, strict=True):
-            before = before if driven.n_start else self._needed(part, before, limits, noise)
+            by_history = None
+            if not (driven.n_start or part.weights[0]):
+                before, by_history = self._needed(part, before, limits, noise)
             record, part = (record_with_history(driven, r, before) for r in (record, part))
             precision = start_precision(driven, part, limits, response_range)
-            operator, own = calibrated(self.operator_, part, covariance, noise, precision)
+            operator, own = calibrated(
+                self.operator_, part, covariance, noise, precision, by_history
+            )
             u, skip = record.with_history()
             state = "rest" if record.start is None else record.start
             runs[i] = _Run(operator, own, u, record.dt, state, skip, record).at(record.schedule)
         return runs
 
     def _needed(self, record, before, limits, noise):
-        """Return the input history of a record, or a rest where only rows before readings need it.
+        """Return the input history that a record needs: the given one, or a rest.
 
         What is read in the middle of a record hardly depends on its beginning: a history then also
         fits the misfit of the model. So the readings must be ``1 / LEVEL`` times likelier with a
         history than from rest: with the residuals r of either in units of the noise, the
         derivatives S by the history, and the inverse P of its covariance before the readings, twice
         the logarithm of this Bayes factor is, for the most likely history h of a linear model,
-        ``r_rest' r_rest - r' r - h' P h - log det(I + S' S / P)``.
+        ``r_rest' r_rest - r' r - h' P h - log det(I + S' S / P)``. S is returned, too; None with a
+        rest, about which it is another.
         """
-        if record.weights[0]:
-            return before
         rest, errors = np.repeat(record.u[:1], len(before), axis=0), []
         driven, _ = split_disturbances(self.operator_)
         for history in (rest, before):
@@ -1303,7 +1306,8 @@ class ParametricModel(ScoredMixin, BaseEstimator):
         gain = (errors[0] - errors[1] - move @ prior @ move) / noise**2
         free = np.ix_(*2 * (prior.diagonal() > 0.0,))  # not of an input that is constant
         volumes = [np.linalg.slogdet(matrix[free])[1] for matrix in (gram + prior, prior)]
-        return before if gain - volumes[0] + volumes[1] > -2.0 * np.log(LEVEL) else rest
+        is_needed = gain - volumes[0] + volumes[1] > -2.0 * np.log(LEVEL)
+        return (before, columns) if is_needed else (rest, None)
 
     def depends_on_interval(self, dt) -> bool:
         """Return whether the fitted model responds differently at another sampling interval.
@@ -1369,7 +1373,7 @@ class ParametricModel(ScoredMixin, BaseEstimator):
         """
         check_is_fitted(self)
         caller = f"{type(self).__name__}.resampled"
-        dt = used_interval(self, chosen_interval((), dt, caller), caller)
+        dt = used_interval(self, valid_interval(dt, caller), caller)
         old_dt, operator = fitted_interval(self)[0] or self.dt, self.operator_
         operator_at_dt = operator.resampled(np.nan if old_dt is None else old_dt, dt)
         if operator_at_dt is None and (old_dt is None or self.depends_on_interval(dt)):

@@ -38,7 +38,7 @@ from ..base import read_data
 from ..exceptions import ConvergenceWarning, DivergenceWarning, RecordError
 from ..operators import Signal, Stepper
 from ..preprocessing import SampleRules, lagged_columns, read_lag_table, read_lags
-from ..records import MISMATCH, chosen_interval, with_lost_rows
+from ..records import MISMATCH, valid_interval, with_lost_rows
 from ._initial_outputs import estimate_history, fit_line, rest_outputs
 from ._runs import Lags, Start, free_runs, runs_ahead
 from ._streaming import compiled_lags, n_stored_rows
@@ -359,9 +359,7 @@ class AutoregressiveRegressor(ScoredMixin, BaseEstimator):
         """
         check_is_fitted(self)
         (interval, _), caller = fitted_interval(self), f"{type(self).__name__}.stepper"
-        if dt is not None and not np.isclose(
-            chosen_interval((), dt, caller), interval, rtol=MISMATCH
-        ):
+        if dt is not None and not np.isclose(valid_interval(dt, caller), interval, rtol=MISMATCH):
             raise ValueError(
                 f"The 'dt' parameter of {caller} must be {interval:g} s, that of the records of "
                 f"the fit: the lags are in samples. Got {dt!r} instead."

@@ -13,7 +13,7 @@ from .._validation import drive_column, fitted_interval
 from ..base import one_thread
 from ..optimize import coloured_covariance
 from ..preprocessing import GeneralizedInputGradient, PlayOperators, read_lags
-from ..records import chosen_interval
+from ..records import valid_interval
 from ._base import AutoregressiveRegressor, shifted
 from ._difference_equation import at_ratio
 from ._polynomial import PolynomialStep, candidate_terms, term_name, term_products
@@ -231,7 +231,7 @@ class NARMAXRegressor(AutoregressiveRegressor):
         """
         check_is_fitted(self)
         caller = f"{type(self).__name__}.resampled"
-        ratio = chosen_interval((), dt, caller) / fitted_interval(self)[0]
+        ratio = valid_interval(dt, caller) / fitted_interval(self)[0]
         linear = self._linear_terms()
         if linear is None or np.ndim(self.initial_output):
             raise ValueError(

@@ -284,10 +284,26 @@ class Corrected(MetaEstimatorMixin, ScoredMixin, BaseEstimator):
             )
         effects.adopt(result)
         estimator = backfitting.fitted(last.targets)
-        return self._assemble(estimator, effects, slices, 1 + last.number)
+        return self.adopt(estimator, effects, slices, 1 + last.number)
 
-    def _assemble(self, estimator, effects, slices, n_iter):
-        """Store the fitted parts."""
+    def adopt(self, estimator, effects, slices, n_iter) -> Self:
+        """Take fitted parts as the result of a fit, without one.
+
+        Parameters
+        ----------
+        estimator : estimator
+            The fitted regressor.
+        effects : ParametricModel
+            The fitted effects.
+        slices : sequence of RecordSlice
+            The records of the fit.
+        n_iter : int
+            Number of turns of the fit.
+
+        Returns
+        -------
+        self
+        """
         self.estimator_, self.effects_, self.records_ = estimator, effects, slices
         self.fit_error_, self.n_iter_ = effects.fit_error_, n_iter
         return self

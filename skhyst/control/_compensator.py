@@ -72,7 +72,7 @@ from ..operators import (
     inverse_of,
     split_disturbances,
 )
-from ..records import chosen_interval, fill_lost_rows, record_names
+from ..records import fill_lost_rows, record_names, valid_interval
 from ._drive_limits import DriveLimits
 
 _ORDER = 4  # of the low-pass, run forwards and backwards
@@ -478,7 +478,7 @@ class InverseCompensator(MetaEstimatorMixin, BaseEstimator):
         check_is_fitted(self)
         caller, wanted = "InverseCompensator.drive_for", "finite numbers, one per sample"
         reference = finite_numbers(reference, caller, "reference", wanted, ndim=1)
-        dt = chosen_interval((), dt, caller)
+        dt = valid_interval(dt, caller)
         if len(reference) == 1:  # at rest
             return self.drive_for(np.repeat(reference, 2), dt)[:1]
         index = pd.Index(dt * np.arange(len(reference)), name="time")

@@ -27,7 +27,7 @@ from numbers import Real
 import numpy as np
 
 from .._sklearn import Interval, validate_parameter_constraints
-from ..records import chosen_interval
+from ..records import valid_interval
 
 
 class IntegralResonantControl:
@@ -97,7 +97,7 @@ class IntegralResonantControl:
             If ``dt`` is not a positive number, the mode is not below half the sampling rate, or the
             damping ratio is not above 0.
         """
-        dt = chosen_interval((), dt, "IntegralResonantControl.section")
+        dt = valid_interval(dt, "IntegralResonantControl.section")
         frequency, gain = as_mode(self.mode, "gain")
         if not (0.0 < frequency * dt < 0.5 and gain != 0.0 and math.isfinite(gain)):
             raise ValueError(

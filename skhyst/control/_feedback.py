@@ -29,7 +29,7 @@ from .._signals import drive_signal
 from .._sklearn import HasMethods, Interval, StrOptions, validate_parameter_constraints
 from .._validation import finite_number, finite_numbers
 from ..operators import CompiledLaw, Signal, Stepper
-from ..records import chosen_interval
+from ..records import valid_interval
 from ._compensator import InverseCompensator, check_limits
 from ._damping import as_mode
 
@@ -311,7 +311,7 @@ class FeedforwardPI:
             If a parameter is invalid, or the notch is not below half the sampling rate.
         """
         caller = "FeedforwardPI.stepper"
-        dt = chosen_interval((), dt, caller)
+        dt = valid_interval(dt, caller)
         reference = finite_number(reference, caller, "reference")
         u0 = finite_number(u0, caller, "u0")
         limits = self.drive_limits
@@ -416,7 +416,7 @@ class FeedforwardPI:
         caller, wanted = "FeedforwardPI.controlling", "finite numbers, one per sample"
         reference = finite_numbers(reference, caller, "reference", wanted, ndim=1)
         u0 = None if u0 is None else finite_number(u0, caller, "u0")
-        dt = chosen_interval((), dt, caller)
+        dt = valid_interval(dt, caller)
         # the reading of a sample is the response at the sample before
         due = np.concatenate([reference[:1], reference[:-1]])
         columns, rest = [due], u0 or 0.0

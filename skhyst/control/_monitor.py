@@ -11,7 +11,7 @@ The misfit of a model is known from the records of the fit, for drives like thei
 the drive leaves their range or exceeds their rate are not judged.
 """
 
-from copy import copy, deepcopy
+from copy import copy
 from numbers import Integral, Real
 from typing import Self
 
@@ -26,6 +26,7 @@ from ..base import read_data, with_params
 from ..noise import whitening_filter
 from ..operators import add_disturbances, split_disturbances
 from ._local_tests import LocalTests
+from ._observer import Running
 from ._suspects import likely, smallest_squares, squares_after_step
 
 _EXACT = 1e-12  # rounding error of a run, as a fraction of the response
@@ -36,7 +37,7 @@ _AT_ONCE = 1 << 15  # samples that are processed at once
 _BETWEEN = 0.01
 
 
-class Monitor(MetaEstimatorMixin, BaseEstimator):
+class Monitor(Running, MetaEstimatorMixin, BaseEstimator):
     """Detect when a device in service no longer agrees with its model, and what has changed.
 
     Parameters
@@ -113,6 +114,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
     """
 
     one_interval = False  # unless its model asks for one interval
+    _changing = "_tests", "_rows"
     _range = -np.inf, np.inf  # for a monitor saved by a version without a range
     _worst = np.inf  # nor the mean square of innovations in the worst block of the fit
 
@@ -128,14 +130,6 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         self.false_alarms = false_alarms
         self.block = block
         self.parameters = parameters
-
-    def __getstate__(self):
-        state = super().__getstate__()
-        changing = {name: state[name] for name in ("_tests", "_rows") if name in state}
-        state = state | deepcopy(changing)
-        if isinstance(state.get("_columns"), _Columns):  # compiled: begun again where they are
-            state = state | {"_columns": self._columns.begun()}
-        return state
 
     @fit_context(prefer_skip_nested_validation=False)
     def fit(self, X, y) -> Self:
@@ -168,7 +162,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         self.observer_ = with_params(observer, dt_=self.dt_, time_unit_=self.time_unit_)
         self._changed, self.whitening_ = self._candidates(), np.ones(1)
         self._n_read = read[0][0].shape[1]
-        runs = [(_Columns(self, dt, u[0]), rows, known) for rows, u, dt, known in read]
+        runs = [(self._start(dt, u[0]), rows, known) for rows, u, dt, known in read]
         motion = np.concatenate([columns.motion(rows) for columns, rows, _ in runs])
         records = [columns.run(rows, known) for columns, rows, known in runs]
         self.whitening_ = whitening_filter([record[:, 0] for record in records])
@@ -218,7 +212,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         self
         """
         self._tests.reset()
-        self._columns, self._rows = None, []
+        self._running, self._begun, self._rows = None, None, []
         self._detected = self._judged = False
         self._evidence = None
         return self
@@ -245,14 +239,12 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
                 f"The drive and the reading must be {self._n_read} finite numbers in all. Got "
                 f"{row!r} instead."
             )
-        if getattr(self, "_columns", None) is None:
-            self._columns, self._rows = _Columns(self, self.observer_._interval(None), u), []
-        elif isinstance(self._columns, tuple):  # of a copy
-            self._columns = _Columns(self, *self._columns)
+        if self._going_on() is None:
+            self._running, self._rows = self._start(self.observer_._interval(None), u), []
         self._rows.append(row)
         self._detected = False
         if len(self._rows) == self.block:
-            alarms, judged = self._decide(self._columns, np.array(self._rows))
+            alarms, judged = self._decide(self._running, np.array(self._rows))
             self._detected, self._judged = bool(alarms[0]), bool(judged[0])
             self._rows = []
 
@@ -282,7 +274,7 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
         marks, n = [], max(_AT_ONCE // self.block, 1) * self.block
         for rows, u, dt, read in self.observer_._rows(X, y):
             self.reset()
-            columns, record_marks = _Columns(self, dt, u[0]), np.zeros((len(rows), 2), dtype=bool)
+            columns, record_marks = self._start(dt, u[0]), np.zeros((len(rows), 2), dtype=bool)
             n_complete = len(rows) // self.block * self.block
             for start in range(0, n_complete, n):
                 part = slice(start, min(start + n, n_complete))
@@ -363,6 +355,9 @@ class Monitor(MetaEstimatorMixin, BaseEstimator):
             return min(totals) if np.isfinite(totals).all() else np.inf
 
         return squares, offset
+
+    def _start(self, dt, u0, begun=None):
+        return _Columns(self, dt, u0, begun)
 
     def _decide(self, columns, rows, read=None):
         """Return whether each block (n_blocks,) ends with an alarm, and whether it is judged."""

@@ -5,7 +5,7 @@ uncertain part is linear: motion of the linear stages after the hysteresis that 
 explain, and a drifting output. A Kalman filter estimates both, see :mod:`skhyst.control._kalman`.
 """
 
-from copy import copy
+from copy import copy, deepcopy
 from functools import partial
 from numbers import Real
 from typing import Self
@@ -49,7 +49,43 @@ from ._kalman import (
 from ._unscented import Unscented
 
 
-class Observer(MetaEstimatorMixin, BaseEstimator):
+class Running:
+    """Part of an estimator that is run sample by sample, by what it has compiled.
+
+    A subclass has ``_start(*arguments)``, which returns that, and its method ``begun()`` the
+    arguments with which the same goes on. These are copied and stored: no compiled code.
+    """
+
+    _running = _begun = None
+    _changing = ()  # names of what changes from sample to sample besides
+
+    def __getstate__(self):
+        state = dict(super().__getstate__())
+        state |= deepcopy({name: state[name] for name in self._changing if name in state})
+        running = state.pop("_running", None)
+        return state if running is None else state | {"_begun": running.begun()}
+
+    def _going_on(self):
+        """Return what runs, also if it began before this was copied or stored, or None."""
+        if self._running is None and self._begun is not None:
+            self._running = self._start(*self._begun)
+        return self._running
+
+
+class _Device(Stepper):
+    """What an observer runs: from the drive at its first sample, or from a later state."""
+
+    def __init__(self, compiled_step, u0, state=None):
+        super().__init__(compiled_step)
+        self.u0 = u0
+        if state is not None:
+            self.state = state
+
+    def begun(self):
+        return self.u0, self.state
+
+
+class Observer(Running, MetaEstimatorMixin, BaseEstimator):
     r"""Estimate the response of a device from its model and a noisy reading, sample by sample.
 
     Parameters
@@ -117,6 +153,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
     """
 
     one_interval = False  # unless its model asks for one interval
+    _changing = ("_recent",)
 
     _parameter_constraints = {
         "model": [HasMethods(["fit", "predict"])],
@@ -143,15 +180,6 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         self.drift_std = drift_std
         self.process_std = process_std
         self.method = method
-
-    def __getstate__(self):
-        state = super().__getstate__()
-        if "_recent" in state:
-            state = state | {"_recent": list(self._recent)}
-        if state.get("_stream") is not None:  # compiled: begun again where it is
-            u0, _, stream = self._stream
-            state = state | {"_stream": None, "_begun": (u0, stream.state)}
-        return state
 
     @fit_context(prefer_skip_nested_validation=False)
     def fit(self, X, y) -> Self:
@@ -299,7 +327,7 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         -------
         self
         """
-        self._stream = self._begun = None
+        self._running = self._begun = None
         return self
 
     def update(self, u, y) -> float:
@@ -328,13 +356,13 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
             the state is unchanged then.
         """
         check_is_fitted(self)
-        begun = self._going_on()
-        if begun is None:
-            begun, self._recent = self._begin(u), []
-        _, compiled_step, stream = begun
-        self.estimate = stream.step(np.append(u, y))
-        self._stream = begun
-        self._recent.append((compiled_step.predicted(self.estimate, stream.state), float(y)))
+        device = self._going_on()
+        if device is None:
+            device, self._recent = self._start(u), []
+        self.estimate = device.step(np.append(u, y))
+        self._running = device
+        predicted = device.compiled_step.predicted(self.estimate, device.state)
+        self._recent.append((predicted, float(y)))
         if len(self._recent) >= min(record.n_samples for record in self.model_.records_):
             self._compare(*np.transpose(self._recent))
             self._recent = []
@@ -342,11 +370,11 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
 
     @property
     def state(self):
-        return self._streaming()[-1].state
+        return self._device().state
 
     @state.setter
     def state(self, values):
-        self._streaming()[-1].state = values
+        self._device().state = values
 
     @property
     def disturbance_estimate(self) -> float:
@@ -361,8 +389,8 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         return self._last()[2]
 
     def _last(self):
-        _, compiled_step, stream = self._streaming()
-        return [float(value) for value in compiled_step.read(stream.state)]
+        device = self._device()
+        return [float(value) for value in device.compiled_step.read(device.state)]
 
     def _rows(self, X, y):
         """Yield (rows of drive and reading, drive, sampling interval in s, mask of valid rows).
@@ -393,24 +421,14 @@ class Observer(MetaEstimatorMixin, BaseEstimator):
         walk = 0.0 if self.disturbance is None else np.nanmean(known - run)
         warn_of_unmatched_response(self.model_, run + walk, known, stacklevel=4)
 
-    def _begin(self, u0):
-        """Return the drive at the first sample, the compiled step, and the device that is run."""
-        compiled_step = self.compiled_step(None, u0)
-        return u0, compiled_step, Stepper(compiled_step)
+    def _start(self, u0, state=None):
+        return _Device(self.compiled_step(None, u0), u0, state)
 
-    def _going_on(self):
-        """Return what has begun, also before the observer was copied or stored, or None."""
-        if getattr(self, "_stream", None) is None and getattr(self, "_begun", None) is not None:
-            u0, state = self._begun
-            self._stream = self._begin(u0)
-            self.state = state
-        return getattr(self, "_stream", None)
-
-    def _streaming(self):
-        begun = self._going_on()
-        if begun is None:
+    def _device(self):
+        device = self._going_on()
+        if device is None:
             raise AttributeError("The Observer has seen no sample: call 'update' before.")
-        return begun
+        return device
 
     def _interval(self, dt):
         used = used_interval(self, dt, "Observer.compiled_step")

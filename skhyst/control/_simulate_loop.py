@@ -16,7 +16,7 @@ from sklearn.utils import check_random_state
 from .._sklearn import HasMethods, Interval, validate_parameter_constraints
 from .._validation import finite_numbers
 from ..exceptions import DivergenceWarning
-from ..records import MISMATCH, chosen_interval
+from ..records import MISMATCH, valid_interval
 
 _CONSTRAINTS = {
     "device": [HasMethods("step")],
@@ -136,7 +136,7 @@ def simulate_loop(
     validate_parameter_constraints(_CONSTRAINTS, named, caller)
     wanted = "finite numbers, one per sample"
     reference = finite_numbers(reference, caller, "reference", wanted, ndim=1)
-    dt = chosen_interval((), dt, caller)
+    dt = valid_interval(dt, caller)
     device_dt = getattr(device, "dt", None)  # of a stepper, which has an interval of its own
     if device_dt is not None and abs(device_dt - dt) > MISMATCH * dt:
         raise ValueError(

@@ -38,7 +38,7 @@ def declare(estimator, X, columns, y, slices, random_state, reference=None):
         read_data(estimator, X, y, reset=True)
         if isinstance(estimator, TransferFunction) and not isinstance(estimator.inputs, str):
             # a stage of a composition does not know the names of the columns
-            estimator.set_params(inputs=list(estimator._columns(columns.shape[1])))
+            estimator.set_params(inputs=list(estimator.input_positions(columns.shape[1])))
         return Declared(estimator, columns, slices)
     return BlackBox(estimator, X, columns, y, slices, random_state, reference)
 
@@ -221,7 +221,7 @@ class BlackBox(Declared):
         self._fitted = clone(self._estimator).fit(self._X, target)
         parts, n_folds = (clone(self._estimator), clone(effects)), len(self._folds)
         model = Corrected(*parts, cv=n_folds, dt=self.model.dt)
-        model._assemble(self._fitted, effects, self._slices, 1 + contestant.box.turns)
+        model.adopt(self._fitted, effects, self._slices, 1 + contestant.box.turns)
         return _knowing(model, self.model), result
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from .._files import replacing
 from .._validation import finite_numbers
 from ..operators import Signal, Stepper
-from ..records import chosen_interval
+from ..records import valid_interval
 from ._interpreter import Interpreter
 from ._model import model_step
 from ._rest import rest_rules
@@ -363,7 +363,7 @@ def _compacted(stepper):
 
 def stepper_of(model, dt, initial_state, u0):
     """Return a model as a stepper, and the sampling interval, None if it is not known."""
-    dt = None if dt is None else chosen_interval((), dt, "to_c")
+    dt = None if dt is None else valid_interval(dt, "to_c")
     finite_numbers(u0, "to_c", "u0", "a finite number, or one for each input")
     if hasattr(model, "stepper"):
         options = {} if initial_state is None else {"initial_state": initial_state}

@@ -46,7 +46,7 @@ from ..optimize import (
     vector_fit,
     warp,
 )
-from ..records import chosen_interval, with_lost_rows
+from ..records import valid_interval, with_lost_rows
 from ._linear import complex_gain
 from ._modes import ModesMixin, section_poles
 from ._periodic import find_period, period_spectra
@@ -643,7 +643,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, ScoredMixin, BaseEstimator):
         """
         check_is_fitted(self)
         caller = f"{type(self).__name__}.stepper"
-        dt = self.operator_.dt if dt is None else chosen_interval((), dt, caller)
+        dt = self.operator_.dt if dt is None else valid_interval(dt, caller)
         u0 = rest_input(u0, initial_state, self.n_features_in_, caller)
         return self._stepper(dt, self.operator_.init(u0, initial_state or self.initial_state))
 

@@ -1041,10 +1041,22 @@ class TransferFunction(ModesMixin, LinearModel):
         if hasattr(self, "_response_inputs"):
             return X if self.reads_columns else X[:, 0], [None] * len(slices)
         signal, schedules = super().operator_input(X, slices)
-        return X[:, self._columns(X.shape[1])] if self.reads_columns else signal, schedules
+        return X[:, self.input_positions(X.shape[1])] if self.reads_columns else signal, schedules
 
-    def _columns(self, n_columns, names=None):
-        """Return the positions of the inputs among the columns of X."""
+    def input_positions(self, n_columns, names=None) -> list[int]:
+        """Return the positions of the inputs among the columns of X.
+
+        Parameters
+        ----------
+        n_columns : int
+            Number of columns of X.
+        names : sequence of str, default=None
+            Their names; by default those of the fit.
+
+        Returns
+        -------
+        list of int
+        """
         if isinstance(self.inputs, str):
             return list(range(n_columns if self.inputs == "all" else 1))
         if names is None:
@@ -1280,7 +1292,7 @@ class TransferFunction(ModesMixin, LinearModel):
                 "The 'inputs' parameter of TransferFunction must be 'all' or a list for a "
                 f"frequency response of {g.shape[1]} inputs. Got 'drive' instead."
             )
-        columns = self._columns(g.shape[1], response.input_names)
+        columns = self.input_positions(g.shape[1], response.input_names)
         used = response.frequency > 0.0
         frequency, g = response.frequency[used], g[used][:, columns]
         std = None if std is None else std[used][:, columns]

@@ -19,7 +19,7 @@ import numpy as np
 
 from .._jit import bind, jit
 from ..exceptions import DivergenceWarning
-from ..records import chosen_interval
+from ..records import valid_interval
 from ._protocol import as_constant, as_signal
 
 
@@ -664,7 +664,7 @@ class Stepper:
 
     def __init__(self, compiled_step, dt=None, *, inputs=(), result=None, preview=0, remake=None):
         self.compiled_step = compiled_step
-        self.dt = None if dt is None else chosen_interval((), dt, "Stepper")
+        self.dt = None if dt is None else valid_interval(dt, "Stepper")
         self.inputs, self.result, self.preview = tuple(inputs), result, preview
         if self.inputs and len(self.inputs) != (compiled_step.n_inputs or 1):
             raise ValueError(

@@ -215,7 +215,7 @@ def places_in_sum(driven, disturbances):
     return places, coefficients
 
 
-def calibrated(operator, record, covariance=None, noise_std=None, precision=None):
+def calibrated(operator, record, covariance=None, noise_std=None, precision=None, by_history=None):
     """Return an operator with the coefficients of its disturbances in a record.
 
     Parameters
@@ -232,6 +232,8 @@ def calibrated(operator, record, covariance=None, noise_std=None, precision=None
     precision : ndarray of shape (n_start, n_start), default=None
         Inverse covariance of the record's input history or start values before its response was
         known, if these have been estimated.
+    by_history : ndarray of shape (n_samples, n_start), default=None
+        Derivatives of the output by these, if they are known.
 
     Returns
     -------
@@ -251,8 +253,9 @@ def calibrated(operator, record, covariance=None, noise_std=None, precision=None
         return operator, covariance
     n_start = 0 if precision is None else len(precision)
     if n_start:
-        columns = OperatorProblem(driven, [record]).history_sensitivities(driven, record)
-        record = replace(record, eliminated=columns)
+        if by_history is None:
+            by_history = OperatorProblem(driven, [record]).history_sensitivities(driven, record)
+        record = replace(record, eliminated=by_history)
         size = len(covariance)
         own = [*own, *range(size, size + n_start)]
         covariance = np.pad(covariance, (0, n_start))

@@ -7,11 +7,11 @@ from ._frames import iter_records, stack_records
 from ._index import MISMATCH as MISMATCH
 from ._index import RecordSlice, record_slices, sampling_interval
 from ._index import by_interval as by_interval
-from ._index import chosen_interval as chosen_interval
 from ._index import first_of_equals as first_of_equals
 from ._index import record_names as record_names
 from ._index import refuse_lost_index as refuse_lost_index
 from ._index import refuse_masked as refuse_masked
+from ._index import valid_interval as valid_interval
 from ._lost_rows import fill_lost_rows as fill_lost_rows
 from ._lost_rows import with_lost_rows as with_lost_rows
 from ._periods import drive_period as drive_period

@@ -10,11 +10,11 @@ from ..exceptions import RecordError
 from ._index import (
     MISMATCH,
     record_slices,
-    refuse_interval,
     refuse_lost_index,
     refuse_masked,
     time_level,
     time_stamps,
+    valid_interval,
 )
 
 
@@ -150,7 +150,7 @@ def stack_records(records, labels=None, *, dt=None):
                 f"{len(records)} in all. Got {len(labels)} instead."
             )
     if dt is not None:
-        refuse_interval(dt, "stack_records")
+        valid_interval(dt, "stack_records")
     paired = [_is_pair(record) for record in records]
     if any(paired) != all(paired) or any(len(r) != 2 for r in records if isinstance(r, tuple)):
         raise RecordError(

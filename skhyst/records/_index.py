@@ -111,13 +111,31 @@ class RecordSlice:
         return self.start_time + self.dt * self.samples
 
 
-def refuse_interval(dt, caller):
-    """Raise a RecordError unless ``dt`` is a number of s, within ``LONGEST`` and its inverse."""
+def valid_interval(dt, caller) -> float:
+    """Return ``dt`` as a float.
+
+    Parameters
+    ----------
+    dt : object
+        Should be a number of s, within ``LONGEST`` and its inverse.
+    caller : str
+        Name of the function with the parameter ``dt``, for the error message.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    RecordError
+        If it is none.
+    """
     if not (isinstance(dt, Real) and 1.0 / LONGEST <= dt <= LONGEST):
         raise RecordError(
             f"The 'dt' parameter of {caller} must be a positive number of seconds, between "
             f"{1.0 / LONGEST:g} and {LONGEST:g}. Got {dt!r} instead."
         )
+    return float(dt)
 
 
 def record_slices(
@@ -173,7 +191,7 @@ def record_slices(
     """
     counted = "sample" if dt is None else "s"
     dt = 1.0 if dt is None else dt
-    refuse_interval(dt, "record_slices")
+    valid_interval(dt, "record_slices")
     dt = float(dt)
     refuse_masked("X", X)
     if y is not None:
@@ -258,48 +276,6 @@ def by_interval(records) -> dict[float, list[int]]:
     """
     intervals = sorted({record.dt for record in records})
     return {dt: [i for i, r in enumerate(records) if r.dt == dt] for dt in intervals}
-
-
-def chosen_interval(records, dt, caller) -> float:
-    """Return the sampling interval for the use of a fitted model or a controller.
-
-    Parameters
-    ----------
-    records : sequence of RecordSlice
-        Records of the fit; empty without a fit: then the interval must be given.
-    dt : float or None
-        Interval in s where one is given.
-    caller : str
-        Name of the function with the parameter ``dt``, for error messages.
-
-    Returns
-    -------
-    float
-        Interval in s, by default that of the records.
-
-    Raises
-    ------
-    ValueError
-        If ``dt`` is not a valid interval, or it is not given and the records have several.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from skhyst.records import chosen_interval, record_slices
-    >>> records = record_slices(np.zeros((5, 1)), dt=0.1)
-    >>> chosen_interval(records, None, "to_c"), chosen_interval(records, 0.2, "to_c")
-    (0.1, 0.2)
-    """
-    if dt is not None or not records:
-        refuse_interval(dt, caller)
-        return float(dt)
-    intervals = list(by_interval(records))
-    if len(intervals) > 1:
-        raise ValueError(
-            f"The 'dt' parameter of {caller} must be given: the records of the fit have the "
-            f"intervals {intervals} s."
-        )
-    return intervals[0]
 
 
 def refuse_lost_index(X, y, name="y"):

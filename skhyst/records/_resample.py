@@ -15,9 +15,9 @@ from ._index import (
     BRIDGED,
     GAP,
     record_slices,
-    refuse_interval,
     refuse_lost_index,
     time_stamps,
+    valid_interval,
 )
 
 FILTER_ORDER = 8
@@ -84,7 +84,7 @@ def resample_records(X, y=None, *, dt, max_gap=None, anti_alias=True):
     [0.0, 1.0, 2.0, 3.0]
     """
     if dt != "auto":
-        refuse_interval(dt, "resample_records")
+        valid_interval(dt, "resample_records")
     if max_gap is not None and not (isinstance(max_gap, Real) and max_gap > 0):
         raise RecordError(
             f"The 'max_gap' parameter of resample_records must be positive. Got {max_gap!r} "
