@@ -52,6 +52,9 @@ from .operators import (
     SumOperator,
     add_disturbances,
     cut_off,
+    holding_what_moves,
+    holds_of_input,
+    resampled,
     run_records,
     run_variance,
     split_disturbances,
@@ -1007,14 +1010,14 @@ class ParametricModel(ScoredMixin, BaseEstimator):
                 "initial_state='zero'.",
                 ConvergenceWarning,
             )
-        for part in result.operator.holding_what_moves():
+        for part in holding_what_moves(result.operator):
             yield (
                 f"The input of {part!r} is held between samples (hold='zoh'), although a part of "
                 f"{name} before it moves between them: as if there were a sampler. Set hold='foh' "
                 "for it unless there is one; only the drive of the first dynamics is held.",
                 UserWarning,
             )
-        holds = sorted(result.operator.holds_of_input())
+        holds = sorted(holds_of_input(result.operator))
         if len({column for column, _ in holds}) < len(holds):
             kinds = " and ".join(repr(kind) for kind in dict.fromkeys(kind for _, kind in holds))
             yield (
@@ -1375,7 +1378,7 @@ class ParametricModel(ScoredMixin, BaseEstimator):
         caller = f"{type(self).__name__}.resampled"
         dt = used_interval(self, valid_interval(dt, caller), caller)
         old_dt, operator = fitted_interval(self)[0] or self.dt, self.operator_
-        operator_at_dt = operator.resampled(np.nan if old_dt is None else old_dt, dt)
+        operator_at_dt = resampled(operator, np.nan if old_dt is None else old_dt, dt)
         if operator_at_dt is None and (old_dt is None or self.depends_on_interval(dt)):
             wanted = "that of the fit: its response between samples is not exact"
             if old_dt is not None and hasattr(operator, "n_substeps"):

@@ -24,7 +24,7 @@ from sklearn.base import clone
 
 from .._validation import fit_weighted, select_rows
 from ..exceptions import ExtrapolationWarning
-from ..operators import FrozenOperator, Series, SumOperator
+from ..operators import FrozenOperator, Series, SumOperator, propagate
 from ._columns import OnColumnOperator, Scaled
 from ._scheduled_parameters import Scheduled
 
@@ -260,4 +260,4 @@ def _derivative(operator, u, change, dt, state, adjoint=False):
     order = slice(None, None, -1 if adjoint else 1)
     drive, dchange = np.ascontiguousarray(u[order]), np.ascontiguousarray(change[order, None])
     start = "zero" if operator.signal_linear else state
-    return np.ascontiguousarray(operator.propagate(drive, dchange, dt, start)[1][order, 0])
+    return np.ascontiguousarray(propagate(operator, drive, dchange, dt, start)[1][order, 0])

@@ -624,13 +624,14 @@ class Cascade(Composition):
     def _fitted_to_last_input(self, data):
         """Yield results whose other steps are first fitted to the input of the last step.
 
-        Only if that input follows from the response, see ``preimage`` of an operator.
+        Only of a step whose output turns where its input does not, as that of a fold: its operator
+        has ``unfolded(y)``, which returns an input (n_samples,) that gives the output.
         """
         names = [name for name, _ in self._kept_steps()]
         for last in _driven_starts(self._models()[-1], data) if len(names) > 1 else ():
-            inputs = [last.preimage(record.y) for record in data]
-            if inputs[0] is None:
+            if not hasattr(last, "unfolded"):
                 return
+            inputs = [last.unfolded(record.y) for record in data]
             records = [replace(record, y=y) for record, y in zip(data, inputs, strict=True)]
             others = with_params(self, steps=self._kept_steps()[:-1])
             before = others._add_steps(records, others._orders()[0], ROUGH)

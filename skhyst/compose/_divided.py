@@ -20,7 +20,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..operators import Series, play_basis
+from ..operators import Series, play_basis, propagate
 
 _DEGREE = 5  # degree of the curve by which divisions are compared: it may bend and saturate
 _PLAYS = np.array([0.03, 0.1])  # half gaps, relative to the range of the signal in between
@@ -121,7 +121,7 @@ class _Score:
         """
         behind = _series(behind)
         filtered = [
-            behind.propagate(x, column, r.dt, self.state)[1]
+            propagate(behind, x, column, r.dt, self.state)[1]
             for r, x, column in zip(self.records, signals, columns, strict=True)
         ]
         filtered = self._beside(self._stacked(filtered))

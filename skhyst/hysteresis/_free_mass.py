@@ -42,7 +42,17 @@ import numpy as np
 from .._jit import jit
 from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel, refine
-from ..operators import CompiledLaw, HeldInput, Operator, as_signal, parameter
+from ..operators import (
+    CompiledLaw,
+    HeldInput,
+    Operator,
+    ScaledWithin,
+    StartValues,
+    as_signal,
+    parameter,
+    resampled,
+    with_substeps_resampled,
+)
 from ..optimize import (
     RecordData,
     best_from_own_starts,
@@ -529,7 +539,7 @@ def free_mass_tangents(
 
 
 @dataclass(frozen=True)
-class FreeMassOperator(HeldInput):
+class FreeMassOperator(HeldInput, ScaledWithin, StartValues):
     r"""Mass without a spring: the law of :class:`FreeMass`.
 
     Parameters
@@ -683,9 +693,6 @@ class FreeMassOperator(HeldInput):
         place = self.friction_center if math.isfinite(self.friction_center) else 0.0
         return *values.values(), float(place), float(self._is_bent)
 
-    def resampled(self, own, dt):
-        return super().resampled(own, dt) if self._is_bent else self
-
     def init(self, u0, initial_state="rest"):
         if isinstance(initial_state, str):
             at_rest = initial_state == "rest"
@@ -820,6 +827,11 @@ _OF = {
     "friction_gradient": {"friction_gradient"},
     "cubic_stiffness": {"cubic_stiffness", "center"},
 }
+
+
+@resampled.register
+def _(operator: FreeMassOperator, own, dt):
+    return with_substeps_resampled(operator, own, dt) if operator._is_bent else operator
 
 
 class FreeMass(ParametricModel):

@@ -46,7 +46,7 @@ from .._jit import bind, jit
 from .._sklearn import Interval, StrOptions
 from ..base import ParametricModel, refine
 from ..linear import SecondOrderMode, SecondOrderModeOperator
-from ..operators import CompiledLaw, HeldInput, WindowInverseOperator, as_signal
+from ..operators import CompiledLaw, HeldInput, ScaledWithin, WindowInverseOperator, as_signal
 from ..optimize import VariableProjection
 
 # columns of a law's derivatives; its own parameters begin at OWN
@@ -324,7 +324,7 @@ def propagate(step, k, du, dfactor, dbefore, d, dout):
         dout[k, j] = d[0, j]
 
 
-class OscillatorOperator(HeldInput):
+class OscillatorOperator(HeldInput, ScaledWithin):
     r"""Mass, spring and damper with a hysteretic force; ``y = gain q + intercept``.
 
     The state is the tuple (q, q'/w, hysteretic force, last drive, whether there was one), all in

@@ -23,6 +23,7 @@ from ..base import ParametricModel, read_data, with_params
 from ..operators import (
     CompiledLaw,
     Resolution,
+    ScaledWithin,
     Superposition,
     as_constant,
     as_signal,
@@ -83,7 +84,7 @@ class PlaySum(Superposition):
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class PrandtlIshlinskiiOperator(PlaySum):
+class PrandtlIshlinskiiOperator(PlaySum, ScaledWithin):
     """Weighted sum of play or stop operators; :class:`PrandtlIshlinskii` gives the law.
 
     The time of a run does not depend on the number of plays. The operator is rate-independent:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..base import ParametricModel
-from ..operators import CompiledLaw, Operator, in_ring, parameter
+from ..operators import CompiledLaw, Operator, in_ring, parameter, resampled
 from ._interpolation import cubic_weights, delay_step
 from ._linear import log_grid, time_span
 from ._shift_inverse import InverseShiftOperator
@@ -68,7 +68,7 @@ class DelayOperator(Operator):
     delay: float = parameter(log=True, lower=0.0, unit="s")
     stage_order: int = 5
     signal_linear = True
-    keeps_lines = True
+    keeps_lines = True  # a series of delays and others can be resampled
 
     def init(self, u0, initial_state="rest"):
         return np.array([u0 if initial_state == "rest" else 0.0], dtype=float)
@@ -89,12 +89,6 @@ class DelayOperator(Operator):
         past = np.concatenate([np.repeat(state[:1], max(back - len(state), 0)), state[-back:]])
         weights, _ = cubic_weights(back - delay)
         return CompiledLaw(delay_step, weights, [back, *past, 0.0], possible=in_ring)
-
-    def resampled(self, own, dt):
-        samples = self.delay / np.array([own, dt])
-        # a part of a sample is read between others, differently at each interval
-        whole = np.abs(samples - np.round(samples)) <= _ROUNDING * np.maximum(samples, 1.0)
-        return self if whole.all() else None
 
     def inverse(self):
         """Return the inverse of the interpolation; it is not causal."""
@@ -131,6 +125,14 @@ class DelayOperator(Operator):
         if du.shape[1]:
             du, _ = _delayed(du, rest * du[:1], delay)
         return y, np.concatenate([du, -slopes[:, None] / dt], axis=1)
+
+
+@resampled.register
+def _(operator: DelayOperator, own, dt):
+    samples = operator.delay / np.array([own, dt])
+    # a part of a sample is read between others, differently at each interval
+    whole = np.abs(samples - np.round(samples)) <= _ROUNDING * np.maximum(samples, 1.0)
+    return operator if whole.all() else None
 
 
 class Delay(ParametricModel):

@@ -26,10 +26,13 @@ from ..operators import (
     CompiledLaw,
     HeldInput,
     InverseLinearOperator,
+    Operator,
+    StartValues,
     as_signal,
     block_run,
     block_table,
     first_order_run,
+    propagate,
     second_order_run,
     state_space_begin,
     state_space_run,
@@ -117,7 +120,7 @@ def _equilibrium(a, b, integrators=0):
         return -(np.linalg.pinv(a) @ b[..., None])[..., 0]
 
 
-class LinearOperator(HeldInput):
+class LinearOperator(HeldInput, StartValues):
     """Base of the linear operators; a subclass gives ``_matrices`` and may set ``hold``.
 
     ``n_poles`` is the number of real poles and of pairs; :meth:`with_poles` replaces them.
@@ -378,11 +381,6 @@ class LinearOperator(HeldInput):
             at += size
         return y, dy
 
-    def propagate(self, u, du, dt, initial_state="rest"):
-        if du.shape[1] == 0:
-            return super().propagate(u, du, dt, initial_state)
-        return self._tangents(u, du, dt, initial_state, by_parameters=False)
-
     def _tangents(self, u, du, dt, initial_state, by_parameters):
         """Return the output and its tangents: of the input, then, if asked for, by parameters."""
         begins_at_rest = isinstance(initial_state, str) and initial_state == "rest"
@@ -409,6 +407,13 @@ class LinearOperator(HeldInput):
         rest = self._rest() if begins_at_rest else np.zeros(n)
         rest_by = rest_by if begins_at_rest else np.zeros_like(rest_by)
         return tangent_system(discrete, by, rest, rest_by, begins_at_rest and not self.integrators)
+
+
+@propagate.register
+def _(operator: LinearOperator, u, du, dt, initial_state="rest"):
+    if du.shape[1] == 0 or not operator.causal:
+        return propagate.dispatch(Operator)(operator, u, du, dt, initial_state)
+    return operator._tangents(u, du, dt, initial_state, by_parameters=False)
 
 
 class LinearModel(ParametricModel):

@@ -35,12 +35,18 @@ from ._feedback import FEEDBACK_ARGUMENTS as FEEDBACK_ARGUMENTS
 from ._feedback import FeedbackOperator
 from ._feedback import has_velocity as has_velocity
 from ._held_input import HeldInput as HeldInput
+from ._held_input import holding_what_moves as holding_what_moves
+from ._held_input import holds_of_input as holds_of_input
 from ._held_input import is_straight as is_straight
+from ._held_input import resampled as resampled
+from ._held_input import with_substeps_resampled as with_substeps_resampled
 from ._linear_inverse import InverseLinearOperator
 from ._linear_inverse import previewed as previewed
 from ._one_state import OneStateOperator
 from ._part import Factor
+from ._part import ScaledWithin as ScaledWithin
 from ._part import Stage as Stage
+from ._part import StartValues as StartValues
 from ._part import snake_case as snake_case
 from ._plays import Superposition as Superposition
 from ._plays import clip_play as clip_play
@@ -62,6 +68,8 @@ from ._protocol import Operator, ParameterSpec, parameter
 from ._protocol import as_constant as as_constant
 from ._protocol import as_signal as as_signal
 from ._protocol import by_fields as by_fields
+from ._protocol import is_array as is_array
+from ._protocol import propagate as propagate
 from ._records import cut_off as cut_off
 from ._records import run_records as run_records
 from ._records import run_variance as run_variance

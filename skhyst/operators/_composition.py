@@ -22,9 +22,10 @@ from ._compiled_step import (
     CompiledSum,
     nothing,
 )
+from ._held_input import holding_what_moves, holds_of_input, resampled
 from ._linear_inverse import InverseLinearOperator
 from ._part import JOIN, Stage
-from ._protocol import MOST_STEPS, Operator, ParameterSpec
+from ._protocol import MOST_STEPS, Operator, ParameterSpec, propagate
 from ._root_inverse import RootInverseOperator, inverse_of
 
 _DRIVEN = "model"  # name of the driven part, where there are additive disturbances
@@ -174,7 +175,7 @@ class FrozenOperator(WrappedOperator):
     split, inner, keys = Operator.split, Operator.inner, Operator.keys
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
-        return self.operator.propagate(u, du, dt, initial_state)
+        return propagate(self.operator, u, du, dt, initial_state)
 
 
 @dataclass(frozen=True)
@@ -226,9 +227,6 @@ class OnColumnOperator(WrappedOperator):
     def keys(self, name=None):
         return super().keys(name) if self.column == 0 else Operator.keys(self, name)
 
-    def holds_of_input(self):
-        return {(self.column, hold) for _, hold in super().holds_of_input()}
-
     def _own(self, u):
         return _one(u, self.column) - self.reference
 
@@ -255,6 +253,11 @@ class OnColumnOperator(WrappedOperator):
         return self.operator.sensitivities(
             self._own(u), _tangents_of(du, self.column), dt, initial_state
         )
+
+
+@holds_of_input.register
+def _(operator: OnColumnOperator):
+    return {(operator.column, hold) for _, hold in holds_of_input(operator.operator)}
 
 
 @jit
@@ -799,10 +802,6 @@ class _Composition(_ByEntries):
     reads_columns = _of_stages(any, "reads_columns")
     at_once = _of_stages(all, "at_once")
 
-    def _each_resampled(self, own, dt):
-        stages = tuple(stage.resampled(own, dt) for stage in self.stages)
-        return None if None in stages else replace(self, stages=stages)
-
     @property
     def stage_order(self):
         return max((stage.stage_order for stage in self.stages), default=Operator.stage_order)
@@ -847,15 +846,6 @@ class _Composition(_ByEntries):
     def members(self):
         """Return the stages with their names."""
         return [Stage(*pair) for pair in zip(self.names, self.stages, strict=True)]
-
-    def holding_what_moves(self, name=None):
-        return [own for key, part in self._keyed(name) for own in part.holding_what_moves(key)]
-
-    def _keyed(self, name):
-        """Return the stages with their full names; those within a single model have its name."""
-        if not self.is_composed:
-            return [(name, stage) for stage in self.stages]
-        return [(own if name is None else f"{name}__{own}", part) for own, part in self.members()]
 
     def held_entries(self):
         if not self.is_composed:
@@ -927,6 +917,23 @@ class _Composition(_ByEntries):
         return tuple(
             s.compiled_step(dt, state) for s, state in zip(self.stages, states, strict=True)
         )
+
+
+def _each_resampled(node, own, dt):
+    stages = tuple(resampled(stage, own, dt) for stage in node.stages)
+    return None if None in stages else replace(node, stages=stages)
+
+
+@holding_what_moves.register
+def _(node: _Composition, name=None):
+    return [own for key, part in _keyed(node, name) for own in holding_what_moves(part, key)]
+
+
+def _keyed(node, name):
+    """Return the stages with their full names; those within a single model have its name."""
+    if not node.is_composed:
+        return [(name, stage) for stage in node.stages]
+    return [(own if name is None else f"{name}__{own}", part) for own, part in node.members()]
 
 
 def _begins(stage, initial_state):
@@ -1046,23 +1053,6 @@ class Series(_Composition):
             key for stage_name, stage in self.series() for key in Operator.keys(stage, stage_name)
         ]
 
-    def holds_of_input(self):
-        found = set()
-        for stage in self.stages:
-            first = self.stages[0].driving_column
-            found |= {(first or column, hold) for column, hold in stage.holds_of_input()}
-            if stage.moves_at_rest:
-                break
-        return found
-
-    def holding_what_moves(self, name=None):
-        found, moves = [], False
-        for key, stage in self._keyed(name):
-            holds = moves and "zoh" in {hold for _, hold in stage.holds_of_input()}
-            found += [key] if holds else stage.holding_what_moves(key)
-            moves = moves or stage.moves_at_rest
-        return found
-
     def init(self, u0, initial_state="rest"):
         states = []
         for number, stage in enumerate(self.stages, 1):
@@ -1093,11 +1083,6 @@ class Series(_Composition):
             u0 = stage.run(np.array([u0]), dt)[0][0]
         return CompiledSeries(tuple(compiled_step)), samples
 
-    def resampled(self, own, dt):
-        # behind other stages the input is no straight line between samples
-        straight = all(stage.keeps_lines for stage in self.stages[:-1])
-        return self._each_resampled(own, dt) if straight else None
-
     def inverse(self):
         """Return the series of the inverses, last stage first."""
         return Series(self.names[::-1], tuple(map(inverse_of, reversed(self.stages))))
@@ -1107,18 +1092,48 @@ class Series(_Composition):
             u, du = stage.sensitivities(u, du, dt, _begins(stage, initial_state))
         return u, du
 
-    def propagate(self, u, du, dt, initial_state="rest"):
-        for stage in self.stages:
-            u, du = stage.propagate(u, du, dt, _begins(stage, initial_state))
-        return u, du
-
     def by_start(self, u, dt, start):
         du = np.zeros((len(u), len(start)))
         for stage in self.stages:
             by_own_start = stage.by_start(u, dt, start) if stage.n_start else 0.0
-            u, du = stage.propagate(u, du, dt, _begins(stage, start))
+            u, du = propagate(stage, u, du, dt, _begins(stage, start))
             du = du + by_own_start
         return du
+
+
+@propagate.register
+def _(series: Series, u, du, dt, initial_state="rest"):
+    for stage in series.stages:
+        u, du = propagate(stage, u, du, dt, _begins(stage, initial_state))
+    return u, du
+
+
+@resampled.register
+def _(series: Series, own, dt):
+    # behind other stages the input is no straight line between samples
+    straight = all(getattr(stage, "keeps_lines", False) for stage in series.stages[:-1])
+    return _each_resampled(series, own, dt) if straight else None
+
+
+@holds_of_input.register
+def _(series: Series):
+    found = set()
+    for stage in series.stages:
+        first = series.stages[0].driving_column
+        found |= {(first or column, hold) for column, hold in holds_of_input(stage)}
+        if stage.moves_at_rest:
+            break
+    return found
+
+
+@holding_what_moves.register
+def _(series: Series, name=None):
+    found, moves = [], False
+    for key, stage in _keyed(series, name):
+        holds = moves and "zoh" in {hold for _, hold in holds_of_input(stage)}
+        found += [key] if holds else holding_what_moves(stage, key)
+        moves = moves or stage.moves_at_rest
+    return found
 
 
 class SumOperator(_Composition):
@@ -1142,9 +1157,6 @@ class SumOperator(_Composition):
 
     structure_of = "Sum"
     has_matrices = _of_stages(all, "has_matrices")
-
-    def resampled(self, own, dt):
-        return self._each_resampled(own, dt)
 
     def _marked(self, parts):
         marked, taken = [], False
@@ -1296,6 +1308,9 @@ class SumOperator(_Composition):
                 several = [(part.name, f"{stage_name}__{entry}") for entry, _ in stage.entries()]
                 stage_keys += keys if len(driven) == 1 else several
         return stage_keys
+
+
+resampled.register(SumOperator, _each_resampled)
 
 
 def _set(spec, **marks):

@@ -20,7 +20,7 @@ response to a record does not depend on the spectrum of earlier ones.
 """
 
 from dataclasses import replace
-from functools import cache, cached_property, lru_cache, wraps
+from functools import cache, cached_property, lru_cache, singledispatch, wraps
 
 import numpy as np
 from scipy.signal import upfirdn
@@ -149,17 +149,6 @@ class HeldInput(Operator):
     def __getstate__(self):
         return {k: v for k, v in self.__dict__.items() if k != "_memory"}
 
-    def resampled(self, own, dt):
-        n = getattr(self, "n_substeps", None)
-        if n is None:
-            return self
-        unit = 1 if self.causal else _FACTOR[self.strictly_proper]
-        wanted = -(-n // unit) * dt / own
-        whole = np.round(wanted)
-        if not (whole > 0.0 and abs(wanted - whole) < _SAME * whole):
-            return None
-        return replace(self, n_substeps=unit * int(whole))
-
     def _finer(self, factor):
         """Return the operator of an input that is straight between finer samples."""
         n = getattr(self, "n_substeps", None)
@@ -211,10 +200,6 @@ def _by_start(self, u, dt, start):
     return np.ascontiguousarray(dy[::m])
 
 
-def _propagate(self, u, du, dt, initial_state="rest"):
-    return Operator.propagate(self, u, du, dt, initial_state)
-
-
 def _inverse(self):
     raise ValueError(
         f"{type(self).__name__} has no inverse: with hold='bandlimited' it looks ahead. Fit it "
@@ -233,8 +218,69 @@ _FINELY = {
     "init": _init,
     "run": _run,
     "sensitivities": _sensitivities,
-    "propagate": _propagate,
     "by_start": _by_start,
     "compiled_step": _compiled_step,
     "inverse": _inverse,
 }
+
+
+@singledispatch
+def resampled(operator, own, dt):
+    """Return the equivalent operator at another sampling interval.
+
+    Parameters
+    ----------
+    operator : Operator
+        The operator.
+    own, dt : float
+        Sampling interval of the operator, NaN where it has none, and the new one, in s.
+
+    Returns
+    -------
+    Operator or None
+        None if no operator has exactly the same response to a drive with the same course between
+        samples.
+    """
+    return operator if operator.memoryless else None
+
+
+@resampled.register
+def with_substeps_resampled(operator: HeldInput, own, dt):
+    """Return an operator with substeps, if it has any, of the same length."""
+    n = getattr(operator, "n_substeps", None)
+    if n is None:
+        return operator
+    unit = 1 if operator.causal else _FACTOR[operator.strictly_proper]
+    wanted = -(-n // unit) * dt / own
+    whole = np.round(wanted)
+    if not (whole > 0.0 and abs(wanted - whole) < _SAME * whole):
+        return None
+    return replace(operator, n_substeps=unit * int(whole))
+
+
+@singledispatch
+def holds_of_input(operator) -> set[tuple[int, str]]:
+    """Return (column, hold) of all parts that the input drives, for each that has a hold."""
+    own = getattr(operator, "hold", None)
+    if own is not None:
+        return {(operator.driving_column, own)}
+    return set().union(*map(holds_of_input, operator.children))
+
+
+@singledispatch
+def holding_what_moves(operator, name=None) -> list[str]:
+    """Return the names of parts with the hold "zoh" behind a part that moves at rest.
+
+    Parameters
+    ----------
+    operator : Operator
+        The operator.
+    name : str, default=None
+        Its name.
+
+    Returns
+    -------
+    list of str
+        As ``outer__inner``.
+    """
+    return [own for child in operator.children for own in holding_what_moves(child, name)]

@@ -108,21 +108,13 @@ class Part:
     n_start : int
         Number of values that define the state at the first sample, for an operator without a state
         of rest, such as displacement and velocity of a free mass; else 0. ``init`` and
-        ``sensitivities`` then take them, (n_start,), as ``initial_state``, and the method
-        ``by_start(u, dt, start)`` returns the derivatives of the output by them, (n_samples,
-        n_start).
+        ``sensitivities`` then take them, (n_start,), as ``initial_state``, and there are the
+        methods of :class:`StartValues`.
     is_disturbance : bool
         The output is a disturbance ``basis(time) coefficients``, whatever the input, with
         ``coefficients`` per record; it has the methods of ``DisturbanceOperator``.
     reads_columns : bool
         The input has several columns, shape (n_samples, n_inputs).
-    signed : tuple of str
-        Parameters that are searched on a logarithmic scale although they may be negative: the sign
-        is found separately, as for time constants of an unstable plant.
-    keeps_lines : bool
-        The response to straight lines between the samples consists of such lines again, so that
-        stages behind it in a series can be resampled; for a delay if it is a whole number of
-        samples, as :meth:`Operator.resampled` requires.
     moves_at_rest : bool
         The output moves while the input rests, as of linear dynamics: an input that is held between
         samples gives an output that is not.
@@ -132,8 +124,7 @@ class Part:
         What its description is fine to, such as the number of plays, if that may be chosen.
     scaled_within : tuple of str
         Parameters that it scales within itself by a factor that varies from sample to sample, all
-        together, such as the thresholds of plays: by the methods ``scaled_init`` to
-        ``scaled_sensitivities``, and ``scaled_by_start`` if there is an ``n_start``.
+        together, such as the thresholds of plays: by the methods of :class:`ScaledWithin`.
     children : tuple of Operator
         The parts that a node joins or wraps.
 
@@ -162,8 +153,6 @@ class Part:
     at_once = True
     is_disturbance = False
     reads_columns = False
-    signed = ()
-    keeps_lines = False
     schedule_range = None
     resolution = None
     scaled_within = ()
@@ -186,142 +175,12 @@ class Part:
         """
         return self
 
-    def preimage(self, y):
-        """Return an input that gives an output, if the curve is not monotone; else None.
-
-        For example that of a fold: such an output turns where the input does not, and starting
-        values of the stages before it are estimated from the input.
-
-        Parameters
-        ----------
-        y : ndarray of shape (n_samples,)
-            Output.
-
-        Returns
-        -------
-        ndarray of shape (n_samples,) or None
-        """
-        return None
-
     def slowest_decay(self) -> float:
         """Return the longest time in which a state falls to 1/e, s; infinite for an integrator.
 
         Of the linear parts only; 0 if there are none.
         """
         return max((child.slowest_decay() for child in self.children), default=0.0)
-
-    def starts(self, u, y, dt):
-        """Return candidates of the start values of a record, for a search to choose from.
-
-        Parameters
-        ----------
-        u, y : ndarray of shape (n_samples,)
-            Input and response.
-        dt : float
-            Sampling interval in s.
-
-        Returns
-        -------
-        list of ndarray of shape (n_start,)
-            Of an operator with ``n_start`` above 0.
-        """
-        raise NotImplementedError
-
-    def scaled_init(self, u0, factor, initial_state="rest"):
-        """Return the state of :meth:`scaled_run` before the first sample.
-
-        Parameters
-        ----------
-        u0, factor : float
-            Input and factor at the first sample.
-        initial_state : {"rest", "zero"} or array-like of shape (n_start,), default="rest"
-            As in ``init``.
-
-        Returns
-        -------
-        object
-        """
-        raise NotImplementedError
-
-    def scaled_run(self, u, factor, dt, state):
-        """Return the output with the ``scaled_within`` parameters times a factor, and the state.
-
-        Parameters
-        ----------
-        u, factor : ndarray of shape (n_samples,)
-            Input, and the factor, not negative.
-        dt : float
-            Sampling interval in s.
-        state : object
-            As :meth:`scaled_init` and this method return it.
-
-        Returns
-        -------
-        y : ndarray of shape (n_samples,)
-        state : object
-        """
-        raise NotImplementedError
-
-    def scaled_step(self, dt, state):
-        """Return one step of :meth:`scaled_run`.
-
-        Parameters
-        ----------
-        dt : float
-            Sampling interval in s.
-        state : object
-            Before the first sample.
-
-        Returns
-        -------
-        CompiledStep
-            Of two inputs: that of the operator, and the factor.
-        """
-        raise NotImplementedError
-
-    def scaled_sensitivities(self, u, du, factor, dfactor, dt, initial_state="rest"):
-        """Return the output of :meth:`scaled_run` and its tangents.
-
-        Parameters
-        ----------
-        u : ndarray of shape (n_samples,)
-            Input.
-        du : ndarray of shape (n_samples, m)
-            Its tangents.
-        factor : ndarray of shape (n_samples,)
-            The factor.
-        dfactor : ndarray of shape (n_samples, m + p)
-            Its tangents, and its derivatives by p parameters of its own.
-        dt : float
-            Sampling interval in s.
-        initial_state : {"rest", "zero"} or array-like of shape (n_start,), default="rest"
-            As in ``init``.
-
-        Returns
-        -------
-        y : ndarray of shape (n_samples,)
-        dy : ndarray of shape (n_samples, m + n_parameters + p)
-            As ``sensitivities`` returns them, then those by the parameters of the factor.
-        """
-        raise NotImplementedError
-
-    def scaled_by_start(self, u, factor, dt, start):
-        """Return the derivatives of the output by the start values of a record.
-
-        Parameters
-        ----------
-        u, factor : ndarray of shape (n_samples,)
-            Input, and the factor.
-        dt : float
-            Sampling interval in s.
-        start : array-like of shape (n_start,)
-            The values.
-
-        Returns
-        -------
-        ndarray of shape (n_samples, n_start)
-        """
-        raise NotImplementedError
 
     def at(self, schedule):
         """Return the operator of a record, whose parameters may depend on a value per record.
@@ -461,28 +320,6 @@ class Part:
         """Whether the output moves while the input rests, by default where that of a part does."""
         return any(child.moves_at_rest for child in self.children)
 
-    def holds_of_input(self) -> set[tuple[int, str]]:
-        """Return (column, hold) of all parts that the input drives, for each that has a hold."""
-        own = getattr(self, "hold", None)
-        if own is not None:
-            return {(self.driving_column, own)}
-        return set().union(*(child.holds_of_input() for child in self.children))
-
-    def holding_what_moves(self, name=None) -> list[str]:
-        """Return the names of parts with the hold "zoh" behind a part that moves at rest.
-
-        Parameters
-        ----------
-        name : str, default=None
-            Name of this part.
-
-        Returns
-        -------
-        list of str
-            As ``outer__inner``.
-        """
-        return [own for child in self.children for own in child.holding_what_moves(name)]
-
     def split(self):
         """Return the driven part, or None, and a tuple of the additive disturbances."""
         return (None, (self,)) if self.is_disturbance else (self, ())
@@ -553,3 +390,142 @@ class Part:
             Name of the stage and name of the entry, for each value.
         """
         return [(name or self.label, entry) for entry, _ in self.entries()]
+
+
+class StartValues(Part):
+    """Base of parts with an ``n_start``: records that begin without a rest, by some values."""
+
+    def starts(self, u, y, dt):
+        """Return candidates of the start values of a record, for a search to choose from.
+
+        Parameters
+        ----------
+        u, y : ndarray of shape (n_samples,)
+            Input and response.
+        dt : float
+            Sampling interval in s.
+
+        Returns
+        -------
+        list of ndarray of shape (n_start,)
+            Of an operator with ``n_start`` above 0.
+        """
+        raise NotImplementedError
+
+    def by_start(self, u, dt: float, start) -> np.ndarray:
+        """Return the derivatives of the output by the start values of a record.
+
+        Parameters
+        ----------
+        u : ndarray of shape (n_samples,)
+            Input.
+        dt : float
+            Sampling interval in s.
+        start : array-like of shape (n_start,)
+            Start values, of an operator without a state of rest.
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_start)
+        """
+        raise NotImplementedError
+
+
+class ScaledWithin(Part):
+    """Base of parts with parameters that are ``scaled_within``, by a factor at each sample."""
+
+    def scaled_init(self, u0, factor, initial_state="rest"):
+        """Return the state of :meth:`scaled_run` before the first sample.
+
+        Parameters
+        ----------
+        u0, factor : float
+            Input and factor at the first sample.
+        initial_state : {"rest", "zero"} or array-like of shape (n_start,), default="rest"
+            As in ``init``.
+
+        Returns
+        -------
+        object
+        """
+        raise NotImplementedError
+
+    def scaled_run(self, u, factor, dt, state):
+        """Return the output with the ``scaled_within`` parameters times a factor, and the state.
+
+        Parameters
+        ----------
+        u, factor : ndarray of shape (n_samples,)
+            Input, and the factor, not negative.
+        dt : float
+            Sampling interval in s.
+        state : object
+            As :meth:`scaled_init` and this method return it.
+
+        Returns
+        -------
+        y : ndarray of shape (n_samples,)
+        state : object
+        """
+        raise NotImplementedError
+
+    def scaled_step(self, dt, state):
+        """Return one step of :meth:`scaled_run`.
+
+        Parameters
+        ----------
+        dt : float
+            Sampling interval in s.
+        state : object
+            Before the first sample.
+
+        Returns
+        -------
+        CompiledStep
+            Of two inputs: that of the operator, and the factor.
+        """
+        raise NotImplementedError
+
+    def scaled_sensitivities(self, u, du, factor, dfactor, dt, initial_state="rest"):
+        """Return the output of :meth:`scaled_run` and its tangents.
+
+        Parameters
+        ----------
+        u : ndarray of shape (n_samples,)
+            Input.
+        du : ndarray of shape (n_samples, m)
+            Its tangents.
+        factor : ndarray of shape (n_samples,)
+            The factor.
+        dfactor : ndarray of shape (n_samples, m + p)
+            Its tangents, and its derivatives by p parameters of its own.
+        dt : float
+            Sampling interval in s.
+        initial_state : {"rest", "zero"} or array-like of shape (n_start,), default="rest"
+            As in ``init``.
+
+        Returns
+        -------
+        y : ndarray of shape (n_samples,)
+        dy : ndarray of shape (n_samples, m + n_parameters + p)
+            As ``sensitivities`` returns them, then those by the parameters of the factor.
+        """
+        raise NotImplementedError
+
+    def scaled_by_start(self, u, factor, dt, start):
+        """Return the derivatives of the output by the start values of a record.
+
+        Parameters
+        ----------
+        u, factor : ndarray of shape (n_samples,)
+            Input, and the factor.
+        dt : float
+            Sampling interval in s.
+        start : array-like of shape (n_start,)
+            The values.
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_start)
+        """
+        raise NotImplementedError

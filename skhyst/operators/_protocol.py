@@ -12,14 +12,15 @@ otherwise. The state before sample ``k`` holds everything that the operator reme
 samples before ``k``, the last input included, so a signal may be cut anywhere:
 ``run(u)`` equals ``run(u[:m])`` followed by ``run(u[m:], state=...)``.
 
-The members of an operator are those of this module. Members that a tree needs of its parts in
-addition are declared in ``_part``, as attributes and methods with defaults; no code checks for a
-class.
+The members of an operator are those of its class here, ten. What a tree needs of its parts in
+addition is declared in ``_part``, as attributes and methods with defaults. What a single concern
+needs is a function of its own, which single classes implement otherwise (``singledispatch``):
+:func:`propagate`, ``resampled``, ``holds_of_input``.
 """
 
 import dataclasses
 from abc import ABC, abstractmethod
-from functools import cache, cached_property
+from functools import cache, cached_property, singledispatch
 from numbers import Integral, Real
 from types import UnionType
 from typing import Any, get_args
@@ -175,36 +176,6 @@ class Operator(Part, ABC):
             if not is_right(getattr(self, name)):
                 self._require(name, False, wanted)
 
-    def check_values(self) -> None:
-        """Refuse values that a file may contain but no fit finds: not finite, or out of bounds.
-
-        A field may have its default value in any case. Nested operators are not checked.
-
-        Raises
-        ------
-        ValueError
-            With the name of the field.
-        """
-        specs = self.parameter_specs()
-        for field in dataclasses.fields(self):
-            name, value = field.name, getattr(self, field.name)
-            number = isinstance(value, Real) and not isinstance(value, bool)
-            is_right = number or value is None or name not in specs or np.ndim(value)
-            self._require(name, is_right, "be a number")
-            if not (number or (name in specs and value is not None) or _is_array(value)):
-                continue
-            usual = field.default
-            if number and (value == usual or (value != value and usual != usual)):  # or both NaN
-                continue
-            self._require(name, np.isfinite(value).all(), "be finite")
-            if name in specs and name not in self.signed:
-                low, high = specs[name].lower, specs[name].upper
-                is_right = np.all((low <= np.asarray(value)) & (np.asarray(value) <= high))
-                self._require(name, is_right, f"be from {low:g} to {high:g}")
-        if hasattr(self, "lower"):  # of two limits, or stops
-            wanted = f"not be below 'lower', {self.lower:g}"
-            self._require("upper", self.lower <= self.upper, wanted)
-
     def _require_size(self, name, size, why):
         """Refuse an array of another size: compiled code does not check indices."""
         wanted = f"have {size} value(s), one per {why}"
@@ -247,7 +218,7 @@ class Operator(Part, ABC):
     def unpack(self, vector) -> "Operator":
         """Return a copy with other values of the identifiable parameters.
 
-        The values are not checked: a search keeps to the bounds; see :meth:`check_values`.
+        The values are not checked: a search keeps to the bounds.
 
         Parameters
         ----------
@@ -348,70 +319,6 @@ class Operator(Part, ABC):
             operator's own parameters in the order of :meth:`pack`.
         """
 
-    def propagate(self, u, du, dt: float, initial_state: str = "rest"):
-        """Return the output and the tangents of the input propagated to it.
-
-        The tangents are the first columns of :meth:`sensitivities`, without the derivatives by the
-        operator's own parameters; an operator may have a faster implementation.
-
-        Parameters
-        ----------
-        u : ndarray of shape (n_samples,)
-            Input.
-        du : ndarray of shape (n_samples, m), or (n_samples, n_inputs, m) of several inputs
-            Derivatives of the input with respect to ``m`` parameters upstream; ``m`` may be 0.
-        dt : float
-            Sampling interval in s.
-        initial_state : {"rest", "zero"}, default="rest"
-            As in :meth:`init`.
-
-        Returns
-        -------
-        y : ndarray of shape (n_samples,)
-            The same as :meth:`run` returns.
-        dy : ndarray of shape (n_samples, m)
-            Derivatives of the output.
-        """
-        m = du.shape[-1]
-        if m == 0:
-            return self.run(u, dt, self.init(u[0], initial_state))[0], du
-        y, dy = self.sensitivities(u, du, dt, initial_state)
-        return y, np.ascontiguousarray(dy[:, :m])
-
-    def resampled(self, own: float, dt: float) -> "Operator | None":
-        """Return the equivalent operator at another sampling interval.
-
-        Parameters
-        ----------
-        own, dt : float
-            Sampling interval of the operator, NaN where it has none, and the new one, in s.
-
-        Returns
-        -------
-        Operator or None
-            None if no operator has exactly the same response to a drive with the same course
-            between samples.
-        """
-        return self if self.memoryless else None
-
-    def by_start(self, u, dt: float, start) -> np.ndarray:
-        """Return the derivatives of the output by the start values of a record.
-
-        Parameters
-        ----------
-        u : ndarray of shape (n_samples,)
-            Input.
-        dt : float
-            Sampling interval in s.
-        start : array-like of shape (n_start,)
-            Start values, of an operator without a state of rest.
-
-        Returns
-        -------
-        ndarray of shape (n_samples, n_start)
-        """
-        return np.empty((len(u), 0))
-
     def compiled_step(self, dt: float, state):
         """Return one step in plain arithmetic.
 
@@ -467,6 +374,40 @@ class Operator(Part, ABC):
             )
 
 
+@singledispatch
+def propagate(operator, u, du, dt, initial_state="rest"):
+    """Return the output of an operator and the tangents of the input propagated to it.
+
+    The tangents are the first columns of ``sensitivities``, without the derivatives by the
+    operator's own parameters; linear operators and series have a faster implementation.
+
+    Parameters
+    ----------
+    operator : Operator
+        The operator.
+    u : ndarray of shape (n_samples,)
+        Input.
+    du : ndarray of shape (n_samples, m), or (n_samples, n_inputs, m) of several inputs
+        Derivatives of the input with respect to ``m`` parameters upstream; ``m`` may be 0.
+    dt : float
+        Sampling interval in s.
+    initial_state : {"rest", "zero"}, default="rest"
+        As in ``init``.
+
+    Returns
+    -------
+    y : ndarray of shape (n_samples,)
+        The same as ``run`` returns.
+    dy : ndarray of shape (n_samples, m)
+        Derivatives of the output.
+    """
+    m = du.shape[-1]
+    if m == 0:
+        return operator.run(u, dt, operator.init(u[0], initial_state))[0], du
+    y, dy = operator.sensitivities(u, du, dt, initial_state)
+    return y, np.ascontiguousarray(dy[:, :m])
+
+
 def by_fields(operator):
     """Return the ``__reduce__`` of an operator without the tables that it has cached."""
     fields = [f.name for f in dataclasses.fields(operator) if not f.kw_only]
@@ -484,7 +425,8 @@ def _is_integer(value):
     return is_number and abs(value) <= MOST_STEPS
 
 
-def _is_array(value):
+def is_array(value):
+    """Whether a value is an array, a list or a tuple of numbers."""
     return isinstance(value, np.ndarray | list | tuple) and np.asarray(value).dtype.kind in "biuf"
 
 
@@ -493,7 +435,7 @@ _KINDS = (  # (annotation of a field, check of its value, requirement)
     (int, _is_integer, f"be an integer of at most {MOST_STEPS}"),
     (float, lambda value: isinstance(value, Real), "be a number"),
     (str, lambda value: isinstance(value, str), "be text"),
-    (np.ndarray, _is_array, "be an array of numbers"),
+    (np.ndarray, is_array, "be an array of numbers"),
     (tuple, lambda value: isinstance(value, tuple), "be a tuple"),
     (Part, lambda value: isinstance(value, Part), "be an operator"),
 )

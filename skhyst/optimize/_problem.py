@@ -6,6 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from ..operators import propagate
+
 _COLLINEAR = 1e-6  # singular value below which columns are collinear, relative; 1e-12 as a square
 _LARGE = 1 << 18  # values of a Jacobian above which copying it costs more than extra products
 
@@ -329,7 +331,7 @@ class OperatorProblem(Unknowns):
         directions = np.eye(du.shape[-1]).reshape(-1, *np.shape(record.before))
         du[:skip] = np.moveaxis([path_of(direction) for direction in directions], 0, -1)
         operator = scheduled(operator, record)
-        y, dy = operator.propagate(u, du, record.dt, self.initial_state)
+        y, dy = propagate(operator, u, du, record.dt, self.initial_state)
         return y[skip:], dy[skip:]
 
     def outputs(self, operator, disturbances, coefficients):

@@ -18,7 +18,7 @@ from sklearn.base import BaseEstimator
 from .._sizes import check_archive, check_array
 from ..operators import Operator
 from ..records import RecordSlice
-from ._json import class_named, field_named, refuse_wrong
+from ._json import class_named, field_named, refuse_values, refuse_wrong
 
 _SCHEMA = "schema.json"  # of a skops file
 _PACKAGE = __package__.partition(".")[0]
@@ -107,7 +107,7 @@ def checked(value):
     """
     if isinstance(value, Operator):
         value.__post_init__()  # skops sets fields without it
-        value.check_values()
+        refuse_values(value)
         for child in value.children:
             checked(child)
         return value

@@ -24,7 +24,7 @@ from sklearn.base import BaseEstimator
 from .._sklearn import HasMethods, Interval, StrOptions, validate_parameter_constraints
 from .._validation import finite_numbers, shortened
 from ..exceptions import RecordError
-from ..operators import MOST_STEPS, Operator, split_disturbances
+from ..operators import MOST_STEPS, Operator, is_array, split_disturbances
 from ..optimize import places_in_sum
 
 FORMAT = 1
@@ -263,6 +263,41 @@ def _value(plain):
     return {"float": float, "tuple": _tuple, "slice": lambda parts: slice(*parts)}[kind](content)
 
 
+def refuse_values(operator):
+    """Refuse values that a file may contain but no fit finds: not finite, or out of bounds.
+
+    A field may have its default value in any case. Nested operators are not checked.
+    """
+    for name, is_right, wanted in _values_required(operator):
+        if not is_right:
+            raise ValueError(
+                f"The '{name}' parameter of {type(operator).__name__} must {wanted}. "
+                f"Got {getattr(operator, name)!r} instead."
+            )
+
+
+def _values_required(operator):
+    """Yield (name of a field, whether it is right, requirement); stop at the first that is not."""
+    # a signed parameter is searched on a logarithmic scale, apart from its sign
+    specs, signed = operator.parameter_specs(), getattr(operator, "signed", ())
+    for field in dataclasses.fields(operator):
+        name, value = field.name, getattr(operator, field.name)
+        number = isinstance(value, Real) and not isinstance(value, bool)
+        yield name, number or value is None or name not in specs or np.ndim(value), "be a number"
+        if not (number or (name in specs and value is not None) or is_array(value)):
+            continue
+        usual = field.default
+        if number and (value == usual or (value != value and usual != usual)):  # or both NaN
+            continue
+        yield name, np.isfinite(value).all(), "be finite"
+        if name in specs and name not in signed:
+            low, high = specs[name].lower, specs[name].upper
+            is_right = np.all((low <= np.asarray(value)) & (np.asarray(value) <= high))
+            yield name, is_right, f"be from {low:g} to {high:g}"
+    if hasattr(operator, "lower"):  # of two limits, or stops
+        yield "upper", operator.lower <= operator.upper, f"not be below 'lower', {operator.lower:g}"
+
+
 def refuse_wrong(fitted, kind):
     """Refuse fitted attributes of an estimator that are invalid or contradict each other."""
     name = kind.__name__
@@ -399,7 +434,7 @@ def _object(plain):
     )
     instance = kind(**parameters)  # a dataclass checks its fields
     if isinstance(instance, Operator):
-        instance.check_values()
+        refuse_values(instance)
     if hasattr(instance, "_parameter_constraints"):
         instance._validate_params()  # as `fit` has done
     if fitted:

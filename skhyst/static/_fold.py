@@ -61,9 +61,6 @@ class FoldOperator(StaticOperator):
         slope = self.side * np.where(v < self.level, -1.0, 1.0)
         return self.level + slope * (v - self.level), slope, (1.0 - slope)[:, None]
 
-    def preimage(self, y):
-        return self.unfolded(y)
-
     def unfolded(self, y):
         """Return a smooth signal that the fold maps to ``y``.
 
