@@ -14,6 +14,7 @@ import pytest
 import recordings
 
 import skhyst
+from skhyst import operators
 from skhyst.diagnosis import effect_names
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -121,6 +122,27 @@ def test_each_public_module_is_in_the_reference():
         if not name.startswith("_") and name not in COMMANDS:
             public = getattr(importlib.import_module(module.name), "__all__", ())
             assert module.name in listed or not public, module.name
+
+
+def test_the_page_of_the_protocol_agrees_with_the_class():
+    """Every member has a row, and is read by the module named there; functions are dispatched."""
+    page = (DOCS / "developers.rst").read_text(encoding="utf-8")
+    page = page.partition("These ten members")[2].partition("Members that a tree reads")[0]
+    members, functions = (
+        {name: row for row in table for name in re.findall(r"`(\w+)", row[:31])}
+        for table in (
+            re.split(r"\n(?=`)", part)[1:] for part in page.split("What a single concern")
+        )
+    )
+    assert set(members) == {name for name in vars(operators.Operator) if name[0] != "_"}
+    assert len(members) == 10
+    for name, row in members.items():
+        for path in re.findall(r"`([\w/]+\.py)`", row):
+            source = (Path(skhyst.__file__).parent / path).read_text(encoding="utf-8")
+            assert re.search(rf"\.{name}\b", source), (name, path)
+        assert ".py`" in row
+    for name in functions:
+        assert len(getattr(operators, name).registry) > 1
 
 
 @pytest.mark.parametrize(
