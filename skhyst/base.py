@@ -1278,7 +1278,7 @@ class ParametricModel(ScoredMixin, BaseEstimator):
             operator, own = calibrated(
                 self.operator_, part, covariance, noise, precision, by_history
             )
-            u, skip = record.with_history()
+            u, skip = record.with_history
             state = "rest" if record.start is None else record.start
             runs[i] = _Run(operator, own, u, record.dt, state, skip, record).at(record.schedule)
         return runs
@@ -1298,7 +1298,7 @@ class ParametricModel(ScoredMixin, BaseEstimator):
         driven, _ = split_disturbances(self.operator_)
         for history in (rest, before):
             begun = replace(record, before=history)
-            u, skip = begun.with_history()
+            u, skip = begun.with_history
             operator, _ = calibrated(self.operator_, begun)
             run = _Run(operator, None, u, record.dt, "rest", skip).at(record.schedule).run()[0]
             errors.append(np.sum(record.weights * np.square(run - record.y)))

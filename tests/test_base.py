@@ -622,7 +622,7 @@ def test_what_is_known_of_a_long_record_is_enough(monkeypatch):
     lengths, simulate = [], OperatorProblem.simulate
 
     def counted(self, operator, record):
-        lengths.append(len(record.with_history()[0]))
+        lengths.append(len(record.with_history[0]))
         return simulate(self, operator, record)
 
     monkeypatch.setattr(OperatorProblem, "simulate", counted)

@@ -190,7 +190,8 @@ class Composition(ParametricModel, BaseComposition):
 
     def _kept_steps(self):
         """Return the steps without those that are left out."""
-        return [(n, step) for n, step in self.steps if not _is_one_of(step, self._left_out)]
+        words = self._left_out
+        return [pair for pair in self.steps if not (isinstance(pair[1], str) and pair[1] in words)]
 
     def __len__(self):
         return len(self.steps)
@@ -283,11 +284,11 @@ class Composition(ParametricModel, BaseComposition):
         models, combinations = self._starting_models(), [([], records)]
         if self.disturbance_names or (models[0].reads_columns and not self._parallel):
             return []
-        n_kept = max(int(_MOST_PRODUCTS ** (1.0 / len(models))), 2)
+        n_kept, state = max(int(_MOST_PRODUCTS ** (1.0 / len(models))), 2), self.free_run_state
         for model in models:
             longer = []
             for stages, inputs in combinations:
-                starts = [(s, self._behind([s], inputs)) for s in _driven_starts(model, inputs)]
+                starts = [(s, _behind([s], inputs, state)) for s in _driven_starts(model, inputs)]
                 starts = sorted(starts, key=lambda pair: _unlike(pair[1]))[:n_kept]
                 longer += [
                     ([*stages, s], inputs if self._parallel else outputs) for s, outputs in starts
@@ -295,16 +296,6 @@ class Composition(ParametricModel, BaseComposition):
             combinations = longer
         names = [name for name, _ in self._kept_steps()]
         return [self._compose(names, stages) for stages, _ in combinations]
-
-    def _behind(self, stages, records):
-        """Return records whose drive is the output of stages."""
-        state = self.free_run_state
-        for stage in stages:
-            records = [
-                replace(record, u=stage.run(record.u, record.dt, stage.init(record.u[0], state))[0])
-                for record in records
-            ]
-        return records
 
     def in_order(self, operator, records):
         """Return an operator with similar neighbouring linear steps slowest first; see the base.
@@ -350,8 +341,14 @@ class Composition(ParametricModel, BaseComposition):
         return with_params(model, **shared).adopt(result)
 
 
-def _is_one_of(step, words):
-    return isinstance(step, str) and step in words
+def _behind(stages, records, state):
+    """Return records whose drive is the output of stages."""
+    for stage in stages:
+        records = [
+            replace(record, u=stage.run(record.u, record.dt, stage.init(record.u[0], state))[0])
+            for record in records
+        ]
+    return records
 
 
 def _part_of(result, keys, operator, columns=(), **others):
@@ -548,7 +545,7 @@ class Cascade(Composition):
 
         None if the steps have other parameters than the stages, or are compositions.
         """
-        resumed, records = [], data
+        resumed, records, state = [], data, self.free_run_state
         for stage, model in zip(stages, self._starting_models(), strict=True):
             if isinstance(model, Cascade) and isinstance(stage, Series):
                 stage = model._resume(stage.stages, records)
@@ -564,7 +561,7 @@ class Cascade(Composition):
             if stage is None:
                 return None
             resumed.append(stage)
-            records = self._behind([stage], records)
+            records = _behind([stage], records, state)
         return self._compose([name for name, _ in self._kept_steps()], resumed)
 
     def _orders(self):
@@ -642,7 +639,7 @@ class Cascade(Composition):
     def _add_steps(self, data, order, method):
         """Add the steps in an order, each behind those before it; refine after each one."""
         steps, models = self._kept_steps(), self._starting_models()
-        stages, evaluations, result = {}, 0, None
+        stages, evaluations, result, state = {}, 0, None, self.free_run_state
         for i, model in enumerate(models):
             if isinstance(model, HeldStep):
                 [stages[i]] = model.starting_values(data)
@@ -650,7 +647,7 @@ class Cascade(Composition):
             places = sorted({*stages, i})
             if i and models[0].reads_columns and 0 in stages:
                 stages[0] = _unbiased(stages[0])
-            records = self._behind([stages[j] for j in places if j < i], data)
+            records = _behind([stages[j] for j in places if j < i], data, state)
             names = [steps[j][0] for j in places]
             candidates = [
                 self._compose(names, [(stages | {i: operator})[j] for j in places])

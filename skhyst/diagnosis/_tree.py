@@ -443,7 +443,7 @@ class Tree:
                 record = replace(record, u=signals[i], before=before)
             elif self.multi_input:
                 record = read
-            u, skip = record.with_history()
+            u, skip = record.with_history
             for stage in stages[first:last]:
                 start = record.start if stage.n_start and record.start is not None else self.state
                 u = stage.run(u, record.dt, stage.init(u[0], start))[0]
@@ -462,7 +462,7 @@ class Tree:
         """Return the input history behind some stages, None where unknown."""
         if record.before is None:
             return None
-        u, skip = record.with_history()
+        u, skip = record.with_history
         u = u[:skip]
         for stage in stages:
             u = stage.run(u, record.dt, stage.init(u[0], self.state))[0]

@@ -56,11 +56,13 @@ def in_direction(starts, records, fixed, initial_state):
         return starts
     candidates = []
     for start in starts:
-        problem = OperatorProblem(start, records, fixed=fixed, initial_state=initial_state)
+        both = start, replace(start, falling=True)  # which differ in their bounds
+        options = {"fixed": fixed, "initial_state": initial_state}
+        problems = [OperatorProblem(candidate, records, **options) for candidate in both]
+        problem = problems[0]
         gram = problem.total(problem.evaluate(problem.x0))
-        for candidate in (start, replace(start, falling=True)):  # which differ in their bounds
-            problem = OperatorProblem(candidate, records, fixed=fixed, initial_state=initial_state)
-            candidates.append((solve_linear(problem, problem.x0, gram)[1][-1, -1], candidate))
+        costs = [solve_linear(p, p.x0, gram)[1][-1, -1] for p in problems]
+        candidates += zip(costs, both, strict=True)
     least, best = min(candidates, key=lambda candidate: candidate[0])
     chance = 1.0 + problem.linear.sum() / problem.segment_weight.sum()
     return [best, starts[0]] if least * chance < candidates[0][0] else starts[:1]

@@ -343,7 +343,7 @@ def _normal_equations(problem, fit_intercept):
     shift = np.average(y, weights=np.concatenate(weights)) if fit_intercept else 0.0
     operator, gram = problem.operator, 0.0
     for record, counts in zip(problem.records, weights, strict=True):
-        u, skip = record.with_history()
+        u, skip = record.with_history
         _, state = operator.run(u[:skip], record.dt, operator.init(u[0], problem.initial_state))
         for start in range(0, len(record.u), _BLOCK):
             part = slice(start, start + _BLOCK)

@@ -2,7 +2,7 @@
 
 import copy
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from math import comb
 from operator import attrgetter
@@ -891,6 +891,8 @@ class _Composition(_ByEntries):
         Operator
             The node itself if the stages are its own.
         """
+        if stages is self.stages:
+            return self
         same = all(new is old for new, old in zip(stages, self.stages, strict=True))
         return self if same else replace(self, stages=tuple(stages))
 
@@ -936,9 +938,11 @@ def _keyed(node, name):
     return [(own if name is None else f"{name}__{own}", part) for own, part in node.members()]
 
 
-def _begins(stage, initial_state):
-    """Return the initial state of a part; start values are only for a part without rest."""
-    return initial_state if isinstance(initial_state, str) or stage.n_start else "rest"
+def _begins(stages, initial_state):
+    """Return the initial state of each part; start values are only for a part without rest."""
+    if isinstance(initial_state, str):
+        return (initial_state,) * len(stages)
+    return [initial_state if stage.n_start else "rest" for stage in stages]
 
 
 class Series(_Composition):
@@ -986,7 +990,7 @@ class Series(_Composition):
         best = max(range(n - 1, first - 1, -1), key=lambda i: sum(linear[i]), default=None)
         return [
             [
-                _set(s, held=h, linear=is_linear and i == best, additive=s.additive and i >= first)
+                _set(s, h, is_linear and i == best, s.movable, s.additive and i >= first)
                 for s, h, is_linear in zip(parts[i], held[i], linear[i], strict=True)
             ]
             for i in range(n)
@@ -1054,13 +1058,12 @@ class Series(_Composition):
         ]
 
     def init(self, u0, initial_state="rest"):
-        states = []
-        for number, stage in enumerate(self.stages, 1):
-            state = stage.init(u0, _begins(stage, initial_state))
-            states.append(state)
-            if number < len(self.stages):
+        states, begins = [], _begins(self.stages, initial_state)
+        for stage, begin in zip(self.stages, begins, strict=True):
+            states.append(stage.init(u0, begin))
+            if len(states) < len(self.stages):
                 # the output at rest is the rest input of the next stage, whatever the interval
-                u0 = stage.run(np.array([u0], dtype=float), 1.0, state)[0][0]
+                u0 = stage.run(np.array([u0], dtype=float), 1.0, states[-1])[0][0]
         return tuple(states)
 
     def run(self, u, dt, state=None):
@@ -1088,23 +1091,25 @@ class Series(_Composition):
         return Series(self.names[::-1], tuple(map(inverse_of, reversed(self.stages))))
 
     def sensitivities(self, u, du, dt, initial_state="rest"):
-        for stage in self.stages:
-            u, du = stage.sensitivities(u, du, dt, _begins(stage, initial_state))
+        begins = _begins(self.stages, initial_state)
+        for stage, state in zip(self.stages, begins, strict=True):
+            u, du = stage.sensitivities(u, du, dt, state)
         return u, du
 
     def by_start(self, u, dt, start):
         du = np.zeros((len(u), len(start)))
-        for stage in self.stages:
+        for stage, state in zip(self.stages, _begins(self.stages, start), strict=True):
             by_own_start = stage.by_start(u, dt, start) if stage.n_start else 0.0
-            u, du = propagate(stage, u, du, dt, _begins(stage, start))
+            u, du = propagate(stage, u, du, dt, state)
             du = du + by_own_start
         return du
 
 
 @propagate.register
 def _(series: Series, u, du, dt, initial_state="rest"):
-    for stage in series.stages:
-        u, du = propagate(stage, u, du, dt, _begins(stage, initial_state))
+    begins = _begins(series.stages, initial_state)
+    for stage, state in zip(series.stages, begins, strict=True):
+        u, du = propagate(stage, u, du, dt, state)
     return u, du
 
 
@@ -1166,7 +1171,13 @@ class SumOperator(_Composition):
             constant = [s.gauge == 0.0 for s in specs]
             marked.append(
                 [
-                    _set(s, held=s.held or (c and taken), movable=s.movable and (c or i == 0))
+                    _set(
+                        s,
+                        s.held or (c and taken),
+                        s.linear,
+                        s.movable and (c or i == 0),
+                        s.additive,
+                    )
                     for s, c in zip(specs, constant, strict=True)
                 ]
             )
@@ -1174,7 +1185,8 @@ class SumOperator(_Composition):
         return marked
 
     def init(self, u0, initial_state="rest"):
-        return tuple(stage.init(u0, _begins(stage, initial_state)) for stage in self.stages)
+        begins = _begins(self.stages, initial_state)
+        return tuple(s.init(u0, state) for s, state in zip(self.stages, begins, strict=True))
 
     def by_start(self, u, dt, start):
         return sum(stage.by_start(u, dt, start) for stage in self.stages if stage.n_start)
@@ -1226,8 +1238,9 @@ class SumOperator(_Composition):
     def sensitivities(self, u, du, dt, initial_state="rest"):
         m = du.shape[-1]
         total, propagated, by_parameters = np.zeros(len(u)), np.zeros((len(u), m)), []
-        for stage in self.stages:
-            y, dy = stage.sensitivities(u, du, dt, _begins(stage, initial_state))
+        begins = _begins(self.stages, initial_state)
+        for stage, state in zip(self.stages, begins, strict=True):
+            y, dy = stage.sensitivities(u, du, dt, state)
             total += y
             propagated += dy[:, :m]
             by_parameters.append(dy[:, m:])
@@ -1313,8 +1326,10 @@ class SumOperator(_Composition):
 resampled.register(SumOperator, _each_resampled)
 
 
-def _set(spec, **marks):
+@lru_cache(maxsize=1024)  # of the few specs of a model, in every series that a fit tries
+def _set(spec, held, linear, movable, additive):
     """Return a spec with other marks, or the spec itself if it has them."""
+    marks = {"held": held, "linear": linear, "movable": movable, "additive": additive}
     return spec if marks.items() <= vars(spec).items() else replace(spec, **marks)
 
 
@@ -1323,8 +1338,10 @@ def _gathered(stages, without=None):
 
     ``without`` leaves out a stage. Nothing is moved if a stage owns its gain or is not linear.
     """
-    kept = [i for i in range(len(stages)) if i != without]
     has_owner = any(stage.owns_gain for stage in stages)
+    if has_owner and without is None:
+        return stages
+    kept = [i for i in range(len(stages)) if i != without]
     scaled = [i for i in range(len(stages)) if not has_owner and _has_transferable_gain(stages[i])]
     between = stages[scaled[0] : scaled[-1] + 1] if scaled else ()
     if (

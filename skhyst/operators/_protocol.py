@@ -172,8 +172,11 @@ class Operator(Part, ABC):
     """
 
     def __post_init__(self):
-        for name, is_right, wanted in _checks(type(self)):
-            if not is_right(getattr(self, name)):
+        for name, kinds, is_right, wanted in _checks(type(self)):
+            value = getattr(self, name)
+            if not isinstance(value, kinds) or (
+                is_right and value is not None and not is_right(value)
+            ):
                 self._require(name, False, wanted)
 
     def _require_size(self, name, size, why):
@@ -421,8 +424,7 @@ MOST_STEPS = 4096
 
 
 def _is_integer(value):
-    is_number = isinstance(value, Integral) and not isinstance(value, bool)
-    return is_number and abs(value) <= MOST_STEPS
+    return not isinstance(value, bool) and abs(value) <= MOST_STEPS
 
 
 def is_array(value):
@@ -430,14 +432,14 @@ def is_array(value):
     return isinstance(value, np.ndarray | list | tuple) and np.asarray(value).dtype.kind in "biuf"
 
 
-_KINDS = (  # (annotation of a field, check of its value, requirement)
-    (bool, lambda value: isinstance(value, bool | np.bool_), "be True or False"),
-    (int, _is_integer, f"be an integer of at most {MOST_STEPS}"),
-    (float, lambda value: isinstance(value, Real), "be a number"),
-    (str, lambda value: isinstance(value, str), "be text"),
-    (np.ndarray, is_array, "be an array of numbers"),
-    (tuple, lambda value: isinstance(value, tuple), "be a tuple"),
-    (Part, lambda value: isinstance(value, Part), "be an operator"),
+_KINDS = (  # (annotation of a field, classes of its value, further check or None, requirement)
+    (bool, (bool, np.bool_), None, "be True or False"),
+    (int, (Integral,), _is_integer, f"be an integer of at most {MOST_STEPS}"),
+    (float, (Real,), None, "be a number"),
+    (str, (str,), None, "be text"),
+    (np.ndarray, (np.ndarray, list, tuple), is_array, "be an array of numbers"),
+    (tuple, (tuple,), None, "be a tuple"),
+    (Part, (Part,), None, "be an operator"),
 )
 
 
@@ -446,25 +448,22 @@ _STRUCTURE = ("_sizes", "n_parameters", "_entries")  # cached properties that no
 
 @cache
 def _checks(kind):
-    """Return (name, function, requirement) of the fields of an operator that can be checked."""
+    """Return (name, classes, check, requirement) of the fields that can be checked."""
     checks = []
     for field in dataclasses.fields(kind):
         annotation, *other = (
             get_args(field.type) if isinstance(field.type, UnionType) else (field.type,)
         )
-        for kind_of_field, is_right, wanted in _KINDS:
+        for kind_of_field, *check in _KINDS:
             if (
                 isinstance(annotation, type)
                 and issubclass(annotation, kind_of_field)
                 and other in ([], [type(None)])
             ):
-                checks.append((field.name, _or_none(is_right) if other else is_right, wanted))
+                classes, is_right, wanted = check
+                checks.append((field.name, (*classes, *other), is_right, wanted))
                 break
     return tuple(checks)
-
-
-def _or_none(is_right):
-    return lambda value: value is None or is_right(value)
 
 
 @cache

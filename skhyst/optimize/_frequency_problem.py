@@ -51,7 +51,7 @@ class FrequencyProblem(Unknowns):
         g, dg = operator.frequency_tangents(self.frequency)
         residual = (self.weight * (g - self.response)).reshape(-1, 1)
         if jacobian:
-            columns = (dg[:, :, self._free] * self.chain(x)) * self.weight[:, :, None]
+            columns = (dg[:, :, self._free] * self.chain(self.values(x))) * self.weight[:, :, None]
             residual = np.concatenate([columns.reshape(len(residual), -1), residual], axis=1)
         rows = np.concatenate([residual.real, residual.imag])
         return (rows.T @ rows)[None]

@@ -266,7 +266,7 @@ def calibrated(operator, record, covariance=None, noise_std=None, precision=None
         blocks[0, estimated, estimated] += noise_std**2 * precision
     propagation = np.eye(len(covariance))
     propagation[own] = 0.0
-    slopes, chain = problem.coefficient_slopes(blocks)[0], problem.chain(problem.x0)
+    slopes, chain = problem.coefficient_slopes(blocks)[0], problem.chain(problem.values(problem.x0))
     # zero where a value at its bound has no slope
     slopes = np.divide(slopes, chain, out=np.zeros_like(slopes), where=chain != 0.0)
     propagation[np.ix_(own, [places[name] for name in problem.names])] = -slopes
@@ -555,7 +555,7 @@ def _uncertainty(problem, solution, blocks, coefficients):
     # the fit has absorbed the trace of H C of the noise, which for white noise is sigma^2 p
     absorbed = np.sum(solution.gram[:-1, :-1] * covariance)
     noise = (solution.cost + absorbed) / max(n_samples - coefficients.size, 1)
-    scale = problem.chain(x)
+    scale = problem.chain(problem.values(x))
     scale_products = np.outer(scale, scale)
     covariance = covariance * scale_products
     return {

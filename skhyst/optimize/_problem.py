@@ -101,16 +101,9 @@ class RecordData:
         """The drive, or the first of several columns."""
         return self.u if self.u.ndim == 1 else self.u[:, 0]
 
+    @cached_property
     def with_history(self):
-        """Return the drive preceded by the input history.
-
-        Returns
-        -------
-        u : ndarray of shape (n_before + n_samples,) or (n_before + n_samples, n_inputs)
-            The drive.
-        n_before : int
-            Samples before the record.
-        """
+        """The drive preceded by the input history, and the number of samples of the history."""
         if self.before is None:
             return self.u, 0
         path = path_of(self.before)
@@ -217,9 +210,9 @@ class Unknowns:
         values[self._logs] = self._sign * np.exp(values[self._logs])
         return values
 
-    def chain(self, x):
+    def chain(self, values):
         """Return the derivatives of the values by the unknowns, negative for a negative value."""
-        return np.where(self.log, self.values(x), 1.0)
+        return np.where(self.log, values, 1.0)
 
 
 class OperatorProblem(Unknowns):
@@ -295,7 +288,9 @@ class OperatorProblem(Unknowns):
 
     def unpack(self, x):
         """Return the operator and the disturbances at ``x``."""
-        values = self.values(x)
+        return self._unpacked(self.values(x))
+
+    def _unpacked(self, values):
         vector = self._packed.copy()
         vector[self._free] = values[: len(self._free)]
         start = len(self._free)
@@ -310,7 +305,7 @@ class OperatorProblem(Unknowns):
 
     def simulate(self, operator, record):
         """Return the operator's output for a record, (n_samples,)."""
-        u, skip = record.with_history()
+        u, skip = record.with_history
         operator = scheduled(operator, record)
         begins = self.initial_state if record.start is None else record.start
         return operator.run(u, record.dt, operator.init(u[0], begins))[0][skip:]
@@ -326,7 +321,7 @@ class OperatorProblem(Unknowns):
 
     def output_and_history_sensitivities(self, operator, record):
         """Return the output and its derivatives by the input history, (n, n_values)."""
-        u, skip = record.with_history()
+        u, skip = record.with_history
         du = np.zeros((*u.shape, np.size(record.before)))
         directions = np.eye(du.shape[-1]).reshape(-1, *np.shape(record.before))
         du[:skip] = np.moveaxis([path_of(direction) for direction in directions], 0, -1)
@@ -361,7 +356,8 @@ class OperatorProblem(Unknowns):
         the square root of their weight. Penalties count as additional rows, as many as there are
         samples.
         """
-        operator, disturbances = self.unpack(x)  # once: an operator caches its discrete form
+        values = self.values(x)
+        operator, disturbances = self._unpacked(values)  # once: it caches its discrete form
         d, n = self._n_eliminated, len(x) * jacobian
         blocks = np.empty((len(self.segment_length), d + n + 1, d + n + 1))
         last = 0
@@ -385,7 +381,7 @@ class OperatorProblem(Unknowns):
             _segment_grams(columns, record.segments, blocks[first:last])
         if n and len(self._logs):
             chain = np.ones(d + n + 1)
-            chain[d:-1] = self.chain(x)
+            chain[d:-1] = self.chain(values)
             blocks *= chain[:, None] * chain
         if self._penalised:
             self._penalize(blocks, x)
@@ -407,11 +403,12 @@ class OperatorProblem(Unknowns):
 
         The columns of the disturbances' coefficients are the basis that is projected out.
         """
-        operator, disturbances = self.unpack(x)
+        values = self.values(x)
+        operator, disturbances = self._unpacked(values)
         d = self._n_eliminated
         for record in self.records:
             columns = self._columns(record, disturbances, *self._sensitivities(operator, record))
-            columns[:, d:-1] *= self.chain(x)
+            columns[:, d:-1] *= self.chain(values)
             counts = record.counts()
             columns *= np.sqrt(counts)[:, None]
             basis, size, _ = np.linalg.svd(columns[:, :d], full_matrices=False)
@@ -440,7 +437,7 @@ class OperatorProblem(Unknowns):
 
     def _sensitivities(self, operator, record):
         """Return the operator's output for a record and its derivatives by the entries."""
-        u, skip = record.with_history()
+        u, skip = record.with_history
         begins = self.initial_state if record.start is None else record.start
         du = np.empty((len(u), 0))
         y, dy = scheduled(operator, record).sensitivities(u, du, record.dt, begins)
