@@ -26,7 +26,7 @@ from .._jit import jit
 from .._sklearn import Interval, fit_context
 from ..base import one_thread
 from ..exceptions import ConvergenceWarning
-from ..linear import ModalModel, SampledStateSpace
+from ..linear import ModalModel, SampledStateSpace, SampledSystem
 from ..noise import whiteness_p_value
 from ..operators import CompiledLaw
 from ..optimize import LEVEL, NOISELESS, variable_projection
@@ -164,11 +164,8 @@ def _tangents(a, n_real, b, e, f, g, bias, c, u, x, dx, dy):
 
 
 @dataclass(frozen=True)
-class SampledFeedback:
-    """Sampled state space with loops: see :class:`ModalFeedback`.
-
-    It has ``init``, ``step`` and ``run`` as operators have, for inputs (n_samples, n_inputs) and
-    responses (n_samples, n_outputs), but only at its own sampling interval.
+class SampledFeedback(SampledSystem):
+    """Sampled state space with loops: see :class:`ModalFeedback`. Its state is (n_states,).
 
     Parameters
     ----------
@@ -234,20 +231,6 @@ class SampledFeedback:
         return tuple(np.ascontiguousarray(array, dtype=float) for array in arrays)
 
     def init(self, u0, initial_state="rest"):
-        """Return the state before the first sample, (n_states,): zero, or at rest at ``u0``.
-
-        Parameters
-        ----------
-        u0 : array-like of shape (n_inputs,)
-            Inputs at the first sample.
-        initial_state : {"rest", "zero"}, default="rest"
-            Which of the two.
-
-        Returns
-        -------
-        ndarray of shape (n_states,)
-            The state.
-        """
         u0 = np.asarray(u0, dtype=float)
         if initial_state == "zero":
             return np.zeros(len(self.linear.a))
@@ -294,30 +277,7 @@ class SampledFeedback:
         return np.linalg.eigvals(self.slope(self.f @ x + self.g @ u0 + self.bias))
 
     def run(self, u, dt, state=None):
-        """Map the inputs (n_samples, n_inputs) to the responses (n_samples, n_outputs).
-
-        Parameters
-        ----------
-        u : array-like of shape (n_samples, n_inputs)
-            Inputs.
-        dt : float
-            Sampling interval in s.
-        state : ndarray of shape (n_states,), default=None
-            State before; None: at rest at the first inputs.
-
-        Returns
-        -------
-        y : ndarray of shape (n_samples, n_outputs)
-            Responses.
-        state : ndarray of shape (n_states,)
-            State behind the last sample.
-
-        Raises
-        ------
-        ValueError
-            If ``dt`` is not the sampling interval of the system.
-        """
-        self.linear.refuse_other(dt)
+        self.refuse_other(dt)
         u = np.ascontiguousarray(u, dtype=float)
         x = self.init(u[0]) if state is None else state
         s, y = self._with_workspace(x), np.empty((len(u), len(self.linear.c)))
@@ -327,50 +287,9 @@ class SampledFeedback:
     def _with_workspace(self, x):
         return np.concatenate([x, np.zeros(len(x) + len(self.bias))])
 
-    def step(self, state, u, dt):
-        """Advance by one sample.
-
-        Parameters
-        ----------
-        state : ndarray of shape (n_states,)
-            As :meth:`init` returns it.
-        u : array-like of shape (n_inputs,)
-            Inputs at the sample.
-        dt : float
-            Sampling interval in s.
-
-        Returns
-        -------
-        state : ndarray of shape (n_states,)
-            State behind the sample.
-        y : ndarray of shape (n_outputs,)
-            Responses.
-        """
-        y, state = self.run(np.asarray(u, dtype=float)[None], dt, state)
-        return state, y[0]
-
     def compiled_step(self, dt, state):
-        """Return the compiled step of a single response, see :class:`~skhyst.operators.Operator`.
-
-        Parameters
-        ----------
-        dt : float
-            Sampling interval in s.
-        state : ndarray of shape (n_states,)
-            As :meth:`init` returns it.
-
-        Returns
-        -------
-        CompiledLaw
-            The step.
-
-        Raises
-        ------
-        NotImplementedError
-            If there are several responses: a step returns one number.
-        """
-        self.linear.refuse_several()
-        self.linear.refuse_other(dt)
+        self.refuse_several()
+        self.refuse_other(dt)
         *loops, c, d, intercept = self._arrays()
         constants = *loops, c[0], d[0], float(intercept[0])
         s = list(self._with_workspace(state))

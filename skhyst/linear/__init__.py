@@ -10,6 +10,7 @@ from ._kelvin_voigt import KelvinVoigt, KelvinVoigtOperator
 from ._linear import LinearOperator
 from ._log_creep import LogCreep, LogCreepOperator
 from ._modal import ModalModel, SampledStateSpace
+from ._modal import SampledSystem as SampledSystem
 from ._second_order_mode import SecondOrderMode, SecondOrderModeOperator
 from ._time_shift import TimeShift, TimeShiftOperator
 from ._transfer_function import (

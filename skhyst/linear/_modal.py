@@ -1,6 +1,7 @@
 """Common modes of several inputs and responses: one sampled state space for all of them."""
 
 import warnings
+from abc import ABC, abstractmethod
 from copy import copy
 from dataclasses import dataclass
 from functools import partial
@@ -55,13 +56,140 @@ from ._transfer_function import state_space_run_many
 _EXCITED = 1e-3  # smallest amplitude of an excited line, relative to the largest
 
 
+class SampledSystem(ABC):
+    """Base of systems that run at the interval at which they were sampled, ``dt``.
+
+    A subclass has ``init``, ``step`` and ``run`` as operators have, but for inputs (n_samples,
+    n_inputs) and responses (n_samples, n_outputs), with an ``intercept`` of each. It cannot be part
+    of a composition, whose parts pass on one signal each, at any interval.
+    """
+
+    @abstractmethod
+    def init(self, u0, initial_state="rest"):
+        """Return the state before the first sample.
+
+        Parameters
+        ----------
+        u0 : array-like of shape (n_inputs,)
+            Inputs at the first sample.
+        initial_state : {"rest", "zero"}, default="rest"
+            At rest at ``u0``, or zero.
+
+        Returns
+        -------
+        object
+            The state.
+        """
+
+    @abstractmethod
+    def run(self, u, dt, state=None):
+        """Map the inputs to the responses.
+
+        Parameters
+        ----------
+        u : array-like of shape (n_samples, n_inputs)
+            Inputs.
+        dt : float
+            Sampling interval in s.
+        state : object, default=None
+            State before; None: at rest at the first inputs.
+
+        Returns
+        -------
+        y : ndarray of shape (n_samples, n_outputs)
+            Responses.
+        state : object
+            State behind the last sample.
+
+        Raises
+        ------
+        ValueError
+            If ``dt`` is not the sampling interval of the system.
+        """
+
+    def refuse_other(self, dt):
+        """Refuse another sampling interval.
+
+        Parameters
+        ----------
+        dt : float
+            Sampling interval in s.
+
+        Raises
+        ------
+        ValueError
+            If it is not that of the system.
+        """
+        if abs(dt - self.dt) > 1e-3 * self.dt:
+            raise ValueError(
+                f"The system is sampled every {self.dt:g} s and runs at no other interval. Got "
+                f"dt = {dt:g} s instead."
+            )
+
+    def step(self, state, u, dt):
+        """Advance by one sample.
+
+        Parameters
+        ----------
+        state : object
+            As :meth:`init` returns it.
+        u : array-like of shape (n_inputs,)
+            Inputs at the sample.
+        dt : float
+            Sampling interval in s.
+
+        Returns
+        -------
+        state : object
+            State behind the sample.
+        y : ndarray of shape (n_outputs,)
+            Responses.
+        """
+        y, state = self.run(np.asarray(u, dtype=float)[None], dt, state)
+        return state, y[0]
+
+    @abstractmethod
+    def compiled_step(self, dt, state):
+        """Return the compiled step, see :class:`~skhyst.operators.Operator`.
+
+        Parameters
+        ----------
+        dt : float
+            Sampling interval in s.
+        state : object
+            As :meth:`init` returns it.
+
+        Returns
+        -------
+        CompiledLaw
+            The step.
+
+        Raises
+        ------
+        NotImplementedError
+            If there are several responses: a step returns one number.
+        """
+
+    def refuse_several(self):
+        """Refuse several responses where a step returns one number.
+
+        Raises
+        ------
+        NotImplementedError
+            If there are several.
+        """
+        if len(self.intercept) > 1:
+            raise NotImplementedError(
+                f"A model of {len(self.intercept)} responses cannot be stepped: a step returns one "
+                "number. Fit each response alone."
+            )
+
+
 @dataclass(frozen=True)
-class SampledStateSpace:
+class SampledStateSpace(SampledSystem):
     """Sampled state space: ``x[k+1] = a x[k] + b u[k]``, ``y[k] = c x[k] + d u[k] + intercept``.
 
-    It has ``init``, ``step`` and ``run`` as operators have, for inputs (n_samples, n_inputs) and
-    responses (n_samples, n_outputs), but only at its own sampling interval, and it cannot be part
-    of a composition.
+    The state before a sample is ``x`` (n_states,) and the last inputs (n_inputs,).
 
     Parameters
     ----------
@@ -108,116 +236,19 @@ class SampledStateSpace:
         return self.b.shape[1]
 
     def init(self, u0, initial_state="rest"):
-        """Return the state before the first sample.
-
-        Parameters
-        ----------
-        u0 : array-like of shape (n_inputs,)
-            Inputs at the first sample.
-        initial_state : {"rest", "zero"}, default="rest"
-            At rest at ``u0``, or zero.
-
-        Returns
-        -------
-        tuple of (ndarray, ndarray)
-            State vector (n_states,) and last inputs (n_inputs,).
-        """
         u0 = np.atleast_1d(np.asarray(u0, dtype=float))
         if initial_state == "zero":
             return np.zeros(len(self.a)), np.zeros(len(u0))
         return np.linalg.solve(np.eye(len(self.a)) - self.a, self.b @ u0), u0
 
     def run(self, u, dt, state=None):
-        """Map the inputs to the responses.
-
-        Parameters
-        ----------
-        u : array-like of shape (n_samples, n_inputs)
-            Inputs.
-        dt : float
-            Sampling interval in s.
-        state : tuple, default=None
-            State before; None: at rest at the first inputs.
-
-        Returns
-        -------
-        y : ndarray of shape (n_samples, n_outputs)
-            Responses.
-        state : tuple
-            State behind the last sample.
-
-        Raises
-        ------
-        ValueError
-            If ``dt`` is not the sampling interval of the system.
-        """
         self.refuse_other(dt)
         u = np.ascontiguousarray(u, dtype=float)
         x, previous = self.init(u[0]) if state is None else state
         y, x = state_space_run_many(self.a, self.b, 0.0 * self.b, self.c, self.d, u, x, previous)
         return y + self.intercept, (x, u[-1].copy())
 
-    def refuse_other(self, dt):
-        """Refuse another sampling interval.
-
-        Parameters
-        ----------
-        dt : float
-            Sampling interval in s.
-
-        Raises
-        ------
-        ValueError
-            If it is not that of the system.
-        """
-        if abs(dt - self.dt) > 1e-3 * self.dt:
-            raise ValueError(
-                f"The system is sampled every {self.dt:g} s and runs at no other interval. Got "
-                f"dt = {dt:g} s instead."
-            )
-
-    def step(self, state, u, dt):
-        """Advance by one sample.
-
-        Parameters
-        ----------
-        state : tuple
-            As :meth:`init` returns it.
-        u : array-like of shape (n_inputs,)
-            Inputs at the sample.
-        dt : float
-            Sampling interval in s.
-
-        Returns
-        -------
-        state : tuple
-            State behind the sample.
-        y : ndarray of shape (n_outputs,)
-            Responses.
-        """
-        y, state = self.run(np.asarray(u, dtype=float)[None], dt, state)
-        return state, y[0]
-
     def compiled_step(self, dt, state):
-        """Return the compiled step, see :class:`~skhyst.operators.Operator`.
-
-        Parameters
-        ----------
-        dt : float
-            Sampling interval in s.
-        state : tuple
-            As :meth:`init` returns it.
-
-        Returns
-        -------
-        CompiledLaw
-            The step.
-
-        Raises
-        ------
-        NotImplementedError
-            If there are several responses: a step returns one number.
-        """
         self.refuse_several()
         self.refuse_other(dt)
         x, previous = state
@@ -230,20 +261,6 @@ class SampledStateSpace:
         if len(steps) == 1:
             return steps[0]
         return CompiledSum(tuple(CompiledColumn((s,), i, 0.0) for i, s in enumerate(steps)))
-
-    def refuse_several(self):
-        """Refuse several responses where a step returns one number.
-
-        Raises
-        ------
-        NotImplementedError
-            If there are several.
-        """
-        if len(self.c) > 1:
-            raise NotImplementedError(
-                f"A model of {len(self.c)} responses cannot be stepped: a step returns one number. "
-                "Fit each response alone."
-            )
 
     def poles(self):
         """Return the poles in the z-plane, complex, shape (n_states,)."""
