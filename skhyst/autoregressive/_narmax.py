@@ -16,11 +16,11 @@ from ..preprocessing import GeneralizedInputGradient, PlayOperators, read_lags
 from ..records import valid_interval
 from ._base import AutoregressiveRegressor, shifted
 from ._difference_equation import at_ratio
+from ._nonlinear_selection import improve
 from ._polynomial import PolynomialStep, candidate_terms, term_name, term_products
 from ._problems import FreeRunProblem, InnovationProblem, innovations
 from ._runs import Start
 from ._selection import Search, SelectionCriterion, condense_folds, error_reduction, subset_solution
-from ._structure import improve
 
 _FEATURES = {
     "rate_sign": GeneralizedInputGradient(include_drive=False, include_rate=False, direction=True),

@@ -18,7 +18,7 @@ from .._jit import jit
 from ..exceptions import ConvergenceWarning
 from ..preprocessing import lagged_columns
 from ._initial_outputs import is_equilibrium
-from ._structure import Descent
+from ._nonlinear_selection import Descent
 
 _EVALUATIONS, _TOLERANCE = 150, 1e-8  # runs; least predicted relative decrease of the squares
 

@@ -2,7 +2,7 @@
 
 from ._compensator import InverseCompensator
 from ._damping import IntegralResonantControl
-from ._feedback import FeedforwardPI
+from ._feedforward_pi import FeedforwardPI
 from ._monitor import Monitor
 from ._observer import Observer
 from ._simulate_loop import Loop, simulate_loop

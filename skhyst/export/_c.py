@@ -11,6 +11,7 @@ from string import Template
 import numpy as np
 
 from ..operators import Stepper
+from ._composed_step import model_step
 from ._content import (
     Source,
     answers,
@@ -22,7 +23,6 @@ from ._content import (
     written,
 )
 from ._fixed import MARGIN, Fixed, FixedPrinter, boundary
-from ._model import model_step
 from ._printer import Dialect, Printer
 from ._ranges import Ranges, check_fast, explore, limits
 from ._reach import reachable

@@ -10,8 +10,8 @@ from .._files import replacing
 from .._validation import finite_numbers
 from ..operators import Signal, Stepper
 from ..records import valid_interval
+from ._composed_step import model_step
 from ._interpreter import Interpreter
-from ._model import model_step
 from ._rest import rest_rules
 from ._single import check_single, checked_ends
 from ._tunable import derived, entries_of

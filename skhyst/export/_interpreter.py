@@ -55,7 +55,7 @@ class Interpreter:
     Parameters
     ----------
     model : Slice
-        See :func:`~skhyst.export._model.model_step`.
+        See :func:`~skhyst.export._composed_step.model_step`.
     state : ndarray of shape (n_states,)
     tuned : ndarray of shape (n_constants,), optional
         Constants that can be changed at run time.

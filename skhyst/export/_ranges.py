@@ -42,7 +42,7 @@ class Ranges(Interpreter):
     Parameters
     ----------
     model : Slice
-        See :func:`~skhyst.export._model.model_step`.
+        See :func:`~skhyst.export._composed_step.model_step`.
     state : ndarray of shape (n_states,)
     drive : ndarray of shape (n_samples, n_inputs)
     """

@@ -55,7 +55,7 @@ def reachable(model, state, ends):
     Parameters
     ----------
     model : Slice
-        See :func:`~skhyst.export._model.model_step`.
+        See :func:`~skhyst.export._composed_step.model_step`.
     state : ndarray of shape (n_states,)
         Before the first sample.
     ends : ndarray of shape (2, n_inputs)

@@ -102,7 +102,9 @@ class _Reader(Values):
 
     def _function(self, function, *signatures):
         if hasattr(function, "compiled_step"):
-            from ._model import composed  # which reads the steps of its parts with this module
+            from ._composed_step import (
+                composed,  # which reads the steps of its parts with this module
+            )
 
             return composed(function.compiled_step, self._with_numbers)
         return read(function, *signatures, with_numbers=self._with_numbers)

@@ -40,7 +40,7 @@ def check_single(model, state, drive, outputs, span, tolerance, tuned=()):
     Parameters
     ----------
     model : Slice
-        See :func:`~skhyst.export._model.model_step`.
+        See :func:`~skhyst.export._composed_step.model_step`.
     state : ndarray of shape (n_states,)
     drive : ndarray of shape (n_samples, n_inputs)
         Numbers that single precision represents exactly.
@@ -79,7 +79,7 @@ def checked_ends(model, stepper, ranges, span, tolerance, answers, tuned=()):
     Parameters
     ----------
     model : Slice
-        See :func:`~skhyst.export._model.model_step`.
+        See :func:`~skhyst.export._composed_step.model_step`.
     stepper : Stepper
         In its first state.
     ranges : ndarray of shape (2, n_inputs)

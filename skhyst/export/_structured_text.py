@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from ._c import DIALECTS, digest_of
+from ._composed_step import model_step
 from ._content import Source, legend, range_tests, written
 from ._expressions import (
     Array,
@@ -29,7 +30,6 @@ from ._expressions import (
     Store,
     While,
 )
-from ._model import model_step
 from ._printer import assigned
 from ._slice import called, within
 

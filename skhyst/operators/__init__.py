@@ -23,14 +23,14 @@ from ._composition import bare as bare
 from ._composition import can_scale as can_scale
 from ._composition import of_columns as of_columns
 from ._composition import split_disturbances as split_disturbances
-from ._edits import add_parallel as add_parallel
-from ._edits import modulated as modulated
-from ._edits import on_column as on_column
-from ._edits import scheduled as scheduled
-from ._edits import series_stages as series_stages
-from ._edits import stage_values as stage_values
-from ._edits import with_series_stages as with_series_stages
-from ._edits import with_stage_values as with_stage_values
+from ._driven_series import add_parallel as add_parallel
+from ._driven_series import modulated as modulated
+from ._driven_series import on_column as on_column
+from ._driven_series import scheduled as scheduled
+from ._driven_series import series_stages as series_stages
+from ._driven_series import stage_values as stage_values
+from ._driven_series import with_series_stages as with_series_stages
+from ._driven_series import with_stage_values as with_stage_values
 from ._feedback import FEEDBACK_ARGUMENTS as FEEDBACK_ARGUMENTS
 from ._feedback import FeedbackOperator
 from ._feedback import has_velocity as has_velocity

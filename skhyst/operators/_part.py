@@ -5,7 +5,7 @@ parallel (``+``), scaled by a column of the input (``*``), driven by a column, o
 that depend on a value per record. Each part has in ``model`` the unfitted estimator it belongs to
 (for a node, with that node's own parameters only), so that ``estimator()`` composes the whole;
 ``tree(operator)`` of an estimator is the inverse. An edit of a model is a function from a tree to a
-tree, see ``_edits``.
+tree, see ``_driven_series``.
 """
 
 import dataclasses
