@@ -5,8 +5,9 @@ import inspect
 from itertools import takewhile
 from types import FunctionType
 
-_TITLES = ("Parameters", "Attributes", "Returns", "Raises")  # in the order of numpydoc
-_METHOD_TITLES = ("Parameters", "Returns")  # another method need not raise what the base's does
+_TITLES = ("Parameters", "Attributes", "Returns", "Yields", "Raises")  # in the order of numpydoc
+# another method need not raise what the base's does
+_METHOD_TITLES = ("Parameters", "Returns", "Yields")
 
 
 def inherit_documentation(cls, *, attributes=True):

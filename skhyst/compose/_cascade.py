@@ -272,11 +272,6 @@ class Composition(ParametricModel, BaseComposition):
 
         For each step, the starts whose own output fits best, up to gain and offset, are kept.
 
-        Parameters
-        ----------
-        records : sequence of RecordData
-            Records of the fit.
-
         Returns
         -------
         list of Operator
@@ -589,17 +584,6 @@ class Cascade(Composition):
         this step. There is nothing to combine where the second of two steps alone has parameters
         that are searched: its starts were tried with the first step, whose structure, such as the
         thresholds of plays, is that of the drive.
-
-        Parameters
-        ----------
-        data : sequence of RecordData
-            Records of the fit.
-        starts : callable
-            Returns :meth:`further_starts` of these records.
-
-        Yields
-        ------
-        IdentificationResult
         """
         models, usual = self._models(), self._orders()
         free = [i for i, model in enumerate(models) if not isinstance(model, HeldStep)]

@@ -594,19 +594,6 @@ class ModalFeedback(ModalModel):
 
     @fit_context(prefer_skip_nested_validation=True)
     def fit(self, X, y) -> Self:
-        """Identify the model.
-
-        Parameters
-        ----------
-        X : DataFrame or array-like of shape (n_samples, n_inputs)
-            All columns are inputs; the index carries records and time.
-        y : array-like of shape (n_samples, n_outputs) or (n_samples,)
-            Responses.
-
-        Returns
-        -------
-        self
-        """
         slices, array, response = self._read(X, y)
         self._warn_unless_converged(self._fit_linear(slices, array, response), "ModalModel")
         sizes = [np.where(std > 0.0, std, 1.0) for std in (array.std(axis=0), response.std(axis=0))]

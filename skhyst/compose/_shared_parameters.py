@@ -304,8 +304,8 @@ def _starts(models, own, scales):
         )
     pairs = list(zip(names, specs, strict=True))
     is_own = [spec.is_constant or not chosen.isdisjoint((n, n.split("[")[0])) for n, spec in pairs]
-    is_own, units = np.array(is_own, dtype=bool), bases[0].parameter_units()
-    power = np.where(is_own, 0, [_power(units[name]) for name in names])
+    is_own = np.array(is_own, dtype=bool)
+    power = np.where(is_own, 0, [_power(spec.unit) for spec in specs])
     is_log = np.array([spec.log for spec in specs], dtype=bool)
     values, starts = np.array([base.pack()[free] for base in bases]), []
     for first in values:  # common values start from the model of this response

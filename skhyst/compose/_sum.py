@@ -92,17 +92,6 @@ class Sum(Composition):
 
         A step that is identified first is fitted alone: the sum then fits at least as well as this
         step.
-
-        Parameters
-        ----------
-        data : sequence of RecordData
-            Records of the fit.
-        starts : callable
-            Returns :meth:`further_starts` of these records.
-
-        Yields
-        ------
-        IdentificationResult
         """
         for first in range(1, len(self._kept_steps())):
             yield self._identified_from(first, data)

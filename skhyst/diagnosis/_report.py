@@ -501,8 +501,8 @@ def _parameters(estimator, words):
     """Return the parameters of a model, one row per value, with known standard errors."""
     rows, errors = [], getattr(estimator, "params_std_", {})
     operator = getattr(estimator, "operator_", None)
-    units = {} if operator is None else operator.parameter_units()
-    units = {name.removeprefix("model__"): words.of(unit) for name, unit in units.items()}
+    entries = [] if operator is None else operator.entries()
+    units = {name.removeprefix("model__"): words.of(spec.unit) for name, spec in entries}
     for name, value in getattr(estimator, "params_", {}).items():
         values = np.ravel(value)
         stds = np.broadcast_to(np.ravel(errors.get(name, np.nan)), values.shape)

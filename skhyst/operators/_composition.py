@@ -72,7 +72,6 @@ class WrappedOperator(_ByEntries):
     linear_mode = _forwarded("_like.linear_mode")
     entries = _forwarded("_like.entries")
     pack = _forwarded("_like.pack")
-    parameter_units = _forwarded("_like.parameter_units")
 
     @property
     def _like(self):
@@ -379,10 +378,6 @@ class Scaled(WrappedOperator):
             for k in range(len(self.curvature))
         ]
         return [*scaled, (f"sensitivity{suffix}", _SENSITIVITY), *curve, *lag]
-
-    def parameter_units(self):
-        known = self.operator.parameter_units()
-        return {name: known.get(name, spec.unit) for name, spec in self.entries()}
 
     def _of_lag(self):
         """Return the entries of the lag that are parameters: all but gain and intercept."""
@@ -831,13 +826,6 @@ class _Composition(_ByEntries):
         """Return the specs of each stage as seen from the whole."""
         return parts
 
-    def parameter_units(self):
-        return {
-            f"{name}__{entry}": unit
-            for name, stage in zip(self.names, self._stage_units(), strict=True)
-            for entry, unit in stage.items()
-        }
-
     @property
     def is_composed(self):
         """Whether it is a node of a tree, not the inner structure of a single model."""
@@ -855,10 +843,6 @@ class _Composition(_ByEntries):
             for name, stage in zip(self.names, self.stages, strict=True)
             for entry in stage.held_entries()
         )
-
-    def _stage_units(self):
-        """Return the units of the entries of each stage, as seen from the whole."""
-        return [stage.parameter_units() for stage in self.stages]
 
     def pack(self):
         return np.concatenate([np.empty(0), *[stage.pack() for stage in self.stages]])
@@ -988,12 +972,15 @@ class Series(_Composition):
         while first > 0 and self.stages[first].signal_linear:
             first -= 1
         best = max(range(n - 1, first - 1, -1), key=lambda i: sum(linear[i]), default=None)
+        # signals are in units of the drive up to the stage that owns the gain, then of the response
+        owner = max(owners, default=n - 1)
+        words = ["drive" if i <= owner else "response" for i in range(n + 1)]
         return [
             [
-                _set(s, h, is_linear and i == best, s.movable, s.additive and i >= first)
+                _set(s, h, is_linear and i == best, s.movable, s.additive and i >= first, around)
                 for s, h, is_linear in zip(parts[i], held[i], linear[i], strict=True)
             ]
-            for i in range(n)
+            for i, around in enumerate(pairwise(words))
         ]
 
     def _owners(self, parts):
@@ -1002,16 +989,6 @@ class Series(_Composition):
         return (
             owners or [i for i, specs in enumerate(parts) if any(s.is_shared for s in specs)][-1:]
         )
-
-    def _stage_units(self):
-        # signals are in units of the drive up to the stage that owns the gain, then of the response
-        parts = [[spec for _, spec in stage.entries()] for stage in self.stages]
-        owner = max(self._owners(parts), default=len(parts) - 1)
-        words = ["drive" if i <= owner else "response" for i in range(len(self.stages) + 1)]
-        return [
-            {entry: Units(*around).of(unit) for entry, unit in units.items()}
-            for units, around in zip(super()._stage_units(), pairwise(words), strict=True)
-        ]
 
     def normalized(self):
         """Return a copy whose held static gains and intercepts are at their gauge values.
@@ -1327,9 +1304,10 @@ resampled.register(SumOperator, _each_resampled)
 
 
 @lru_cache(maxsize=1024)  # of the few specs of a model, in every series that a fit tries
-def _set(spec, held, linear, movable, additive):
-    """Return a spec with other marks, or the spec itself if it has them."""
+def _set(spec, held, linear, movable, additive, around=("drive", "response")):
+    """Return a spec with other marks, and its unit in terms of the units around its stage."""
     marks = {"held": held, "linear": linear, "movable": movable, "additive": additive}
+    marks["unit"] = Units(*around).of(spec.unit)
     return spec if marks.items() <= vars(spec).items() else replace(spec, **marks)
 
 

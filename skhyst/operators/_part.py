@@ -197,10 +197,6 @@ class Part:
         """
         return self
 
-    def parameter_units(self) -> dict[str, str]:
-        """Return the unit of each entry, in terms of ``s``, ``drive`` and ``response``."""
-        return {name: spec.unit for name, spec in self.entries()}
-
     def ahead(self, dt: float, u0: float, tol: float = 1e-9):
         """Return a step with preview: its input lies some samples after its output.
 

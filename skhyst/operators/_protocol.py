@@ -143,8 +143,8 @@ def parameter(*, default=dataclasses.MISSING, **options):
     ...         return self.gain * u, None
     ...     def sensitivities(self, u, du, dt, initial_state="rest"):
     ...         return self.gain * u, np.column_stack([self.gain * du, u])
-    >>> Doubler().parameter_units()
-    {'gain': 'response/drive'}
+    >>> [(name, spec.unit) for name, spec in Doubler().entries()]
+    [('gain', 'response/drive')]
     """
     return dataclasses.field(default=default, metadata={"parameter": ParameterSpec(**options)})
 

@@ -303,12 +303,6 @@ def test_derivatives_pieces_and_steps(name):
         np.testing.assert_allclose([*first, *stepper.run(U[30:])], y, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", OPERATORS)
-def test_every_parameter_has_a_unit(name):
-    operator = OPERATORS[name]
-    assert list(operator.parameter_units()) == [entry for entry, _ in operator.entries()]
-
-
 @pytest.mark.parametrize("name", [name for name in OPERATORS if "along the drive" in name])
 def test_what_moves_the_drive_moves_the_column_that_it_is(name):
     operator, along, step = OPERATORS[name], np.cos(np.arange(len(U)) / 5), 1e-6

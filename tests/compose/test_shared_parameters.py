@@ -103,9 +103,9 @@ def test_a_gain_of_the_response_is_that_of_values_in_its_unit(operator, gain):
     """A mass per drive is divided by it, a weight is multiplied."""
     if gain < 0.0 and hasattr(operator, "mass"):
         pytest.skip("a mass has a sign")
-    u, units = 3.0 * drive(200), operator.parameter_units()
-    power = np.array([_power(units[name]) for name, _ in operator.entries()])
-    factors = _factors(gain, power, np.array([spec.log for _, spec in operator.entries()]))
+    u, specs = 3.0 * drive(200), [spec for _, spec in operator.entries()]
+    power = np.array([_power(spec.unit) for spec in specs])
+    factors = _factors(gain, power, np.array([spec.log for spec in specs]))
     y, other = (own.run(u, DT)[0] for own in (operator, operator.unpack(factors * operator.pack())))
     np.testing.assert_allclose(other, gain * y, rtol=1e-9, atol=1e-9 * np.ptp(y))
 

@@ -130,11 +130,10 @@ def test_parameters_have_units_of_the_signals_that_they_stand_between():
         SaturationOperator(-2.0, 2.0),
     )
     series = Series(("amplifier", "plays", "lag", "sensor"), stages)
-    units = series.parameter_units()
-    assert list(units) == [name for name, _ in series.entries()]
+    units = {name: spec.unit for name, spec in series.entries()}
     assert units["amplifier__lower"] == "drive"
     assert units["plays__weights[1]"] == "response/drive"
     assert units["lag__gain"] == ""
     assert units["sensor__upper"] == "response"
     additive = SumOperator(("plays", "lag"), (plays, FirstOrderLagOperator(0.1)))
-    assert additive.parameter_units()["lag__gain"] == "response/drive"
+    assert dict(additive.entries())["lag__gain"].unit == "response/drive"
