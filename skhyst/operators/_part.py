@@ -109,7 +109,7 @@ class Part:
         Number of values that define the state at the first sample, for an operator without a state
         of rest, such as displacement and velocity of a free mass; else 0. ``init`` and
         ``sensitivities`` then take them, (n_start,), as ``initial_state``, and there are the
-        methods of :class:`StartValues`.
+        methods of ``StartValues``.
     is_disturbance : bool
         The output is a disturbance ``basis(time) coefficients``, whatever the input, with
         ``coefficients`` per record; it has the methods of ``DisturbanceOperator``.
@@ -124,7 +124,7 @@ class Part:
         What its description is fine to, such as the number of plays, if that may be chosen.
     scaled_within : tuple of str
         Parameters that it scales within itself by a factor that varies from sample to sample, all
-        together, such as the thresholds of plays: by the methods of :class:`ScaledWithin`.
+        together, such as the thresholds of plays: by the methods of ``ScaledWithin``.
     children : tuple of Operator
         The parts that a node joins or wraps.
 
