@@ -24,7 +24,7 @@ from ._compiled_step import (
 )
 from ._held_input import holding_what_moves, holds_of_input, resampled
 from ._linear_inverse import InverseLinearOperator
-from ._part import JOIN, Stage
+from ._part import JOIN, Stage, StartValues
 from ._protocol import MOST_STEPS, Operator, ParameterSpec, propagate
 from ._root_inverse import RootInverseOperator, inverse_of
 
@@ -46,7 +46,7 @@ def _of_stages(which, name):
     )
 
 
-class _ByEntries(Operator):
+class _ByEntries(Operator, StartValues):
     """An operator whose entries do not correspond to fields of its own."""
 
     def parameter_specs(self):
