@@ -3,10 +3,11 @@
 Run from the root of the project::
 
     python benchmarks/bench_search.py [--long] [--declared cascade] [--effects none,creep]
-        [--repeats 3] [--jobs 2] [--seed 8000]
+        [--samples 20000] [--repeats 3] [--jobs 2] [--seed 8000]
 
 Without `--long`, recordings of 20,000 samples in five records; the first search of each declared
-model compiles the kernels and is not counted. With `--long`, 1,000,000 samples in five records, and
+model compiles the kernels and is not counted. Each is followed by the processor time of its report
+in HTML. With `--long`, 1,000,000 samples in five records, and
 in one. Each line names the plant's missing effect, what was named, the wall-clock time and its
 limit, the processor time of all processes (what the search would take of one core that nobody
 shares), the most memory that they held together (each shared page counted once), and the time of
@@ -24,12 +25,13 @@ from pathlib import Path
 from plants import MATRIX, make_recording
 
 from skhyst.compose import Cascade
-from skhyst.diagnosis import EffectSearchCV
+from skhyst.diagnosis import EffectSearchCV, Report
 from skhyst.hysteresis import BoucWen, PrandtlIshlinskii
 from skhyst.linear import SecondOrderMode, TransferFunction
 
 SHORT, LONG = 20_000, 1_000_000  # samples
 SHORT_LIMIT, LONG_LIMIT = 10.0, 300.0  # s on two cores
+REPORT_LIMIT = 5.0  # s of one processor, for a report
 MEMORY_LIMIT = 4.0  # GiB
 DECLARED = {
     "prandtl_ishlinskii": lambda: PrandtlIshlinskii(),
@@ -139,11 +141,23 @@ def describe(declared, effect, y, search, walls, limit, meter):
     )
 
 
+def time_report(search):
+    """Print the processor time of a report."""
+    start = time.process_time()
+    page = Report.from_search(search).to_html()
+    seconds = time.process_time() - start
+    met = "met" if seconds <= REPORT_LIMIT else "MISSED"
+    print(
+        f"  report: {seconds:.1f} s (limit {REPORT_LIMIT:g} s: {met}), {len(page) / 2**20:.1f} MiB"
+    )
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--long", action="store_true", help="1,000,000 samples")
     parser.add_argument("--declared", default=",".join(DECLARED))
     parser.add_argument("--effects", default="", help="missing ones; by default three a model")
+    parser.add_argument("--samples", type=int, default=SHORT, help="of short searches")
     parser.add_argument("--repeats", type=int, default=3, help="of short searches")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--seed", type=int, default=8000)
@@ -152,7 +166,7 @@ def main():
         wanted = options.effects.split(",") if options.effects else MISSING[declared]
         effects = [e for e in wanted if e == "none" or e in MATRIX[declared]]
         for number, effect in enumerate(effects):
-            recording = make_recording(effect, declared, options.seed, n_samples=SHORT)
+            recording = make_recording(effect, declared, options.seed, n_samples=options.samples)
             X, y = recording.X_train, recording.y_train
             if not number:
                 measure(declared, X, y, options.jobs)  # compiles
@@ -160,6 +174,7 @@ def main():
                 runs = [measure(declared, X, y, options.jobs) for _ in range(options.repeats)]
                 walls = [seconds for _, seconds, _ in runs]
                 describe(declared, effect, y, runs[-1][0], walls, SHORT_LIMIT, runs[-1][2])
+                time_report(runs[-1][0])
                 continue
             for records in (5, 1):
                 if records == 1:

@@ -97,7 +97,7 @@ _NO_REST = (
 _LEAST_NOISE = np.cbrt(np.finfo(float).eps)
 _MOST = 0.5  # ratio of squared errors below which a change removes more of the error than it leaves
 _NOTICEABLE = 0.05  # of the response: an error below a few per cent of it misleads nobody
-_FEW = "The records hold few independent samples, so that params_std_ is too small for"
+_FEW = "The records hold few independent samples, so that standard errors are too small for"
 
 
 class _OneThread:

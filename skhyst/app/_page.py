@@ -228,9 +228,8 @@ def _table(files, columns, roles):
     units = {}
     for number, column in enumerate(shown):
         name, picture, role, unit = st.columns([3, 3, 2, 1], vertical_alignment="center")
-        spans = f"{column.low:g} to {column.high:g}" if column.low <= column.high else "no numbers"
         reason = f", {column.reason}" if roles[column.name] and column.reason != "as given" else ""
-        name.markdown(f"**{_plain(column.name)}**  \n{_plain(spans + reason)}")
+        name.markdown(f"**{_plain(column.name)}**  \n{_plain(column.span + reason)}")
         if len(column.outline):
             picture.image(_little_picture(column.outline), width="stretch")
         key = f"role {number} of {column.name} in {files}"
@@ -250,6 +249,7 @@ def _table(files, columns, roles):
                 f"{FIELDS['units']} of {column.name}",
                 stated,
                 key=f"unit of {key}",
+                label_visibility="collapsed",
                 placeholder="unit",
                 max_chars=12,
             ).strip()

@@ -13,7 +13,8 @@ from ._formats import reading
 
 # Largest deviation of one interval, as a fraction of it: both ends rounded by a tenth, with margin.
 JITTER = 0.25
-_NEXT = 1.5  # intervals to the next sample, also over midnight
+_NEXT = 1.5  # intervals to the next sample, also where the clock begins anew
+_HOUR = 3600.0  # s
 _NATIONAL = (  # dates that pandas does not parse by itself, or can parse in several ways
     {"dayfirst": True},
     {"dayfirst": False},
@@ -100,7 +101,7 @@ def times(path, column, unit):
     column = column.map(_with_point, na_action="ignore")
     clock = pd.to_timedelta(column.map(_duration, na_action="ignore"), errors="coerce")
     if clock.notna().any() and (clock.notna() | column.isna()).all():
-        return _over_midnight(pd.TimedeltaIndex(clock))
+        return _going_on(pd.TimedeltaIndex(clock))
     with reading(path):
         try:
             dates = pd.to_datetime(column, format="ISO8601", utc=True)
@@ -116,14 +117,16 @@ def times(path, column, unit):
     return pd.DatetimeIndex(dates).tz_localize(None)
 
 
-def _over_midnight(clock):
-    """Return clock times that go on behind midnight, where they step back to begin a day anew."""
-    day, seconds = pd.Timedelta(days=1), clock.total_seconds().to_numpy()
-    steps = np.diff(seconds)
-    if not (steps > 0.0).any() or clock.max() >= day:
+def _going_on(clock):
+    """Return clock times that go on where they step back to begin a day, or 12 hours, anew."""
+    seconds = clock.total_seconds().to_numpy()
+    steps, hours = np.diff(seconds), np.floor(seconds / _HOUR)
+    if not (steps > 0.0).any() or hours.max() >= 24.0:
         return clock
-    goes_on = (steps < 0.0) & (steps + day.total_seconds() <= _NEXT * np.median(steps[steps > 0.0]))
-    return clock + np.cumsum(np.append(False, goes_on)) * day
+    is_12 = hours.min() >= 1.0 and hours.max() <= 12.0  # 12:59:59 is followed by 1:00:00
+    turn = (12.0 if is_12 else 24.0) * _HOUR
+    goes_on = (steps < 0.0) & (steps + turn <= _NEXT * np.median(steps[steps > 0.0]))
+    return clock + np.cumsum(np.append(False, goes_on)) * pd.Timedelta(seconds=turn)
 
 
 def _with_point(cell):

@@ -53,11 +53,16 @@ class ColumnOverview:
     outline: np.ndarray = field(repr=False, compare=False)
     interval: float | None = None
 
+    @property
+    def span(self) -> str:
+        """Range of the readings in words."""
+        if self.low <= self.high:
+            return f"{self.low:g} to {self.high:g}"
+        return "dates or clock times" if self.role == "time" else "no numbers"
+
     def __str__(self):
-        span = f"{self.low:g} to {self.high:g}" if self.low <= self.high else "no numbers"
-        span = "dates or clock times" if self.role == "time" and span == "no numbers" else span
         kind = "text" if self.kind == "object" else self.kind
-        return f"{self.role or '-':10s}{self.name!r}: {span} ({kind}; {self.reason})"
+        return f"{self.role or '-':10s}{self.name!r}: {self.span} ({kind}; {self.reason})"
 
 
 def inspect_columns(path, **reading):

@@ -31,7 +31,7 @@ from ._workbook import read_workbook
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _OPAQUE = ("s0", "s1", "s2", "arr")  # name, type system, class, content of a MATLAB object
-_INTERVALS = ("dt", "ts", "sampling_interval", "sample_interval", "wf_increment")  # attributes, s
+_INTERVALS = ("dt", "ts", "sampling_interval", "sample_interval", "wf_increment", "tinterval")  # s
 _UNIT_FIELDS = ("unit", "units")
 _NAME_FIELDS = ("name", "label")  # the latter of Simulink
 _LINES = (".jsonl", ".ndjson")  # JSON, a record in each line
@@ -162,7 +162,8 @@ def opened(source, **layout):
     ``layout`` holds the options of delimited text, None if they are not given.
     """
     is_frame = hasattr(source, "columns")
-    path = Table() if is_frame else Path(source).expanduser()
+    name = getattr(source, "attrs", {}).get("name", Table.name)
+    path = Table(name) if is_frame else Path(source).expanduser()
     layout = {name: value for name, value in layout.items() if value is not None}
     if layout and _READERS.get(path.suffix.lower()) is not _TEXT:
         raise ValueError(
@@ -176,7 +177,7 @@ def _frame_variables(frame):
     """List the columns of a frame or table, and the levels of its index unless it counts rows.
 
     Units are those of pint, or of a dict ``frame.attrs["units"]``; the sampling interval in s is
-    ``frame.attrs["interval"]``.
+    ``frame.attrs["interval"]``, the name in messages ``frame.attrs["name"]``.
     """
     if hasattr(frame, "column_names"):  # an Arrow table
         frame = frame.to_pandas()

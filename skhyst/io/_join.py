@@ -25,7 +25,8 @@ def join_files(paths, *, delimiter=None, decimal=None) -> pd.DataFrame:
     DataFrame of shape (n_samples, n_columns)
         Names have their units in brackets. A column that is equal in all files, such as the time,
         occurs once; other names that repeat are prefixed by the name of their file.
-        ``attrs["interval"]`` is the sampling interval in s, if a file gives it.
+        ``attrs["interval"]`` is the sampling interval in s, if a file gives it; ``attrs["name"]``
+        are the names of the files.
 
     Raises
     ------
@@ -67,6 +68,7 @@ def join_files(paths, *, delimiter=None, decimal=None) -> pd.DataFrame:
         is_shared = all(np.array_equal(same[0], v) for v in same)
         joined[name if is_shared else f"{Path(file).stem} {name}"] = values
     frame = pd.DataFrame(joined)
+    frame.attrs["name"] = ", ".join(dict.fromkeys(file for file, _ in columns))
     if intervals:
         frame.attrs["interval"] = next(iter(intervals.values()))
     return frame

@@ -5,8 +5,9 @@ The role of a column follows from the words of its name, else from its unit: `dr
 other gives no role. A time column must increase; without a name that shows it, a column is the time
 if it is the only one that increases by equal steps. The only remaining column that is not constant
 takes the remaining role. If two columns may have a role, none is chosen: a wrong guess would be
-worse than a question. A force and a motion may each be the cause of the other: the force is taken,
-and that it may be the other way round is said.
+worse than a question. Words that all signals share say nothing. Of axes that are recorded at once
+(u1, y1, u2, y2), a given column selects the axis. A force and a motion may each be the cause of the
+other: the force is taken, and that it may be the other way round is said.
 """
 
 import re
@@ -60,6 +61,7 @@ _NEITHER = "|".join(  # signals of a controller, of the environment, and counter
 )
 _AT_PRESENT = re.compile(r"current(?=[ _]?(position|value|angle))", re.IGNORECASE)
 _CLOCK = re.compile(r"(\d+[./-]\d+[./-]\d+(T| +))?\d+:\d\d(:\d\d([.,]\d+)?)?Z?( [AP]M)?")
+_AXIS = (re.compile(r"\d+"), re.compile(r"(?<![^\W_])[xyz](?![^\W_])", re.IGNORECASE))
 _RECORD = "record|run|recording|trial|segment"
 _MOST_RESTARTS = 0.1  # largest fraction of rows at which time restarts or a record label changes
 _SHOWN = 20  # candidates that an error message lists
@@ -178,11 +180,13 @@ def roles_and_questions(path, variables, roles, others=(), *, timed):
     given = [column for column in (*roles.values(), *others) if column is not None]
     group = next(iter(record_groups(variables, given).values()))
     given_names = {load_column(path, group, column).name for column in given}
-    free = [
-        _Candidate(path, group, place)
-        for place in long_columns(group)
-        if not {place.name, place.full_name} & given_names
-    ]
+    columns = [_Candidate(path, group, place) for place in long_columns(group)]
+    free = [c for c in columns if not {c.name, c.place.full_name} & given_names]
+    mark, axes = _axes([c for c in columns if c.varies and not c.called_time])
+    said = [{*c.words} for c in columns if c.varies and not c.called_time]
+    said_by_all = set.intersection(*said) if len(said) > 1 else set()
+    for c in columns:
+        c.words = [w for w in c.words if w not in said_by_all and not (axes and mark.fullmatch(w))]
     found, candidates, missing = {}, {}, [role for role in ROLES if roles[role] is None]
     if "time" in missing and not timed:
         found["time"], candidates["time"] = _time(free)
@@ -200,6 +204,10 @@ def roles_and_questions(path, variables, roles, others=(), *, timed):
         and (c.unit_role or not any(np.array_equal(c.stored, time) for time in times))
     ]
     asked = [role for role in ("drive", "response") if role in missing]
+    if len(asked) == 1:  # the other gives the axis
+        own = load_column(path, group, roles[({"drive", "response"} - {*asked}).pop()]).name
+        own = next((axis for axis in axes if own in axis), ())
+        signals = [c for c in signals if c.name in own] or signals
     for role in asked:
         found[role], candidates[role] = _named(role, signals, len(asked))
     # after all named roles: what they leave over is then unique more often
@@ -233,6 +241,12 @@ def roles_and_questions(path, variables, roles, others=(), *, timed):
             f"{_JOIN}"
             if left
             else f"In {path.name} no column is a signal. {listed_variables(group)}"
+        )
+    if len(open_) == 2 and axes:
+        listed = "; ".join(", ".join(map(repr, axis)) for axis in axes[:_SHOWN])
+        questions.append(
+            f"These are {len(axes)} axes that are recorded at once ({listed}): the drive of one "
+            "gives its response."
         )
     if questions and columns:
         known = ", ".join(f"{role} {column.name!r}" for role, column in columns.items())
@@ -359,6 +373,23 @@ class _Candidate:
             return False
 
 
+def _axes(signals):
+    """Return the mark and the names of each of the axes recorded at once, as u1, y1, u2, y2.
+
+    Names of an axis differ from those of another by a number or, where no name has one, by the
+    letter x, y or z, the mark. There are no axes if one has a single name.
+    """
+    names = {c.name: without_unit(c.name).lower() for c in signals}
+    mark = next((one for one in _AXIS if any(map(one.search, names.values()))), _AXIS[0])
+    axes = {}
+    for name, bare in names.items():
+        if found := mark.search(bare):
+            axes.setdefault(found[0], {})[mark.sub("", bare)] = name
+    kinds = [{*axis} for axis in axes.values()]
+    alike = len(kinds) > 1 and len(kinds[0]) > 1 and kinds.count(kinds[0]) == len(kinds)
+    return mark, [[*axis.values()] for axis in axes.values()] if alike else []
+
+
 def _time(free):
     """Return the time column and the reason, None if there is none, and the candidates."""
     named = [c for c in free if c.called_time and c.rises]
@@ -367,7 +398,7 @@ def _time(free):
         same = all(np.array_equal(c.stored, first) and time_unit_of(c.name) == unit for c in named)
         return ((named[0], _NAMED), []) if same else (None, named)
     even = [c for c in free if (not c.role or c.has("x")) and c.rises_evenly]  # X_Value of LabVIEW
-    if len(even) == 1:
+    if even and all(np.array_equal(c.stored, even[0].stored) for c in even):
         return (even[0], "it alone rises evenly"), []
     clock = [c for c in free if c.values is None and _CLOCK.fullmatch(str(c.stored[0]))]
     if len(clock) == 1:

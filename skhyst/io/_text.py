@@ -2,20 +2,20 @@
 
 import io
 import re
-from itertools import islice
+from itertools import islice, pairwise, takewhile
 
 import numpy as np
 import pandas as pd
 
 from ..exceptions import RecordError
 from ._column_names import is_time, without_unit
-from ._layout import BEYOND, fields, find_layout, is_assignment
+from ._layout import BEYOND, fields, find_layout, fits, is_assignment
 from ._missing import marks_missing
 
 _SAMPLE = 65_536  # characters at the beginning and the end from which the layout is determined
 _BINARY = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
 _NAMES = re.compile(r"[\"'#%(\[\s]*[^\W\d]")  # of a line that may contain names
-_HEADS = 8  # repeated lines that are tried as names
+_HEADS = 8  # repeated groups of lines that are tried as names
 _LINE = re.compile(r"[^\r\n]+")
 _ARRIVED = re.compile(r"^(\d\d:\d\d:\d\d[.,]\d+) -> (?=.*?([;\t,]|$))", re.MULTILINE)
 _MARK = re.compile(r"[\W_]*(run|test|trial|record)?[\W_]*(\d{1,3}|(?<![^\W_])[a-h])?$")  # of a run
@@ -54,12 +54,7 @@ def parse_table(text, delimiter=None, decimal=None):
     # a serial monitor writes "12:00:00.123 -> " before each line
     text = _ARRIVED.sub(lambda found: found[1] + (delimiter or found[2] or " "), text)
     text = _labelled(_WRAPPED.sub(r"\1", text))
-    head = _head_of(text, delimiter, decimal)
-    begins = [found.start() for found in re.finditer(head, text, re.MULTILINE)] if head else []
-    ends = [*begins[1:], len(text)]
-    blocks = [text[start:end] for start, end in zip([0, *begins[1:]], ends, strict=True)]
-    if len(blocks) == 1:
-        blocks = _titled(text, delimiter, decimal)
+    blocks = _repeated(text, delimiter, decimal) or _titled(text, delimiter, decimal)
     tables = []
     for block in blocks:
         if block is blocks[0] or len(_lines(block, 0, _SAMPLE)) > 1:  # names without rows
@@ -82,20 +77,37 @@ def _labelled(text):
     return "\n".join(["\t".join(names), *values])
 
 
-def _head_of(text, delimiter, decimal):
-    """Return a pattern of the line of names above the table, "" if there is none."""
+def _repeated(text, delimiter, decimal):
+    """Return the parts of a text whose line of names is repeated, None if it is not."""
     lines = [line[0] for line in _lines(text, 0, _SAMPLE)]
     first = {line: i for i, line in reversed(list(enumerate(lines)))}
-    again = (i for i, line in enumerate(lines) if first[line] < i and _NAMES.match(line))
-    for stop in (*islice(again, _HEADS), len(lines)):
+    again = [first[line] < i and bool(_NAMES.match(line)) for i, line in enumerate(lines)]
+    begins = (i for i, is_again in enumerate(again) if is_again and not again[i - 1])
+    for stop in (*islice(begins, _HEADS), len(lines)):
         try:
             layout = find_layout(lines[:stop], delimiter, decimal)
         except RecordError:
             continue
+        repeated = [*takewhile(again.__getitem__, range(stop, len(lines)))]
         at = layout.names_at
-        if at is not None and (stop == len(lines) or lines[stop] == lines[at]):
-            return rf"^{re.escape(lines[at])}\s*$"
-    return ""
+        if at is not None and (stop == len(lines) or lines[at] in [lines[i] for i in repeated]):
+            return _parts(text, lines[at], layout)
+    return None
+
+
+def _parts(text, names, layout):
+    """Return the parts of a text, each from below the rows above a line of names."""
+    heads = [*re.finditer(rf"^{re.escape(names)}\s*$", text, re.MULTILINE)]
+    starts = [0]
+    for above, head in pairwise(heads):
+        start = head.start()
+        for line in reversed(_lines(text, above.end(), start)):
+            if fits(layout.form, layout.form_of(fields(line[0], layout.delimiter))):
+                break
+            start = line.start()  # as of a second segment of LabVIEW
+        starts.append(start)
+    parts = [text[start:end] for start, end in pairwise([*starts, len(text)])]
+    return parts if len(parts) > 1 else None
 
 
 def _titled(text, delimiter, decimal):

@@ -212,17 +212,20 @@ def _scatter(y):
 
 
 def _wrapped(u, y):
-    """Yield jumps of one size, over half the range, of a smooth signal whose drive does not jump.
+    """Yield jumps of one size, over half the range, of a smooth signal, without one of its drive.
 
     A counter that overflows, or an angle that wraps, makes such jumps, against the way it goes
-    before and after. A device that switches between two states rests there, or goes the same way.
+    before and after. A device that switches between two states rests there, or goes the same way;
+    that of a sawtooth jumps each time by as many samples later than its drive.
     """
     jumps, size = np.diff(y), np.ptp(y)
     at = np.flatnonzero(np.abs(jumps) > 0.5 * size)
     if not at.size:
         return
     sizes, rest = np.abs(jumps[at]), np.delete(np.abs(jumps), at)
-    moved = np.abs(np.diff(u)[at]).max() / (np.ptp(u) or 1.0)
+    moves = np.abs(np.diff(u)) / (np.ptp(u) or 1.0)
+    late = [moves[at[at >= lag] - lag].min() for lag in range(1, min(_BESIDE, at[-1] + 1))]
+    moved = max(moves[at].max(), *late, 0.0)
     alike = np.ptp(sizes) + 2.0 * rest.max(initial=0.0) < 0.2 * size
     if alike and moved < 0.2 and 2 * at.size < len(rest) and _against_the_way(y, at):
         yield "wrapped_reading", at + 1, np.median(sizes)

@@ -93,11 +93,15 @@ def test_recordings_below_or_beside_each_other_are_records(tmp_path, suffix, add
 
 def test_notes_and_units_between_recordings_are_no_rows(tmp_path):
     rows = "".join(f"{t:.3f},{u},{y}\n" for t, u, y in zip(T, U, Y, strict=True))
-    text = "".join(f"run {k}\nt,u,y\ns,V,um\n{rows}\n" for k in (1, 2, 3))
-    (tmp_path / "rig.csv").write_text(text)
-    X, y = read_records(tmp_path / "rig.csv")
-    assert X.groupby(level="record").size().tolist() == [400] * 3
-    assert (X.columns[0], y.name) == ("u [V]", "y [um]")
+    named = "".join(f"run {k}\nt,u,y\ns,V,um\n{rows}\n" for k in (1, 2, 3))
+    head = (
+        "Samples,400,400\nY_Unit_Label,V,um\nDelta_X,1e-3,1e-3\n***End_of_Header***\nX_Value,u,y\n"
+    )
+    for text in (named, f"LabVIEW Measurement\n{f'{head}{rows}' * 3}"):
+        (tmp_path / "rig.csv").write_text(text)
+        X, y = read_records(tmp_path / "rig.csv")
+        assert X.groupby(level="record").size().tolist() == [400] * 3
+        assert (X.columns[0], y.name) == ("u [V]", "y [um]")
 
 
 @pytest.mark.parametrize(

@@ -52,6 +52,7 @@ def recognised(table, **given):
         ),
         ({"t [s]": T, "u": U, "y": Y, "T [K]": Z, "n": np.arange(N)}, ("t [s]", "u", "y")),
         ({"t [s]": T, "d": U, "time [s]": T, "level": Y}, ("t [s]", "d", "level")),
+        ({"t": T, "Rig/Cmd/Out1": U, "Rig/Pos/Out1": Y}, ("t", "Rig/Cmd/Out1", "Rig/Pos/Out1")),
     ],
 )
 def test_what_names_and_values_tell(table, names):
@@ -106,6 +107,17 @@ def test_one_option_settles_two_channels_of_one_unit():
     table = pd.DataFrame({"t": T, "CH1 [V]": U, "CH2 [V]": Y})
     found = recognise_columns(table, drive="CH1 [V]")
     assert found["response"].name == "CH2 [V]"
+
+
+@pytest.mark.parametrize(
+    ("one", "other"), [(("u1", "y1"), ("u2", "y2")), (("x cmd", "x pos"), ("y cmd", "y pos"))]
+)
+def test_the_drive_of_one_axis_gives_its_response(one, other):
+    table = {"t": T} | dict(zip((*one, *other), (U, Y, Z, -Y), strict=True))
+    with pytest.raises(RecordError, match=f"2 axes .*'{one[0]}', '{one[1]}'; '{other[0]}'"):
+        recognised(table)
+    assert recognised(table, drive=one[0]) == ("t", None, one[1])
+    assert recognised(table, response=other[1]) == ("t", other[0], None)
 
 
 def test_what_is_given_is_no_candidate():

@@ -272,13 +272,11 @@ READINGS = {
         of_maker("dspace"),
         "Model Root/Amp/Out1 [V]",
         "Model Root/Gauge/Out1 [um]",
-        ("--drive", "Model Root/Amp/Out1"),
     ),
     "dspace.mat": Reading(
         control_desk,
         "Model Root/Amplifier/Out1 [V]",
         "Model Root/Gauge/Out1 [um]",
-        ("--drive", "Model Root/Amplifier/Out1"),
     ),
     "force.csv": Reading(
         table({"time [s]": T, "force [N]": U, "displacement [mm]": Y}),

@@ -395,6 +395,7 @@ def test_a_counter_overflows_by_one_size_while_the_drive_goes_on():
     assert found[2] == pytest.approx(8.0, rel=0.01)
     jumping = turns + np.where(np.arange(700) >= found[1][0], 1.5, 0.0)  # 0.3 of its range
     assert list(_wrapped(jumping, y)) == []
+    assert list(_wrapped(np.roll(y, -3), y)) == []  # a sawtooth, three samples late
     uneven = y - 2.0 * (turns > 2.0)  # its jumps are of several sizes
     assert list(_wrapped(turns, uneven)) == []
     assert list(_wrapped(turns, np.tile([0.0, 1.0], 350))) == []  # it does nothing but jump
