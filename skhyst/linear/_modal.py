@@ -325,6 +325,11 @@ class ModalModel(ModesMixin, MultiOutputMixin, ScoredMixin, BaseEstimator):
     poles_ : ndarray of shape (n_poles,), complex
         rad/s: logarithms of the poles in the z-plane, divided by the interval. Their standard
         errors assume that the residual is white.
+    covariance_ : ndarray of shape (n_entries, n_entries)
+        Of the entries of ``a`` that are not zero, by rows, and of ``b``, ``c``, ``d`` and the
+        intercept. It assumes that the residual is white.
+    noise_std_ : ndarray of shape (n_outputs,)
+        Standard deviation of the residual, units of the responses.
     n_evaluations_ : int
     records_ : tuple of RecordSlice
     drive_range_ : tuple of (float, float)
@@ -430,10 +435,8 @@ class ModalModel(ModesMixin, MultiOutputMixin, ScoredMixin, BaseEstimator):
             limits = {"tolerance": self.tolerance, "max_evaluations": self.max_evaluations}
             solution = variable_projection(problem, problem.x0, **limits)
         self.n_evaluations_ = self.n_iter_ = solution.n_evaluations
-        self._store(problem, solution, dt, scales)
-        if self.fit_intercept:
-            gain = self.operator_.frequency_response(np.zeros(1))[0].real
-            self.operator_.intercept[:] = response.mean(axis=0) - gain @ array.mean(axis=0)
+        self._store(problem, solution, dt, scales, self.fit_intercept * array.mean(axis=0))
+        self._store_constants(slices, array, response, scales[1])
         return solution
 
     def _warn_unless_converged(self, solution, name):
@@ -476,32 +479,80 @@ class ModalModel(ModesMixin, MultiOutputMixin, ScoredMixin, BaseEstimator):
         parts, b = modal_start(poles, residues, self.n_poles)
         return ModalProblem(s, drives, responses, np.ones(responses.shape), parts, b)
 
-    def _store(self, problem, solution, dt, scales):
-        """Store the fitted system in terms of z and of the units of X and y.
-
-        It was fitted in terms of Tustin's variable, ``s = (2 / dt) (z - 1) / (z + 1)``, and scaled.
-        """
-        parts, b, c, d = problem.split(solution.x)
-        n_inputs, half = len(scales[0]), 0.5 * dt
-        a = problem.matrix(parts)
-        eye = np.eye(len(a))
-        inverse = np.linalg.inv(eye - half * a)
-        stepped = inverse @ (eye + half * a)
-        b, d = b[:, :n_inputs], d[:, :n_inputs]
-        d = d + half * c @ inverse @ b
-        b = half * (eye + stepped) @ inverse @ b
-        self.operator_ = SampledStateSpace(
-            stepped,
-            b / scales[0],
-            np.ascontiguousarray(scales[1][:, None] * c),
-            scales[1][:, None] * d / scales[0],
-            dt,
-            np.zeros(len(c)),
-        )
-        poles, by = section_poles(*parts)
-        slope = 1.0 - (half * poles) ** 2  # reciprocal of the derivative of `warp`
+    def _store(self, problem, solution, dt, scales, mean):
+        """Store the fitted system without intercept, its modes, and their covariances."""
+        x, covariance = solution.x, problem.covariance(solution)
+        *system, _ = _sampled(problem, x, dt, scales, mean)
+        self.operator_ = SampledStateSpace(*system, dt, np.zeros(problem.n_outputs))
+        # derivatives by complex steps, which are exact to rounding
+        steps = x + 1e-30j * np.eye(len(x))
+        changed = [_sampled(problem, step, dt, scales, mean) for step in steps]
+        by = [np.concatenate([a[system[0] != 0.0], *map(np.ravel, rest)]) for a, *rest in changed]
+        by = 1e30 * np.imag(by)
+        self.covariance_ = by.T @ covariance @ by
+        poles, by = section_poles(*problem.split(x)[0])
+        slope = 1.0 - (0.5 * dt * poles) ** 2  # reciprocal of the derivative of `warp`
         by = by / np.where(slope == 0.0, 1.0, slope)[:, None]
-        self._set_modes(warp(poles, dt), by, problem.pole_covariance(solution))
+        k = problem.n_poles
+        with np.errstate(over="ignore", invalid="ignore"):  # of poles that are not determined
+            spread = covariance[:k, :k] * np.outer(*[np.exp(x[:k])] * 2)
+        self._set_modes(warp(poles, dt), by, spread)
+
+    def _store_constants(self, slices, array, response, size):
+        """Store intercept and noise, of the residual without what is left of earlier states."""
+        system, parts = self.operator_, []
+        n, n_outputs = len(system.a), len(system.c)
+        for s in slices:
+            u, rows = array[s.rows], response[s.rows]
+            residual = (rows - system.run(u, s.dt)[0]) / size
+            runs = [system.run(0.0 * u, s.dt, (one, 0.0 * u[0]))[0] / size for one in np.eye(n)]
+            fading, _ = np.linalg.qr(np.reshape(runs, (n, -1)).T)
+            constants = np.tile(np.eye(n_outputs), (len(u), 1))
+            columns = np.column_stack([residual.ravel(), constants])
+            parts.append(columns - fading @ (fading.T @ columns))
+        left, constants = np.split(np.vstack(parts), [1], axis=1)
+        if self.fit_intercept:
+            intercept = np.linalg.lstsq(constants, left[:, 0], rcond=None)[0]
+            system.intercept[:] = size * intercept
+            left[:, 0] -= constants @ intercept
+        left = left[:, 0].reshape(-1, n_outputs)
+        # poles, participations and shapes, less what these can exchange, and each start
+        m = system.b.shape[1]
+        unknowns = n * (m + n_outputs + len(slices)) + (m + self.fit_intercept) * n_outputs
+        freedom = max(1.0 - unknowns / left.size, np.finfo(float).eps)
+        self.noise_std_ = size * np.sqrt(np.mean(np.square(left), axis=0) / freedom)
+        if self.fit_intercept:
+            at = np.arange(-n_outputs, 0)
+            self.covariance_[at, at] += self.noise_std_**2 / len(left)
+
+    def _variance(self, u):
+        """Return the variance of the free run by the errors of the parameters.
+
+        The tangent of a linear system by a parameter is a linear system of the same inputs.
+        """
+        system, variance = self.operator_, 0.0
+        values, vectors = np.linalg.eigh(self.covariance_)
+        arrays = system.b, system.c, system.d, system.intercept
+        edges = np.cumsum([np.count_nonzero(system.a), *(part.size for part in arrays[:-1])])
+        for size, vector in zip(values, vectors.T, strict=True):
+            if size > 0.0:
+                entries, *rest = np.split(np.sqrt(size) * vector, edges)
+                a = np.zeros_like(system.a)
+                a[system.a != 0.0] = entries
+                b, c, d, constant = (
+                    part.reshape(own.shape) for part, own in zip(rest, arrays, strict=True)
+                )
+                tangent = SampledStateSpace(
+                    np.block([[system.a, 0.0 * a], [a, system.a]]),
+                    np.vstack([system.b, b]),
+                    np.hstack([c, system.c]),
+                    d,
+                    system.dt,
+                    constant,
+                )
+                state = tangent.init(u[0], self.initial_state)
+                variance += tangent.run(u, system.dt, state)[0] ** 2
+        return variance
 
     def predict(self, X, y_start=None, return_std=False):
         """Return the free run: the responses to the inputs alone, each record from its own start.
@@ -516,8 +567,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, ScoredMixin, BaseEstimator):
             responses begins at ``initial_state``, as all do by default.
         return_std : bool, default=False
             Whether to return the standard deviation of the prediction of a new sample, too, by the
-            errors of the parameters and the noise. Of :class:`~skhyst.compose.ModalFeedback` alone:
-            the covariance of a fit to spectra is not that of a free run.
+            errors of the parameters and the noise, both white.
 
         Returns
         -------
@@ -538,8 +588,6 @@ class ModalModel(ModesMixin, MultiOutputMixin, ScoredMixin, BaseEstimator):
             nearest to ``initial_state`` that explains them.
         """
         check_is_fitted(self)
-        if not hasattr(self, "covariance_"):
-            refuse_std(self, return_std, "that is fitted to spectra")
         if y_start is not None:
             refuse_std(self, return_std, "whose start is estimated")
         slices, array, known, read = self._read_known(X, y_start)
@@ -675,6 +723,26 @@ class ModalModel(ModesMixin, MultiOutputMixin, ScoredMixin, BaseEstimator):
         tags = super().__sklearn_tags__()
         tags.regressor_tags.poor_score = True  # on data that no linear dynamic system has produced
         return tags
+
+
+def _sampled(problem, x, dt, scales, mean):
+    """Return a, b, c, d in terms of z and of the units of X and y, and an intercept.
+
+    It was fitted in terms of Tustin's variable, ``s = (2 / dt) (z - 1) / (z + 1)``, and scaled.
+    With the intercept, the response to the mean input is zero.
+    """
+    parts, b, c, d = problem.split(x)
+    n_inputs, half = len(scales[0]), 0.5 * dt
+    a = problem.matrix(parts)
+    eye = np.eye(len(a))
+    inverse = np.linalg.inv(eye - half * a)
+    stepped = inverse @ (eye + half * a)
+    b, d = b[:, :n_inputs], d[:, :n_inputs]
+    d = scales[1][:, None] * (d + half * c @ inverse @ b) / scales[0]
+    b = half * (eye + stepped) @ inverse @ b / scales[0]
+    c = np.ascontiguousarray(scales[1][:, None] * c)
+    gain = d + c @ np.linalg.solve(eye - stepped, b)
+    return stepped, b, c, d, -gain @ mean
 
 
 def _size(values):

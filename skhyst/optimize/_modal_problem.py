@@ -111,21 +111,20 @@ class ModalProblem:
         """Return the Gram matrix."""
         return blocks
 
-    def pole_covariance(self, solution):
-        """Return the covariance of time constants, frequencies and damping ratios."""
-        k = self.n_poles
+    def covariance(self, solution):
+        """Return the covariance of the unknowns; poles are in it by their logarithms.
+
+        Factors that B and C can exchange are not determined, and are left out: neither poles nor
+        responses depend on them.
+        """
         hessian = solution.gram[:-1, :-1]
         scale = np.sqrt(np.maximum(np.diag(hessian), np.finfo(float).tiny))
         hessian = hessian / np.outer(scale, scale)
-        # factors that B and C can exchange are not determined, but do not affect the poles
-        inverse = np.linalg.pinv(hessian[k:, k:], rcond=1e-10, hermitian=True)
-        poles = hessian[:k, :k] - hessian[:k, k:] @ inverse @ hessian[k:, :k]
         n_unknowns = np.linalg.matrix_rank(hessian, tol=1e-10, hermitian=True)
-        n_rows = 2 * self.responses.size
-        variance = solution.cost / max(n_rows - n_unknowns, 1)
-        chain = np.exp(solution.x[:k]) / scale[:k]
+        variance = solution.cost / max(2 * self.responses.size - n_unknowns, 1)
+        inverse = np.linalg.pinv(hessian, rcond=1e-10, hermitian=True)
         with np.errstate(over="ignore", invalid="ignore"):  # of poles that are not determined
-            return variance * np.linalg.pinv(poles, hermitian=True) * np.outer(chain, chain)
+            return variance * inverse / np.outer(scale, scale)
 
 
 def modal_start(poles, residues, n_poles):

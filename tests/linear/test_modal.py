@@ -64,14 +64,25 @@ def test_poles_and_response_of_exact_data(n_outputs):
 
 
 def test_intervals_hold_the_truth():
-    inside = []
-    for seed in range(12):
-        table = ModalModel(7).fit(*noisy((400,), 0.02, seed)).poles_table()
-        modes = table[table.damping_ratio < 1.0]
+    """Those of the modes, of the free run, and of a new sample."""
+    rng, inside, of_run, of_sample = np.random.default_rng(9), [], [], []
+    u = rng.normal(size=(150, 2))
+    for seed in range(8):
+        X, Y = noisy((400,), 0.02, seed)
+        model = ModalModel(7, initial_state="zero").fit(X, Y + [5.0, 0.0, -200.0])
+        modes = model.poles_table().query("damping_ratio < 1")
         inside += [*(np.abs(modes.frequency - FREQUENCIES) < 1.96 * modes.frequency_std)]
         inside += [*(np.abs(modes.damping_ratio - DAMPINGS) < 1.96 * modes.damping_ratio_std)]
-    assert len(inside) == 72
+        y, std = model.predict(pd.DataFrame(u, DT * np.arange(150), X.columns), return_std=True)
+        error = y - simulate(structure(), u) - [5.0, 0.0, -200.0]
+        of_run.append(np.abs(error) < 1.96 * np.sqrt(std**2 - model.noise_std_**2))
+        noise = 0.02 * simulate(structure(), X.to_numpy()).std(axis=0)
+        np.testing.assert_allclose(model.noise_std_, noise, rtol=0.15)
+        of_sample.append(np.abs(error + noise * rng.normal(size=y.shape)) < 1.96 * std)
+    assert len(inside) == 48
     assert np.mean(inside) >= 0.85
+    assert 0.88 < np.mean(of_run) < 1.0
+    assert 0.93 < np.mean(of_sample) < 0.97
 
 
 def test_periodic_records_in_steady_state():
