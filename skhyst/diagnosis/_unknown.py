@@ -65,7 +65,7 @@ from ._edits import AddForce, BehindMemory, Bias, Drive, Enrich, InsertAt
 from ._jobs import side_by_side
 from ._pictures import Picture
 from ._shortened import are_long
-from ._starts import Scene
+from ._starts import Scene, driven_starts
 from ._traits import elastic_and_memory
 
 NAME, SECOND = "unknown_term", "second_unknown_term"
@@ -128,6 +128,8 @@ class Site:
         Returns the edit that inserts the model with an operator. Its ``part(tree)`` is the operator
         in a tree, ``owns_entry(name, tree)`` says whether an entry belongs to it, and
         ``unit(tree)`` is the unit of the argument.
+    tree : Tree
+        The model without the term, at which it is linearised.
     records : list of RecordData
         Driven by the argument's signal.
     parameter : str
@@ -140,6 +142,7 @@ class Site:
     argument: str
     model: Any
     make: Any
+    tree: Any = field(repr=False)
     records: list = field(repr=False)
     second: str = ""
     parameter: str = ""
@@ -161,10 +164,10 @@ class Site:
         signals = self.argument, self.second, self.scales
         return [(self.place, signal) for signal in signals if signal]
 
-    def with_term(self, tree, operator, model=None):
-        """Return a tree with an operator of the term, of the site's model or another."""
+    def with_term(self, operator, model=None):
+        """Return the tree with an operator of the term, of the site's model or another."""
         edit = self.make(self.model if model is None else model, operator)
-        return tree.edited(self.make.name, edit)
+        return self.tree.edited(self.make.name, edit)
 
     def free_arguments(self, term):
         """Return the values of a term's free arguments, (n_samples, n_free)."""
@@ -174,6 +177,11 @@ class Site:
         """Return the values of all arguments of a term, (n_samples, n_arguments)."""
         values = np.concatenate([term.arguments(r.u, r.dt)[0] for r in self.records])
         return values.reshape(-1, len(term.names))
+
+    def of(self, tree, records):
+        """Return the same site of a tree with the same stages at other values."""
+        sites = _sites(Scene(tree, records), 1 + bool(self.second))
+        return replace(next(site for site in sites if str(site) == str(self)), model=self.model)
 
     def weight_indices(self, names, tree):
         """Return the indices of those of the named entries that are weights of the term."""
@@ -394,7 +402,9 @@ def find_unknown(base, data, criterion, n_tried, n_jobs, judgement):
         None, one, or two whose sum is meant.
     """
     setting = data, criterion
-    first, before, functions = _best_term(base, *setting, n_tried, n_jobs)
+    first, before, functions = _best_term(base, *setting, n_tried, n_jobs, judgement=judgement)
+    if first is not None:
+        base = replace(base, structure=first.site.tree)
     signals = set() if first is None else set(first.site.signals())
     surface, n_tried, _ = _best_term(base, *setting, before, n_jobs, 2, signals.issubset)
     if first is None:
@@ -461,7 +471,8 @@ def _needed(first, second, data, criterion, n_tried):
     if not criterion.is_better(base, alone, n_tried):
         return [first]
     p_value = criterion.p_value(base, alone, n_tried)
-    return [replace(second, candidate=alone, base=base, p_value=p_value, ambiguous=[])]
+    site = replace(second.site, tree=base.structure)
+    return [Term(site, alone, base, p_value, [])]
 
 
 @dataclass(frozen=True)
@@ -494,6 +505,7 @@ def _best_term(
     n_arguments=1,
     wanted=lambda signals: True,
     alternative=None,
+    judgement=None,
 ):
     """Return the best significant term of so many arguments, or None, and the number of trials.
 
@@ -502,12 +514,13 @@ def _best_term(
     It is a function of ``wanted`` signals, and competes with an ``alternative`` term. From cheap to
     dear: predicted cost of all, joint fits of the promising, half gaps of plays near the best, and
     held-out errors of those whose fit is not significantly worse than what the best of them
-    predicts.
+    predicts. With a ``judgement``, if that leaves structure, those near the best start again from
+    the starts of the model itself: what is missing may have led its parameters far away.
     """
-    records, _, folds = data
+    records = data[0]
     scene = Scene(base.structure, records)
     sites = [site for site in _sites(scene, n_arguments) if wanted(set(site.signals()))]
-    jobs = [delayed(_started)(site, scene.tree, records) for site in sites]
+    jobs = [delayed(_started)(site, records) for site in sites]
     starts, _ = side_by_side(jobs, 1)
     starts = [candidates or [] for candidates in starts]
     n_trials = n_tried + sum(map(len, starts))
@@ -519,19 +532,41 @@ def _best_term(
     ]
     promising = [(site, c) for site, c in promising if c.predicted_cost < largest_cost]
     n_trials += _MAX_EVALUATIONS * sum(_follows_play(site.model) for site, _ in promising)
+    known = [] if alternative is None else [alternative.candidate]
+    settled, near = _compared(promising, known, largest_cost, data, criterion, n_jobs)
+    best = min((c for _, c in settled), key=lambda c: c.error, default=None)
+    if judgement and best is not None and judgement(best).verdict != "noise":
+        trees = _at_other_starts(scene)
+        jobs = [delayed(_started_again)(site, c, trees, records) for site, c in near]
+        again = list(filter(None, side_by_side(jobs, n_jobs)[0]))
+        n_trials += len(trees) * len(near)
+        known = [c for _, c in settled]
+        settled += _compared(again, known, min(c.cost for c in known), data, criterion, n_jobs)[0]
+    better = [(s, c) for s, c in settled if criterion.is_better(base, c, n_trials)]
+    if not better:
+        return None, n_trials, settled
+    site, best = min(better, key=lambda pair: pair[1].error)
+    rivals = [(str(s), c) for s, c in better if str(s) != str(site)]
+    rivals = [(name, c) for name, c in rivals if criterion.p_value(c, best) >= criterion.alpha]
+    p_value = criterion.p_value(base, best, n_trials)
+    return Term(site, best, base, p_value, rivals), n_trials, settled
+
+
+def _compared(promising, known, largest_cost, data, criterion, n_jobs):
+    """Return sites and candidates that were held out, and those that were near the best fit.
+
+    ``known`` candidates, and those that reach no less than the ``largest_cost``, are left out.
+    """
+    records, _, folds = data
     jobs = [delayed(completed)(c, records, _budget(records)) for _, c in promising]
     done, _ = side_by_side(jobs, n_jobs)
-    known = (*done, alternative and alternative.candidate)
-    largest_cost = min([largest_cost, *(WORSE * c.cost for c in known if c is not None)])
+    largest_cost = min([largest_cost, *(WORSE * c.cost for c in (*done, *known) if c is not None)])
     is_near = [c is not None and c.cost < largest_cost for c in done]
     promising = list(compress(zip(done, promising, strict=True), is_near))
-    jobs = [
-        delayed(_with_gap)(c, site, start, scene.tree, records) for c, (site, start) in promising
-    ]
+    jobs = [delayed(_with_gap)(c, site, start, records) for c, (site, start) in promising]
     done, _ = side_by_side(jobs, n_jobs)
-    waiting = [(s, c) for (_, (s, _)), c in zip(promising, done, strict=True) if c is not None]
-    waiting.sort(key=lambda pair: pair[1].cost)
-    settled, known = [], [] if alternative is None else [alternative.candidate]
+    near = [(s, c) for (_, (s, _)), c in zip(promising, done, strict=True) if c is not None]
+    settled, waiting = [], sorted(near, key=lambda pair: pair[1].cost)
     while waiting:
         if known:
             best = min(known, key=lambda c: c.error)
@@ -539,20 +574,40 @@ def _best_term(
         else:
             is_next = [True] + [False] * (len(waiting) - 1)
         jobs = [
-            delayed(_settled)(c, site, scene.tree, records, folds)
-            for site, c in compress(waiting, is_next)
+            delayed(_settled)(c, site, records, folds) for site, c in compress(waiting, is_next)
         ]
         done = list(filter(None, side_by_side(jobs, n_jobs)[0]))
         settled, known = settled + done, known + [c for _, c in done]
         waiting = list(compress(waiting, np.logical_not(is_next))) if any(is_next) else []
-    better = [(s, c) for s, c in settled if criterion.is_better(base, c, n_trials)]
-    if not better:
-        return None, n_trials, settled
-    site, best = min(better, key=lambda pair: pair[1].error)
-    rivals = [(str(s), c) for s, c in better if c is not best]
-    rivals = [(name, c) for name, c in rivals if criterion.p_value(c, best) >= criterion.alpha]
-    p_value = criterion.p_value(base, best, n_trials)
-    return Term(site, best, base, p_value, rivals), n_trials, settled
+    return settled, near
+
+
+def _at_other_starts(scene):
+    """Return the tree of a scene at the promising ones of the starts of its model."""
+    tree, model = scene.tree, scene.tree.model
+    operators = driven_starts(model, scene.records) + model.further_starts(scene.records)
+    trees = [replace(tree, root=model.tree((o, tree.disturbances))) for o in operators]
+    return scene.promising(trees, 0)
+
+
+def _started_again(site, candidate, trees, records):
+    """Return a site and its candidate at the best of other starting values, or None.
+
+    The site is that of the tree as it is fitted jointly with the term from there.
+    """
+    if _follows_play(site.model):
+        half_gap = site.make.part(candidate.structure).half_gap
+        site = replace(site, model=clone(site.model).set_params(half_gap=half_gap))
+    starts = [c for tree in trees for c in _started(site.of(tree, records), records)]
+    if not starts:
+        return None
+    start = min(starts, key=lambda c: c.predicted_cost)
+    found = completed(start, records, _budget(records))
+    if not found.cost < candidate.cost:
+        return None
+    site = site.of(found.structure.without(site.make.name), records)
+    starts = _started(site, records)
+    return (site, starts[0]) if starts else None
 
 
 def _sites(scene, n_arguments=1):
@@ -575,11 +630,11 @@ def _sites(scene, n_arguments=1):
         for names in arguments:
             model = UnknownTerm(names[0], second=names[1] if names[1:] else None, passes=True)
             first, second = _in_words(names, signal)
-            yield Site(place, first, model, make, driven, second)
+            yield Site(place, first, model, make, tree, driven, second)
         for names in pairs if n_arguments == 1 else []:
             model = UnknownTerm(*names[:1], second=names[1], passes=True, linear_in="argument")
             multiplied, argument = _in_words(names, signal)
-            yield Site(place, argument, model, make, driven, "", "gain", multiplied)
+            yield Site(place, argument, model, make, tree, driven, "", "gain", multiplied)
     if n_arguments == 1:
         yield from _inner(scene, arguments, term)
     auxiliary = records[0].auxiliary
@@ -594,7 +649,7 @@ def _sites(scene, n_arguments=1):
         for (place, make), names in product(places.items(), arguments):
             model = UnknownTerm(names[0], second=names[1] if names[1:] else None)
             first, second = _in_words(names, signal)
-            yield Site(place, first, model, make, driven, second)
+            yield Site(place, first, model, make, tree, driven, second)
 
 
 def _inner(scene, arguments, term):
@@ -609,13 +664,13 @@ def _inner(scene, arguments, term):
         make = _Within(AddForce, stage_name, name)
         # a function of the drive at the response is one of a column
         for names in arguments if at or not is_last else []:
-            yield Site(place, _in_words(names, signal)[0], UnknownTerm(*names), make, driven)
+            yield Site(place, _in_words(names, signal)[0], UnknownTerm(*names), make, tree, driven)
         elastic, memory = elastic_and_memory(operator) or (None, None)
         if not elastic:
             continue
         driven = [replace(r, u=memory.run(r.u, r.dt)[0], before=None) for r in driven]
         make, model = _Within(BehindMemory, stage_name, name), UnknownTerm(passes=True)
-        yield Site(place, f"memory of {stage_name}", model, make, driven)
+        yield Site(place, f"memory of {stage_name}", model, make, tree, driven)
 
 
 def _name(tree):
@@ -654,7 +709,8 @@ def _motions(scene, n_arguments):
             closed_loop = loop.divided(linear, term, records)
             make = _Motion(stage_name, loop, closed_loop, _name(scene.tree))
             driven = make.driven(closed_loop, records)
-            yield Site(f"motion of {stage_name}", words[0], model, make, driven, *words[1:])
+            place = f"motion of {stage_name}"
+            yield Site(place, words[0], model, make, scene.tree, driven, *words[1:])
 
 
 def _in_words(names, signal):
@@ -823,11 +879,11 @@ def _models(site):
     return [clone(site.model).set_params(half_gap=fraction * span) for fraction in _HALF_GAPS]
 
 
-def _started(site, tree, records):
+def _started(site, records):
     """Return the candidates of a site at their starting values, with all weights zero."""
     found = []
     for model in _models(site):
-        splines = _Splines.of(site, model, model.flexible(site.records), tree, records)
+        splines = _Splines.of(site, model, model.flexible(site.records), records)
         operator = splines.smoothed()
         if operator.weights.size:
             found.append(splines.candidate(operator))
@@ -836,7 +892,7 @@ def _started(site, tree, records):
 
 @dataclass(frozen=True)
 class _Splines:
-    """A tree with all splines of a term at zero, of which any function is a linear combination.
+    """A model with all splines of a term at zero; any function is a linear combination of them.
 
     One evaluation gives the Gram matrix of every such combination (partial residuals), and so the
     cost that each is predicted to reach.
@@ -845,8 +901,6 @@ class _Splines:
     ----------
     site, model, operator
         Site, and model and operator of the term with all splines.
-    tree : Tree
-        The model without the term.
     records : list of RecordData
     gram : ndarray of shape (n_parameters + 1, n_parameters + 1)
         With the residual as the last column.
@@ -859,20 +913,19 @@ class _Splines:
     site: Site
     model: Any
     operator: Any
-    tree: Any
     records: list
     gram: np.ndarray
     columns: np.ndarray
     n_samples: float
 
     @classmethod
-    def of(cls, site, model, operator, tree, records):
-        """Evaluate a tree with an operator that has all splines."""
-        problem = site.with_term(tree, operator, model).problem(records)
+    def of(cls, site, model, operator, records):
+        """Evaluate the site's tree with an operator that has all splines."""
+        problem = site.with_term(operator, model).problem(records)
         gram = problem.total(problem.evaluate(problem.x0))
-        columns = np.array(site.weight_indices(problem.names, tree))
+        columns = np.array(site.weight_indices(problem.names, site.tree))
         n_samples = problem.segment_weight.sum()
-        return cls(site, model, operator, tree, records, gram, columns, n_samples)
+        return cls(site, model, operator, records, gram, columns, n_samples)
 
     def smoothed(self, independent=1.0):
         """Return the operator restricted to functions that the parameters cannot reproduce."""
@@ -885,14 +938,14 @@ class _Splines:
         """
         if combined is None:
             combined = np.linalg.lstsq(self.operator.basis, operator.basis, rcond=None)[0]
-        tree = self.site.with_term(self.tree, operator, self.model)
+        tree = self.site.with_term(operator, self.model)
         problem = tree.problem(self.records)
         cost, size = self.cost(problem, combined), len(problem.x0) + tree.n_further_estimates()
         return Candidate(tree.effects[-1:], tree, np.inf, cost, size, problem.x0)
 
     def cost(self, problem, combined):
         """Return the predicted cost of such a candidate's problem."""
-        columns = np.array(self.site.weight_indices(problem.names, self.tree))
+        columns = np.array(self.site.weight_indices(problem.names, self.site.tree))
         transform = np.zeros((len(self.gram), len(problem.x0) + 1))
         transform[np.ix_(self.columns, columns)] = combined
         # all other parameters, and the residual, are the same
@@ -907,7 +960,7 @@ class _Splines:
         return max(gram[-1, -1] - reduction, 0.0)
 
 
-def _with_gap(candidate, site, start, tree, records):
+def _with_gap(candidate, site, start, records):
     """Return a candidate, that of a play with the half gap of least predicted cost.
 
     With the residuals of its fit, which are smaller than those of its settled form held out.
@@ -917,7 +970,7 @@ def _with_gap(candidate, site, start, tree, records):
 
         def cost(log_gap):
             model = clone(site.model).set_params(half_gap=float(np.exp(log_gap)))
-            started = _started(replace(site, model=model), tree, records)
+            started = _started(replace(site, model=model), records)
             tried.extend(started)
             return started[0].predicted_cost if started else np.inf
 
@@ -947,7 +1000,7 @@ def _budget(records):
     return RUNG if are_long(records) else USUAL
 
 
-def _settled(candidate, site, base, records, folds):
+def _settled(candidate, site, records, folds):
     """Return the site and the candidate, held out; None if the term vanishes.
 
     The smoothness depends on the noise, and a loop is not linear in its term: the required function
@@ -965,8 +1018,8 @@ def _settled(candidate, site, base, records, folds):
             if _follows_play(model):
                 model.set_params(half_gap=previous.half_gap)
             flexible = model.flexible(site.records)
-            operator = _Splines.of(site, model, flexible, base, records).smoothed(independent)
-            tree = site.with_term(base, operator, model)
+            operator = _Splines.of(site, model, flexible, records).smoothed(independent)
+            tree = site.with_term(operator, model)
         renewed = site.make.part(tree)
         if not renewed.weights.size:
             return None
@@ -1104,7 +1157,7 @@ def _largest(site, term):
 def laws_of(term, data, criterion):
     """Return laws that the function is not better than, as rows of ``Unknown.laws``."""
     (records, slices, folds), site, free, base = data, term.site, term.candidate, term.base
-    operator, tree, rows = _fine(site.make.part(free.structure)), base.structure, []
+    operator, rows = _fine(site.make.part(free.structure)), []
     largest = _largest(site, operator)
     if not np.all(largest > 0.0):
         return []
@@ -1113,7 +1166,7 @@ def laws_of(term, data, criterion):
         functions = np.hstack([_table(operator, law, largest)[0] for _, law, _ in laws.values()])
     else:
         functions = np.eye(_LAW_INTERVALS[len(operator.names)] + 3)
-    splines = _Splines.of(site, site.model, _with_functions(operator, functions), tree, records)
+    splines = _Splines.of(site, site.model, _with_functions(operator, functions), records)
 
     largest_cost = (1.0 - criterion.min_improvement) ** 2 * base.cost
     budget = _budget(records)
@@ -1136,7 +1189,7 @@ def laws_of(term, data, criterion):
         factor = (1.0 if has_scale else float(law(*(1.0 / (unit * largest))))) / size
         _, result = candidate.structure.fitted(records, slices)
         names = list(result.params)
-        weight = names[site.weight_indices(names, tree)[0]]
+        weight = names[site.weight_indices(names, site.tree)[0]]
         rows.append(
             {
                 "law": name,
@@ -1154,8 +1207,7 @@ def laws_of(term, data, criterion):
 def _best_scale(splines, term, law, largest):
     """Return the scale of a law, relative to the largest argument, of least predicted cost."""
     operator = _with_functions(term, np.zeros((len(splines.columns), 1)))
-    tree = splines.site.with_term(splines.tree, operator, splines.model)
-    problem = tree.problem(splines.records)
+    problem = splines.site.with_term(operator, splines.model).problem(splines.records)
 
     def cost(scale):
         return splines.cost(problem, _table(term, law, scale * largest)[0])

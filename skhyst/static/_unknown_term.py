@@ -428,12 +428,11 @@ class UnknownTermOperator(Operator):
         -------
         ndarray of shape (n_differences, n_functions)
         """
-        each = np.eye(self.n_intervals + 3)
-        bends = np.diff(each, 2, axis=0)
-        if self.second is not None:
-            bends = [np.kron(bends, each), np.sqrt(ratio) * np.kron(each, bends)]
-            bends = np.concatenate(bends)
-        return bends @ self.basis
+        n_functions = self.basis.shape[1]
+        table = self.basis.reshape(*[self.n_intervals + 3] * len(self.names), n_functions)
+        bends = [np.diff(table, 2, axis=i).reshape(-1, n_functions) for i in range(len(self.names))]
+        bends[1:] = [np.sqrt(ratio) * second for second in bends[1:]]
+        return np.concatenate(bends)
 
     def init(self, u0, initial_state="rest"):
         """Return the state before the first sample; see the base."""
@@ -788,7 +787,8 @@ def smooth(operator, gram, columns, n_samples, independent=1.0):
         if not axes.shape[1]:
             return replace(operator, weights=np.empty(0), basis=operator.basis[:, :0], penalty=0.0)
         inner = axes.T @ partial[:-1, :-1] @ axes
-        roughness, turned = eigh(axes.T @ bends.T @ bends @ axes, inner)
+        bent = bends @ axes
+        roughness, turned = eigh(bent.T @ bent, inner)
         axes = axes @ turned
         projected, power_left = axes.T @ partial[:-1, -1], partial[-1, -1]
         fits.append((*_smoothing(roughness, projected, power_left, independent * n_left), axes))
