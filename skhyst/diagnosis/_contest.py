@@ -460,7 +460,7 @@ class Contest:
         """Return the rival that replaces an effect, or None, and the names it is ambiguous with.
 
         These are the effects that are not distinguished from the best one. An effect without the
-        property of its name stays only where there is no rival.
+        property of its name stays only where it is better than every rival.
         """
         key = self._set(base), base.error, name, self.n_tried
         if key not in self._contests:
@@ -495,7 +495,8 @@ class Contest:
             for i, c in enumerate(rivals)
         ]
         alpha = self.criterion.alpha
-        if self._has_its_name(base, name) or not rivals:
+        worse = all(self.criterion.is_better(c, own) for c in rivals)
+        if worse or self._has_its_name(base, name):
             rivals.append(own)
         chosen = min(rivals, key=lambda c: c.error)
         same = [c for c in rivals if self.criterion.p_value(c, chosen) >= alpha]

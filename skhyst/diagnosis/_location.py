@@ -21,11 +21,11 @@ from itertools import pairwise
 
 import numpy as np
 import pandas as pd
-from scipy.stats import norm
+from scipy.stats import norm, ttest_ind_from_stats
 from scipy.stats import t as student
 
 from ..inspection import branch
-from ..noise import block_length
+from ..noise import block_length, independent_sample
 from ..records import record_names
 from ._constants import NOTICEABLE
 from ._tables import PARAMETERS_WITHOUT
@@ -77,6 +77,46 @@ def locate(slices, drive, residual, units):
     order = ["record", "time", "drive", "amplitude", "rate", "direction", "frequency"]
     rows.sort(key=lambda row: (order.index(row[0]), -row[6]))
     return pd.DataFrame(rows, columns=_COLUMNS)
+
+
+def out_of_line(residuals, responses, criterion):
+    """Return the records whose error is larger than that of all others: number -> ratio.
+
+    The mean power of a record is compared with that of the others by Welch's test with the number
+    of independent samples, as it is and relative to the variance of the response: noise of one size
+    is the larger part of a small response, and a misfit that grows with the response is larger in a
+    large one.
+
+    Parameters
+    ----------
+    residuals, responses : sequence of ndarray of shape (n_samples,)
+        Of each record; the residual is NaN where it does not count.
+    criterion : Criterion
+        Its level, family-wise over all records, and the fraction by which errors must differ.
+    """
+    rows = {i: known for i, r in enumerate(residuals) if (known := np.isfinite(r)).any()}
+    power = {i: np.square(residuals[i][known]) for i, known in rows.items()}
+    relative = {i: p / (np.var(responses[i][rows[i]]) or 1.0) for i, p in power.items()}
+    found = {}
+    for number in power if len(power) > 1 else ():
+        sides = [
+            (own[number], [p for i, p in own.items() if i != number]) for own in (power, relative)
+        ]
+        others = np.sqrt(np.mean(np.concatenate(sides[0][1])))
+        error = np.sqrt(np.mean(power[number]))
+        p_value = len(power) * max(_larger_p_value(*side) for side in sides)
+        if others < (1.0 - criterion.min_improvement) * error and p_value < criterion.alpha:
+            found[number] = float(error / others) if others else np.inf
+    return found
+
+
+def _larger_p_value(own, others):
+    """Return the p-value of the hypothesis that a series has no larger mean than others."""
+    worth = independent_sample([p - p.mean() for p in (own, *others)])
+    sides = [(p.mean(), p.std(), p.size / worth) for p in (own, np.concatenate(others))]
+    if min(count for *_, count in sides) <= 1.0 or not any(spread for _, spread, _ in sides):
+        return 1.0
+    return float(ttest_ind_from_stats(*sides[0], *sides[1], False, "greater").pvalue)
 
 
 def strongest(table):

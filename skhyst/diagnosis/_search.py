@@ -25,6 +25,7 @@ from ..records import (
     fill_lost_rows,
     first_of_equals,
     lost_readings,
+    record_names,
     record_slices,
     resample_like,
     resample_records,
@@ -48,7 +49,7 @@ from ._inputs import (
     units_of,
     with_others,
 )
-from ._location import locate, parameters_without
+from ._location import locate, out_of_line, parameters_without
 from ._outputs import response_columns, shared_claims
 from ._reference import column_of, reference_of, without_column
 from ._report import Report
@@ -208,7 +209,9 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, ScoredMixin, BaseEstimator)
         Effects that are not claimed, those that would lower the held-out error most first:
         ``effect``, ``error_before``, ``error_after``, ``folds_better``, ``p_value``.
     warnings_ : list of str
-        Warnings of the fits that a user should know, each once.
+        Warnings of the fits that a user should know, each once, and the records whose error is
+        larger than that of the others, at the level ``alpha`` for all records, as it is and
+        relative to their response.
     evidence_ : dict of str to Evidence
     reference_share_ : float or None
         Fraction of the drive's variance that the reference predicts; None without one.
@@ -655,11 +658,16 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, ScoredMixin, BaseEstimator)
                 f"The drive does not move: it is {self.drive_[0]:g} in every sample. No effect "
                 "that responds to it can be found."
             )
-        # squared error of a straight line over the drive, on scored samples
+        # error of a straight line over the drive, held out like the declared model
+        line = np.stack([self.drive_, np.ones(len(self.drive_))], axis=1)
+        by_line = np.full(len(line), np.nan)
+        for fold in np.unique(self.folds_[self.folds_ >= 0]):
+            train, test = self.folds_ != fold, self.folds_ == fold
+            coefficients = np.linalg.lstsq(line[train], self.response_[train], rcond=None)[0]
+            by_line[test] = self.response_[test] - line[test] @ coefficients
         known = np.isfinite(self.residual_before_)
-        line = np.stack([self.drive_, np.ones(len(self.drive_))], axis=1)[known]
-        power = np.linalg.lstsq(line, self.response_[known], rcond=None)[1]
-        if len(power) and first.error**2 * np.count_nonzero(known) > power[0]:
+        power = np.average(np.square(by_line[known]), weights=self.weights_[known])
+        if (1.0 - self.min_improvement) * first.error > np.sqrt(power):
             messages.append(
                 "The declared model explains less of the response than a straight line over the "
                 "drive does: see the page 'Which model should I declare?' of the documentation."
@@ -667,6 +675,16 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, ScoredMixin, BaseEstimator)
         for model, result in fits:
             if result is not None and hasattr(model, "fit_warnings"):
                 messages += [message for message, _ in model.fit_warnings(result, records)]
+        residuals, responses = (
+            [values[s.rows] for s in self.records_]
+            for values in (self.residual_after_, self.response_)
+        )
+        criterion, names = Criterion(self.alpha, self.min_improvement), record_names(self.records_)
+        messages += [
+            f"The error of record {names[number]} is {ratio:.3g} times that of the others: it may "
+            "have been recorded under other conditions."
+            for number, ratio in out_of_line(residuals, responses, criterion).items()
+        ]
         return list(dict.fromkeys(messages))
 
     def _judge(self, judgement, ranking):

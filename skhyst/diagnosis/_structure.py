@@ -366,6 +366,7 @@ def by_shifted_drive(records, residuals, predictions):
         known = np.flatnonzero(np.isfinite(r))
         if not len(known) or known[-1] - known[0] >= len(known):
             continue
+        # the regression sees at least half of the samples at every shift
         largest_shift, period = len(known) // 4, drive_period(record.u)
         # half a period later, a symmetric drive repeats with the opposite sign
         largest_shift = min(largest_shift, period // 3) if period else largest_shift
@@ -380,7 +381,7 @@ def by_shifted_drive(records, residuals, predictions):
     x = np.concatenate([columns - columns.mean(axis=0) for *_, columns in aligned])
     scale = x.std(axis=0)
     basis, values, _ = np.linalg.svd(x[:, scale > 0.0] / scale[scale > 0.0], full_matrices=False)
-    # linearly dependent features have singular values of rounding
+    # linearly dependent features have singular values of rounding, of smooth ones up to 1e-6
     basis = basis[:, values > 1e-6 * values.max(initial=0.0)]
     if not 0 < 2 * basis.shape[1] <= len(basis):  # the drive rests, or the record is too short
         return no_structure

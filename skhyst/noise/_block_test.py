@@ -78,6 +78,29 @@ def block_length(series):
     return length, float(np.clip(moment / (g * length), 0.0, 0.5))
 
 
+def independent_sample(series):
+    """Return how many neighbouring samples are worth an independent one for the mean, at least one.
+
+    One plus twice the sum of the autocorrelations up to the first that is not positive, as in
+    Geyer's initial sequence (*Statistical Science*, 1992). In an oscillation, whose mean is known
+    better than that, more are taken to depend on each other.
+
+    Parameters
+    ----------
+    series : sequence of ndarray
+        Stretches of one stationary series with a mean of zero.
+
+    Returns
+    -------
+    float
+    """
+    covariance = sum(_autocovariance(s, max(map(len, series)) - 1) for s in series)
+    if not covariance[0] > 0.0:
+        return 1.0
+    first = np.argmax(np.append(covariance, 0.0) <= 0.0)
+    return float(2.0 * covariance[:first].sum() / covariance[0] - 1.0)
+
+
 def _autocovariance(values, size):
     """Return the sums of products of values 0 to ``size`` samples apart, (size + 1,)."""
     spectrum = np.abs(np.fft.rfft(values, 2 * max(len(values), 1))) ** 2

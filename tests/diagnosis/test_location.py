@@ -5,9 +5,11 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.signal import lfilter
 
 from skhyst.diagnosis import EffectSearchCV
-from skhyst.diagnosis._location import locate, strongest
+from skhyst.diagnosis._criterion import Criterion
+from skhyst.diagnosis._location import locate, out_of_line, strongest
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import Gain
 from skhyst.records import RecordSlice, Units
@@ -53,6 +55,45 @@ def test_the_larger_amplitude_and_the_falling_branch_are_found():
     assert (place["high"], place["share"] > 0.9) == (pytest.approx(2.0, rel=0.01), True)
 
 
+@pytest.mark.parametrize("correlation", [0.0, 0.9])
+@pytest.mark.parametrize(
+    ("error", "response", "named"),
+    [(1.0, 1.0, []), (2.5, 1.0, [1]), (1.0, 0.4, []), (2.5, 2.5, [])],
+)
+def test_a_record_is_out_of_line_where_its_error_is_larger_also_for_its_response(
+    error, response, named, correlation
+):
+    rng, scales = np.random.default_rng(61), [(1.0, 1.0), (error, response), (1.0, 1.0)]
+    own = [lfilter([1.0], [1.0, -correlation], rng.normal(size=1500)) for _ in scales]
+    residuals = [scale * r for (scale, _), r in zip(scales, own, strict=True)]
+    responses = [scale * rng.normal(size=1500) for _, scale in scales]
+    residuals[0][:50] = np.nan
+    found = out_of_line(residuals, responses, Criterion(0.01, 0.05))
+    assert list(found) == named
+    assert list(found.values()) == pytest.approx([error] * len(named), rel=0.15)
+    assert not out_of_line(residuals[1:2], responses[1:2], Criterion(0.01, 0.05))  # no others
+
+
+def test_noise_puts_no_record_out_of_line():
+    rng, found = np.random.default_rng(62), 0
+    for _ in range(40):
+        signals = np.cumsum(rng.normal(size=(3, 200)), axis=1)
+        found += bool(out_of_line(signals[:, :150], signals[:, 50:], Criterion(0.2, 0.05)))
+    assert found <= 8  # slow, so that a record is one block
+
+
+def test_a_record_of_another_gain_is_said():
+    drive = np.sin(0.2 * np.arange(900.0) + np.linspace(0.0, 4.0, 900) ** 2)
+    index = pd.MultiIndex.from_product([["a", "b", "c"], DT * np.arange(300)])
+    index.names = ["record", "time"]
+    y = drive * np.repeat([1.0, 1.0, 1.2], 300) + noise(8)[:900]
+    search = EffectSearchCV(Gain(), effects=["offset"], max_effects=0, cv=3, random_state=0)
+    search.fit(pd.DataFrame({"u": drive}, index), pd.Series(y, index))
+    [said] = search.warnings_
+    assert said.startswith("The error of record c is ")
+    assert said in search.report().remarks
+
+
 def test_parameters_without_the_place_of_the_misfit():
     # a slope of 2, beyond a drive of 1.43 of 5
     rng = np.random.default_rng(6)
@@ -74,6 +115,7 @@ def test_of_noise_no_parameter_moves():
     y = 2.0 * drive + noise(7)[:900]
     search = EffectSearchCV(Gain(), effects=["offset"], max_effects=0, cv=3, random_state=0)
     assert search.fit(drive[:, None], y).parameters_without_.empty
+    assert search.warnings_ == []  # nor does a straight line explain more than a gain
 
 
 def test_a_burst_is_found_by_record_and_time():

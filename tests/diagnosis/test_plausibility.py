@@ -291,15 +291,20 @@ def test_a_mode_repeats_in_the_longest_record(periods, repeats):
     [(1, 0.2, True), (1, 0.3, False), (3, 0.3, True), (3, 0.6, True), (2, 0.6, False)],
 )
 @pytest.mark.parametrize("apart", [False, True])
+@pytest.mark.parametrize("noise", [0.0, 0.05])
 def test_a_mode_with_zeros_shows_as_many_half_periods_as_it_has_parameters(
-    n_steps, ratio, shows, apart
+    n_steps, ratio, shows, apart, noise
 ):
     """After all steps together: of ln(20) / (pi ratio) each, until a twentieth is left."""
+    rng = np.random.default_rng(0)
     frequency, none = np.array([20.0]), np.empty(0)
     mode = TransferFunctionOperator(none, frequency, np.array([ratio]), np.array([0.5, 3.0]))
     drives = [np.repeat(np.arange(2.0), 400)] * n_steps
     drives = drives if apart else [np.repeat(np.arange(1.0 + n_steps), 400)]
+    drives = [u + noise * rng.standard_normal(len(u)) for u in drives]  # as it was measured
     assert (rings(mode, None, [RecordData(u, u, 0.01) for u in drives]) > 0.0) == shows
+    noisy = rng.standard_normal(400)  # as it was given
+    assert rings(mode, None, [RecordData(noisy, noisy, 0.01)]) > 0.0
 
 
 @pytest.mark.parametrize(
