@@ -9,29 +9,7 @@ import pytest
 
 from skhyst.compose import amplitude
 from skhyst.diagnosis import EFFECTS
-from skhyst.diagnosis._changes import (
-    AtJoints,
-    BehindHysteresis,
-    BesideHysteresis,
-    Driven,
-    FirstHysteresis,
-    Folded,
-    FollowedWidth,
-    HeldDrive,
-    InBetween,
-    InFeedback,
-    InMotion,
-    InStages,
-    LoadedForce,
-    LoadedMotion,
-    MoreTerms,
-    MovedModes,
-    ParallelForce,
-    PerRecord,
-    RateDependence,
-    Scaling,
-    _refitted_to,
-)
+from skhyst.diagnosis._changes import _refitted_to
 from skhyst.diagnosis._edits import Insert, InsertAt
 from skhyst.diagnosis._starts import Scene
 from skhyst.diagnosis._tree import Tree
@@ -40,12 +18,9 @@ from skhyst.hysteresis import (
     CoulombFriction,
     FreeMass,
     FreeMassOperator,
-    FrictionStage,
-    LuGre,
     MaxwellSlip,
     PrandtlIshlinskii,
     PrandtlIshlinskiiOperator,
-    RestoringForce,
 )
 from skhyst.linear import (
     DynamicStiffness,
@@ -53,7 +28,6 @@ from skhyst.linear import (
     FirstOrderLagOperator,
     Gain,
     GainOperator,
-    KelvinVoigt,
     KelvinVoigtOperator,
     SecondOrderMode,
     SecondOrderModeOperator,
@@ -61,7 +35,7 @@ from skhyst.linear import (
     TransferFunctionOperator,
 )
 from skhyst.optimize import RecordData, variable_projection
-from skhyst.static import Fold, Saturation, SaturationOperator, SmoothCurve
+from skhyst.static import SaturationOperator
 
 DT = 0.01
 LAG = FirstOrderLagOperator(0.05)
@@ -99,39 +73,45 @@ def trees():
 
 DYNAMIC = {"lag", "mode", "plays, mode", "lags", "poles"}
 EVERY = DYNAMIC | {"gain", "plays", "force"}
-WITHOUT_COLUMNS = [
-    (HeldDrive("zoh"), DYNAMIC),
-    (HeldDrive("bandlimited"), DYNAMIC),
-    (HeldDrive("foh"), set()),  # it is declared
-    (FirstHysteresis(PrandtlIshlinskii(3)), EVERY - {"plays", "plays, mode", "force"}),
-    (FirstHysteresis(PrandtlIshlinskii(3), behind=True), DYNAMIC - {"plays, mode"}),
-    (InMotion(RestoringForce(fit_hysteresis=False, stiffness_degree=3)), {"mode", "poles"}),
-    (AtJoints(SmoothCurve(3)), EVERY),
-    (AtJoints(SmoothCurve(3), inner=True), {"plays, mode", "lags"}),
-    (AtJoints(FirstOrderLag()), {"plays", "plays, mode"}),  # linear dynamics commute
-    (ParallelForce(MaxwellSlip()), {"force"}),
-    (ParallelForce(MaxwellSlip(), with_gain=True), {"force", "gain"}),
-    (BesideHysteresis(SmoothCurve(3, passes=False)), {"force", "plays", "plays, mode"}),
-    (BesideHysteresis(FirstOrderLag(fit_intercept=False)), {"force", "plays", "plays, mode"}),
-    (BehindHysteresis(SmoothCurve(3)), {"plays", "plays, mode"}),
-    (MoreTerms(FreeMass(cubic_stiffness=True)), set()),
-    (InFeedback(SmoothCurve(3)), set()),
-    (RateDependence("slope"), {"plays", "plays, mode"}),
-    (InStages(False, False), {"lag", "lags"}),
-    (PerRecord("amplitude", "dynamics"), DYNAMIC),
-    (PerRecord("amplitude", "all"), EVERY),
-    (MovedModes(1), {"gain"}),
-    (Scaling("amplitude"), EVERY),
+
+
+def form(effect, text):
+    """Return the first variant of an effect in whose description that text is."""
+    return next(own for own in EFFECTS[effect].variants() if text in repr(own))
+
+
+WITHOUT_COLUMNS = [  # effect, variant, and the models that it enters
+    ("timing", "'zoh'", DYNAMIC),
+    ("timing", "'bandlimited'", DYNAMIC),
+    ("timing", "'foh'", set()),  # it is declared
+    ("hysteresis", "FirstHysteresis", EVERY - {"plays", "plays, mode", "force"}),
+    ("hysteresis", "behind=True", DYNAMIC - {"plays, mode"}),
+    ("cubic_stiffness", "InMotion", {"mode", "poles"}),
+    ("static_nonlinearity", "AtJoints", EVERY),
+    ("static_nonlinearity", "inner=True", {"plays, mode", "lags"}),
+    ("lag", "AtJoints", {"plays", "plays, mode"}),  # linear dynamics commute
+    ("hysteresis", "MaxwellSlip", {"force"}),
+    ("hysteresis", "with_gain=True", {"force", "gain"}),
+    ("static_nonlinearity", "BesideHysteresis", {"force", "plays", "plays, mode"}),
+    ("creep", "BesideHysteresis", {"force", "plays", "plays, mode"}),
+    ("asymmetry", "BehindHysteresis", {"plays", "plays, mode"}),
+    ("cubic_stiffness", "MoreTerms", set()),
+    ("cubic_stiffness", "InFeedback", set()),
+    ("rate_dependence", "slope", {"plays", "plays, mode"}),
+    ("static_nonlinearity", "InStages", {"lag", "lags"}),
+    ("amplitude_dependence", "dynamics", DYNAMIC),
+    ("amplitude_dependence", "which='all'", EVERY),
+    ("amplitude_dependence", "MovedModes", {"gain"}),
+    ("amplitude_dependence", "Scaling", EVERY),
 ]
 BY_A_COLUMN = [
-    (Driven(Gain(fit_intercept=False)), EVERY),
-    (Driven(Gain(fit_intercept=False), to_drive=True), EVERY),
-    (Scaling("column"), EVERY),
-    (FollowedWidth(), {"plays", "plays, mode"}),
-    (PerRecord("column", "all"), EVERY),
-    (LoadedForce(CoulombFriction()), {"force"}),
-    (LoadedMotion((MoreTerms(FreeMass(friction=True)),)), set()),
-    (LoadedMotion((InMotion(FrictionStage(False)),)), {"mode", "poles"}),
+    ("auxiliary_input", "Driven", EVERY),
+    ("auxiliary_input", "to_drive=True", EVERY),
+    ("auxiliary_input", "Scaling", EVERY),
+    ("auxiliary_input", "FollowedWidth", {"plays", "plays, mode"}),
+    ("auxiliary_input", "PerRecord", EVERY),
+    ("friction", "LoadedForce", {"force"}),
+    ("friction", "LoadedMotion", {"mode", "poles"}),
 ]
 
 
@@ -139,12 +119,10 @@ def found_by(change, name, records=None):
     return change.trees("effect", Scene(trees()[name], records or recordings()))
 
 
-@pytest.mark.parametrize(
-    ("change", "where"), WITHOUT_COLUMNS + BY_A_COLUMN, ids=lambda own: type(own).__name__
-)
-def test_an_effect_enters_where_its_law_can_act(change, where):
+@pytest.mark.parametrize(("effect", "text", "where"), WITHOUT_COLUMNS + BY_A_COLUMN)
+def test_an_effect_enters_where_its_law_can_act(effect, text, where):
     """What is found has one effect more, and is the declared model without it."""
-    of_column = any(change == own for own, _ in BY_A_COLUMN)
+    change, of_column = form(effect, text), (effect, text, where) in BY_A_COLUMN
     for name, declared in trees().items():
         found = found_by(change, name)
         assert bool(found) == (name in where), name
@@ -152,26 +130,25 @@ def test_an_effect_enters_where_its_law_can_act(change, where):
             assert tree.effects == ("effect",)
             assert tree.without("effect").names == declared.names
             names = [own.problem(recordings()).names for own in (tree, declared)]
-            assert names[0] != names[1] or isinstance(change, HeldDrive)
+            assert names[0] != names[1] or effect == "timing"
         if of_column:
             assert found_by(change, name, recordings(columns=False)) == []
-        elif isinstance(change, PerRecord | MovedModes | Scaling):
+        elif effect == "amplitude_dependence":
             assert found_by(change, name, recordings()[:1]) == []  # there is one amplitude
 
 
 @pytest.mark.parametrize("name", ["lag", "plays", "plays, mode"])
 @pytest.mark.parametrize(
-    "change",
+    ("effect", "text"),
     [
-        PerRecord("amplitude", "all"),
-        PerRecord("column", "all"),
-        Driven(Gain(fit_intercept=False), to_drive=True),
+        ("amplitude_dependence", "which='all'"),
+        ("auxiliary_input", "PerRecord"),
+        ("auxiliary_input", "to_drive=True"),
     ],
-    ids=lambda own: type(own).__name__,
 )
-def test_what_may_depend_on_a_number_starts_as_if_it_did_not(change, name):
+def test_what_may_depend_on_a_number_starts_as_if_it_did_not(effect, text, name):
     records = recordings()
-    for tree in found_by(change, name):
+    for tree in found_by(form(effect, text), name):
         for own, declared in zip(tree.run(records), trees()[name].run(records), strict=True):
             np.testing.assert_allclose(own, declared, atol=1e-12)
 
@@ -183,26 +160,29 @@ def test_columns_are_numbered_from_one_and_those_that_rest_do_nothing():
     def edits(change, name="plays"):
         return [edit for tree in found_by(change, name) for _, edit in tree.edits]
 
-    assert [e.column for e in edits(Driven(Gain(fit_intercept=False)))] == [1, 2]
-    shifted = edits(Driven(Gain(fit_intercept=False), to_drive=True))
+    assert [e.column for e in edits(form("auxiliary_input", "Driven"))] == [1, 2]
+    shifted = edits(form("auxiliary_input", "to_drive=True"))
     assert [e.column for e in shifted] == [1, 2]
-    for change in (Scaling("column"), FollowedWidth()):
+    for change in (form("auxiliary_input", "Scaling"), form("auxiliary_input", "FollowedWidth")):
         assert [e.column for e in edits(change)] == [1, 2]
         np.testing.assert_allclose([e.reference for e in edits(change)], means)
     still = [RecordData(r.u, r.y, DT, auxiliary=0.0 * r.auxiliary + 3.0) for r in records]
-    for change, where in BY_A_COLUMN:
+    for effect, text, where in BY_A_COLUMN:
         for name in where:
-            assert found_by(change, name, still) == []
-    (of_records,) = edits(PerRecord("column", "all"))
+            assert found_by(form(effect, text), name, still) == []
+    (of_records,) = edits(form("auxiliary_input", "PerRecord"))
     assert (of_records.by, of_records.low, of_records.high) == (1, 1.0, 2.0)
     for resting in range(2):  # the other one moves within a record
         moving = [
             replace(r, auxiliary=r.auxiliary[:, 1:] if k != resting else 0.0 * r.u[:, None])
             for k, r in enumerate(records)
         ]
-        assert found_by(PerRecord("column", "all"), "plays", moving) == []
+        assert found_by(form("auxiliary_input", "PerRecord"), "plays", moving) == []
     sizes = [amplitude(r.u) for r in records]
-    for change, name in ((PerRecord("amplitude", "all"), "lag"), (MovedModes(1), "gain")):
+    for change, name in (
+        (form("amplitude_dependence", "which='all'"), "lag"),
+        (form("amplitude_dependence", "MovedModes"), "gain"),
+    ):
         for tree in found_by(change, name, records[::-1]):
             edit = tree.edits[-1][1]
             assert (edit.by, edit.low, edit.high) == ("amplitude", min(sizes), max(sizes))
@@ -210,12 +190,12 @@ def test_columns_are_numbered_from_one_and_those_that_rest_do_nothing():
 
 def test_a_curve_comes_to_every_joint_but_its_own():
     """Its own is behind the dynamics."""
-    names = [tree.names for tree in found_by(AtJoints(SmoothCurve(3)), "lags")]
+    names = [tree.names for tree in found_by(form("static_nonlinearity", "AtJoints"), "lags")]
     lags = trees()["lags"].names
     assert set(names) == {("effect", *lags), (lags[0], "effect", lags[1])}
-    inner = [tree.names for tree in found_by(AtJoints(SmoothCurve(3), inner=True), "lags")]
+    inner = [tree.names for tree in found_by(form("static_nonlinearity", "inner=True"), "lags")]
     assert set(inner) == {(lags[0], "effect", lags[1])}
-    early = {tree.names for tree in found_by(AtJoints(KelvinVoigt(1)), "plays, mode")}
+    early = {tree.names for tree in found_by(form("creep", "AtJoints"), "plays, mode")}
     assert early == {("effect", *trees()["plays, mode"].names)}
 
 
@@ -224,7 +204,7 @@ def test_creep_of_the_drive_of_plays_is_found():
     creep = KelvinVoigtOperator(np.array([0.2]), np.array([0.15]))
     y = trees()["plays"].run([RecordData(creep.run(u, DT)[0], u, DT)])[0]
     records, costs = [RecordData(u, y, DT)], []
-    for tree in found_by(AtJoints(KelvinVoigt(1)), "plays", records):
+    for tree in found_by(form("creep", "AtJoints"), "plays", records):
         problem = tree.problem(records)
         costs.append(variable_projection(problem, problem.x0).cost)
     assert min(costs) < 1e-8 * np.sum(np.square(y))
@@ -238,8 +218,9 @@ def test_lags_in_a_row_may_be_tanks(number):
     model = TransferFunction(max(number, 2), n_zeros=0)
     u = 1.0 + 0.5 * np.sign(np.sin(np.arange(200) * 2.0 * DT))
     records = [RecordData(u, operator.run(u, DT)[0], DT)]
-    for overflow in (False, True):
-        found = InStages(overflow, False).trees("effect", Scene(Tree.of(model, operator), records))
+    for effect in ("static_nonlinearity", "output_saturation"):  # whose tanks overflow
+        scene = Scene(Tree.of(model, operator), records)
+        found = form(effect, "InStages").trees("effect", scene)
         assert bool(found) == (number > 0)
         for tree in found:
             assert len(tree.operators) == 1
@@ -247,7 +228,7 @@ def test_lags_in_a_row_may_be_tanks(number):
             assert np.ndim(tree.run(records)[0]) == 1
     if number == 1:  # nor is what follows a hysteresis
         behind = trees()["plays"].edited("further", Insert(FirstOrderLag(), LAG))
-        assert InStages(False, False).trees("effect", Scene(behind, records)) == []
+        assert form("static_nonlinearity", "InStages").trees("effect", Scene(behind, records)) == []
 
 
 @pytest.mark.parametrize("saturates", [True, False])
@@ -261,14 +242,21 @@ def test_a_saturation_between_two_lags_shows_in_what_the_linear_model_leaves(sat
     records = [RecordData(u, y, DT)]
     model = TransferFunction(2, n_zeros=0)
     tree = Tree.from_result(model, model.identify(records))
-    found = InBetween(Saturation()).trees("effect", Scene(tree, records))
+    found = form("static_nonlinearity", "InBetween(model=Saturation").trees(
+        "effect", Scene(tree, records)
+    )
     assert bool(found) == saturates
     for own in found:
         assert len(own.operators) == 3
         assert isinstance(own.operators[1], SaturationOperator)
         assert all(len(own.operators[k].poles()) == 1 for k in (0, 2))
     one = Tree.of(FirstOrderLag(), LAG)  # cannot be divided
-    assert InBetween(Saturation()).trees("effect", Scene(one, records)) == []
+    assert (
+        form("static_nonlinearity", "InBetween(model=Saturation").trees(
+            "effect", Scene(one, records)
+        )
+        == []
+    )
 
 
 @pytest.mark.parametrize(("rough", "asked"), [((), 0), ((0,), 1), ((1,), 1), ((0, 1), 1)])
@@ -278,26 +266,27 @@ def test_a_drive_without_high_frequencies_is_the_same_however_it_is_interpolated
         u = np.sin(np.arange(200) / 30.0)
         u += np.random.default_rng(k).normal(size=200) if k in rough else 0.0
         records.append(RecordData(u, u, DT))
-    assert len(found_by(HeldDrive("bandlimited"), "lag", records)) == asked
-    assert len(found_by(HeldDrive("zoh"), "lag", records)) == 1
+    assert len(found_by(form("timing", "'bandlimited'"), "lag", records)) == asked
+    assert len(found_by(form("timing", "'zoh'"), "lag", records)) == 1
 
 
 def test_what_depends_on_the_record_depends_on_nothing_else_yet():
     """One straight line at a time, and none for what is added in front of the declared model."""
-    lines = found_by(PerRecord("amplitude", "all"), "lag")[0]
+    lines = found_by(form("amplitude_dependence", "which='all'"), "lag")[0]
     scene = Scene(lines, recordings())
     for change in (
-        PerRecord("amplitude", "all"),
-        MovedModes(1),
-        InBetween(Saturation()),
-        Driven(Gain(fit_intercept=False), to_drive=True),
-        Folded(Fold()),
+        form("amplitude_dependence", "which='all'"),
+        form("amplitude_dependence", "MovedModes"),
+        form("static_nonlinearity", "InBetween(model=Saturation"),
+        form("auxiliary_input", "to_drive=True"),
+        form("rectification", "Folded"),
     ):
         assert change.trees("more", scene) == []
-    assert Driven(Gain(fit_intercept=False)).trees("more", scene)
-    scaled = found_by(Scaling("column"), "lag")[0]
+    assert form("auxiliary_input", "Driven").trees("more", scene)
+    scaled = found_by(form("auxiliary_input", "Scaling"), "lag")[0]
     edits = [
-        tree.edits[-1][1] for tree in Scaling("column").trees("more", Scene(scaled, recordings()))
+        tree.edits[-1][1]
+        for tree in form("auxiliary_input", "Scaling").trees("more", Scene(scaled, recordings()))
     ]
     assert [edit.column for edit in edits] == [2]  # it is scaled by the first one
 
@@ -305,12 +294,12 @@ def test_what_depends_on_the_record_depends_on_nothing_else_yet():
 def test_friction_that_is_declared_follows_the_load_itself():
     """Where there is none, it is added for each column; its levels alone grow with the load."""
     records = recordings()
-    (first, second) = found_by(LoadedForce(CoulombFriction()), "force")
+    (first, second) = found_by(form("friction", "LoadedForce"), "force")
     assert first.is_part("effect")
     assert second.is_part("effect")
     model = CoulombFriction()
     tree = Tree.from_result(model, model.identify(records))
-    found = LoadedForce(model).trees("effect", Scene(tree, records))
+    found = form("friction", "LoadedForce").trees("effect", Scene(tree, records))
     loads = [np.abs(np.concatenate([r.auxiliary[:, k] for r in records])).mean() for k in range(2)]
     for number, (own, load) in enumerate(zip(found, loads, strict=True), start=1):
         ((_, edit),) = own.edits
@@ -325,7 +314,7 @@ def test_forces_of_a_free_mass_are_added_that_it_has_not():
     u = np.cumsum(rng.normal(size=150))
     records = [RecordData(u, np.cumsum(np.cumsum(u)) * DT**2, DT)]
     tree = Tree.from_result(FreeMass(), FreeMass().identify(records))
-    cubic = MoreTerms(FreeMass(cubic_stiffness=True))
+    cubic = form("cubic_stiffness", "MoreTerms")
     found = cubic.trees("effect", Scene(tree, records))
     assert found
     assert all(own.models[0].cubic_stiffness for own in found)
@@ -356,7 +345,7 @@ def test_a_force_beside_the_drive_is_a_parameter_and_tried_as_one(name):
 
 def test_a_spring_bends_in_the_feedback_of_more_poles_than_those_of_a_mode():
     """In front of all that has a gain of its own, and once; what feeds through at once has none."""
-    records, bent = recordings(), InFeedback(SmoothCurve(3))
+    records, bent = recordings(), form("cubic_stiffness", "InFeedback")
     poles = TransferFunctionOperator([0.05], [30.0], [0.2], [0.3, 0.1], 1.4)
     tree = Tree.of(TransferFunction(3, n_zeros=2), poles)
     found = bent.trees("effect", Scene(tree, records))
@@ -379,7 +368,7 @@ def test_friction_of_a_mass_follows_each_load():
     loads = np.column_stack([rng.normal(size=150), np.full(150, 2.0)])
     y = np.cumsum(np.cumsum(u)) * DT**2
     records = [RecordData(u, y, DT, auxiliary=loads)]
-    change = LoadedMotion((MoreTerms(FreeMass(friction=True)),))
+    change = form("friction", "LoadedMotion")
     for model in (FreeMass(), FreeMass(friction=True)):
         tree = Tree.from_result(model, model.identify(records))
         found = change.trees("effect", Scene(tree, records))
@@ -400,23 +389,27 @@ def test_a_force_beside_one_of_a_velocity_is_of_that_velocity(declared):
     if isinstance(declared, CoulombFriction):
         declared.set_params(motion="velocity")
     tree = Tree.from_result(declared, declared.identify(recordings()))
-    [found] = ParallelForce(LuGre(False)).trees("effect", Scene(tree, recordings()))[:1]
+    [found] = form("hysteresis", "MaxwellSlip").trees("effect", Scene(tree, recordings()))[:1]
     place, friction = found.models[0].steps[1][1].steps
     assert isinstance(place[1], TransferFunction)
-    assert isinstance(friction[1], LuGre)
+    assert isinstance(friction[1], MaxwellSlip)
     if isinstance(declared, DynamicStiffness):
-        sliding = ParallelForce(CoulombFriction()).trees("effect", Scene(tree, recordings()))
+        sliding = form("friction", "ParallelForce(model=CoulombFriction").trees(
+            "effect", Scene(tree, recordings())
+        )
         assert {own.models[0].steps[1][1].motion for own in sliding} == {"velocity"}
 
 
 def test_what_is_there_is_not_added_again():
     records = recordings()
-    for model in (MaxwellSlip(), CoulombFriction(fit_damping=False, fit_intercept=False)):
-        additive = ParallelForce(model)
+    for additive in (
+        form("hysteresis", "MaxwellSlip"),
+        form("friction", "ParallelForce(model=CoulombFriction"),
+    ):
         found = found_by(additive, "force")
         assert found
         assert additive.trees("more", Scene(found[0], records)) == []
-    friction = LoadedForce(CoulombFriction()).trees("more", Scene(found[0], records))
+    friction = form("friction", "LoadedForce").trees("more", Scene(found[0], records))
     assert [own.is_part("more") for own in friction] == [False, False]  # it follows the load
 
 
@@ -426,11 +419,13 @@ def test_the_stage_that_is_meant_may_stand_anywhere():
     lag = InsertAt(None, FirstOrderLag(), LAG)
     behind = plays.edited("front", lag)
     assert behind.names[0] == "front"
-    assert RateDependence("slope").trees("more", Scene(behind, records))
-    assert FollowedWidth().trees("more", Scene(behind, records)) == []  # they are not in front
+    assert form("rate_dependence", "slope").trees("more", Scene(behind, records))
+    assert (
+        form("auxiliary_input", "FollowedWidth").trees("more", Scene(behind, records)) == []
+    )  # they are not in front
     for own in ({"drive_offset": 0.3}, {"form": "stop"}):
         other = plays.with_stage(0, operator=replace(plays.operators[0], **own))
-        assert RateDependence("slope").trees("more", Scene(other, records)) == []
+        assert form("rate_dependence", "slope").trees("more", Scene(other, records)) == []
 
 
 @pytest.mark.parametrize("unit", [1e-6, 1.0])

@@ -1,10 +1,10 @@
-"""The steps of a contest, on candidates that are made up: no model is fitted here."""
+"""What a contest decides, in worlds where the error of each set of effects is known: no fits."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from sklearn.exceptions import FitFailedWarning
 
 from skhyst.diagnosis import Effect, _contest
 from skhyst.diagnosis._candidates import Candidate
@@ -12,16 +12,31 @@ from skhyst.diagnosis._contest import Contest
 from skhyst.disturbance import OffsetOperator, SinusoidOperator
 from skhyst.optimize import RecordData
 
+U = np.arange(4.0)
+DRIVEN, OF_TIME = "abcd", "op"
+EFFECTS = [
+    Effect(name, lambda: [object()], "", f"record {name}", name in OF_TIME)
+    for name in DRIVEN + OF_TIME
+]
 
-class Names:
-    """A structure that knows the effects in it, and how many values its parts have."""
 
-    def __init__(self, effects, size=5, lines=()):
-        self.effects, self.lines, self.input_history, self.declared = effects, lines, (), None
-        self.root = SimpleNamespace(n_parameters=size)
+class Model:
+    """A structure that knows the effects in it, and its error."""
+
+    input_history, declared, names = (), None, ()
+    root = SimpleNamespace(n_parameters=5)
+
+    def __init__(self, effects, error=np.nan, lines=()):
+        self.effects, self.error, self.lines = tuple(effects), error, lines
 
     def without(self, name):
-        return Names(tuple(own for own in self.effects if own != name))
+        return Model(own for own in self.effects if own != name)
+
+    def identified(self, records):
+        return self
+
+    def read(self, records):
+        return records
 
     def part(self, name):
         return OffsetOperator(np.ones(1))
@@ -31,18 +46,28 @@ class Names:
 
     @property
     def disturbance_names(self):
-        return tuple(name for name in self.effects if name in "op")
+        return tuple(name for name in self.effects if name in OF_TIME)
 
-    names = ()
+    def problem(self, records):
+        return SimpleNamespace(
+            segment_record=[0],
+            segment_weight=np.ones(1),
+            x0=None,
+            names=self.effects,
+            predictions=lambda x, *_: [record.y for record in records],
+        )
 
 
-def candidate(effects, error, *, own=None, n_parameters=1, cost=None, size=5, lines=()):
-    """Return a candidate with those effects, of which its last step has put in one, or ``own``."""
-    own = tuple(effects[-1:]) if own is None else own
-    cost = error**2 if cost is None else cost
+def candidate(effects, error, *, cost=None, n_parameters=1, lines=()):
+    """Return a model with those effects, of which the last one was added last.
+
+    With every effect it fits twice as well, whatever its error on what it has not seen.
+    """
+    if cost is None:
+        cost = 0.5 ** len(effects) * min(error, 1.0) ** 2
     known = {"residuals": (np.full(4, error),), "weights": (None,), "error": error}
-    structure = Names(tuple(effects), size, lines)
-    return Candidate(own, structure, cost, cost, n_parameters, np.empty(0), **known)
+    model = Model(effects, error, lines)
+    return Candidate(tuple(effects[-1:]), model, cost, cost, n_parameters, np.empty(0), **known)
 
 
 class Margins:
@@ -50,39 +75,101 @@ class Margins:
 
     alpha, min_improvement = 0.05, 0.1
 
+    def __init__(self, unsure=()):
+        self.unsure = unsure  # effects that are never significant
+
     def improves_enough(self, worse, better):
         return better.error < 0.9 * worse.error
 
     def p_value(self, worse, better, n_tried=1):
-        return min(1.0, n_tried * (0.01 if better.error < 0.8 * worse.error else 0.5))
+        sure = better.error < 0.8 * worse.error and not set(better.effects) & set(self.unsure)
+        return min(1.0, n_tried * (0.01 if sure else 0.5))
 
     def is_better(self, worse, better, n_tried=1):
-        return (
-            self.improves_enough(worse, better)
-            and self.p_value(worse, better, n_tried) < self.alpha
-        )
+        enough = self.improves_enough(worse, better)
+        return enough and self.p_value(worse, better, n_tried) < self.alpha
 
 
-def effect(name, additive=False):
-    return Effect(name, lambda: [object()], "", f"record {name}", additive)
+class World:
+    """What there is to find: the errors of sets of effects, and what a name depends on."""
 
+    def __init__(self, monkeypatch):
+        self.errors, self.sizes, self.costs = {}, {}, {}
+        self.variants = {}  # of an effect, where it has several
+        self.refits = {}  # errors where a fit from another model ends elsewhere
+        self.dropped = ""  # effects that halving leaves out
+        self.is_right = lambda model, name: True
+        self.is_noise = lambda model: False
+        self.nested = lambda model: True
+        self.level_errors = {}
+        self.asked, self.completions, self.refitted = [], [], []
+        fakes = {
+            "EFFECTS": {effect.name: effect for effect in EFFECTS},
+            "screened": self._screened,
+            "halve": lambda groups, _: (
+                [found for found, *_ in groups],
+                [i for i, (found, *_) in enumerate(groups) if found and self._stays(found[0])],
+            ),
+            "held_out": self._held_out,
+            "completed": self._completed,
+            "refitted": self._refitted,
+            "fold_errors": lambda c, records, folds: [c.error, 1.0],
+            "shortened": lambda *_: None,
+            "are_long": lambda records: len(records) > 1,
+            "raised": lambda base, *_: (base, []),
+            "level_folds": lambda records: ["level"] if self.level_errors else [],
+            "has_its_name": lambda name, margin, model, *_: self.is_right(model, name),
+            "is_plausible": lambda margin, c, *_: self.is_right(c.structure, c.effects[-1]),
+            "course_p_values": lambda model, _: {
+                name: 1.0 for name in model.disturbance_names if self.is_noise(model)
+            },
+            "variable_projection": lambda problem, *_, **options: SimpleNamespace(
+                cost=0.0 if self.nested(problem) else np.inf
+            ),
+        }
+        for name, fake in fakes.items():
+            monkeypatch.setattr(_contest, name, fake)
 
-DRIVEN, ADDITIVE = [effect(n) for n in "abcd"], [effect(n, True) for n in "op"]
+    def model(self, effects, error=None):
+        key = "".join(sorted(effects))
+        error = self.errors[key] if error is None else error
+        sizes = self.costs.get(key), self.sizes.get(key, len(effects))
+        return candidate(effects, error, cost=sizes[0], n_parameters=sizes[1])
+
+    def _stays(self, c):
+        return c.effects[-1] not in self.dropped
+
+    def _screened(self, effect, structure, records):
+        before = "".join(structure.effects)
+        self.asked.append((effect.name, before))
+        if effect.name in self.variants:
+            return self.variants[effect.name]
+        known = "".join(sorted(before + effect.name)) in self.errors
+        return [self.model((*structure.effects, effect.name))] if known else []
+
+    def _held_out(self, c, records, folds):
+        error = self.level_errors[c.structure.lines] if folds == ["level"] else c.error
+        return replace(c, error=error)
+
+    def _completed(self, c, records, max_evaluations):
+        self.completions.append((c.error, max_evaluations))
+        return c
+
+    def _refitted(self, base, structure, records):
+        before, after = ("".join(tree.effects) for tree in (base.structure, structure))
+        self.refitted.append(after)
+        return self.model(structure.effects, self.refits.get((before, after)))
 
 
 @pytest.fixture
-def known(monkeypatch):
-    """Effects of one letter: o and p are functions of time alone."""
-    monkeypatch.setattr(_contest, "EFFECTS", {e.name: e for e in DRIVEN + ADDITIVE})
-    monkeypatch.setattr(_contest, "held_out", lambda c, records, folds: c)
-    monkeypatch.setattr(_contest, "fold_errors", lambda c, records, folds: [c.error, 1.0])
+def world(monkeypatch):
+    return World(monkeypatch)
 
 
 def contest_of(**options):
-    """Return a contest, and what it has told."""
     options = {
-        "effects": DRIVEN + ADDITIVE,
-        "records": ["record"],
+        "effects": EFFECTS,
+        "records": [RecordData(U, U, 0.1)],
         "folds": ["fold"],
         "criterion": Margins(),
         "max_effects": 3,
@@ -90,406 +177,70 @@ def contest_of(**options):
         "negligible": 1e-3,
         "report_progress": lambda *told: None,
         "renew": None,
-        "judge": lambda c: None,
+        "judge": lambda c: SimpleNamespace(structured=False),
         **options,
     }
     return Contest(**options)
 
 
-def screening(contest, errors):
-    """Let the screening find candidates of those errors by the set of their effects."""
-    asked = []
-
-    def screened(base, pairs):
-        asked.append([(e.name, "".join(c.structure.effects)) for e, c in pairs])
-        variants, kept, seen = [], [], []
-        for i, (e, c) in enumerate(pairs):
-            names = (*c.structure.effects, e.name)
-            error = errors.get("".join(sorted(names)))
-            own = [] if error is None else [candidate(names, error)]
-            variants.append(own * 2)
-            kept += [i] * bool(own)
-            seen.append((["record"], base.cost))
-        return variants, kept, seen
-
-    contest._screened = screened
-    contest._fitted = lambda bases, found: [found[0][i][0] for i in found[1]]
-    return asked
+def contest_after_one_trial(world):
+    """Return a contest of one effect of the drive, which was of no use, and those of time."""
+    world.errors = world.errors | {"d": 20.0}
+    contest = contest_of(effects=EFFECTS[3:])
+    contest.extended(candidate("", 1.0))
+    assert contest.n_tried == 1
+    return contest
 
 
-def test_a_step_is_done_once_and_kept(known):
+def names_of(candidates):
+    return ["".join(c.structure.effects) for c in candidates]
+
+
+# ------------------------------------------------------------------------------------ single steps
+
+
+def test_a_step_is_done_once_and_kept(world):
     """What responds to the drive, and what does not, are steps of their own."""
+    world.errors = {"": 1.0, "a": 0.5, "c": 2.0, "p": 0.7}
     kept = []
     contest = contest_of(keep=lambda steps: kept.append(len(steps)))
-    asked = screening(contest, {"a": 0.5, "c": 2.0, "p": 0.7})
     base = candidate("", 1.0)
-    assert [c.effects for c in contest.extended(base)] == [("a",), ("c",)]
-    assert [c.effects for c in contest.extended(base, additive=True)] == [("p",)]
+    assert names_of(contest.extended(base)) == ["a", "c"]
+    assert names_of(contest.extended(base, additive=True)) == ["p"]
     for _ in range(2):
         assert [c.error for c in contest.extended(base)] == [0.5, 2.0]
-    assert asked == [[(n, "") for n in "abcd"], [(n, "") for n in "op"]]
+    assert world.asked == [(n, "") for n in DRIVEN + OF_TIME]
     assert kept == [1, 2]
-    assert contest.n_tried == 4  # two variants of each of two effects
+    assert contest.n_tried == 2  # variants of driven effects
     again = contest_of(steps=contest.steps)
-    screening(again, {})
     assert again.n_tried == 1  # nothing of what was kept has been come to
     assert [c.error for c in again.extended(base)] == [0.5, 2.0]
-    assert again.n_tried == 4
+    assert again.n_tried == 2
+    assert len(world.asked) == 6
     assert set(contest.seconds) == {"screening", "contest"}
-    assert all(0.0 <= spent < 60.0 for spent in contest.seconds.values())
+    contest.lost = [U > 9.0]
+    contest.weighed(candidate("", 1.0))  # with other weights all steps are done anew
+    contest.extended(base)
+    assert len(world.asked) == 10
 
 
-def test_a_model_without_an_effect_is_the_best_that_was_found(known, monkeypatch):
+def test_a_model_without_an_effect_is_the_best_that_was_found(world):
     """A fit from where an effect was may fail; what was found before is better."""
+    world.errors, world.refits = {"": 1.0, "a": 0.5, "b": 0.7}, {("ab", "a"): 0.9}
     again = contest_of(steps={})
     for contest in (contest_of(steps=again.steps), again):  # the second goes on with the first's
-        screening(contest, {"a": 0.5, "b": 0.7})
         contest.extended(candidate("", 1.0))
-        monkeypatch.setattr(contest, "_without_effect", lambda base, name: candidate("a", 0.9))
         assert contest.without(candidate("ab", 0.4), "b").error == 0.5
 
 
-def test_beside_other_effects_those_are_tried_that_have_helped_before(known):
-    contest = contest_of()
-    asked = screening(contest, {"a": 0.5, "b": 0.95, "c": 2.0, "ab": 0.4, "ad": 0.3})
-    first = candidate("", 1.0)
-    contest.extended(first)
-    path = candidate("a", 0.5)
-    assert [c.error for c in contest.extended(path, fully=False)] == [0.4]
-    assert asked[1:] == [[("b", "a")]]  # c has not helped, a is there
-    assert [c.error for c in contest.extended(path, fully=False)] == [0.4]
-    assert len(asked) == 2
-    assert [c.error for c in contest.extended(path)] == [0.4, 0.3]
-    assert asked[2:] == [[("b", "a"), ("c", "a"), ("d", "a")]]
-    assert [c.error for c in contest.extended(path, fully=False)] == [0.4, 0.3]  # all is known
-    rounds = [(row["round"], row["with_effects"], row["effect"]) for row in contest.ranking]
-    assert rounds[:4] == [(1, "", n) for n in "abcd"]
-    assert {own[:2] for own in rounds[4:]} == {(2, "a")}
-
-
-def test_what_fits_better_but_was_never_held_out_is_tried_beside_others(known):
-    """Others have fitted better still: nothing is known of it."""
-    contest = contest_of()
-    asked = screening(contest, {"a": 0.5, "b": 0.7, "c": 0.96, "ab": 0.4})
-    contest._fitted = lambda bases, found: [found[0][0][0]]  # the first of those in question
-    contest.extended(candidate("", 1.0))
-    contest.extended(candidate("a", 0.5), fully=False)
-    assert asked[1] == [("b", "a")]  # c fits hardly better
-
-
-def test_the_ranking_tells_what_each_effect_has_achieved(known):
-    contest = contest_of()
-    screening(contest, {"a": 0.5, "c": 2.0})
-    contest.extended(candidate("", 1.0, n_parameters=1))
-    rows = {row["effect"]: row for row in contest.ranking}
-    assert (rows["a"]["error_before"], rows["a"]["error_after"]) == (1.0, 0.5)
-    assert rows["a"]["screen"] == 0.75  # of the sum of squares
-    assert rows["c"]["screen"] == 0.0  # it is not lower
-    assert rows["a"]["p_value"] == pytest.approx(4 * 0.01)
-    assert rows["c"]["p_value"] == 1.0
-    assert rows["a"]["fold_errors"] == [0.5, 1.0]
-    assert rows["a"]["n_parameters"] == 0
-    assert rows["b"]["screen"] == rows["b"]["n_parameters"] == 0
-    assert np.isnan([rows["b"]["error_after"], rows["b"]["p_value"]]).all()
-    assert rows["b"]["fold_errors"] is None
-
-
-def test_pairs_are_of_the_three_that_fit_best_with_every_other(known):
-    contest = contest_of()
-    asked = screening(contest, {"ab": 0.3})
-    costs = {"a": 3.0, "b": 1.0, "c": 4.0, "d": 2.0}
-    singles = [candidate(n, 1.0, cost=cost) for n, cost in costs.items()]
-    found = contest._pairs(candidate("", 1.0), singles)
-    assert {c.effects for c in found} == {("a", "b"), ("b", "a")}
-    tried = set(asked[0])
-    assert {second for _, second in tried} == {"a", "b", "d"}
-    assert len(tried) == 3 * 5
-    assert all(first != second for first, second in tried)
-    assert contest.n_tried == 1 + 15  # of six effects, beside the model itself
-
-
-def test_suspects_would_help_most_but_are_not_in(known):
-    contest = contest_of()
-    screening(contest, {"a": 0.7, "b": 0.95, "d": 0.5, "abd": 0.5})
-    rows = contest.suspects(candidate("", 1.0))
-    assert [(row["effect"], row["error_before"], row["error_after"]) for row in rows] == [
-        ("d", 1.0, 0.5),
-        ("a", 1.0, 0.7),
-    ]
-    assert [row["folds_better"] for row in rows] == [1, 1]  # the other fold is the same
-    assert [row["p_value"] for row in rows] == pytest.approx([6 * 0.01] * 2)
-    assert contest.suspects(candidate("abc", 1.0)) == []  # as many as there may be
-    assert contest.suspects(candidate("", 1e-3)) == []  # nothing is left
-    assert len(contest.suspects(candidate("ab", 1.0))) == 1
-
-
-def noise_has(contest, course):
-    """Let noise alone have the course of the candidates for which ``course`` is true."""
-    tested = contest.criterion.p_value
-    contest._p_value = lambda base, name, reduced: (
-        1.0 if course(base) else tested(reduced, base, contest.n_tried)
-    )
-
-
-def tried(**errors):
-    """Name an effect by its error, that without it, and those with others in its place."""
-    contest = contest_of()
-    base = candidate("a", errors.pop("a"), n_parameters=3)
-    reduced = candidate("", errors.pop("none"))
-    contest._without_effect = lambda base, name: reduced
-    sizes = errors.pop("sizes", {})
-    rivals = [candidate(n, e, n_parameters=sizes.get(n, 3)) for n, e in errors.items()]
-    contest.extended = lambda start, fully=True, additive=False: [
-        c for c in rivals if (c.effects[0] in "op") == additive
-    ]
-    contest._refreshed = lambda c: c
-    noise_has(contest, lambda c: c.effects == ("p",))
-    contest._has_its_name = lambda c, name: True
-    contest._contains = lambda large, small: small.effects != ("d",)
-    chosen, others = contest._contested(base, "a")
-    return chosen and chosen.effects[0], others
-
-
-def test_the_name_is_that_of_the_least_error(known):
-    assert tried(none=1.0, a=0.5) == (None, ())
-    assert tried(none=1.0, a=0.5, b=0.45) == ("b", ("a",))  # which is not told from it
-    assert tried(none=1.0, a=0.5, b=0.3) == ("b", ())
-    assert tried(none=1.0, a=0.5, b=0.55, c=0.52) == (None, ("c", "b"))
-    assert tried(none=1.0, a=0.5, b=0.45, c=0.48) == ("b", ("c", "a"))
-    assert tried(none=1.0, a=0.5, b=0.7) == (None, ())  # told from it
-    assert tried(none=1.0, a=0.5, b=0.95) == (None, ())  # no better than nothing
-    # a function of time helps no new record
-    assert tried(none=1.0, a=0.5, o=0.46) == (None, ("o",))
-    assert tried(none=1.0, a=0.5, b=0.48, o=0.46) == ("b", ("o", "a"))
-    assert tried(none=1.0, a=0.5, o=0.44) == ("o", ("a",))
-    assert tried(none=1.0, a=0.5, o=0.44, sizes={"o": 4}) == (None, ("o",))
-    assert tried(none=1.0, a=0.5, o=0.3, sizes={"o": 4}) == ("o", ())
-    assert tried(none=1.0, a=0.5, p=0.45) == (None, ())  # the noise's own course
-
-
-def test_a_simpler_name_is_preferred_where_it_is_nested_and_not_rejected(known):
-    assert tried(none=1.0, a=0.5, b=0.55, sizes={"b": 2}) == ("b", ("a",))
-    assert tried(none=1.0, a=0.5, d=0.55, sizes={"d": 2}) == (None, ("d",))  # it is not nested
-    assert tried(none=1.0, a=0.5, b=0.7, sizes={"b": 2}) == (None, ())  # it is rejected
-    assert tried(none=1.0, a=0.5, b=0.55, c=0.56, sizes={"b": 2, "c": 1}) == ("c", ("a", "b"))
-
-
-def test_an_effect_that_is_not_what_its_name_says_goes_where_a_rival_is(known):
-    contest = contest_of()
-    contest._without_effect = lambda base, name: candidate("", 1.0)
-    contest._refreshed = lambda c: c
-    contest._has_its_name = lambda c, name: False
-    contest._contains = lambda *_: True
-    contest.extended = lambda start, fully=True, additive=False: []
-    assert contest._contested(candidate("a", 0.5), "a") == (None, ())
-    rivals = [candidate("b", 0.6)]
-    contest.extended = lambda start, fully=True, additive=False: rivals * (not additive)
-    (chosen, others) = contest._contested(candidate("a", 0.49), "a")
-    assert (chosen.effects, others) == (("b",), ())
-
-
-def test_names_are_contested_until_they_stay(known):
-    """A rival takes the place, the rest is pruned, and no set of effects is come to twice."""
-    contest = contest_of()
-    rivals = {"a": "b", "b": "c", "c": None}
-    contest.prune = lambda c: c
-    contest._contested = lambda base, name: (
-        rivals[name] and candidate(rivals[name], 0.5),
-        (f"not {name}", "a"),
-    )
-    base, others = contest.named(candidate("a", 0.5))
-    assert (base.structure.effects, others) == (("c",), {"c": ("not c", "a")})
-    rivals["c"] = "a"
-    base, others = contest.named(candidate("a", 0.5))
-    # in a circle each name is ambiguous with the one that would follow, and none with itself
-    assert (base.structure.effects, others) == (("a",), {"a": ("b", "not a")})
-
-
-def test_a_rival_takes_the_place_of_what_the_noise_makes_where_something_is_needed(known):
-    contest, errors = contest_of(), {"": 1.0, "p": 0.5, "o": 0.45}
-    contest.without = contest._without_effect = lambda base, name: candidate("", errors[""])
-    contest._keeps_names = contest._has_its_name = lambda *_: True
-    noise_has(contest, lambda c: c.effects == ("p",))
-    contest.extended = lambda start, fully=True, additive=False: (
-        [candidate("o", errors["o"])] * additive
-    )
-    contest._refreshed = lambda c: c
-    pruned = contest.prune(candidate("p", errors["p"]))
-    assert (pruned.structure.effects, contest.dropped) == (("o",), ["p"])
-    contest.extended = lambda start, fully=True, additive=False: []
-    contest._contests.clear()
-    assert contest.prune(candidate("p", errors["p"])).structure.effects == ()
-
-
-def test_the_best_that_was_seen_of_a_set_of_effects_is_kept(known):
-    contest = contest_of()
-    assert contest._least(candidate("ab", 0.5, own=("b",))).error == 0.5
-    better = contest._least(candidate("ba", 0.4, own=("a",)))
-    assert (better.error, better.effects) == (0.4, ("a",))
-    again = contest._least(candidate("ab", 0.45, own=("b",)))
-    assert (again.error, again.effects) == (0.4, ("b",))
-    contest._weighings += 1  # of other weights nothing is known yet
-    assert contest._least(candidate("ab", 0.45)).error == 0.45
-
-
-def test_names_that_were_right_stay_right(known):
-    contest = contest_of()
-    right = {(1.0, "a"), (0.5, "a"), (0.5, "b")}
-    contest._has_its_name = lambda c, name: (c.error, name) in right
-    base = candidate("ab", 1.0)
-    assert contest._keeps_names(candidate("ab", 0.5), base)
-    assert not contest._keeps_names(candidate("ab", 2.0), base)  # a no longer is
-    assert contest._keeps_names(candidate("b", 2.0), base)  # b was not
-    contest.raised = lambda c: (candidate("ab", c.error / 2.0, own=()), [])
-    assert contest._finer(candidate("ab", 1.0)).error == 0.5
-    assert contest._finer(candidate("ab", 1.0)).effects == ("b",)
-    contest.raised = lambda c: (candidate("ab", 2.0), [])
-    assert contest._finer(base) is base
-
-
-@pytest.mark.parametrize(
-    ("name", "p_value", "stays"), [("a", 0.9, True), ("o", 0.009, True), ("o", 0.0126, False)]
-)
-def test_a_function_of_time_is_more_than_the_noise(known, monkeypatch, name, p_value, stays):
-    """At the level of all that was tried, here four; a sinusoid also in blocks of samples."""
-    monkeypatch.setattr(_contest, "course_p_values", lambda *_: {"o": p_value, "p": 1.0})
-    contest = contest_of()
-    contest._visited = {"step": {"n_tried": 4, "in_pairs": False}}
-    without = candidate("", 1.0)
-    assert contest._is_needed(candidate(name, 0.5), name, without) == stays
-    assert not contest._is_needed(candidate(name, 0.95), name, without)
-    assert contest._is_needed(candidate(name, 0.85), name, without) == (stays and name == "o")
-    monkeypatch.setattr(Names, "part", lambda *_: SinusoidOperator(np.ones(2), np.ones(1)))
-    assert not contest._is_needed(candidate(name, 0.85), name, without)
-    assert contest._is_needed(candidate(name, 0.5), name, without) == stays
-    contest.renew = True  # what a black box leaves has a course of the box's own
-    assert contest._is_needed(candidate(name, 0.5), name, without)
-
-
-def test_of_variants_those_are_held_out_that_may_matter_and_are_plausible(known, monkeypatch):
-    """By a tenth of the error, so 0.81 of the sum of squares; of each effect one is completed."""
-    completions = []
-
-    def completed(c, records, evaluations):
-        completions.append((c.error, evaluations))
-        return c
-
-    monkeypatch.setattr(_contest, "completed", completed)
-    monkeypatch.setattr(_contest, "are_long", lambda records: records == ["long"])
-    contest = contest_of()
-    contest._is_plausible = lambda c, base, records: c.error != 0.3
-    bases = [candidate("", 1.0)] * 3
-    few, many = candidate("a", 0.85, n_parameters=2), candidate("a", 0.82, n_parameters=3)
-    variants = [
-        [many, few, candidate("a", 0.91), candidate("a", 0.3)],
-        [candidate("b", 0.899)],
-        [candidate("c", 0.5)],
-    ]
-    seen = [(["record"], 1.0)] * 3
-    found = contest._fitted(bases, (variants, [0, 1], seen))  # the third was left out by halving
-    assert [c.error for c in found] == [0.85, 0.899]
-    assert completions == [(0.85, 27), (0.899, 27)]
-    contest.records = ["long"]
-    contest._fitted(bases, (variants, [1], seen))
-    assert completions[2:] == [(0.899, 3)]
-
-
-def test_what_fails_costs_its_candidate(known):
-    contest = contest_of()
-
-    def job(c):
-        if c.error > 1.0:
-            raise ValueError("no solution")
-        return c
-
-    jobs = [_contest.delayed(job)(candidate(n, e)) for n, e in (("a", 1.0), ("c", 2.0))]
-    with pytest.warns(FitFailedWarning, match="c is left out"):
-        found = contest._done(jobs)
-    assert [c.error for c in found] == [1.0]
-    contest._keep("step", found)
-    assert contest.failed == [{"round": 1, "effect": "c", "error": "ValueError: no solution"}]
-    contest._keep("next", [])
-    assert len(contest.failed) == 1
-
-
-def test_lines_in_a_number_of_the_record_predict_other_numbers(known, monkeypatch):
-    """Better than the model without them, where a level can be held out."""
-    folds = ["level"]
-    monkeypatch.setattr(_contest, "level_folds", lambda records: folds)
-    contest, base = contest_of(), candidate("", 1.0)
-
-    def predicts(error, lines=("line",)):
-        c = candidate("a", error, lines=lines)
-        c.structure.read = lambda records: records
-        return contest._predicts_levels(c, base, ["record"])
-
-    assert predicts(0.99)
-    assert not predicts(1.01)
-    assert predicts(1.01, lines=())
-    base.structure.lines = ("declared",)
-    assert predicts(1.01)
-    base.structure.lines = ()
-    folds.clear()
-    assert predicts(1.01)
-
-
-def test_a_residual_is_judged_once(known):
-    judged = []
-    contest = contest_of(judge=lambda c: judged.append(c.error) or c.error)
-    for error in (1.0, 1.0, 0.5, 1.0):
-        assert contest.judgement(candidate("a", error)) == error
-    assert judged == [1.0, 0.5]
-
-
-def test_paths_go_on_until_nothing_is_better(known):
-    """Each as far as it comes; the ends are those that have no better one."""
-    told = []
-    contest = contest_of(report_progress=lambda *own: told.append(own[0]))
-    better = {"": ["a", "b"], "a": [], "b": ["bc"], "bc": []}
-    errors = {"": 1.0, "a": 0.5, "b": 0.6, "bc": 0.3}
-    contest._better = lambda path, *_: [
-        candidate(n, errors[n]) for n in better["".join(path.structure.effects)]
-    ]
-    contest._few = lambda candidates, claims: candidates
-    contest._refreshed = lambda c: c
-    ends = contest.grow(candidate("", 1.0))
-    assert ["".join(c.structure.effects) for c in ends] == ["a", "bc"]
-    assert told[-1].endswith("b + c: held-out error 0.3")
-
-
-@pytest.mark.parametrize("names", ["p", "ap"])
-def test_an_effect_that_misleads_hides_nothing_that_is_found_without_it(known, names):
-    """What p is beside a, which helps and is not needed, the noise makes; alone it is more."""
-    contest = contest_of(
-        effects=[e for e in DRIVEN + ADDITIVE if e.name in names],
-        judge=lambda c: SimpleNamespace(structured=False),
-    )
-    screening(contest, {"a": 0.88, "ap": 0.6, "p": 0.7})
-    left = {("ap", "a"): 0.62, ("ap", "p"): 0.88}
-    contest.without = lambda base, name: candidate(
-        base.structure.without(name).effects, left.get(("".join(base.structure.effects), name), 1.0)
-    )
-    contest._refreshed, contest._keeps_names = lambda c: c, lambda *_: True
-    noise_has(contest, lambda c: "p" in c.effects and c.error != 0.7)
-    contest._contested = lambda base, name: (None, ())
-    found = contest.found(candidate("", 1.0))
-    assert (found.structure.effects, found.error) == (("p",), 0.7)
-
-
-def test_what_is_taken_out_is_fitted_again_once(known, monkeypatch):
+def test_what_is_taken_out_is_fitted_again_once(world):
     """Where a black box was declared it is fitted too."""
-    done = []
-
-    def refitted(c, structure, records):
-        done.append(structure.effects)
-        return candidate(structure.effects, 0.7)
-
-    monkeypatch.setattr(_contest, "refitted", refitted)
+    world.errors = {"b": 0.7}
     contest, base = contest_of(), candidate("ab", 0.5)
     for _ in range(2):
         reduced = contest.without(base, "a")
         assert (reduced.structure.effects, reduced.error) == (("b",), 0.7)
-    assert done == [("b",)]
+    assert world.refitted == ["b"]
     renewed = []
     contest = contest_of(
         renew=lambda c, own, records: renewed.append(c.error) or candidate("b", 0.6)
@@ -498,55 +249,318 @@ def test_what_is_taken_out_is_fitted_again_once(known, monkeypatch):
     assert renewed == [0.7]
 
 
-def test_weights_are_of_what_is_left_where_the_loss_is_robust(known, monkeypatch):
-    """All steps are then done anew."""
+def test_beside_other_effects_those_are_tried_that_have_helped_before(world):
+    world.errors = {"": 1.0, "a": 0.5, "b": 0.95, "c": 2.0, "ab": 0.4, "ad": 0.3}
+    contest, path = contest_of(), candidate("a", 0.5)
+    contest.extended(candidate("", 1.0))
+    assert [c.error for c in contest.extended(path, fully=False)] == [0.4]
+    assert world.asked[4:] == [("b", "a")]  # c has not helped, a is there
+    assert [c.error for c in contest.extended(path, fully=False)] == [0.4]
+    assert len(world.asked) == 5
+    assert [c.error for c in contest.extended(path)] == [0.4, 0.3]
+    assert world.asked[5:] == [("b", "a"), ("c", "a"), ("d", "a")]
+    assert [c.error for c in contest.extended(path, fully=False)] == [0.4, 0.3]  # all is known
+    rounds = [(row["round"], row["with_effects"], row["effect"]) for row in contest.ranking]
+    assert rounds[:4] == [(1, "", n) for n in DRIVEN]
+    assert {own[:2] for own in rounds[4:]} == {(2, "a")}
+
+
+def test_what_fits_better_but_was_never_held_out_is_tried_beside_others(world):
+    """Others have fitted better still: nothing is known of it."""
+    world.errors = {"": 1.0, "a": 0.5, "b": 0.7, "c": 0.96, "ab": 0.4}
+    world.costs, world.dropped = {"c": 0.95}, "bc"
+    contest = contest_of()
+    contest.extended(candidate("", 1.0))
+    contest.extended(candidate("a", 0.5), fully=False)
+    assert world.asked[4:] == [("b", "a")]  # c fits hardly better
+
+
+def test_the_ranking_tells_what_each_effect_has_achieved(world):
+    world.errors = {"": 1.0, "a": 0.5, "c": 2.0, "d": 1.1}
+    world.costs = {"a": 0.25, "c": 0.5, "d": 4.0}
+    contest = contest_of()
+    contest.extended(candidate("", 1.0))
+    rows = {row["effect"]: row for row in contest.ranking}
+    assert (rows["a"]["error_before"], rows["a"]["error_after"]) == (1.0, 0.5)
+    assert rows["a"]["screen"] == 0.75  # of the sum of squares
+    assert rows["d"]["screen"] == 0.0  # it is not lower
+    assert rows["a"]["p_value"] == pytest.approx(3 * 0.01)  # of all that was tried
+    assert rows["c"]["p_value"] == 1.0
+    assert rows["a"]["fold_errors"] == [0.5, 1.0]
+    assert rows["a"]["n_parameters"] == 0
+    assert rows["b"]["screen"] == rows["b"]["n_parameters"] == 0
+    for name in "bd":  # what fits no better is not held out
+        assert np.isnan([rows[name]["error_after"], rows[name]["p_value"]]).all()
+        assert rows[name]["fold_errors"] is None
+
+
+def test_of_variants_those_are_held_out_that_may_matter_and_are_plausible(world):
+    """By a tenth of the error, so 0.81 of the sum of squares; of each effect one is completed."""
+
+    def variant(name, error, n_parameters=1):
+        return candidate(name, error, cost=error**2, n_parameters=n_parameters)
+
+    few, many = variant("a", 0.85, 2), variant("a", 0.82, 3)
+    world.variants = {
+        "a": [many, few, variant("a", 0.91), variant("a", 0.3)],
+        "b": [variant("b", 0.899), variant("b", 0.75, 3)],  # the best is noticeably better
+        "c": [variant("c", 0.5)],
+    }
+    world.dropped, world.is_right = "c", lambda model, name: model.error != 0.3
+    contest = contest_of()
+    assert [c.error for c in contest.extended(candidate("", 1.0))] == [0.85, 0.75]
+    assert world.completions == [(0.85, 27), (0.75, 27)]
+    contest_of(records=contest.records * 2).extended(candidate("", 1.0))  # long ones
+    assert world.completions[2:] == [(0.85, 3), (0.75, 3)]
+
+
+@pytest.mark.parametrize(
+    ("errors", "declared", "predicts"),
+    [
+        ({("line",): 0.99, (): 1.0}, (), True),
+        ({("line",): 1.01, (): 1.0}, (), False),
+        ({("line",): 1.01, ("declared",): 1.0}, ("declared",), True),
+        ({}, (), True),  # no level can be held out
+    ],
+)
+def test_lines_in_a_number_of_the_record_predict_other_numbers(world, errors, declared, predicts):
+    """Better than the model without them, where a level can be held out."""
+    world.level_errors = errors
+    world.variants = {"a": [candidate("a", 0.5, lines=("line",))], "b": [candidate("b", 0.5)]}
+    found = contest_of().extended(candidate("", 1.0, lines=declared))
+    assert names_of(found) == ["a", "b"][not predicts :]
+
+
+def test_suspects_would_help_most_but_are_not_in(world):
+    world.errors = {"": 1.0, "a": 0.7, "b": 0.95, "d": 0.5, "abd": 0.5}
+    contest = contest_of()
+    rows = contest.suspects(candidate("", 1.0))
+    assert [(row["effect"], row["error_before"], row["error_after"]) for row in rows] == [
+        ("d", 1.0, 0.5),
+        ("a", 1.0, 0.7),
+    ]
+    assert [row["folds_better"] for row in rows] == [1, 1]  # the other fold is the same
+    assert [row["p_value"] for row in rows] == pytest.approx([3 * 0.01] * 2)
+    assert contest.suspects(candidate("abc", 1.0)) == []  # as many as there may be
+    assert contest.suspects(candidate("", 1e-3)) == []  # nothing is left
+    assert len(contest.suspects(candidate("ab", 1.0))) == 1
+
+
+def test_claims_are_told_by_what_they_remove_of_the_error(world):
+    """Of three effects the error without each, and without the next, and so on."""
+    world.errors = {"abc": 1.0, "ab": 1.5, "bc": 4.0, "ac": 2.0, "b": 6.0, "a": 3.0, "": 9.0}
+    contest = contest_after_one_trial(world)
+    rows = contest.claims(candidate("abc", 1.0), {"b": ("x",)})
+    told = [(r["effect"], r["error_before"], r["error_after"], r["experiment"]) for r in rows]
+    assert told == [("a", 9.0, 3.0, ""), ("b", 3.0, 1.5, "record b"), ("c", 1.5, 1.0, "")]
+    assert [row["p_value"] for row in rows] == [0.01] * 3
+    assert [row["ambiguous_with"] for row in rows] == [(), ("x",), ()]
+
+
+def test_a_residual_is_judged_once(world):
+    judged = []
+    contest = contest_of(judge=lambda c: judged.append(c.error) or c.error)
+    for error in (1.0, 1.0, 0.5, 1.0):
+        assert contest.judgement(candidate("a", error)) == error
+    assert judged == [1.0, 0.5]
+
+
+def test_weights_are_of_what_is_left_where_the_loss_is_robust(world, monkeypatch):
     monkeypatch.setattr(_contest, "huber_weights", lambda residuals, lost: [np.full(4, 0.5)])
-    monkeypatch.setattr(_contest, "refitted", lambda c, structure, records: candidate("a", 0.4))
-    base = candidate("a", 0.5)
+    world.errors, base = {"a": 0.4}, candidate("a", 0.5)
     assert contest_of().weighed(base) is base
-    u = np.arange(4.0)
-    contest = contest_of(lost=[u > 9.0], records=[RecordData(u, u, 0.1)])
-    contest._keep(contest._set(base), [base])
-    assert contest._is_done(contest._set(base))
+    contest = contest_of(lost=[U > 9.0])
     assert contest.weighed(base).error == 0.4
     np.testing.assert_array_equal(contest.records[0].weights, np.full(4, 0.5))
-    first = contest._set(base)
-    assert not contest._is_done(first)
-    contest.weighed(base)
-    assert contest._set(base) != first
 
 
-def test_a_name_is_plausible_by_its_margin_and_by_what_it_predicts(known, monkeypatch):
+# --------------------------------------------------------------------------------------- it grows
+
+
+def ends(world, errors, **options):
+    world.errors = errors
+    return names_of(contest_of(**options).grow(candidate("", 1.0)))
+
+
+def test_paths_go_on_until_nothing_is_better(world):
+    """The best, and the simplest that is not told from it; the ends have no better one."""
+    told, world.sizes = [], {"a": 3, "b": 2, "c": 9, "d": 2}
+    errors = {"": 1.0, "a": 0.5, "b": 0.6, "c": 0.55, "d": 0.61, "bc": 0.3}
+    assert ends(world, errors, report_progress=lambda text, *_: told.append(text)) == ["a", "bc"]
+    assert [text for text in told if text][-1].endswith("b + c: held-out error 0.3")
+    world.sizes = {}
+    assert ends(world, errors) == ["a"]
+
+
+def test_a_path_begins_with_what_would_be_claimed_at_once(world):
+    errors = {"": 1.0, "a": 0.5, "b": 0.7}
+    assert ends(world, errors, criterion=Margins(unsure="a"), max_effects=1) == ["a", "b"]
+
+
+def test_what_responds_to_the_drive_is_added_before_functions_of_time_and_pairs(world):
+    structured = {"judge": lambda c: SimpleNamespace(structured=True), "max_effects": 2}
+    useless = {"a": 0.99, "b": 0.99}
+    world.costs = {"a": 0.4, "b": 0.4}
+    assert ends(world, {"a": 0.85, "b": 0.99, "o": 0.1, "ab": 0.8}, **structured) == ["a"]
+    assert {effect for effect, before in world.asked if not before} == set(DRIVEN)
+    # a function of time alone only where it is significant
+    assert ends(world, useless | {"o": 0.4, "ab": 0.1}, **structured) == ["o"]
+    assert ends(world, useless | {"o": 0.85, "ab": 0.3}, **structured) == ["ab"]
+    assert ends(world, useless | {"o": 0.85, "ab": 0.3}, max_effects=2) == [""]
+    assert ends(world, useless | {"o": 0.85, "ab": 0.3}, **structured | {"max_effects": 1}) == [""]
+    assert ends(world, {"a": 0.85}, max_effects=0) == [""]
+    assert ends(world, {"a": 0.85}, negligible=1.0) == [""]
+
+
+def test_pairs_are_of_the_three_that_fit_best_with_every_other(world):
+    world.costs = {"a": 3.0, "b": 1.0, "c": 4.0, "d": 2.0, "ab": 0.5}
+    world.errors = dict.fromkeys(DRIVEN, 1.0) | {"ab": 0.3}
+    contest = contest_of(judge=lambda c: SimpleNamespace(structured=not c.effects))
+    (found,) = contest.grow(candidate("", 1.0, cost=10.0))
+    assert set(found.structure.effects) == set("ab")
+    tried = set(world.asked[6:21])
+    assert {second for _, second in tried} == {"a", "b", "d"}
+    assert len(tried) == 3 * 5
+    assert all(first != second for first, second in tried)
+    assert contest.n_tried == 4 + 15  # variants, and pairs of six effects
+
+
+@pytest.mark.parametrize(("right", "error"), [(True, 0.25), (False, 0.5)])
+def test_the_resolution_follows_unless_an_effect_loses_its_name(world, monkeypatch, right, error):
+    def raised(base, *_):
+        return (candidate("a", 0.25) if base.error == 0.5 else base), []
+
+    monkeypatch.setattr(_contest, "raised", raised)
+    world.errors, world.is_right = {"a": 0.5}, lambda model, name: right or model.error == 0.5
+    assert [c.error for c in contest_of().grow(candidate("", 1.0))] == [error]
+
+
+@pytest.mark.parametrize("names", ["p", "ap"])
+def test_an_effect_that_misleads_hides_nothing_that_is_found_without_it(world, names):
+    """What p is beside a, which helps and is not needed, the noise makes; alone it is more."""
+    world.errors = {"": 1.0, "a": 0.88, "ap": 0.6, "p": 0.7}
+    world.refits = {("ap", "p"): 0.72}
+    world.is_noise = lambda model: "p" in model.effects and model.error != 0.7
+    contest = contest_of(effects=[e for e in EFFECTS if e.name in names])
+    found = contest.found(candidate("", 1.0))
+    assert (found.structure.effects, found.error) == (("p",), 0.7)
+
+
+# ------------------------------------------------------------------------------------ it is pruned
+
+
+def pruned(world, errors, right=True):
+    """Prune the effects of the largest model that is known; return what is left."""
+    world.errors, largest = errors, max(errors, key=len)
+    world.is_right = lambda model, name: right or len(model.effects) == len(largest)
+    contest = contest_after_one_trial(world)
+    left = contest.prune(candidate(largest, errors[largest]))
+    return "".join(left.structure.effects), "".join(contest.dropped)
+
+
+def test_what_is_missed_least_goes_first(world):
+    assert pruned(world, {"ab": 1.0, "a": 1.05, "b": 1.02, "": 2.0}) == ("b", "a")
+    assert pruned(world, {"ab": 1.0, "a": 1.02, "b": 1.05, "": 2.0}) == ("a", "b")
+    assert pruned(world, {"ab": 1.0, "a": 2.0, "b": 2.0, "": 2.0}) == ("ab", "")
+    assert pruned(world, {"a": 1.0, "": 1.2}) == ("", "a")  # it matters, and is not significant
+    assert pruned(world, {"a": 1.0, "": 1.3}) == ("a", "")
+
+
+def test_effects_that_compensate_for_each_other_are_taken_out_together(world):
+    assert pruned(world, {"ab": 1.0, "a": 2.0, "b": 2.0, "": 1.05}) == ("", "ab")
+    three = {"abc": 1.0, "ab": 2.0, "bc": 2.0, "ac": 2.0, "a": 3.0, "c": 3.0, "": 4.0}
+    assert pruned(world, three | {"b": 1.05}) == ("b", "ac")
+    assert pruned(world, three | {"b": 3.0}) == ("abc", "")
+
+
+def test_an_effect_stays_without_which_another_would_not_be_what_it_is(world):
+    assert pruned(world, {"ab": 1.0, "a": 1.02, "b": 1.05, "": 2.0}, right=False) == ("ab", "")
+    # not the same without it
+    assert pruned(world, {"ab": 1.0, "a": 1.15, "b": 1.05, "": 2.0}, right=False) == ("a", "b")
+
+
+@pytest.mark.parametrize("rival", ["o", ""])
+def test_a_rival_takes_the_place_of_what_the_noise_makes_where_something_is_needed(world, rival):
+    world.errors = {"": 1.0, "p": 0.5} | ({"o": 0.45} if rival else {})
+    world.is_noise = lambda model: "p" in model.effects
+    contest = contest_after_one_trial(world)
+    left = contest.prune(candidate("p", 0.5))
+    assert (names_of([left]), contest.dropped) == ([rival], ["p"])
+
+
+@pytest.mark.parametrize(
+    ("name", "p_value", "stays"), [("a", 0.9, True), ("o", 0.009, True), ("o", 0.0126, False)]
+)
+def test_a_function_of_time_is_more_than_the_noise(world, monkeypatch, name, p_value, stays):
+    """At the level of all that was tried, here four; a sinusoid also in blocks of samples."""
+    monkeypatch.setattr(_contest, "course_p_values", lambda *_: {"o": p_value, "p": 1.0})
+    world.errors = dict.fromkeys(("", *DRIVEN), 1.0)
     contest = contest_of()
-    for named in (True, False):
-        for predicts in (True, False):
-            monkeypatch.setattr(_contest, "is_plausible", lambda *_, named=named: named)
-            contest._predicts_levels = lambda *_, predicts=predicts: predicts
-            found = contest._is_plausible(candidate("a", 0.5), candidate("", 1.0), [])
-            assert found == (named and predicts)
+    contest.extended(candidate("", 1.0))
+    assert contest.n_tried == 4
+
+    def is_needed(error):
+        return contest.prune(candidate(name, error)).structure.effects == (name,)
+
+    assert is_needed(0.5) == stays
+    assert not is_needed(0.95)
+    assert is_needed(0.85) == (stays and name == "o")
+    monkeypatch.setattr(Model, "part", lambda *_: SinusoidOperator(np.ones(2), np.ones(1)))
+    assert not is_needed(0.85)
+    assert is_needed(0.5) == stays
+    contest.renew = True  # what a black box leaves has a course of the box's own
+    assert is_needed(0.5)
 
 
-def pruned(errors, right=True):
-    """Prune the effects a, b and c whose models have those errors; return what is left."""
-    contest = contest_of(report_progress=lambda *_: None)
-    found = {names: candidate(names, error) for names, error in errors.items()}
-    contest.without = lambda base, name: found[
-        "".join(n for n in base.structure.effects if n != name)
-    ]
-    noise_has(contest, lambda c: False)
-    contest._has_its_name = lambda c, name: right or c is found[max(found, key=len)]
-    return "".join(contest.prune(found[max(found, key=len)]).structure.effects)
+# ------------------------------------------------------------------------------------- it is named
 
 
-def test_what_is_missed_least_goes_first(known):
-    assert pruned({"ab": 1.0, "a": 1.05, "b": 1.02, "": 2.0}) == "b"
-    assert pruned({"ab": 1.0, "a": 1.02, "b": 1.05, "": 2.0}) == "a"
-    assert pruned({"ab": 1.0, "a": 2.0, "b": 2.0, "": 1.05}) == ""  # they compensate
-    assert pruned({"ab": 1.0, "a": 2.0, "b": 2.0, "": 2.0}) == "ab"
-    assert pruned({"a": 1.0, "": 1.2}) == ""  # it matters, and is not significant
-    assert pruned({"a": 1.0, "": 1.3}) == "a"
+def named(world, sizes=(), **errors):
+    """Return the name of the effect ``a``, and what it is ambiguous with."""
+    world.errors, world.sizes = {"": 1.0} | errors, dict.fromkeys(errors, 3) | dict(sizes)
+    world.is_noise = lambda model: model.effects == ("p",)
+    world.nested = lambda problem: True
+    if "d" in errors:  # it is nested in nothing
+        world.nested = lambda problem: False
+    contest = contest_of()
+    contest.extended(candidate("", 1.0))
+    base, ambiguous = contest.named(world.model("a"))
+    ((name, others),) = ambiguous.items()
+    assert base.structure.effects == (name,)
+    return name, "".join(others)
 
 
-def test_an_effect_stays_without_which_another_would_not_be_what_it_is(known):
-    assert pruned({"ab": 1.0, "a": 1.02, "b": 1.05, "": 2.0}, right=False) == "ab"
-    assert pruned({"ab": 1.0, "a": 1.15, "b": 1.05, "": 2.0}, right=False) == "a"  # not the same
+def test_the_name_is_that_of_the_least_error(world):
+    assert named(world, a=0.5) == ("a", "")
+    assert named(world, a=0.5, b=0.45) == ("b", "a")  # which is not told from it
+    assert named(world, a=0.5, b=0.3) == ("b", "")
+    assert named(world, a=0.5, b=0.55, c=0.52) == ("a", "cb")
+    assert named(world, a=0.5, b=0.45, c=0.48) == ("b", "ca")
+    assert named(world, a=0.5, b=0.7) == ("a", "")  # told from it
+    assert named(world, a=0.5, b=0.95) == ("a", "")  # no better than nothing
+    # a function of time helps no new record
+    assert named(world, a=0.5, o=0.46) == ("a", "o")
+    assert named(world, a=0.5, b=0.48, o=0.46) == ("b", "oa")
+    assert named(world, a=0.5, o=0.44) == ("o", "a")
+    assert named(world, a=0.5, o=0.44, sizes={"o": 4}) == ("a", "o")
+    assert named(world, a=0.5, o=0.3, sizes={"o": 4}) == ("o", "")
+    assert named(world, a=0.5, p=0.45) == ("a", "")  # the noise's own course
+
+
+def test_a_simpler_name_is_preferred_where_it_is_nested_and_not_rejected(world):
+    assert named(world, a=0.5, b=0.55, sizes={"b": 2}) == ("b", "a")
+    assert named(world, a=0.5, d=0.55, sizes={"d": 2}) == ("a", "d")  # it is not nested
+    assert named(world, a=0.5, b=0.7, sizes={"b": 2}) == ("a", "")  # it is rejected
+    assert named(world, a=0.5, b=0.55, c=0.56, sizes={"b": 2, "c": 1}) == ("c", "ab")
+
+
+def test_an_effect_that_is_not_what_its_name_says_goes_where_a_rival_is(world):
+    world.is_right = lambda model, name: name != "a"
+    assert named(world, a=0.49) == ("a", "")
+    assert named(world, a=0.49, b=0.6) == ("b", "")
+
+
+def test_names_that_follow_each_other_in_a_circle_are_ambiguous(world, monkeypatch):
+    """No set of effects is come to twice, and none is ambiguous with itself."""
+    monkeypatch.setattr(_contest, "has_its_name", lambda *_: False)
+    assert named(world, a=0.5, b=0.5) == ("a", "b")

@@ -12,22 +12,7 @@ from skhyst.compose import Sum
 from skhyst.diagnosis import EFFECTS, EffectSearchCV
 from skhyst.diagnosis._candidates import Candidate
 from skhyst.diagnosis._edits import Insert
-from skhyst.diagnosis._plausibility import (
-    bends,
-    bends_to_one_side,
-    builds_up,
-    has_its_name,
-    has_no_peak,
-    input_beyond_dead_zone,
-    is_between_samples,
-    is_plausible,
-    levels_off,
-    rings,
-    slides,
-    stops,
-    varies_in_rate,
-    width_beyond_noise,
-)
+from skhyst.diagnosis._plausibility import has_its_name, is_plausible
 from skhyst.diagnosis._tree import Tree
 from skhyst.disturbance import SinusoidOperator
 from skhyst.hysteresis import (
@@ -61,6 +46,17 @@ from skhyst.static import (
 )
 
 MODE = SecondOrderModeOperator(30.0, 0.05)
+(bends, bends_to_one_side, builds_up, has_no_peak, input_beyond_dead_zone, is_between_samples) = (
+    EFFECTS[name].plausible
+    for name in ("static_nonlinearity", "asymmetry", "hysteresis", "lag", "dead_zone", "timing")
+)
+(levels_off, rings, slides, stops, varies_in_rate, width_beyond_noise) = (
+    EFFECTS[name].plausible
+    for name in (
+        *("output_saturation", "resonance", "friction"),
+        *("end_stops", "rate_dependence", "backlash"),
+    )
+)
 
 
 def candidate(tree, *effects):

@@ -9,16 +9,9 @@ import pandas as pd
 import pytest
 
 from skhyst.compose import Cascade, amplitude
-from skhyst.diagnosis import EFFECTS, _contest, _open_questions, _structure
+from skhyst.diagnosis import EFFECTS, _open_questions, _structure
 from skhyst.diagnosis._candidates import Candidate, screened
-from skhyst.diagnosis._changes import (
-    Folded,
-    Scaling,
-    UnderWay,
-    _before,
-    _constant_per_record,
-    _differ,
-)
+from skhyst.diagnosis._changes import _before
 from skhyst.diagnosis._claim import Claim
 from skhyst.diagnosis._constants import FULL, LAGS, PLAYS, REPEATS, SLOW
 from skhyst.diagnosis._contest import Contest
@@ -26,7 +19,6 @@ from skhyst.diagnosis._criterion import Criterion
 from skhyst.diagnosis._edits import Drive
 from skhyst.diagnosis._location import locate
 from skhyst.diagnosis._open_questions import Intervals
-from skhyst.diagnosis._plausibility import has_own_lines, stops
 from skhyst.diagnosis._starts import starting_trees
 from skhyst.diagnosis._structure import (
     N_PRESENT,
@@ -54,7 +46,7 @@ from skhyst.noise import NoiseModel
 from skhyst.noise._block_test import _autocovariance
 from skhyst.optimize import RecordData
 from skhyst.records import RecordSlice, Units, drive_period, near_period, repeats
-from skhyst.static import Fold, SoftSaturationOperator
+from skhyst.static import SoftSaturationOperator
 
 
 @pytest.mark.parametrize("period", [2, 3, 4, 5, 17])
@@ -667,148 +659,9 @@ def test_each_sample_of_a_few_has_the_concentration_of_its_power():
         assert row["high"] >= 0.4
 
 
-def test_parameters_of_a_claim_are_those_of_its_stage():
-    operator = SimpleNamespace(entries=lambda: [("radius", None), ("gain", None)])
-
-    def keys(kind, params, place=None, label="backlash"):
-        return Claim.keys.func(
-            SimpleNamespace(
-                structure=SimpleNamespace(disturbance_names=[]),
-                edits=[SimpleNamespace(place=place)],
-                label=label,
-                kind=kind,
-                is_part=False,
-                _biases=False,
-                operator=operator,
-                result=SimpleNamespace(params=dict.fromkeys(params)),
-            )
-        )
-
-    stage = {"radius": "model__plays__radius"}
-    both = ["gain", "model__plays__radius", "model__lag__gain", "model__lag__time_constant"]
-    assert keys("exchange", both, place="plays") == stage
-    assert keys("exchange", ["model__radius", "offset__gain"]) == {"radius": "model__radius"}
-    assert keys("insert", ["gain", "model__radius"]) == {}  # all of the effect's own are fixed
-
-
-def pruned(needless, names="abc"):
-    """Prune effects of which those sets are not missed; errors count what is left."""
-
-    def candidate(names):
-        structure = SimpleNamespace(effects=tuple(names))
-        return SimpleNamespace(structure=structure, error=1.0 + len(names))
-
-    def without(base, name):
-        return candidate([n for n in base.structure.effects if n != name])
-
-    def is_missed(reduced, base, n_tried=None):
-        gone = set(names) - set(reduced.structure.effects)
-        return gone not in [set(own) for own in needless]
-
-    contest = SimpleNamespace(
-        without=without,
-        n_tried=1,
-        criterion=SimpleNamespace(is_better=is_missed, improves_enough=lambda worse, better: True),
-        _is_needed=lambda base, name, reduced: is_missed(reduced, base),
-        _keeps_names=lambda *_: True,
-        dropped=[],
-        _report_progress=lambda *_: None,
-    )
-    return Contest.prune(contest, candidate(names)).structure.effects, contest.dropped
-
-
-def test_effects_that_compensate_for_each_other_are_taken_out_together():
-    assert pruned([]) == (("a", "b", "c"), [])
-    assert pruned(["ac"]) == (("b",), ["a", "c"])
-    assert pruned(["b"]) == (("a", "c"), ["b"])
-    assert pruned(["b", "abc"]) == ((), ["b", "a", "c"])
-
-
-def test_the_family_is_of_all_that_was_screened_in_a_model_and_of_all_pairs():
-    """A p-value counts as often as something was tried in a round, whichever had most."""
-    rows = [{"effect": "a", "p_value": p} for p in (0.01, 0.3, np.nan)]
-    steps = [(20, False, rows[:1]), (7, False, rows[1:]), (10, True, []), (3, True, [])]
-    names = "n_tried", "in_pairs", "rows"
-    visited = {k: dict(zip(names, step, strict=True)) for k, step in enumerate(steps)}
-    contest = SimpleNamespace(_visited=visited)
-    contest.n_tried = Contest.n_tried.fget(contest)
-    assert contest.n_tried == 30
-    found = [row["p_value"] for row in Contest.ranking.fget(contest)]
-    np.testing.assert_allclose(found, [0.3, 1.0, np.nan])
-    assert Contest.n_tried.fget(SimpleNamespace(_visited={})) == 1
-
-
-def of_effects(names, error=1.0, n_parameters=1):
-    structure = SimpleNamespace(effects=tuple(names), root=SimpleNamespace(n_parameters=1))
-    return SimpleNamespace(structure=structure, error=error, n_parameters=n_parameters)
-
-
-def test_the_best_path_goes_on_and_the_simplest_that_is_not_told_from_it():
-    """Of all candidates, and of those that would be claimed; of each set of effects the best."""
-    criterion = SimpleNamespace(is_better=lambda worse, better: worse.error > 1.2 * better.error)
-    contest = SimpleNamespace(criterion=criterion, _refreshed=lambda c: c)
-    best, simple, simpler = (
-        of_effects("a", 1.0, 5),
-        of_effects("b", 1.1, 3),
-        of_effects("c", 1.15, 3),
-    )
-    worse, again = of_effects("d", 2.0, 1), of_effects("a", 1.05, 1)
-    every = [worse, simpler, again, simple, best]
-    assert Contest._few(contest, every, []) == [best, simple]
-    assert Contest._few(contest, every, [worse]) == [best, simple, worse]
-    assert Contest._few(contest, [], []) == []
-
-
-def better_of(driven, of_time, pairs, *, room=2, error=1.0, structured=True):
-    path = of_effects("p", error)
-    criterion = SimpleNamespace(
-        improves_enough=lambda worse, better: better.error < 0.95 * worse.error,
-        is_better=lambda worse, better, n_tried: better.error < 0.5 * worse.error,
-    )
-    contest = SimpleNamespace(
-        max_effects=1 + room,
-        negligible=1e-3,
-        n_tried=1,
-        criterion=criterion,
-        extended=lambda path, fully=True, additive=False: added if additive else drivens,
-        judgement=lambda path: SimpleNamespace(structured=structured),
-        _pairs=lambda path, singles: two,
-    )
-    drivens, added, two = ([of_effects("x", e) for e in own] for own in (driven, of_time, pairs))
-    return [c.error for c in Contest._better(contest, path, True)]
-
-
-def test_what_responds_to_the_drive_is_added_before_functions_of_time_and_pairs():
-    assert better_of([0.9, 0.99], [0.1], [0.1]) == [0.9]
-    assert better_of([0.99], [0.4, 0.6], [0.1]) == [0.4]  # alone only where it is significant
-    assert better_of([0.99], [0.6], [0.3, 0.98]) == [0.3]
-    assert better_of([0.99], [0.6], [0.3], structured=False) == []
-    assert better_of([0.99], [0.6], [0.3], room=1) == []
-    assert better_of([0.9], [], [], room=1) == [0.9]
-    assert better_of([0.9], [], [], room=0) == []
-    assert better_of([1e-6], [], [], error=1e-3) == []
-
-
-def test_claims_are_told_by_what_they_remove_of_the_error():
-    """Of three effects the error without each, and without the next, and so on."""
-    errors = {"abc": 1.0, "ab": 1.5, "bc": 4.0, "ac": 2.0, "b": 6.0, "a": 3.0, "": 9.0}
-    found = {names: of_effects(names, error) for names, error in errors.items()}
-
-    def without(base, name):
-        return found["".join(n for n in base.structure.effects if n != name)]
-
-    contest = SimpleNamespace(without=without, _p_value=lambda base, name, less: less.error / 1e2)
-    with pytest.MonkeyPatch.context() as patch:
-        known = {name: SimpleNamespace(experiment=f"record {name}") for name in "abc"}
-        patch.setattr(_contest, "EFFECTS", known)
-        rows = Contest.claims(contest, found["abc"], {"b": ("x",)})
-    told = [(r["effect"], r["error_before"], r["error_after"], r["experiment"]) for r in rows]
-    assert told == [("a", 9.0, 3.0, ""), ("b", 3.0, 1.5, "record b"), ("c", 1.5, 1.0, "")]
-    assert [row["p_value"] for row in rows] == pytest.approx([0.04, 0.02, 0.015])
-
-
-def changed(variant, records, **tree):
+def changed(effect, number, records, **tree):
     """Return what is done to a model for a variant of an effect."""
+    variant = EFFECTS[effect].variants()[number]
     known = {"input_history": (), "lines": (), "multi_input": False, "scaled_by": ()}
     fake = SimpleNamespace(**{**known, "edited": lambda name, edit: edit, **tree})
     return variant.trees("effect", SimpleNamespace(tree=fake, records=records, residuals=records))
@@ -822,23 +675,23 @@ def test_the_response_is_scaled_by_what_differs_between_records():
     ]
     records = [RecordData(u, u, 0.01, auxiliary=c) for u, c in zip(drives, columns, strict=True)]
     sizes = [amplitude(u) for u in drives]
-    (edit,) = changed(Scaling("amplitude"), records)
+    (edit,) = changed("amplitude_dependence", 0, records)
     assert (edit.column, edit.reference) == (
         "amplitude",
         pytest.approx(0.25 * sizes[0] + 0.75 * sizes[1]),
     )
-    assert changed(Scaling("amplitude"), records[:1] * 2) == []
-    assert changed(Scaling("amplitude"), records, scaled_by=("amplitude",)) == []
-    assert changed(Scaling("amplitude"), records, multi_input=True) == []
-    found = changed(Scaling("column"), records)
+    assert changed("amplitude_dependence", 0, records[:1] * 2) == []
+    assert changed("amplitude_dependence", 0, records, scaled_by=("amplitude",)) == []
+    assert changed("amplitude_dependence", 0, records, multi_input=True) == []
+    found = changed("auxiliary_input", 4, records)
     means = np.concatenate(columns).mean(axis=0)
     assert [(edit.column, edit.reference) for edit in found] == [
         (1, pytest.approx(means[0])),
         (3, pytest.approx(means[2])),
     ]
-    assert [edit.column for edit in changed(Scaling("column"), records, scaled_by=("1",))] == [3]
-    scene = SimpleNamespace(tree=SimpleNamespace(multi_input=False), records=records)
-    assert _constant_per_record(scene) == [3]  # constant in each record, and not the same in all
+    assert [edit.column for edit in changed("auxiliary_input", 4, records, scaled_by=("1",))] == [3]
+    alike = [replace(records[0], u=size * records[0].u) for size in (1.0, 1.01)]
+    assert changed("amplitude_dependence", 0, alike) == []
 
 
 @pytest.mark.parametrize("segments", [1, 60])
@@ -857,14 +710,14 @@ def test_what_came_before_records_is_seen_in_their_first_third(segments):
             edit=edit, with_input_history=lambda records: records
         ),
     }
-    start, together = changed(UnderWay(), [record], **known)
+    start, together = changed("initial_state", 0, [record], **known)
     assert (start.edit.input_history, together) == (("past",), [record])
     assert [len(part.u) for part in seen] == [max(30, segments)]
     still = {**known, "operators": [SimpleNamespace(memoryless=True)]}
-    assert changed(UnderWay(), [record], **still) == []
+    assert changed("initial_state", 0, [record], **still) == []
     zero = {**known, "model": Cascade([("lag", FirstOrderLag(initial_state="zero"))])}
-    assert changed(UnderWay(), [record], **zero) == []
-    start, _ = changed(UnderWay(), [record], **{**known, "multi_input": True})
+    assert changed("initial_state", 0, [record], **zero) == []
+    start, _ = changed("initial_state", 0, [record], **{**known, "multi_input": True})
     assert start.edit.input_history == ("past",)
 
 
@@ -915,7 +768,7 @@ def test_a_reading_is_folded_where_it_is_smoother_without(folds_back):
         edited=lambda name, edit: edit.operator,
     )
     scene = SimpleNamespace(tree=tree, records=records)
-    found = Folded(Fold("lower")).trees("rectification", scene)
+    found = EFFECTS["rectification"].variants()[0].trees("rectification", scene)
     if not folds_back:
         assert found == identified == []
         return
@@ -946,7 +799,9 @@ def test_a_sinusoid_is_a_harmonic_where_half_of_its_power_is_in_the_mean_of_the_
     line = np.exp(2j * np.pi * frequency * time)  # of any phase
     kept = np.mean(np.abs(line.reshape(2, period).mean(axis=0)) ** 2)
     operator, record = SimpleNamespace(frequencies=np.array([frequency])), RecordData(u, u, dt)
-    assert (has_own_lines(operator, None, [record]) > 0.0) == (kept < 0.5)
+    assert (EFFECTS["periodic_disturbance"].plausible(operator, None, [record]) > 0.0) == (
+        kept < 0.5
+    )
 
 
 @pytest.mark.parametrize(("times", "repeats"), [(0.9, False), (1.1, True)])
@@ -954,7 +809,7 @@ def test_a_sinusoid_repeats_in_the_longest_record(times, repeats):
     dt, rng = 0.01, np.random.default_rng(0)
     records = [RecordData(rng.normal(size=n), np.zeros(n), dt) for n in (300, 500)]
     operator = SimpleNamespace(frequencies=np.array([times * REPEATS / (500 * dt)]))
-    assert (has_own_lines(operator, None, records) > 0.0) == repeats
+    assert (EFFECTS["periodic_disturbance"].plausible(operator, None, records) > 0.0) == repeats
 
 
 def test_a_parameter_at_its_bound_has_no_interval():
@@ -982,19 +837,6 @@ def test_without_a_covariance_errors_are_independent():
     np.testing.assert_allclose(Claim.covariance(claim, ["b", "a"]), np.diag([0.01, 0.25]))
 
 
-@pytest.mark.parametrize(("worse_by", "chosen"), [(1.02, 1), (1.2, 5)])
-def test_the_simplest_variant_is_kept_that_foretells_about_as_well(worse_by, chosen):
-    residual = np.random.default_rng(0).normal(size=400)
-
-    def variant(n_parameters, factor):
-        known = {"residuals": (factor * residual,), "weights": (None,), "error": factor}
-        return Candidate((), None, 1.0, 1.0, n_parameters, np.empty(0), **known)
-
-    contest = SimpleNamespace(criterion=Criterion(1e-300, 0.05))
-    variants = [variant(5, 1.0), variant(1, worse_by)]
-    assert Contest._variant(contest, variants).n_parameters == chosen
-
-
 def test_before_a_knee_an_error_counts_by_the_slope_of_the_knee():
     knee = SoftSaturationOperator(1.0, 3.0, 0.1)
     before = np.linspace(-1.5, 1.5, 50)
@@ -1008,14 +850,6 @@ def test_before_a_knee_an_error_counts_by_the_slope_of_the_knee():
     np.testing.assert_allclose(beyond, np.clip(far, 0.1 - FULL, 0.1 + FULL))
     weighted = _before(replace(record, weights=2.0 * np.ones(50)), knee)
     np.testing.assert_allclose(weighted.weights, 2.0 * undone.weights)
-
-
-def test_numbers_of_records_differ_by_parts_of_the_largest():
-    assert _differ([0.0, 1.0])
-    assert _differ([-1.0, 1.0, 1.0])
-    assert not _differ([1.0, 1.01])
-    assert not _differ([0.0, 0.0])
-    assert not _differ([3.0])
 
 
 @pytest.mark.parametrize(
@@ -1037,7 +871,7 @@ def test_a_stop_is_stiff_reached_and_left(stiffness, lower, upper, plausible):
         linear_mode=lambda: True,
     )
     motion = 0.3 + 2.0 * np.sin(np.linspace(0.0, 20.0, 500))
-    assert (stops(operator, motion, []) > 0.0) == plausible
+    assert (EFFECTS["end_stops"].plausible(operator, motion, []) > 0.0) == plausible
 
 
 def test_what_came_near_a_claim_is_of_the_last_round(monkeypatch):
