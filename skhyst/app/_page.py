@@ -210,6 +210,8 @@ def _columns(files):
     for fault in faults:
         if "pass time=" in fault and "time" not in chosen.values():
             asked.info("More than one column may be the time: pick it in the table.")
+        elif open_ and "recorded at once" in fault:
+            asked.info(_told(fault))
         elif "=NAME" not in fault and not fault.startswith("Recognised"):
             st.warning(_told(fault))
     if open_:

@@ -89,6 +89,7 @@ def _named(path, variables, name):
     matches = [i for i, v in enumerate(variables) if v.name == name]
     if not matches and name:
         matches = [i for i, v in enumerate(variables) if v.label == name]
+        matches = matches or [i for i, v in enumerate(variables) if v.bare_label == name]
         matches = matches or [i for i, path_parts in enumerate(parts) if path_parts[-1] == name]
         matches = matches or [
             i for i, path_parts in enumerate(parts) if path_parts == re.split(r"[/.]", name)

@@ -258,7 +258,10 @@ def find_layout(lines, delimiter, decimal):
             layouts.append(layout)
     if not layouts:
         first = lines[0].strip()[:_SHOWN] if lines else ""
-        raise RecordError(f"it has no row of numbers between separators. It begins with {first!r}")
+        raise RecordError(
+            "it has no row of numbers between separators, each without its unit. It begins with "
+            f"{first!r}"
+        )
     most = max(layout.n_rows for layout in layouts)
     layouts = [layout for layout in layouts if layout.n_rows == most]
     layouts = [layout for layout in layouts if layout.delimiter in (";", "\t")] or layouts

@@ -388,7 +388,7 @@ def test_json_that_is_no_recording(tmp_path, text):
         ("u,y\n1,2\n3,oops\n5,6\n7,8\n9,1\n2,2\n", "Got 'oops' in row 1"),
         (
             "only words\nand more words\n",
-            "no row of numbers between separators. It begins with 'only",
+            "no row of numbers between separators, each without its unit. It begins with 'only",
         ),
         ("\n\n \n", ""),
         ("u,u\n1,2\n3,4\n", "2 columns that 'u' may mean, at the positions 0, 1"),

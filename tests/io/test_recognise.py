@@ -160,6 +160,11 @@ def test_groups_that_have_all_columns_are_records(tmp_path):
         assert [(r.label, r.n_samples) for r in record_slices(X, y)] == [("fast", 100), ("slow", N)]
     X, _ = read_records(path, drive="slow/voltage", response="slow/position")
     assert len(X) == N
+    with h5py.File(path, "a") as file:
+        for name, values, unit in (("force", U, "N"), ("sag", Y, "mm")):
+            file.create_dataset(f"beam/{name}", data=values).attrs["unit"] = unit
+    X, y = read_records(path, drive="force [N]", response="sag [mm]")  # as they are listed
+    assert (list(X), y.name) == (["beam/force [N]"], "beam/sag [mm]")
 
 
 def test_files_are_records_of_their_names(tmp_path):
