@@ -10,6 +10,9 @@ from skhyst.compose import Cascade
 from skhyst.control import InverseCompensator
 from skhyst.diagnosis import EFFECTS, EffectSearchCV, LawAt, next_experiment, unregister_effect
 from skhyst.diagnosis._candidates import refitted, screened
+from skhyst.diagnosis._starts import Scene
+from skhyst.diagnosis._tree import Tree
+from skhyst.diagnosis._unknown import _at_other_starts, _sites, _started, _started_again
 from skhyst.exceptions import ExtrapolationWarning
 from skhyst.hysteresis import (
     BoucWen,
@@ -25,6 +28,7 @@ from skhyst.linear import (
     SecondOrderModeOperator,
 )
 from skhyst.operators import FeedbackOperator
+from skhyst.optimize import RecordData
 from skhyst.persistence import from_json, to_json
 from skhyst.static import UnknownTermOperator
 
@@ -124,6 +128,20 @@ def test_a_force_of_the_velocity_is_found_in_the_equation_of_motion():
     unregister_effect("cube_of_velocity")
     (named,) = screened(effect, searched._structure, records)
     assert refitted(named, named.structure, records).cost < 1.1 * N * NOISE**2
+
+
+def test_a_term_that_has_led_the_mode_away_starts_again():
+    y = MODE.run(U, DT)[0] + 3.0 * DAMPING + noise(3)
+    records = [RecordData(U[:500], y[:500], DT)]
+    # beyond the sampling, where the response hardly depends on the frequency
+    scene = Scene(Tree.of(DECLARED, SecondOrderModeOperator(2900.0, 0.01)), records)
+    sites = {(site.place, site.argument): site for site in _sites(scene)}
+    site = sites["response", "rate of the drive"]
+    (start,) = _started(site, records)
+    found = refitted(start, start.structure, records)
+    assert found.cost > 20.0 * 500 * NOISE**2
+    _, again = _started_again(site, found, _at_other_starts(scene), records)
+    assert refitted(again, again.structure, records).cost < 1.1 * 500 * NOISE**2
 
 
 @pytest.mark.slow
