@@ -34,9 +34,10 @@ one-step prediction of the noise subtracted, both residuals are white and the ga
 the noise in its own band. So the same test is made a second time, with the innovations of :math:`a`
 and :math:`b` under the rival's noise model (``skhyst.noise``), each record scaled by the root mean
 square of both. Each held-out segment is a series of its own: where the prediction changes from one
-fit to another, slow errors, such as those of integrators, jump by far more than their innovations. The smaller of the two p-values is doubled (Bonferroni). A linear filter and a scale
-that are common to both models leave equal models equal, so the second test keeps its level whether
-or not the noise model is right.
+fit to another, slow errors, such as those of integrators, jump by far more than their innovations.
+The smaller of the two p-values is doubled (Bonferroni). A linear filter and a scale that are common
+to both models leave equal models equal, so the second test keeps its level whether or not the noise
+model is right.
 
 **Additive disturbances.** An offset, a drift or a line is fitted to the record in which it is
 scored, and with it the course of the noise. It stays only where the noise alone, with the spectrum
