@@ -17,8 +17,8 @@ from ._interpreter import Interpreter
 _OF_INFINITY = {*COMPARISONS, "min", "max", "abs", "neg", "math.fabs", "math.copysign"}
 _LONGEST_TRIAL = 1000  # iterations of a loop: in a trial it may not terminate
 _FAILED = (ArithmeticError, ValueError, IndexError, NameError)
-_MAX_OPERATIONS = 1_000_000  # after the drive: about a second
-_MAX_SEARCH = 200_000  # of these for further branches: a fifth of a second
+_MAX_OPERATIONS = 2_300_000  # after the drive: about two seconds
+_MAX_SEARCH = 1_500_000  # of these for further branches
 _BITS = 50  # of the numbers of the program
 _FEWER_BITS = 44  # with which a response that depends on rounding differs
 _LIMITS = (16, 8, 4, 2)  # multiples of the largest input of the drive at which input is limited
@@ -481,4 +481,6 @@ def _searches(low, high, n_states):
     yield _noise(low, high)
     yield _rows(np.repeat([1.0, 0.0], 2 * _N_REST), low, high)
     amplitudes = np.append(np.linspace(0.0, 1.0, _N_REST), np.linspace(1.0, 0.0, n_states + 2))
-    yield _rows(0.5 + 0.5 * amplitudes * (-1.0) ** np.arange(len(amplitudes)), low, high)
+    swings = 0.5 * amplitudes * (-1.0) ** np.arange(len(amplitudes))
+    for fraction in _FRACTIONS:
+        yield _rows(0.5 + fraction * swings, low, high)

@@ -312,6 +312,8 @@ class _Run:
             case "and" | "or" | "choice":
                 return self._branches(x, env, frame)
         values = [self._value(arg, env, frame) for arg in args]
+        if op == "<" and args[1].value == math.inf and _is_computed(args[0]):
+            return 1, 1  # arithmetic saturates below infinity
         if op in COMPARISONS:
             return _compared(op, *values, args[0] == args[1])
         return _result(op, x.kind, values)
@@ -397,6 +399,11 @@ class _Run:
             if first == last and key in env[_ARRAYS]:
                 env[_ARRAYS][key] = numbers = [*numbers]
                 numbers[first] = met
+
+
+def _is_computed(x):
+    """Whether a number is the result of arithmetic."""
+    return x.op in ("+", "-", "*", "/") or (x.op == "abs" and _is_computed(x.args[0]))
 
 
 def _only_stores(body):

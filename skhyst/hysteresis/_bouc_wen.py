@@ -261,11 +261,9 @@ def find(level, first, end, below, above, curve, cell_at):
     """
     if not level > curve[first, 1]:  # also if level is NaN
         return first, 0.0
-    if level >= curve[end, 1]:
-        return end, 0.0
-    w = level * (below if level < 0.0 else above)
-    cell = first + int(cell_at[int((1.0 + w) * _VALUE_BINS)])
-    while curve[cell + 1, 1] <= level:
+    w = min(level * (below if level < 0.0 else above), 1.0)
+    cell = min(first + int(cell_at[int((1.0 + w) * _VALUE_BINS)]), end - 1)
+    while cell + 1 < end and curve[cell + 1, 1] <= level:
         cell += 1
     # inverse series to third order as first guess, then Newton's method
     r = 1.0 / curve[cell, 2]
@@ -291,31 +289,30 @@ def move(v, z, last, direction, origin, cell, stride, places, curve, bins, scale
     hold the curve of a rising input, then that of a falling one if it differs. They are
     concatenated, because a view of a part of a table costs more time than the sample.
     """
-    start, begun, x = -1, 0.0, 0.0
-    turns = (v - last) * direction <= 0.0 and v != last
+    start, begun = -1, 0.0
+    turns = direction == 0.0 or (v - last) * direction < 0.0
     if turns:
-        direction = 1.0 if v > last else -1.0
-    if direction != 0.0:
-        number = 0 if direction > 0.0 else scales.shape[0] - 1
-        first = number * stride
-        end = first + stride - 2
-        if turns:
-            below, above = scales[number, 1], scales[number, 2]
-            start, begun = find(direction * z, first, end, below, above, curve, cell_at)
-            cell = start
-            path = begun / curve[cell, 0] if begun > 0.0 else 0.0
-            origin = last - direction * (places[cell] + path)
-        place = direction * (v - origin)
-        if place >= places[cell + 1]:
-            part = (place - places[first]) * scales[number, 0]
-            if part < N_BINS:
-                cell = int(bins[number * (N_BINS + 1) + int(part)])
-                while places[cell + 1] <= place:
-                    cell += 1
-            else:
-                cell = end
-        x = (place - places[cell]) * curve[cell, 0]
-        z = direction * polynomial(curve, cell, x)
+        direction = 1.0 if v >= last else -1.0
+    number = 0 if direction > 0.0 else scales.shape[0] - 1
+    first = number * stride
+    end = first + stride - 2
+    if turns:
+        below, above = scales[number, 1], scales[number, 2]
+        start, begun = find(direction * z, first, end, below, above, curve, cell_at)
+        cell = start
+        path = begun / curve[cell, 0] if begun > 0.0 else 0.0
+        origin = last - direction * (places[cell] + path)
+    place = direction * (v - origin)
+    if place >= places[cell + 1]:
+        part = (place - places[first]) * scales[number, 0]
+        if part < N_BINS:
+            cell = int(bins[number * (N_BINS + 1) + int(part)])
+            while places[cell + 1] <= place:
+                cell += 1
+        else:
+            cell = end
+    x = (place - places[cell]) * curve[cell, 0]
+    z = direction * polynomial(curve, cell, x)
     return z, direction, origin, cell, x, start, begun
 
 
@@ -459,15 +456,14 @@ def curve_tangents(u, du, weights, tables, limits, chain, trace, dy):
                     + by_exponent * chain[side, 1, q]
                     + by_ratio * chain[side, 2, q]
                 )
-        if direction != 0.0:
-            cell, x = int(trace[k, 1]), trace[k, 2]
-            z = direction * polynomial(curve, cell, x)
-            slope = slope_of(curve, cell, x) * curve[cell, 0]
-            side = 0 if z > 0.0 else 1
-            path = places[cell] + (x / curve[cell, 0] if x > 0.0 else 0.0)
-            by_limit = (z - direction * path * slope) / limits[side]
-            by_exponent = direction * change(changes[cell], 0, x)
-            by_ratio = direction * change(changes[cell], 6, x)
+        cell, x = int(trace[k, 1]), trace[k, 2]
+        z = direction * polynomial(curve, cell, x)
+        slope = slope_of(curve, cell, x) * curve[cell, 0]
+        side = 0 if z > 0.0 else 1
+        path = places[cell] + (x / curve[cell, 0] if x > 0.0 else 0.0)
+        by_limit = (z - direction * path * slope) / limits[side]
+        by_exponent = direction * change(changes[cell], 0, x)
+        by_ratio = direction * change(changes[cell], 6, x)
         pull = alpha * slope
         total = gain + pull
         for q in range(m):

@@ -158,10 +158,11 @@ def sharpness(w, shape, exponent):
                 -(1.0 - 1.0 / n) * sigma / (1.0 + shape),
                 -sigma * math.log(1.0 + shape) / (n * n),
             )
-    if size < _TINY:
-        return 0.0, 0.0, 0.0, 0.0
     sigma = size ** (n - 1.0)
-    return sigma, (n - 1.0) * sigma / w, 0.0, sigma * math.log(size)
+    by_w = by_exponent = 0.0
+    if size > _TINY:
+        by_w, by_exponent = (n - 1.0) * sigma / w, sigma * math.log(size)
+    return sigma, by_w, 0.0, by_exponent
 
 
 @jit
@@ -172,11 +173,8 @@ def displacement(free_d, b, w, rate, level, shape, sigma):
     """
     below, above = (1.0 - shape) * sigma, (1.0 + shape) * sigma
     pull = b * level
-    excess = free_d - pull * w
-    if not excess > 0.0:
-        return 0.0, w, w
     start = 1.0 - (below if w < 0.0 else above) * w
-    x = excess / (1.0 + 0.5 * pull * rate * max(start, 0.0))
+    x = max(free_d - pull * w, 0.0) / (1.0 + 0.5 * pull * rate * max(start, 0.0))
     end, mean = w, w
     for _ in range(_ITERATIONS):
         t = min(rate * x, _LONGEST)

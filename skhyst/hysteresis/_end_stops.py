@@ -69,11 +69,8 @@ def stops(q, delta, kappa, eta, lower, upper):
 @jit(inline=True)
 def stopped(free_d, b, q, kappa, eta, lower, upper):
     """Return the D that solves ``D = free_d - b F``, the mean F and its slope by D."""
-    force, slope = stops(q, free_d, kappa, eta, lower, upper)
-    at_rest, _ = stops(q, 0.0, kappa, eta, lower, upper)
-    if force == 0.0 and at_rest == 0.0:
-        return free_d, force, slope
-    delta = free_d - b * at_rest
+    force = slope = 0.0
+    delta = free_d - b * kappa * (max(q - upper, 0.0) - max(lower - q, 0.0))
     near, far = 0.0, delta
     for _ in range(_STEPS):
         force, slope = stops(q, delta, kappa, eta, lower, upper)
@@ -89,7 +86,6 @@ def stopped(free_d, b, q, kappa, eta, lower, upper):
         delta += step
         if not (delta >= min(near, far) and delta <= max(near, far)):
             delta = 0.5 * (near + far)
-    force, slope = stops(q, delta, kappa, eta, lower, upper)
     return delta, force, slope
 
 

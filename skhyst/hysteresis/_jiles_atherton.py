@@ -83,14 +83,17 @@ def susceptibility(field, m, direction, a, k, b, c):
     e = direction * (curve - m)
     # X (``irreversible``) and its derivatives by e, and at constant e by a, k and b
     feedback = 3.0 * a * b
-    irreversible = by_e = by_a = by_k = by_b = 0.0
-    if 2.0 * feedback * e > k * (1.0 + b):
-        irreversible = (1.0 + b) / ((1.0 - b) * feedback)
+    # e is limited to the midpoint; below a quarter of k (1 + b), since e <= 2 is far from it
+    pole = max(2.0 * feedback, 0.25 * k * (1.0 + b))
+    is_limited = pole * e > k * (1.0 + b)
+    e = min(max(e, 0.0), k * (1.0 + b) / pole)
+    inverse = 1.0 / (k - feedback * e)
+    irreversible = e * inverse
+    by_e = by_a = by_k = by_b = 0.0
+    if is_limited:
         by_a = -irreversible / a
         by_b = 2.0 / ((1.0 - b) * (1.0 - b) * feedback) - irreversible / b
     elif e > 0.0:
-        inverse = 1.0 / (k - feedback * e)
-        irreversible = e * inverse
         by_e = k * inverse * inverse
         by_k = -irreversible * inverse
         by_a = 3.0 * b * irreversible * irreversible
@@ -171,8 +174,18 @@ def jiles_atherton_step(m, u0, u1, dt, values):
             k3 = increment(add(s, 0.5, k2), middle, (j + 0.5) / n, h, n, d, a, k, b, c)
             k4 = increment(add(s, 1.0, k3), field + h, (j + 1.0) / n, h, n, d, a, k, b, c)
             s = add(s, 1.0 / 6.0, add(add(k1, 1.0, k4), 2.0, add(k2, 1.0, k3)))
-            if abs(s[0]) > 1.0:
-                s = (min(max(s[0], -1.0), 1.0), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+            within = 1.0 if abs(s[0]) <= 1.0 else 0.0  # a limit has no derivatives
+            m = min(max(s[0], -1.0), 1.0)
+            s = (
+                m,
+                within * s[1],
+                within * s[2],
+                within * s[3],
+                within * s[4],
+                within * s[5],
+                within * s[6],
+                within * s[7],
+            )
     m, by_m, by_start, by_change, by_a, by_k, by_b, by_c = s
     by_start -= by_change
     y = saturation * m + gain * u1 + intercept

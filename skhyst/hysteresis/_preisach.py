@@ -43,10 +43,11 @@ from ._relay_grid import RelayGridModel, RelayGridOperator, cell_indices
 
 @jit
 def build_bins(levels, bins):
-    """Fill ``bins`` (B + 1,) with the first interval that may hold a value; return their scale."""
-    scale = (bins.size - 1) / (levels[-1] - levels[0])
-    j = 0
-    for b in range(bins.size):
+    """Fill ``bins`` (B + 2,) with the first interval that may hold a value; return their scale."""
+    last = bins.size - 1
+    scale = (last - 1) / (levels[-1] - levels[0])
+    j, bins[last] = 0, levels.size - 2
+    for b in range(last):
         while j < levels.size - 2 and int((levels[j + 1] - levels[0]) * scale) < b:
             j += 1
         bins[b] = j
@@ -56,21 +57,12 @@ def build_bins(levels, bins):
 @jit
 def find_interval(value, levels, bins, scale):
     """Return the index of the interval of a value within the range of the levels."""
-    j = int(bins[int((value - levels[0]) * scale)])
-    if value >= levels[j + 1]:
-        end = levels.size - 2
-        j = min(j + 1, end)
-        step = 1
-        while j + step < end and value >= levels[j + step]:
-            j += step
-            step *= 2
-        end = min(j + step, end)
-        while j < end:
-            middle = (j + end + 1) // 2
-            if value >= levels[middle]:
-                j = middle
-            else:
-                end = middle - 1
+    b = int((value - levels[0]) * scale)
+    j, n = int(bins[b]), int(bins[b + 1] - bins[b]) + 1
+    while n > 1:  # of the n intervals from j on
+        half = n // 2
+        j += half * int(value >= levels[j + half])
+        n -= half
     return j
 
 
@@ -135,13 +127,11 @@ def first_loading_table(knots, center, levels, everett, diagonal, bins, scale, t
 @jit
 def first_loading_row(value, table):
     """Return the row of the first-loading table for a value."""
-    row, end = 0, table.shape[0] - 2
-    while row < end:
-        middle = (row + end + 1) // 2
-        if value >= table[middle, 0]:
-            row = middle
-        else:
-            end = middle - 1
+    row, n = 0, table.shape[0] - 1
+    while n > 1:  # of the n rows from this one on
+        half = n // 2
+        row += half * int(value >= table[row + half, 0])
+        n -= half
     return row
 
 
@@ -523,7 +513,7 @@ class PreisachOperator(RelayGridOperator):
 
     @cached_property
     def _bins(self):
-        bins = np.empty(4 * self.levels.size + 1, dtype=np.int64)
+        bins = np.empty(4 * self.levels.size + 2, dtype=np.int64)
         return bins, build_bins(self.levels, bins)
 
     @cached_property

@@ -74,7 +74,8 @@ def slide(c, b, z, k, limit):
     excess = sign * c - b * limit
     lag = 0.5 * b * gap * gap / k
     root = math.sqrt(excess * excess + 4.0 * lag)
-    x = 0.5 * (excess + root) if excess > 0.0 else 2.0 * lag / (root - excess)
+    # z slips only where excess > gap (1 / k - b / 2)
+    x = 0.5 * (excess + root) if b * k <= 2.0 or excess > 0.0 else 2.0 * lag / (root - excess)
     part = gap / (k * x)
     return sign * x, sign * (limit - 0.5 * gap * part), sign * limit, part
 

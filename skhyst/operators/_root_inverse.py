@@ -40,30 +40,28 @@ def root_step(y, c, s):
     flag that is 1 if no input gave the last output, workspace for a state, and the state.
     """
     low, high, sign, least = c[0], c[1], c[2], c[3]
-    is_open = low == -math.inf or high == math.inf  # else a bracket is found before ``_STEPS``
     n = (s.size - 3) // 2
     u, reach = s[0], s[1]
     below, above, error_below, error_above = -math.inf, math.inf, 0.0, 0.0
-    side, widest, digit = 0, 0.0, 0.0
+    side, widest, digit, missing = 0, 0.0, 0.0, 0.0
     for i in range(_TRIALS):
         for j in range(n):
             s[3 + j] = s[3 + n + j]
         error = sign * (step(u, c[4:], s[3 : 3 + n]) - y)
-        if error == 0.0:
-            below = above = u
-            break
-        if error < 0.0:
+        if error <= 0.0:
             below, error_below = u, error
             if side < 0:
                 error_above = 0.5 * error_above
             side = -1
-        else:
+        if error >= 0.0:
             above, error_above = u, error
             if side > 0:
                 error_below = 0.5 * error_below
             side = 1
+        missing = max(min(above, high), -max(below, low))  # infinite: no bracket, and no limit
         if above == math.inf or below == -math.inf:
-            if (is_open and i == _STEPS) or (u >= high if error < 0.0 else u <= low):
+            # between limits a bracket is found before ``_STEPS``
+            if i == _STEPS or (u >= high if error < 0.0 else u <= low):
                 break
             u = min(u + reach, high) if error < 0.0 else max(u - reach, low)
             reach = 2.0 * reach
@@ -80,7 +78,7 @@ def root_step(y, c, s):
             u = above - error_above * (above - below) / (error_above - error_below)
             u = min(max(middle - near, u), middle + near)  # also if u is NaN
     s[2] = 0.0
-    if is_open and ((above == math.inf and u < high) or (below == -math.inf and u > low)):
+    if missing == math.inf:
         u = s[0]  # no input gives it
         s[2] = 1.0
     s[1] = max(abs(u - s[0]), 0.5 * s[1], least)  # never zero, even after a long rest
