@@ -619,7 +619,7 @@ def program(
     else:
         expected = source.tested(drive)
         drive, begins_at = expected.drive, expected.rules is not None
-    lines += [*preview, *source.deviates(drive)]
+    lines += [*preview, *source.bounds(), *source.deviates(drive)]
     if not begins_at and not is_integer:
         lines += _NO_INIT_AT.format(name).splitlines()
     if is_default and dtype == "float32" and not all(x.is_limited for x in source.stepper.inputs):

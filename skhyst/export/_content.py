@@ -10,6 +10,7 @@ from .._files import replacing
 from .._validation import finite_numbers
 from ..operators import Signal, Stepper
 from ..records import valid_interval
+from ._bounds import longest_loops
 from ._composed_step import model_step
 from ._interpreter import Interpreter
 from ._rest import rest_rules
@@ -115,6 +116,11 @@ class Source:
             f"Laws are integrated instead of looked up: within {1.05 * error:.1e} of the range",
             "of the model's response under the drive of the test.",
         ]
+
+    def bounds(self):
+        """Return lines of a comment: how often long loops run at most, by their functions."""
+        found = longest_loops(self.step).items()
+        return [f"At most {n} turns of a loop per call of '{name}'." for name, n in found]
 
     def tested(self, drive):
         """Return the :class:`Expected` of the program in floating point under a drive."""

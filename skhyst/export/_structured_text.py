@@ -840,6 +840,7 @@ class _Block:
             f"y: {self._signals[-1]}",
             *self._preview,
             *self._limits(),
+            *source.bounds(),
             *source.deviates(self._expected.drive),
             "One call is one sample"
             + ("" if source.dt is None else f": the cycle of its task is {source.dt:.9g} s")

@@ -386,6 +386,8 @@ def test_derivatives_are_left_out_and_the_hash_is_that_of_the_numbers(tmp_path):
     text, _ = written(magnet, "magnet")
     assert "slope" in text
     assert not any(word in text for word in ("by_", "bend", "s_1", "_L2"))
+    bound = "At most 10000 turns of a loop per call of 'jiles_atherton_step'."
+    assert bound in (tmp_path / "magnet.h").read_text()
     _, one = written(TanhHysteresisOperator(0.3, -0.002, 0.4, 2.3, 0.1), "one")
     _, same = written(TanhHysteresisOperator(0.3, -0.002, 0.4, 2.3, 0.1), "same", "float32")
     _, other = written(TanhHysteresisOperator(0.3, -0.002, 0.4, 2.3, 0.2), "other")

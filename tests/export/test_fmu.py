@@ -173,6 +173,8 @@ def test_start_values_and_parameters_act(tmp_path, version):
     unit.set([3], [3.0])
     unit.is_refused(lambda: unit.set([3], [3.5]), b"out of its range")
     assert unit.get([3]) == [3.0]
+    assert np.isfinite(unit.run([1.7e308] * 40)).all()  # three times that is not
+    assert b"left floating point" in unit.messages[-1]
 
 
 def row(u, c, s):

@@ -233,6 +233,8 @@ def of_ends(u, c, s):
         return 1.0
     if u * u - u * u > 0.5:
         return 2.0
+    if not abs(u + 1.0) < math.inf:  # arithmetic saturates
+        return 3.0
     return u if u > 0.5 else 0.5
 
 
