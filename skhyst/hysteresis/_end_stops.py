@@ -59,9 +59,11 @@ def contact(x0, x1):
 @jit
 def stops(q, delta, kappa, eta, lower, upper):
     """Return the mean force of both stops from q to ``q + delta`` and its slope by ``delta``."""
-    above, _, by_above, more_above = contact(q - upper, q + delta - upper)
-    below, _, by_below, more_below = contact(lower - q, lower - q - delta)
-    touching = (1.0 if q + delta > upper else 0.0) + (1.0 if q + delta < lower else 0.0)
+    # in contact q is near the stop: its distance has more digits than the displacement
+    over, under = q - upper, lower - q
+    above, _, by_above, more_above = contact(over, over + delta)
+    below, _, by_below, more_below = contact(under, under - delta)
+    touching = (1.0 if over + delta > 0.0 else 0.0) + (1.0 if under - delta > 0.0 else 0.0)
     force = kappa * (above - below) + eta * (more_above - more_below)
     return force, kappa * (by_above + by_below) + eta * touching
 
@@ -69,7 +71,6 @@ def stops(q, delta, kappa, eta, lower, upper):
 @jit(inline=True)
 def stopped(free_d, b, q, kappa, eta, lower, upper):
     """Return the D that solves ``D = free_d - b F``, the mean F and its slope by D."""
-    force = slope = 0.0
     delta = free_d - b * kappa * (max(q - upper, 0.0) - max(lower - q, 0.0))
     near, far = 0.0, delta
     for _ in range(_STEPS):
@@ -86,6 +87,7 @@ def stopped(free_d, b, q, kappa, eta, lower, upper):
         delta += step
         if not (delta >= min(near, far) and delta <= max(near, far)):
             delta = 0.5 * (near + far)
+    force, slope = stops(q, delta, kappa, eta, lower, upper)
     return delta, force, slope
 
 

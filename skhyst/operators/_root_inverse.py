@@ -43,7 +43,7 @@ def root_step(y, c, s):
     n = (s.size - 3) // 2
     u, reach = s[0], s[1]
     below, above, error_below, error_above = -math.inf, math.inf, 0.0, 0.0
-    side, widest, digit, missing = 0, 0.0, 0.0, 0.0
+    side, widest, digit = 0, 0.0, 0.0
     for i in range(_TRIALS):
         for j in range(n):
             s[3 + j] = s[3 + n + j]
@@ -58,7 +58,6 @@ def root_step(y, c, s):
             if side > 0:
                 error_below = 0.5 * error_below
             side = 1
-        missing = max(min(above, high), -max(below, low))  # infinite: no bracket, and no limit
         if above == math.inf or below == -math.inf:
             # between limits a bracket is found before ``_STEPS``
             if i == _STEPS or (u >= high if error < 0.0 else u <= low):
@@ -78,7 +77,7 @@ def root_step(y, c, s):
             u = above - error_above * (above - below) / (error_above - error_below)
             u = min(max(middle - near, u), middle + near)  # also if u is NaN
     s[2] = 0.0
-    if missing == math.inf:
+    if (high == math.inf and above == math.inf) or (low == -math.inf and below == -math.inf):
         u = s[0]  # no input gives it
         s[2] = 1.0
     s[1] = max(abs(u - s[0]), 0.5 * s[1], least)  # never zero, even after a long rest
