@@ -75,9 +75,8 @@ def piece(t, w, c):
 def crossing(w, c):
     """Return the length t in which w rises from ``w < 0`` to 0; infinite if it never does."""
     z = -c * w
-    if z == 0.0:
-        return -w
-    return -w * math.log1p(z) / z if z > -1.0 else math.inf
+    none = int(z == 0.0)  # where the quotient is one
+    return -w * (math.log1p(z) + none) / (z + none) if z > -1.0 else math.inf
 
 
 @jit
