@@ -51,7 +51,7 @@ def found(effect):
     declared = "second_order" if effect in IN_MOTION else "prandtl_ishlinskii"
     # records of several amplitudes are compared
     few = effect in plants.EFFECTS[11:] and effect != "amplitude_dependence"
-    recording = make_recording(effect, declared, SEED, n_samples=2000 if few else 4000)
+    recording = make_recording(effect, declared, SEED, n_samples=2000 if few else 2500)
     model = SecondOrderMode()
     if declared != "second_order":
         model = PrandtlIshlinskii(thresholds=recording.truth["thresholds"])
@@ -406,7 +406,7 @@ def test_an_effect_of_ones_own_beside_the_model_has_evidence_too():
 
 @pytest.mark.slow
 def test_evidence_behind_declared_dynamics():
-    """The names of parameters in a longer cascade are told apart."""
+    """The names of parameters in a longer cascade are distinguished."""
     recording = make_recording("lag", "cascade", SEED, n_samples=4000)
     model = Cascade([("hysteresis", PrandtlIshlinskii()), ("lag_of_mine", FirstOrderLag())])
     search = EffectSearchCV(model, effects=["resonance"], max_effects=1)
