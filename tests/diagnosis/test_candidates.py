@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-import search_steps as steps
+import search_steps
 from joblib import Parallel
 
 from skhyst.diagnosis import effect_names
@@ -37,10 +37,10 @@ def some_records(seed, n=240, count=3, n_segments=6):
 
 def declared_with(records, *disturbances):
     declared = PrandtlIshlinskii(4)
-    tree = steps.fitted(declared, records)
+    tree = search_steps.fitted(declared, records)
     for i, model in enumerate(disturbances):
         (start,) = model.starting_values(records)
-        tree = steps.with_disturbance(tree, f"beside{i}", model, start)
+        tree = search_steps.with_disturbance(tree, f"beside{i}", model, start)
     return tree
 
 
@@ -70,7 +70,7 @@ def test_a_segment_is_not_predicted_from_itself(additive, cut):
     records = some_records(9000, count=1 if cut is block_folds else 3)
     tree = declared_with(records, *BESIDE[additive])
     folds = cut(records)
-    reference = steps.candidate(tree, records, folds).predictions
+    reference = search_steps.candidate(tree, records, folds).predictions
     rng = np.random.default_rng(9001)
     for _ in range(4):
         number = rng.integers(len(records))
@@ -79,7 +79,7 @@ def test_a_segment_is_not_predicted_from_itself(additive, cut):
         y[rng.integers(start, stop)] += 3.0
         moved = list(records)
         moved[number] = replace(records[number], y=y)
-        changed = steps.candidate(tree, moved, folds).predictions
+        changed = search_steps.candidate(tree, moved, folds).predictions
         np.testing.assert_array_equal(changed[number][start:stop], reference[number][start:stop])
 
 
@@ -87,11 +87,11 @@ def test_a_sample_does_move_the_predictions_of_others():
     """Otherwise the test above would hold for a prediction that uses no data."""
     records = some_records(9000)
     tree, folds = declared_with(records, Offset()), record_folds(records)
-    reference = steps.candidate(tree, records, folds).predictions
+    reference = search_steps.candidate(tree, records, folds).predictions
     y = records[0].y.copy()
     y[5] += 3.0
     moved = [replace(records[0], y=y), *records[1:]]
-    changed = steps.candidate(tree, moved, folds).predictions
+    changed = search_steps.candidate(tree, moved, folds).predictions
     start, stop = records[0].segments[1]
     assert np.all(changed[0][start:stop] != reference[0][start:stop])  # its offset
     assert np.any(changed[1] != reference[1])  # the fit of the other folds
@@ -101,7 +101,7 @@ def test_a_fold_is_the_fit_to_its_training_records():
     """Against a fit that never had the other records."""
     records = some_records(9003)
     tree = declared_with(records)
-    found = steps.candidate(tree, records, record_folds(records))
+    found = search_steps.candidate(tree, records, record_folds(records))
     problem = tree.problem(records[1:])
     alone = variable_projection(problem, problem.x0, tolerance=1e-12)
     expected = tree.problem(records[:1]).predictions(alone.x, np.zeros(6, dtype=bool))[0]
@@ -115,7 +115,7 @@ def test_errors_are_those_of_the_predictions(weighed):
     if weighed:
         weights = np.random.default_rng(0).uniform(0.0, 2.0, 240)
         records = [replace(r, weights=weights) for r in records]
-    found = steps.candidate(declared_with(records), records, record_folds(records))
+    found = search_steps.candidate(declared_with(records), records, record_folds(records))
     residual = np.stack([r.y for r in records]) - np.stack(found.predictions)
     np.testing.assert_array_equal(np.stack(found.residuals), residual)
     expected = np.sqrt(np.sum(weights * residual**2) / np.sum(3.0 * weights))
@@ -125,7 +125,7 @@ def test_errors_are_those_of_the_predictions(weighed):
 def test_what_is_not_scored_is_nan():
     records = some_records(9005, count=1)
     first = np.arange(6) == 0
-    found = steps.candidate(declared_with(records), records, [(first, ~first)])
+    found = search_steps.candidate(declared_with(records), records, [(first, ~first)])
     start, stop = records[0].segments[0]
     assert np.isnan(found.residuals[0][start:stop]).all()
     assert np.isfinite(found.residuals[0][stop:]).all()
@@ -136,8 +136,8 @@ def test_what_is_not_scored_is_nan():
 
 
 def halved(name, tree, records):
-    base = steps.refit(steps.candidate(tree, records), records)
-    variants = steps.variants(name, tree, records)
+    base = search_steps.refit(search_steps.candidate(tree, records), records)
+    variants = search_steps.variants(name, tree, records)
     (found,), kept = halve([(variants, records, base.cost)], Parallel())
     assert kept == ([0] if variants else [])
     return base, found
@@ -152,7 +152,7 @@ def test_an_effect_that_may_do_nothing_never_makes_the_fit_worse(name):
     for candidate in found:
         assert candidate.effects == (name,)
         assert candidate.n_parameters >= base.n_parameters  # an offset takes an intercept's place
-        best = steps.refit(candidate, records)
+        best = search_steps.refit(candidate, records)
         assert best.cost <= 1.001 * base.cost
         assert best.predicted_cost == pytest.approx(best.cost, rel=1e-3)  # nothing more to come
 
@@ -164,8 +164,8 @@ def test_a_start_far_from_its_solution_is_judged_by_its_next_step(budget):
     outputs = tree.run(records)
     ends = np.quantile(np.concatenate(outputs), [0.3, 0.8])
     bent = [replace(r, y=np.clip(v, *ends)) for r, v in zip(records, outputs, strict=True)]
-    candidate, *_ = steps.variants("dead_zone", tree, bent)
-    early = steps.refit(candidate, bent, max_evaluations=budget, begun=candidate.solution)
+    candidate, *_ = search_steps.variants("dead_zone", tree, bent)
+    early = search_steps.refit(candidate, bent, max_evaluations=budget, begun=candidate.solution)
     problem = early.structure.problem(bent)
     assert early.predicted_cost < early.cost
     assert predicted_cost(problem, problem.x0) <= early.predicted_cost * (1.0 + 1e-9)  # undamped
@@ -193,8 +193,8 @@ def test_the_simplest_variant_that_is_true_is_claimed(degree):
         y += 0.002 * np.ptp(y) * rng.standard_normal(len(y))
         bent.append(replace(record, y=y))
     folds = record_folds(bent)
-    base = steps.candidate(tree, bent, folds)
-    contest = steps.contest(bent, folds, "static_nonlinearity", max_effects=1)
+    base = search_steps.candidate(tree, bent, folds)
+    contest = search_steps.contest(bent, folds, "static_nonlinearity", max_effects=1)
     stages = contest.prune(contest.grow(base)[0]).structure
     assert stages.models[stages.names.index("static_nonlinearity")].degree == degree
 
@@ -204,7 +204,7 @@ def test_the_effects_that_explain_most_stay_three_at_least():
     disturbed = [replace(r, y=r.y + 5.0 * np.sin(0.9 * np.arange(240))) for r in records]
     tree = declared_with(records)
     names = ["asymmetry", "creep", "offset", "periodic_disturbance", "delay", "lag"]
-    groups = [(steps.variants(name, tree, disturbed), disturbed, 1.0) for name in names]
+    groups = [(search_steps.variants(name, tree, disturbed), disturbed, 1.0) for name in names]
     variants, kept = halve(groups, Parallel())
     assert len(kept) == 3
     assert names[kept[0]] == "periodic_disturbance"
@@ -256,11 +256,13 @@ def test_a_line_in_the_level_must_suit_the_levels_between(gains, told):
         segments = tuple(pairwise(range(0, 241, 40)))
         y = gain * u + 0.01 * rng.standard_normal(240)
         records.append(RecordData(u, y, 1.0, segments=segments))
-    tree = steps.fitted(Gain(), records)
+    tree = search_steps.fitted(Gain(), records)
     lines = tree.edited("amplitude_dependence", Schedule("amplitude", 1.0, 3.0, "all"))
-    base, candidate = (steps.refit(steps.candidate(own, records), records) for own in (tree, lines))
+    base, candidate = (
+        search_steps.refit(search_steps.candidate(own, records), records) for own in (tree, lines)
+    )
     assert candidate.cost < 0.9 * base.cost  # of the fit, in either case
-    contest = steps.contest(records, block_folds(records), "amplitude_dependence")
+    contest = search_steps.contest(records, block_folds(records), "amplitude_dependence")
     assert contest._predicts_levels(candidate, base, records) == told
 
 
@@ -281,8 +283,8 @@ def test_a_mode_that_outlasts_a_block_predicts_half_of_the_record(truth, damping
     noise = 0.02 * np.random.default_rng(3).standard_normal(len(record.u))
     y = (mode.run(record.u, 0.01)[0] if truth else record.u) + noise
     records = [replace(record, y=y)]
-    base = steps.fitted(Gain(), records)
-    trees = base, steps.with_stage(base, "resonance", SecondOrderMode(), mode)
-    reduced, full = (steps.candidate(tree, records) for tree in trees)
-    contest = steps.contest(records, block_folds(records))
+    base = search_steps.fitted(Gain(), records)
+    trees = base, search_steps.with_stage(base, "resonance", SecondOrderMode(), mode)
+    reduced, full = (search_steps.candidate(tree, records) for tree in trees)
+    contest = search_steps.contest(records, block_folds(records))
     assert contest._predicts_halves(full, "resonance", reduced) == needed

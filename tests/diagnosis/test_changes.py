@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-import search_steps as steps
+import search_steps
 
 from skhyst.compose import amplitude
 from skhyst.diagnosis import EFFECTS
@@ -55,17 +55,19 @@ def trees():
     """Return declared models, by what they are made of."""
     plays = PrandtlIshlinskiiOperator([0.0, 0.5, 1.0], [0.4, 0.3, 0.2])
     found = {
-        "gain": steps.tree_of(Gain(), GainOperator(1.0)),
-        "lag": steps.tree_of(FirstOrderLag(), LAG),
-        "mode": steps.tree_of(SecondOrderMode(), MODE),
-        "plays": steps.tree_of(PrandtlIshlinskii(3), plays),
+        "gain": search_steps.tree_of(Gain(), GainOperator(1.0)),
+        "lag": search_steps.tree_of(FirstOrderLag(), LAG),
+        "mode": search_steps.tree_of(SecondOrderMode(), MODE),
+        "plays": search_steps.tree_of(PrandtlIshlinskii(3), plays),
     }
-    found["plays, mode"] = steps.with_stage(found["plays"], "further", SecondOrderMode(), MODE)
-    found["lags"] = steps.with_stage(
+    found["plays, mode"] = search_steps.with_stage(
+        found["plays"], "further", SecondOrderMode(), MODE
+    )
+    found["lags"] = search_steps.with_stage(
         found["lag"], "further", FirstOrderLag(), FirstOrderLagOperator(0.2)
     )
     for name, model in (("poles", TransferFunction(2, n_zeros=0)), ("force", DynamicStiffness())):
-        found[name] = steps.fitted(model, recordings())
+        found[name] = search_steps.fitted(model, recordings())
     return {name: type(tree)(tree.root, tree.model) for name, tree in found.items()}
 
 
@@ -114,7 +116,7 @@ BY_A_COLUMN = [
 
 
 def found_by(change, name, records=None):
-    return steps.entered(change, trees()[name], records or recordings())
+    return search_steps.entered(change, trees()[name], records or recordings())
 
 
 @pytest.mark.parametrize(("effect", "text", "where"), WITHOUT_COLUMNS + BY_A_COLUMN)
@@ -217,16 +219,16 @@ def test_lags_in_a_row_may_be_tanks(number):
     u = 1.0 + 0.5 * np.sign(np.sin(np.arange(200) * 2.0 * DT))
     records = [RecordData(u, operator.run(u, DT)[0], DT)]
     for effect in ("static_nonlinearity", "output_saturation"):  # whose tanks overflow
-        tree = steps.tree_of(model, operator)
-        found = steps.entered(form(effect, "InStages"), tree, records)
+        tree = search_steps.tree_of(model, operator)
+        found = search_steps.entered(form(effect, "InStages"), tree, records)
         assert bool(found) == (number > 0)
         for tree in found:
             assert len(tree.operators) == 1
             assert isinstance(tree.models[0], TankChain)
             assert np.ndim(tree.run(records)[0]) == 1
     if number == 1:  # nor is what follows a hysteresis
-        behind = steps.with_stage(trees()["plays"], "further", FirstOrderLag(), LAG)
-        assert steps.entered(form("static_nonlinearity", "InStages"), behind, records) == []
+        behind = search_steps.with_stage(trees()["plays"], "further", FirstOrderLag(), LAG)
+        assert search_steps.entered(form("static_nonlinearity", "InStages"), behind, records) == []
 
 
 @pytest.mark.parametrize("saturates", [True, False])
@@ -239,16 +241,21 @@ def test_a_saturation_between_two_lags_shows_in_what_the_linear_model_leaves(sat
     y = y + 1e-3 * np.random.default_rng(1).normal(size=600)
     records = [RecordData(u, y, DT)]
     model = TransferFunction(2, n_zeros=0)
-    tree = steps.fitted(model, records)
-    found = steps.entered(form("static_nonlinearity", "InBetween(model=Saturation"), tree, records)
+    tree = search_steps.fitted(model, records)
+    found = search_steps.entered(
+        form("static_nonlinearity", "InBetween(model=Saturation"), tree, records
+    )
     assert bool(found) == saturates
     for own in found:
         assert len(own.operators) == 3
         assert isinstance(own.operators[1], SaturationOperator)
         assert all(len(own.operators[k].poles()) == 1 for k in (0, 2))
-    one = steps.tree_of(FirstOrderLag(), LAG)  # cannot be divided
+    one = search_steps.tree_of(FirstOrderLag(), LAG)  # cannot be divided
     assert (
-        steps.entered(form("static_nonlinearity", "InBetween(model=Saturation"), one, records) == []
+        search_steps.entered(
+            form("static_nonlinearity", "InBetween(model=Saturation"), one, records
+        )
+        == []
     )
 
 
@@ -273,12 +280,14 @@ def test_what_depends_on_the_record_depends_on_nothing_else_yet():
         form("auxiliary_input", "to_drive=True"),
         form("rectification", "Folded"),
     ):
-        assert steps.entered(change, lines, recordings(), "more") == []
-    assert steps.entered(form("auxiliary_input", "Driven"), lines, recordings(), "more")
+        assert search_steps.entered(change, lines, recordings(), "more") == []
+    assert search_steps.entered(form("auxiliary_input", "Driven"), lines, recordings(), "more")
     scaled = found_by(form("auxiliary_input", "Scaling"), "lag")[0]
     edits = [
         tree.edits[-1][1]
-        for tree in steps.entered(form("auxiliary_input", "Scaling"), scaled, recordings(), "more")
+        for tree in search_steps.entered(
+            form("auxiliary_input", "Scaling"), scaled, recordings(), "more"
+        )
     ]
     assert [edit.column for edit in edits] == [2]  # it is scaled by the first one
 
@@ -290,8 +299,8 @@ def test_friction_that_is_declared_follows_the_load_itself():
     assert first.is_part("effect")
     assert second.is_part("effect")
     model = CoulombFriction()
-    tree = steps.fitted(model, records)
-    found = steps.entered(form("friction", "LoadedForce"), tree, records)
+    tree = search_steps.fitted(model, records)
+    found = search_steps.entered(form("friction", "LoadedForce"), tree, records)
     loads = [np.abs(np.concatenate([r.auxiliary[:, k] for r in records])).mean() for k in range(2)]
     for number, (own, load) in enumerate(zip(found, loads, strict=True), start=1):
         ((_, edit),) = own.edits
@@ -305,12 +314,12 @@ def test_forces_of_a_free_mass_are_added_that_it_has_not():
     rng = np.random.default_rng(0)
     u = np.cumsum(rng.normal(size=150))
     records = [RecordData(u, np.cumsum(np.cumsum(u)) * DT**2, DT)]
-    tree = steps.fitted(FreeMass(), records)
+    tree = search_steps.fitted(FreeMass(), records)
     cubic = form("cubic_stiffness", "MoreTerms")
-    found = steps.entered(cubic, tree, records)
+    found = search_steps.entered(cubic, tree, records)
     assert found
     assert all(own.models[0].cubic_stiffness for own in found)
-    assert steps.entered(cubic, found[0], records, "more") == []
+    assert search_steps.entered(cubic, found[0], records, "more") == []
 
 
 @pytest.mark.parametrize("name", ["offset", "drift"])
@@ -318,7 +327,7 @@ def test_a_force_beside_the_drive_is_a_parameter_and_tried_as_one(name):
     """It helps a new record, as a function of time beside the response does not."""
     effect = EFFECTS[name]
     mass, mode = (
-        steps.tree_of(model, operator)
+        search_steps.tree_of(model, operator)
         for model, operator in (
             (FreeMass(fit_force_offset=False), FreeMassOperator(1.0, 0.1)),
             (SecondOrderMode(), SecondOrderModeOperator(30.0, 0.1)),
@@ -339,17 +348,22 @@ def test_a_spring_bends_in_the_feedback_of_more_poles_than_those_of_a_mode():
     """In front of all that has a gain of its own, and once; what feeds through at once has none."""
     records, bent = recordings(), form("cubic_stiffness", "InFeedback")
     poles = TransferFunctionOperator([0.05], [30.0], [0.2], [0.3, 0.1], 1.4)
-    tree = steps.tree_of(TransferFunction(3, n_zeros=2), poles)
-    found = steps.entered(bent, tree, records)
+    tree = search_steps.tree_of(TransferFunction(3, n_zeros=2), poles)
+    found = search_steps.entered(bent, tree, records)
     assert found
     for own in found:
         assert own.without("effect").operators[0].pack().tolist() == poles.pack().tolist()
         assert own.operators[0].linear.pack().tolist() == poles.pack().tolist()
-        assert steps.entered(bent, own, records, "more") == []
+        assert search_steps.entered(bent, own, records, "more") == []
     straight = replace(poles, numerator=np.append(poles.numerator, 0.01))
-    assert steps.entered(bent, steps.tree_of(TransferFunction(3), straight), records) == []
-    behind = steps.in_front(tree, "front", PrandtlIshlinskii(3), trees()["plays"].operators[0])
-    assert steps.entered(bent, behind, records) == []
+    assert (
+        search_steps.entered(bent, search_steps.tree_of(TransferFunction(3), straight), records)
+        == []
+    )
+    behind = search_steps.in_front(
+        tree, "front", PrandtlIshlinskii(3), trees()["plays"].operators[0]
+    )
+    assert search_steps.entered(bent, behind, records) == []
 
 
 def test_friction_of_a_mass_follows_each_load():
@@ -360,17 +374,17 @@ def test_friction_of_a_mass_follows_each_load():
     records = [RecordData(u, y, DT, auxiliary=loads)]
     change = form("friction", "LoadedMotion")
     for model in (FreeMass(), FreeMass(friction=True)):
-        tree = steps.fitted(model, records)
-        found = steps.entered(change, tree, records)
+        tree = search_steps.fitted(model, records)
+        found = search_steps.entered(change, tree, records)
         assert found
         for own in found:
             assert own.models[0].estimator.friction
             scaled = own.operators[0]
             assert (scaled.column, scaled.magnitude, scaled.scales) == (1, True, ("friction",))
             assert scaled.reference == pytest.approx(np.abs(loads[:, 0]).mean())
-            assert steps.entered(change, own, records, "more") == []
-        behind = steps.in_front(tree, "front", FirstOrderLag(), LAG)
-        assert steps.entered(change, behind, records) == []
+            assert search_steps.entered(change, own, records, "more") == []
+        behind = search_steps.in_front(tree, "front", FirstOrderLag(), LAG)
+        assert search_steps.entered(change, behind, records) == []
 
 
 @pytest.mark.parametrize("declared", [DynamicStiffness(drive="velocity"), CoulombFriction()])
@@ -378,13 +392,13 @@ def test_a_force_beside_one_of_a_velocity_is_of_that_velocity(declared):
     """Behind an integrator, or with the motion as the model has it."""
     if isinstance(declared, CoulombFriction):
         declared.set_params(motion="velocity")
-    tree = steps.fitted(declared, recordings())
-    [found] = steps.entered(form("hysteresis", "MaxwellSlip"), tree, recordings())[:1]
+    tree = search_steps.fitted(declared, recordings())
+    [found] = search_steps.entered(form("hysteresis", "MaxwellSlip"), tree, recordings())[:1]
     place, friction = found.models[0].steps[1][1].steps
     assert isinstance(place[1], TransferFunction)
     assert isinstance(friction[1], MaxwellSlip)
     if isinstance(declared, DynamicStiffness):
-        sliding = steps.entered(
+        sliding = search_steps.entered(
             form("friction", "ParallelForce(model=CoulombFriction"), tree, recordings()
         )
         assert {own.models[0].steps[1][1].motion for own in sliding} == {"velocity"}
@@ -398,23 +412,24 @@ def test_what_is_there_is_not_added_again():
     ):
         found = found_by(additive, "force")
         assert found
-        assert steps.entered(additive, found[0], records, "more") == []
-    friction = steps.entered(form("friction", "LoadedForce"), found[0], records, "more")
+        assert search_steps.entered(additive, found[0], records, "more") == []
+    friction = search_steps.entered(form("friction", "LoadedForce"), found[0], records, "more")
     assert [own.is_part("more") for own in friction] == [False, False]  # it follows the load
 
 
 def test_the_stage_that_is_meant_may_stand_anywhere():
     """Behind another one, too; and one that has an offset of its own drive is not widened."""
     records, plays = recordings(), trees()["plays"]
-    behind = steps.in_front(plays, "front", FirstOrderLag(), LAG)
+    behind = search_steps.in_front(plays, "front", FirstOrderLag(), LAG)
     assert behind.names[0] == "front"
-    assert steps.entered(form("rate_dependence", "slope"), behind, records, "more")
+    assert search_steps.entered(form("rate_dependence", "slope"), behind, records, "more")
     assert (
-        steps.entered(form("auxiliary_input", "FollowedWidth"), behind, records, "more") == []
+        search_steps.entered(form("auxiliary_input", "FollowedWidth"), behind, records, "more")
+        == []
     )  # they are not in front
     for own in ({"drive_offset": 0.3}, {"form": "stop"}):
         other = plays.with_stage(0, operator=replace(plays.operators[0], **own))
-        assert steps.entered(form("rate_dependence", "slope"), other, records, "more") == []
+        assert search_steps.entered(form("rate_dependence", "slope"), other, records, "more") == []
 
 
 @pytest.mark.parametrize("unit", [1e-6, 1.0])
@@ -427,13 +442,10 @@ def test_linear_parameters_are_those_of_least_squares(unit, weighted):
     records = [RecordData(u, y, DT, weights=weights if weighted else None)]
     basis = np.sqrt(weights)[:, None] * np.c_[u, np.ones(200)]
     expected = np.linalg.lstsq(basis, np.sqrt(weights) * y, rcond=None)[0]
-    operator = _refitted_to(
-        records, steps.tree_of(Gain(), GainOperator(0.1 * unit, 3.0))
-    ).operators[0]
+    tree = search_steps.tree_of(Gain(), GainOperator(0.1 * unit, 3.0))
+    (operator,) = _refitted_to(records, tree).operators
     np.testing.assert_allclose([operator.gain, operator.intercept], expected, rtol=1e-6)
     still = [replace(records[0], u=np.zeros(200))]
-    operator = _refitted_to(still, steps.tree_of(Gain(), GainOperator(0.1 * unit, 3.0))).operators[
-        0
-    ]
+    (operator,) = _refitted_to(still, tree).operators
     mean = np.average(y, weights=weights)
     assert (operator.gain, operator.intercept) == (0.1 * unit, pytest.approx(mean))

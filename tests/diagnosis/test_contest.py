@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import search_steps as steps
+import search_steps
 
 from skhyst.diagnosis import Effect, _contest
 from skhyst.disturbance import OffsetOperator, SinusoidOperator
@@ -66,7 +66,7 @@ def candidate(effects, error, *, cost=None, n_parameters=1, lines=()):
         cost = 0.5 ** len(effects) * min(error, 1.0) ** 2
     known = {"residuals": (np.full(4, error),), "weights": (None,), "error": error}
     model = Model(effects, error, lines)
-    return steps.candidate(
+    return search_steps.candidate(
         model, effects=effects[-1:], cost=cost, n_parameters=n_parameters, **known
     )
 
@@ -171,7 +171,7 @@ def contest_of(**options):
     known = {"criterion": Margins(), "negligible": 1e-3, "effects": EFFECTS}
     known["judge"] = lambda c: SimpleNamespace(structured=False)
     records = options.pop("records", [RecordData(U, U, 0.1)])
-    return steps.contest(records, ["fold"], **known | options)
+    return search_steps.contest(records, ["fold"], **known | options)
 
 
 def contest_after_one_trial(world):

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-import search_steps as steps
+import search_steps
 
 from skhyst.diagnosis import EffectSearchCV
 from skhyst.hysteresis import PrandtlIshlinskii
@@ -155,25 +155,25 @@ def missing_two():
     drives = [np.cumsum(rng.standard_normal(N)) / 5.0 for _ in range(COUNT)]
     model = PrandtlIshlinskii(4)
     records = [RecordData(u, u + 0.3 * np.sin(u), DT, segments=segments) for u in drives]
-    tree = steps.fitted(model, records)
+    tree = search_steps.fitted(model, records)
     found = []
     for record, v, offset in zip(records, tree.run(records), (0.8, -1.1, 0.4, -0.2), strict=True):
         y = lag.run(v, DT)[0] + offset
         found.append(replace(record, y=y + 0.005 * rng.standard_normal(N)))
-    tree = steps.fitted(model, found)
+    tree = search_steps.fitted(model, found)
     record_of = np.concatenate([np.full(len(r.segments), i) for i, r in enumerate(found)])
     folds = [(record_of != k, record_of == k) for k in range(COUNT)]
     problem = tree.problem(found)
     cost = problem.total(problem.evaluate(problem.x0))[-1, -1]
-    return found, folds, steps.candidate(tree, found, folds, cost=cost)
+    return found, folds, search_steps.candidate(tree, found, folds, cost=cost)
 
 
 def contest_of(records, folds, *names, structured=True, **options):
     judge = {"judge": lambda _: SimpleNamespace(structured=structured)}
-    return steps.contest(records, folds, *names, **judge | options)
+    return search_steps.contest(records, folds, *names, **judge | options)
 
 
-class NotAlone(type(steps.USUAL)):
+class NotAlone(type(search_steps.USUAL)):
     """One for which each effect hides the other."""
 
     def improves_enough(self, worse, better):
@@ -201,10 +201,10 @@ def test_the_family_is_all_that_was_screened_and_the_pairs_that_were_possible(mi
     records, folds, base = missing_two
     names = "lag", "delay", "dead_zone", "offset"
     contest = contest_of(
-        records, folds, *names, criterion=replace(steps.USUAL, min_improvement=1.0 - 1e-9)
+        records, folds, *names, criterion=replace(search_steps.USUAL, min_improvement=1.0 - 1e-9)
     )
     assert contest.grow(base) == [base]
-    screening = [steps.variants(name, base.structure, records) for name in names[:-1]]
+    screening = [search_steps.variants(name, base.structure, records) for name in names[:-1]]
     variants = sum(map(len, screening))  # the offset is not screened: it comes last
     assert contest.n_tried == variants + comb(len(names), 2)
 

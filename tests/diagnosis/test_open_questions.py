@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-import search_steps as steps
+import search_steps
 
 from skhyst.diagnosis import _open_questions
 from skhyst.diagnosis._open_questions import Contrasts, Fitted, Intervals, _inverse, _noise
@@ -30,7 +30,7 @@ def basis_of(*records):
 
 def line(*records):
     model = Gain()
-    return steps.fitted(model, list(records))
+    return search_steps.fitted(model, list(records))
 
 
 def searched(tree, records, verdict="noise", noise=0.1):
@@ -147,7 +147,7 @@ def test_a_logarithm_is_its_own_measure():
     u = np.random.default_rng(0).normal(size=300)
     operator = FirstOrderLagOperator(0.05, gain=3.0)
     records = [RecordData(u, operator.run(u, DT)[0], DT)]
-    tree = steps.tree_of(FirstOrderLag(fit_intercept=False), operator)
+    tree = search_steps.tree_of(FirstOrderLag(fit_intercept=False), operator)
     intervals = Intervals(searched(tree, records))
     near = [FirstOrderLagOperator(0.05 * np.exp(h), gain=3.0).run(u, DT)[0] for h in (-1e-5, 1e-5)]
     design = np.c_[(near[1] - near[0]) / 2e-5, records[0].y / 3.0]
@@ -179,7 +179,7 @@ def test_a_parameter_at_its_bound_has_no_interval():
     rng = np.random.default_rng(0)
     u = np.cumsum(rng.normal(size=400)) / 5.0
     model, records = PrandtlIshlinskii(4), [RecordData(u, 2.0 * u - 0.01 * np.cos(u), 0.01)]
-    tree = steps.fitted(model, records)
+    tree = search_steps.fitted(model, records)
     problem = tree.problem(records)
     at_bound = (problem.x0 <= problem.lower) | (problem.x0 >= problem.upper)
     assert 0 < np.count_nonzero(at_bound) < len(at_bound)

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import search_steps as steps
+import search_steps
 from numpy.polynomial import Legendre, Polynomial
 from scipy.stats import norm
 
@@ -58,25 +58,27 @@ MODE = SecondOrderModeOperator(30.0, 0.05)
 
 
 def candidate(tree, *effects):
-    return steps.candidate(tree, effects=effects, cost=1.0, n_parameters=4)
+    return search_steps.candidate(tree, effects=effects, cost=1.0, n_parameters=4)
 
 
 @pytest.mark.parametrize(("damping", "changed"), [(0.05, False), (0.5, False), (3.0, True)])
 def test_a_mode_in_the_place_of_another_is_no_further_mode(damping, changed):
     """An overdamped mode creeps: what was added is then the declared mode, not the missing one."""
-    declared = steps.tree_of(SecondOrderMode(), MODE)
+    declared = search_steps.tree_of(SecondOrderMode(), MODE)
     bent = declared.with_stage(0, operator=replace(MODE, damping_ratio=damping))
-    found = steps.with_stage(bent, "resonance", SecondOrderMode(), MODE)
+    found = search_steps.with_stage(bent, "resonance", SecondOrderMode(), MODE)
     plausible = is_plausible(None, candidate(found, "resonance"), candidate(declared), [], 0.01)
     assert plausible != changed
     creep = KelvinVoigt(1), KelvinVoigtOperator(np.array([0.2]), np.array([1.0]))
-    found = steps.with_stage(bent, "creep", *creep)
+    found = search_steps.with_stage(bent, "creep", *creep)
     assert is_plausible(None, candidate(found, "creep"), candidate(declared), [], 0.01)
 
 
 def test_a_mode_behind_what_does_not_ring_is_a_further_mode():
-    declared = steps.tree_of(KelvinVoigt(1), KelvinVoigtOperator(np.array([0.2]), np.array([1.0])))
-    found = steps.with_stage(declared, "resonance", SecondOrderMode(), MODE)
+    declared = search_steps.tree_of(
+        KelvinVoigt(1), KelvinVoigtOperator(np.array([0.2]), np.array([1.0]))
+    )
+    found = search_steps.with_stage(declared, "resonance", SecondOrderMode(), MODE)
     assert is_plausible(None, candidate(found, "resonance"), candidate(declared), [], 0.01)
 
 
@@ -94,16 +96,18 @@ def test_a_mode_behind_what_does_not_ring_is_a_further_mode():
 def test_one_loop_does_not_tell_dynamics_from_plays(drive, told):
     u = drive(np.arange(1000) * 0.03)
     records = [RecordData(u, u, 0.03)]
-    plays = steps.tree_of(
+    plays = search_steps.tree_of(
         PrandtlIshlinskii(thresholds=[0.0, 0.3]), PrandtlIshlinskiiOperator([0.0, 0.3], [1.0, 0.2])
     )
     lag = FirstOrderLag(), FirstOrderLagOperator(0.2)
     curve = SmoothCurve(3), PolynomialCurveOperator(np.zeros(1), center=0.0, scale=1.0)
-    for declared in (plays, steps.tree_of(Gain(), GainOperator(1.0))):
-        found = candidate(steps.with_stage(declared, "lag", *lag), "lag")
+    for declared in (plays, search_steps.tree_of(Gain(), GainOperator(1.0))):
+        found = candidate(search_steps.with_stage(declared, "lag", *lag), "lag")
         as_named = is_plausible(None, found, candidate(declared), records, 0.01)
         assert as_named == (told or declared is not plays)
-    found = candidate(steps.with_stage(plays, "static_nonlinearity", *curve), "static_nonlinearity")
+    found = candidate(
+        search_steps.with_stage(plays, "static_nonlinearity", *curve), "static_nonlinearity"
+    )
     assert is_plausible(None, found, candidate(plays), records, 0.01)
 
 
@@ -115,7 +119,7 @@ def test_a_margin_below_zero_is_refused_beyond_its_standard_error(alpha, unit):
     u = rng.normal(size=n) + 3.0
     y = unit * (2.0 * u + 0.3 * rng.normal(size=n))
     records, model = [RecordData(u, y, 0.01)], Gain()
-    fitted = steps.fitted(model, records)
+    fitted = search_steps.fitted(model, records)
     (gain, intercept) = np.polyfit(u, y, 1)
     rest = y - gain * u - intercept
     error = np.sqrt(rest @ rest / (n - 2) / np.sum((u - u.mean()) ** 2))

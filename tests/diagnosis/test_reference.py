@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
-import search_steps as steps
+import search_steps
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 from sklearn.base import clone
@@ -136,7 +136,9 @@ def test_repetitions_of_a_reference_share_no_noise():
     noise = [0.05 * rng.standard_normal(N) for _ in range(2)]
     reference = wandering(rng, N, 60)
     records = [RecordData(reference, reference, 0.01) for _ in noise]
-    judgement = judge_residual(records, noise, [reference] * 2, rng, steps.USUAL, in_loop=True)
+    judgement = judge_residual(
+        records, noise, [reference] * 2, rng, search_steps.USUAL, in_loop=True
+    )
     assert judgement.repeated
     assert not judgement.structured
     assert judgement.floor == pytest.approx(0.05, rel=0.05)

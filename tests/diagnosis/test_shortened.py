@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-import search_steps as steps
+import search_steps
 from plants import make_recording
 
 from skhyst.diagnosis import EFFECTS, EffectSearchCV, _shortened
@@ -47,7 +47,7 @@ def test_a_first_part_is_the_record_up_to_where_it_shows_as_much(short_is_long):
 
 def test_a_part_shows_dependence_on_the_amplitude_where_it_has_this_amplitude(short_is_long):
     records = some_records()
-    structure = steps.fitted(PrandtlIshlinskii(3), records)
+    structure = search_steps.fitted(PrandtlIshlinskii(3), records)
     scaled = structure.edited("amplitude_dependence", Modulate("amplitude", 1.0))
     parts = shortened(records, [np.ones(900)] * 3)
     rising = [replace(r, u=r.u * np.linspace(0.1, 1.0, 900)) for r in records]
@@ -65,18 +65,18 @@ def test_folds_of_long_records_are_those_of_short_ones(additive, monkeypatch):
     """One Gauss-Newton step of each fold finds what the search for its minimum finds."""
     records = some_records()
     mode = SecondOrderMode()
-    structure = steps.fitted(mode, records)
+    structure = search_steps.fitted(mode, records)
     for model in additive:
-        structure = steps.with_disturbance(
+        structure = search_steps.with_disturbance(
             structure, "line", model, model.starting_values(records)[0]
         )
     problem = structure.problem(records)
-    contestant = steps.candidate(structure, records)
+    contestant = search_steps.candidate(structure, records)
     fold = problem.segment_record
     folds = [(fold != k, fold == k) for k in range(len(records))]
-    thorough = steps.refit(contestant, records, folds)
+    thorough = search_steps.refit(contestant, records, folds)
     monkeypatch.setattr(_shortened, "ENOUGH", 1000)
-    quick = steps.refit(contestant, records, folds)
+    quick = search_steps.refit(contestant, records, folds)
     assert quick.error != thorough.error  # the records are long now
     assert quick.error == pytest.approx(thorough.error, rel=2e-3)
     for own, slow in zip(quick.residuals, thorough.residuals, strict=True):

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import search_steps as steps
+import search_steps
 
 from skhyst.compose import Cascade, amplitude
 from skhyst.diagnosis import EFFECTS, _structure
@@ -150,7 +150,7 @@ def test_rounding_between_repetitions_is_no_start():
 @pytest.mark.parametrize("part", [0.0, 0.04, 0.06, 0.5])
 def test_a_candidate_matters_by_the_error_that_it_takes_away(part):
     """Shares are of the power: what takes the part p of the error leaves (1 - p)^2 of that."""
-    criterion = steps.USUAL
+    criterion = search_steps.USUAL
     assert Trial((1.0 - part) ** 2, 0.0, None).improves_enough(criterion) == (part >= 0.05)
     assert Trial((1.0 - part) ** 2, 0.0, None).is_structure(criterion) == (part >= 0.05)
     assert not Trial((1.0 - part) ** 2, 0.02, None).is_structure(criterion)
@@ -308,7 +308,9 @@ def box_trial(monkeypatch, law, leaves, p_values=(0.001,)):
     residuals = list(rng.normal(size=(2, 200)))
     residuals[0][7] = 0.0
     predictions = [r.u**2 for r in records]
-    trial = _by_black_box(records, residuals, predictions, rng, replace(steps.USUAL, alpha=0.02))
+    trial = _by_black_box(
+        records, residuals, predictions, rng, replace(search_steps.USUAL, alpha=0.02)
+    )
     return trial, shown, np.concatenate(residuals)
 
 
@@ -522,7 +524,7 @@ def test_of_long_records_some_rows_are_enough(monkeypatch):
 def test_where_nothing_is_left_nothing_is_found():
     u = np.random.default_rng(0).normal(size=200)
     rest = np.zeros(200)
-    criterion = steps.USUAL
+    criterion = search_steps.USUAL
     trial = _by_black_box(
         [RecordData(u, u, 0.01)], [rest], [u], np.random.default_rng(0), criterion
     )
@@ -644,10 +646,10 @@ def test_a_start_in_motion_shows_although_the_parameters_have_compensated_for_it
     u = np.sin(t / 15.0) + 0.5 * np.sin(t / 37.0)
     at_rest, _ = FirstOrderLagOperator(40.0).run(u, 1.0)
     records = [RecordData(u, at_rest + 0.8 * np.exp(-t / 40.0), 1.0)]
-    tree = steps.fitted(FirstOrderLag(), records)
+    tree = search_steps.fitted(FirstOrderLag(), records)
     problem = tree.problem(records)
     cost = problem.total(problem.evaluate(problem.x0))[-1, -1]
-    (found,) = steps.variants("initial_state", tree, records)
+    (found,) = search_steps.variants("initial_state", tree, records)
     assert found.predicted_cost < 1e-3 * cost
 
 
@@ -656,15 +658,15 @@ def test_a_candidate_is_nested_up_to_what_the_noise_of_its_parameters_hides():
     rng = np.random.default_rng(0)
     u = np.cumsum(rng.normal(size=400)) / 5.0
     records = [RecordData(u, u + 0.1 * np.sin(3.0 * u), 0.01)]
-    plays, line = (steps.fitted(m, records) for m in (PrandtlIshlinskii(4), Gain()))
-    small = steps.candidate(plays, cost=1.0, n_parameters=5)
+    plays, line = (search_steps.fitted(m, records) for m in (PrandtlIshlinskii(4), Gain()))
+    small = search_steps.candidate(plays, cost=1.0, n_parameters=5)
     basis = np.stack([u, np.ones(400)], axis=1)
     predicted = plays.run(records)[0]
     misfit = predicted - basis @ np.linalg.lstsq(basis, predicted, rcond=None)[0]
-    contest = steps.contest(records, [])
+    contest = search_steps.contest(records, [])
     for part, contained in ((0.9, True), (1.1, False)):
         cost = misfit @ misfit / part / 2 * 400  # of noise that two parameters follow
-        large = steps.candidate(line, cost=cost, n_parameters=2)
+        large = search_steps.candidate(line, cost=cost, n_parameters=2)
         assert contest._contains(large, small) == contained
 
 
