@@ -79,7 +79,7 @@ def found(tmp_path_factory):
 
 
 def _searched(effect, declared):
-    recording = make_recording(effect, declared, SEED, n_samples=3000)
+    recording = make_recording(effect, declared, SEED, n_samples=5000)
     names = [effect, *RIVALS[effect]] if effect in RIVALS else "all"
     options = {"effects": names, "max_effects": 3}
     if declared == "cascade":  # which costs more: it is asked for the first name only
@@ -410,7 +410,7 @@ def test_a_users_own_effect_is_found():
 @pytest.mark.slow
 @pytest.mark.needs_recordings("piezo_afm")
 def test_measured_piezo_scanner_lacks_a_curve():
-    X, y, X_test, y_test = (signal[::8] for signal in load_piezo_afm())
+    X, y, X_test, y_test = (signal[::4] for signal in load_piezo_afm())
     span = np.ptp(np.concatenate([y, y_test]))
     search = search_of().fit(X, y)
     pair = {"asymmetry", "static_nonlinearity"}

@@ -51,7 +51,7 @@ def found(effect):
     declared = "second_order" if effect in IN_MOTION else "prandtl_ishlinskii"
     # records of several amplitudes are compared
     few = effect in plants.EFFECTS[11:] and effect != "amplitude_dependence"
-    recording = make_recording(effect, declared, SEED, n_samples=2000 if few else 2500)
+    recording = make_recording(effect, declared, SEED, n_samples=2000 if few else 4000)
     model = SecondOrderMode()
     if declared != "second_order":
         model = PrandtlIshlinskii(thresholds=recording.truth["thresholds"])
