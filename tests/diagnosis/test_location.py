@@ -1,14 +1,16 @@
 """Where a residual stands is found, and white noise stands everywhere."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
+import search_steps
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 from skhyst.diagnosis import EffectSearchCV
-from skhyst.diagnosis._criterion import Criterion
 from skhyst.diagnosis._location import locate, out_of_line, strongest
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import Gain
@@ -68,17 +70,19 @@ def test_a_record_is_out_of_line_where_its_error_is_larger_also_for_its_response
     residuals = [scale * r for (scale, _), r in zip(scales, own, strict=True)]
     responses = [scale * rng.normal(size=1500) for _, scale in scales]
     residuals[0][:50] = np.nan
-    found = out_of_line(residuals, responses, Criterion(0.01, 0.05))
+    found = out_of_line(residuals, responses, search_steps.USUAL)
     assert list(found) == named
     assert list(found.values()) == pytest.approx([error] * len(named), rel=0.15)
-    assert not out_of_line(residuals[1:2], responses[1:2], Criterion(0.01, 0.05))  # no others
+    assert not out_of_line(residuals[1:2], responses[1:2], search_steps.USUAL)  # no others
 
 
 def test_noise_puts_no_record_out_of_line():
     rng, found = np.random.default_rng(62), 0
     for _ in range(40):
         signals = np.cumsum(rng.normal(size=(3, 200)), axis=1)
-        found += bool(out_of_line(signals[:, :150], signals[:, 50:], Criterion(0.2, 0.05)))
+        found += bool(
+            out_of_line(signals[:, :150], signals[:, 50:], replace(search_steps.USUAL, alpha=0.2))
+        )
     assert found <= 8  # slow, so that a record is one block
 
 

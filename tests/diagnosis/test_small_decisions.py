@@ -11,7 +11,6 @@ import search_steps
 from skhyst.compose import Cascade, amplitude
 from skhyst.diagnosis import EFFECTS, _structure
 from skhyst.diagnosis._changes import _before
-from skhyst.diagnosis._claim import Claim
 from skhyst.diagnosis._constants import FULL, LAGS, PLAYS
 from skhyst.diagnosis._structure import (
     N_PRESENT,
@@ -717,12 +716,6 @@ def test_a_sinusoid_repeats_in_the_longest_record(times, repeats):
     records = [RecordData(rng.normal(size=n), np.zeros(n), dt) for n in (300, 500)]
     operator = SimpleNamespace(frequencies=np.array([times * 2.0 / (500 * dt)]))
     assert (EFFECTS["periodic_disturbance"].plausible(operator, None, records) > 0.0) == repeats
-
-
-def test_without_a_covariance_errors_are_independent():
-    values = {"a": (1.0, 0.5), "b": (3.0, 0.1)}
-    claim = SimpleNamespace(result=SimpleNamespace(covariance=None), values=values)
-    np.testing.assert_allclose(Claim.covariance(claim, ["b", "a"]), np.diag([0.01, 0.25]))
 
 
 def test_before_a_knee_an_error_counts_by_the_slope_of_the_knee():
