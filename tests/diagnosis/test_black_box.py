@@ -119,7 +119,7 @@ def search_of(name, change):
     model, plant = MODELS[name]
     noise = 2e-5 if name == "narx" else 0.01  # a fit one step ahead is biased by output noise
     effects = [*EFFECTS, "resonance"] if change is nothing else EFFECTS
-    search = EffectSearchCV(model(), effects=effects, max_effects=1, random_state=0)
+    search = EffectSearchCV(model(), effects=effects, cv=3, max_effects=1, random_state=0)
     return search.fit(*recording(plant, change, 3, noise)), plant
 
 
@@ -257,9 +257,9 @@ def test_compositions_are_taken_apart(declared, change):
         y = change(law(u), i)
         records.append((u, y + 0.002 * np.ptp(y) * rng.normal(size=N)))
     X, y = stack_records(records, dt=DT)
-    search = EffectSearchCV(
-        declared, effects=["lag", "offset", "output_saturation"], max_effects=1, random_state=0
-    ).fit(X, y)
+    effects = ["lag", "offset", "output_saturation"]
+    search = EffectSearchCV(declared, effects=effects, cv=3, max_effects=1, random_state=0)
+    search.fit(X, y)
     assert search.effects_ == ([] if change is nothing else [change.__name__])
     assert not isinstance(search.best_estimator_, Corrected)
     assert np.isfinite(search.predict(X)).all()

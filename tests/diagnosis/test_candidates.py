@@ -5,25 +5,19 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import search_steps
 from joblib import Parallel
 
-from skhyst.diagnosis import EFFECTS, effect_names
+from skhyst.diagnosis import effect_names
 from skhyst.diagnosis._candidates import (
-    Candidate,
     extrapolated,
     halve,
     halves,
-    held_out,
     held_out_residuals,
     level_folds,
     longest_block,
-    refitted,
-    screened,
 )
-from skhyst.diagnosis._contest import Contest
-from skhyst.diagnosis._criterion import Criterion
-from skhyst.diagnosis._edits import AddDisturbance, Insert, Schedule
-from skhyst.diagnosis._tree import Tree
+from skhyst.diagnosis._edits import Schedule
 from skhyst.disturbance import Drift, Offset, PeriodicDisturbance
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import Gain, GainOperator, SecondOrderMode, SecondOrderModeOperator
@@ -41,17 +35,12 @@ def some_records(seed, n=240, count=3, n_segments=6):
     return records
 
 
-def candidate_of(tree, records):
-    problem = tree.problem(records)
-    return Candidate((), tree, np.inf, np.inf, len(problem.x0), problem.x0)
-
-
 def declared_with(records, *disturbances):
     declared = PrandtlIshlinskii(4)
-    tree = Tree.from_result(declared, declared.identify(records))
+    tree = search_steps.fitted(declared, records)
     for i, model in enumerate(disturbances):
         (start,) = model.starting_values(records)
-        tree = tree.edited(f"beside{i}", AddDisturbance(model, start))
+        tree = search_steps.with_disturbance(tree, f"beside{i}", model, start)
     return tree
 
 
@@ -81,7 +70,7 @@ def test_a_segment_is_not_predicted_from_itself(additive, cut):
     records = some_records(9000, count=1 if cut is block_folds else 3)
     tree = declared_with(records, *BESIDE[additive])
     folds = cut(records)
-    reference = held_out(candidate_of(tree, records), records, folds).predictions
+    reference = search_steps.candidate(tree, records, folds).predictions
     rng = np.random.default_rng(9001)
     for _ in range(4):
         number = rng.integers(len(records))
@@ -90,7 +79,7 @@ def test_a_segment_is_not_predicted_from_itself(additive, cut):
         y[rng.integers(start, stop)] += 3.0
         moved = list(records)
         moved[number] = replace(records[number], y=y)
-        changed = held_out(candidate_of(tree, moved), moved, folds).predictions
+        changed = search_steps.candidate(tree, moved, folds).predictions
         np.testing.assert_array_equal(changed[number][start:stop], reference[number][start:stop])
 
 
@@ -98,11 +87,11 @@ def test_a_sample_does_move_the_predictions_of_others():
     """Otherwise the test above would hold for a prediction that uses no data."""
     records = some_records(9000)
     tree, folds = declared_with(records, Offset()), record_folds(records)
-    reference = held_out(candidate_of(tree, records), records, folds).predictions
+    reference = search_steps.candidate(tree, records, folds).predictions
     y = records[0].y.copy()
     y[5] += 3.0
     moved = [replace(records[0], y=y), *records[1:]]
-    changed = held_out(candidate_of(tree, moved), moved, folds).predictions
+    changed = search_steps.candidate(tree, moved, folds).predictions
     start, stop = records[0].segments[1]
     assert np.all(changed[0][start:stop] != reference[0][start:stop])  # its offset
     assert np.any(changed[1] != reference[1])  # the fit of the other folds
@@ -112,7 +101,7 @@ def test_a_fold_is_the_fit_to_its_training_records():
     """Against a fit that never had the other records."""
     records = some_records(9003)
     tree = declared_with(records)
-    found = held_out(candidate_of(tree, records), records, record_folds(records))
+    found = search_steps.candidate(tree, records, record_folds(records))
     problem = tree.problem(records[1:])
     alone = variable_projection(problem, problem.x0, tolerance=1e-12)
     expected = tree.problem(records[:1]).predictions(alone.x, np.zeros(6, dtype=bool))[0]
@@ -126,7 +115,7 @@ def test_errors_are_those_of_the_predictions(weighed):
     if weighed:
         weights = np.random.default_rng(0).uniform(0.0, 2.0, 240)
         records = [replace(r, weights=weights) for r in records]
-    found = held_out(candidate_of(declared_with(records), records), records, record_folds(records))
+    found = search_steps.candidate(declared_with(records), records, record_folds(records))
     residual = np.stack([r.y for r in records]) - np.stack(found.predictions)
     np.testing.assert_array_equal(np.stack(found.residuals), residual)
     expected = np.sqrt(np.sum(weights * residual**2) / np.sum(3.0 * weights))
@@ -136,7 +125,7 @@ def test_errors_are_those_of_the_predictions(weighed):
 def test_what_is_not_scored_is_nan():
     records = some_records(9005, count=1)
     first = np.arange(6) == 0
-    found = held_out(candidate_of(declared_with(records), records), records, [(first, ~first)])
+    found = search_steps.candidate(declared_with(records), records, [(first, ~first)])
     start, stop = records[0].segments[0]
     assert np.isnan(found.residuals[0][start:stop]).all()
     assert np.isfinite(found.residuals[0][stop:]).all()
@@ -147,8 +136,8 @@ def test_what_is_not_scored_is_nan():
 
 
 def halved(name, tree, records):
-    base = refitted(candidate_of(tree, records), tree, records)
-    variants = screened(EFFECTS[name], tree, records)
+    base = search_steps.refit(search_steps.candidate(tree, records), records)
+    variants = search_steps.variants(name, tree, records)
     (found,), kept = halve([(variants, records, base.cost)], Parallel())
     assert kept == ([0] if variants else [])
     return base, found
@@ -163,7 +152,7 @@ def test_an_effect_that_may_do_nothing_never_makes_the_fit_worse(name):
     for candidate in found:
         assert candidate.effects == (name,)
         assert candidate.n_parameters >= base.n_parameters  # an offset takes an intercept's place
-        best = refitted(candidate, candidate.structure, records)
+        best = search_steps.refit(candidate, records)
         assert best.cost <= 1.001 * base.cost
         assert best.predicted_cost == pytest.approx(best.cost, rel=1e-3)  # nothing more to come
 
@@ -175,8 +164,8 @@ def test_a_start_far_from_its_solution_is_judged_by_its_next_step(budget):
     outputs = tree.run(records)
     ends = np.quantile(np.concatenate(outputs), [0.3, 0.8])
     bent = [replace(r, y=np.clip(v, *ends)) for r, v in zip(records, outputs, strict=True)]
-    candidate, *_ = screened(EFFECTS["dead_zone"], tree, bent)
-    early = refitted(candidate, candidate.structure, bent, budget, candidate.solution)
+    candidate, *_ = search_steps.variants("dead_zone", tree, bent)
+    early = search_steps.refit(candidate, bent, max_evaluations=budget, begun=candidate.solution)
     problem = early.structure.problem(bent)
     assert early.predicted_cost < early.cost
     assert predicted_cost(problem, problem.x0) <= early.predicted_cost * (1.0 + 1e-9)  # undamped
@@ -204,9 +193,8 @@ def test_the_simplest_variant_that_is_true_is_claimed(degree):
         y += 0.002 * np.ptp(y) * rng.standard_normal(len(y))
         bent.append(replace(record, y=y))
     folds = record_folds(bent)
-    base = held_out(candidate_of(tree, bent), bent, folds)
-    effects, criterion = [EFFECTS["static_nonlinearity"]], Criterion(0.01, 0.05)
-    contest = Contest(effects, bent, folds, criterion, 1, 1, 0.0, print, None, None)
+    base = search_steps.candidate(tree, bent, folds)
+    contest = search_steps.contest(bent, folds, "static_nonlinearity", max_effects=1)
     stages = contest.prune(contest.grow(base)[0]).structure
     assert stages.models[stages.names.index("static_nonlinearity")].degree == degree
 
@@ -216,7 +204,7 @@ def test_the_effects_that_explain_most_stay_three_at_least():
     disturbed = [replace(r, y=r.y + 5.0 * np.sin(0.9 * np.arange(240))) for r in records]
     tree = declared_with(records)
     names = ["asymmetry", "creep", "offset", "periodic_disturbance", "delay", "lag"]
-    groups = [(screened(EFFECTS[name], tree, disturbed), disturbed, 1.0) for name in names]
+    groups = [(search_steps.variants(name, tree, disturbed), disturbed, 1.0) for name in names]
     variants, kept = halve(groups, Parallel())
     assert len(kept) == 3
     assert names[kept[0]] == "periodic_disturbance"
@@ -268,13 +256,13 @@ def test_a_line_in_the_level_must_suit_the_levels_between(gains, told):
         segments = tuple(pairwise(range(0, 241, 40)))
         y = gain * u + 0.01 * rng.standard_normal(240)
         records.append(RecordData(u, y, 1.0, segments=segments))
-    tree = Tree.from_result(Gain(), Gain().identify(records))
+    tree = search_steps.fitted(Gain(), records)
     lines = tree.edited("amplitude_dependence", Schedule("amplitude", 1.0, 3.0, "all"))
-    base, candidate = (refitted(candidate_of(own, records), own, records) for own in (tree, lines))
+    base, candidate = (
+        search_steps.refit(search_steps.candidate(own, records), records) for own in (tree, lines)
+    )
     assert candidate.cost < 0.9 * base.cost  # of the fit, in either case
-    effects, criterion = [EFFECTS["amplitude_dependence"]], Criterion(0.01, 0.05)
-    folds = block_folds(records)
-    contest = Contest(effects, records, folds, criterion, 1, 1, 0.0, print, None, None)
+    contest = search_steps.contest(records, block_folds(records), "amplitude_dependence")
     assert contest._predicts_levels(candidate, base, records) == told
 
 
@@ -295,9 +283,8 @@ def test_a_mode_that_outlasts_a_block_predicts_half_of_the_record(truth, damping
     noise = 0.02 * np.random.default_rng(3).standard_normal(len(record.u))
     y = (mode.run(record.u, 0.01)[0] if truth else record.u) + noise
     records = [replace(record, y=y)]
-    base = Tree.from_result(Gain(), Gain().identify(records))
-    trees = base, base.edited("resonance", Insert(SecondOrderMode(), mode))
-    reduced, full = (candidate_of(tree, records) for tree in trees)
-    folds, criterion = block_folds(records), Criterion(0.01, 0.05)
-    contest = Contest([], records, folds, criterion, 1, 1, 0.0, print, None, None)
+    base = search_steps.fitted(Gain(), records)
+    trees = base, search_steps.with_stage(base, "resonance", SecondOrderMode(), mode)
+    reduced, full = (search_steps.candidate(tree, records) for tree in trees)
+    contest = search_steps.contest(records, block_folds(records))
     assert contest._predicts_halves(full, "resonance", reduced) == needed

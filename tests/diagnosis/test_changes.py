@@ -6,13 +6,11 @@ from functools import cache
 
 import numpy as np
 import pytest
+import search_steps
 
 from skhyst.compose import amplitude
 from skhyst.diagnosis import EFFECTS
 from skhyst.diagnosis._changes import _refitted_to
-from skhyst.diagnosis._edits import Insert, InsertAt
-from skhyst.diagnosis._starts import Scene
-from skhyst.diagnosis._tree import Tree
 from skhyst.fluid import TankChain
 from skhyst.hysteresis import (
     CoulombFriction,
@@ -57,18 +55,20 @@ def trees():
     """Return declared models, by what they are made of."""
     plays = PrandtlIshlinskiiOperator([0.0, 0.5, 1.0], [0.4, 0.3, 0.2])
     found = {
-        "gain": Tree.of(Gain(), GainOperator(1.0)),
-        "lag": Tree.of(FirstOrderLag(), LAG),
-        "mode": Tree.of(SecondOrderMode(), MODE),
-        "plays": Tree.of(PrandtlIshlinskii(3), plays),
+        "gain": search_steps.tree_of(Gain(), GainOperator(1.0)),
+        "lag": search_steps.tree_of(FirstOrderLag(), LAG),
+        "mode": search_steps.tree_of(SecondOrderMode(), MODE),
+        "plays": search_steps.tree_of(PrandtlIshlinskii(3), plays),
     }
-    found["plays, mode"] = found["plays"].edited("further", Insert(SecondOrderMode(), MODE))
-    found["lags"] = found["lag"].edited(
-        "further", Insert(FirstOrderLag(), FirstOrderLagOperator(0.2))
+    found["plays, mode"] = search_steps.with_stage(
+        found["plays"], "further", SecondOrderMode(), MODE
+    )
+    found["lags"] = search_steps.with_stage(
+        found["lag"], "further", FirstOrderLag(), FirstOrderLagOperator(0.2)
     )
     for name, model in (("poles", TransferFunction(2, n_zeros=0)), ("force", DynamicStiffness())):
-        found[name] = Tree.from_result(model, model.identify(recordings()))
-    return {name: Tree(tree.root, tree.model) for name, tree in found.items()}
+        found[name] = search_steps.fitted(model, recordings())
+    return {name: type(tree)(tree.root, tree.model) for name, tree in found.items()}
 
 
 DYNAMIC = {"lag", "mode", "plays, mode", "lags", "poles"}
@@ -116,7 +116,7 @@ BY_A_COLUMN = [
 
 
 def found_by(change, name, records=None):
-    return change.trees("effect", Scene(trees()[name], records or recordings()))
+    return search_steps.entered(change, trees()[name], records or recordings())
 
 
 @pytest.mark.parametrize(("effect", "text", "where"), WITHOUT_COLUMNS + BY_A_COLUMN)
@@ -219,16 +219,16 @@ def test_lags_in_a_row_may_be_tanks(number):
     u = 1.0 + 0.5 * np.sign(np.sin(np.arange(200) * 2.0 * DT))
     records = [RecordData(u, operator.run(u, DT)[0], DT)]
     for effect in ("static_nonlinearity", "output_saturation"):  # whose tanks overflow
-        scene = Scene(Tree.of(model, operator), records)
-        found = form(effect, "InStages").trees("effect", scene)
+        tree = search_steps.tree_of(model, operator)
+        found = search_steps.entered(form(effect, "InStages"), tree, records)
         assert bool(found) == (number > 0)
         for tree in found:
             assert len(tree.operators) == 1
             assert isinstance(tree.models[0], TankChain)
             assert np.ndim(tree.run(records)[0]) == 1
     if number == 1:  # nor is what follows a hysteresis
-        behind = trees()["plays"].edited("further", Insert(FirstOrderLag(), LAG))
-        assert form("static_nonlinearity", "InStages").trees("effect", Scene(behind, records)) == []
+        behind = search_steps.with_stage(trees()["plays"], "further", FirstOrderLag(), LAG)
+        assert search_steps.entered(form("static_nonlinearity", "InStages"), behind, records) == []
 
 
 @pytest.mark.parametrize("saturates", [True, False])
@@ -241,19 +241,19 @@ def test_a_saturation_between_two_lags_shows_in_what_the_linear_model_leaves(sat
     y = y + 1e-3 * np.random.default_rng(1).normal(size=600)
     records = [RecordData(u, y, DT)]
     model = TransferFunction(2, n_zeros=0)
-    tree = Tree.from_result(model, model.identify(records))
-    found = form("static_nonlinearity", "InBetween(model=Saturation").trees(
-        "effect", Scene(tree, records)
+    tree = search_steps.fitted(model, records)
+    found = search_steps.entered(
+        form("static_nonlinearity", "InBetween(model=Saturation"), tree, records
     )
     assert bool(found) == saturates
     for own in found:
         assert len(own.operators) == 3
         assert isinstance(own.operators[1], SaturationOperator)
         assert all(len(own.operators[k].poles()) == 1 for k in (0, 2))
-    one = Tree.of(FirstOrderLag(), LAG)  # cannot be divided
+    one = search_steps.tree_of(FirstOrderLag(), LAG)  # cannot be divided
     assert (
-        form("static_nonlinearity", "InBetween(model=Saturation").trees(
-            "effect", Scene(one, records)
+        search_steps.entered(
+            form("static_nonlinearity", "InBetween(model=Saturation"), one, records
         )
         == []
     )
@@ -273,7 +273,6 @@ def test_a_drive_without_high_frequencies_is_the_same_however_it_is_interpolated
 def test_what_depends_on_the_record_depends_on_nothing_else_yet():
     """One straight line at a time, and none for what is added in front of the declared model."""
     lines = found_by(form("amplitude_dependence", "which='all'"), "lag")[0]
-    scene = Scene(lines, recordings())
     for change in (
         form("amplitude_dependence", "which='all'"),
         form("amplitude_dependence", "MovedModes"),
@@ -281,12 +280,14 @@ def test_what_depends_on_the_record_depends_on_nothing_else_yet():
         form("auxiliary_input", "to_drive=True"),
         form("rectification", "Folded"),
     ):
-        assert change.trees("more", scene) == []
-    assert form("auxiliary_input", "Driven").trees("more", scene)
+        assert search_steps.entered(change, lines, recordings(), "more") == []
+    assert search_steps.entered(form("auxiliary_input", "Driven"), lines, recordings(), "more")
     scaled = found_by(form("auxiliary_input", "Scaling"), "lag")[0]
     edits = [
         tree.edits[-1][1]
-        for tree in form("auxiliary_input", "Scaling").trees("more", Scene(scaled, recordings()))
+        for tree in search_steps.entered(
+            form("auxiliary_input", "Scaling"), scaled, recordings(), "more"
+        )
     ]
     assert [edit.column for edit in edits] == [2]  # it is scaled by the first one
 
@@ -298,8 +299,8 @@ def test_friction_that_is_declared_follows_the_load_itself():
     assert first.is_part("effect")
     assert second.is_part("effect")
     model = CoulombFriction()
-    tree = Tree.from_result(model, model.identify(records))
-    found = form("friction", "LoadedForce").trees("effect", Scene(tree, records))
+    tree = search_steps.fitted(model, records)
+    found = search_steps.entered(form("friction", "LoadedForce"), tree, records)
     loads = [np.abs(np.concatenate([r.auxiliary[:, k] for r in records])).mean() for k in range(2)]
     for number, (own, load) in enumerate(zip(found, loads, strict=True), start=1):
         ((_, edit),) = own.edits
@@ -313,12 +314,12 @@ def test_forces_of_a_free_mass_are_added_that_it_has_not():
     rng = np.random.default_rng(0)
     u = np.cumsum(rng.normal(size=150))
     records = [RecordData(u, np.cumsum(np.cumsum(u)) * DT**2, DT)]
-    tree = Tree.from_result(FreeMass(), FreeMass().identify(records))
+    tree = search_steps.fitted(FreeMass(), records)
     cubic = form("cubic_stiffness", "MoreTerms")
-    found = cubic.trees("effect", Scene(tree, records))
+    found = search_steps.entered(cubic, tree, records)
     assert found
     assert all(own.models[0].cubic_stiffness for own in found)
-    assert cubic.trees("more", Scene(found[0], records)) == []
+    assert search_steps.entered(cubic, found[0], records, "more") == []
 
 
 @pytest.mark.parametrize("name", ["offset", "drift"])
@@ -326,7 +327,7 @@ def test_a_force_beside_the_drive_is_a_parameter_and_tried_as_one(name):
     """It helps a new record, as a function of time beside the response does not."""
     effect = EFFECTS[name]
     mass, mode = (
-        Tree.of(model, operator)
+        search_steps.tree_of(model, operator)
         for model, operator in (
             (FreeMass(fit_force_offset=False), FreeMassOperator(1.0, 0.1)),
             (SecondOrderMode(), SecondOrderModeOperator(30.0, 0.1)),
@@ -347,19 +348,22 @@ def test_a_spring_bends_in_the_feedback_of_more_poles_than_those_of_a_mode():
     """In front of all that has a gain of its own, and once; what feeds through at once has none."""
     records, bent = recordings(), form("cubic_stiffness", "InFeedback")
     poles = TransferFunctionOperator([0.05], [30.0], [0.2], [0.3, 0.1], 1.4)
-    tree = Tree.of(TransferFunction(3, n_zeros=2), poles)
-    found = bent.trees("effect", Scene(tree, records))
+    tree = search_steps.tree_of(TransferFunction(3, n_zeros=2), poles)
+    found = search_steps.entered(bent, tree, records)
     assert found
     for own in found:
         assert own.without("effect").operators[0].pack().tolist() == poles.pack().tolist()
         assert own.operators[0].linear.pack().tolist() == poles.pack().tolist()
-        assert bent.trees("more", Scene(own, records)) == []
+        assert search_steps.entered(bent, own, records, "more") == []
     straight = replace(poles, numerator=np.append(poles.numerator, 0.01))
-    assert bent.trees("effect", Scene(Tree.of(TransferFunction(3), straight), records)) == []
-    behind = tree.edited(
-        "front", InsertAt(None, PrandtlIshlinskii(3), trees()["plays"].operators[0])
+    assert (
+        search_steps.entered(bent, search_steps.tree_of(TransferFunction(3), straight), records)
+        == []
     )
-    assert bent.trees("effect", Scene(behind, records)) == []
+    behind = search_steps.in_front(
+        tree, "front", PrandtlIshlinskii(3), trees()["plays"].operators[0]
+    )
+    assert search_steps.entered(bent, behind, records) == []
 
 
 def test_friction_of_a_mass_follows_each_load():
@@ -370,17 +374,17 @@ def test_friction_of_a_mass_follows_each_load():
     records = [RecordData(u, y, DT, auxiliary=loads)]
     change = form("friction", "LoadedMotion")
     for model in (FreeMass(), FreeMass(friction=True)):
-        tree = Tree.from_result(model, model.identify(records))
-        found = change.trees("effect", Scene(tree, records))
+        tree = search_steps.fitted(model, records)
+        found = search_steps.entered(change, tree, records)
         assert found
         for own in found:
             assert own.models[0].estimator.friction
             scaled = own.operators[0]
             assert (scaled.column, scaled.magnitude, scaled.scales) == (1, True, ("friction",))
             assert scaled.reference == pytest.approx(np.abs(loads[:, 0]).mean())
-            assert change.trees("more", Scene(own, records)) == []
-        behind = tree.edited("front", InsertAt(None, FirstOrderLag(), LAG))
-        assert change.trees("effect", Scene(behind, records)) == []
+            assert search_steps.entered(change, own, records, "more") == []
+        behind = search_steps.in_front(tree, "front", FirstOrderLag(), LAG)
+        assert search_steps.entered(change, behind, records) == []
 
 
 @pytest.mark.parametrize("declared", [DynamicStiffness(drive="velocity"), CoulombFriction()])
@@ -388,14 +392,14 @@ def test_a_force_beside_one_of_a_velocity_is_of_that_velocity(declared):
     """Behind an integrator, or with the motion as the model has it."""
     if isinstance(declared, CoulombFriction):
         declared.set_params(motion="velocity")
-    tree = Tree.from_result(declared, declared.identify(recordings()))
-    [found] = form("hysteresis", "MaxwellSlip").trees("effect", Scene(tree, recordings()))[:1]
+    tree = search_steps.fitted(declared, recordings())
+    [found] = search_steps.entered(form("hysteresis", "MaxwellSlip"), tree, recordings())[:1]
     place, friction = found.models[0].steps[1][1].steps
     assert isinstance(place[1], TransferFunction)
     assert isinstance(friction[1], MaxwellSlip)
     if isinstance(declared, DynamicStiffness):
-        sliding = form("friction", "ParallelForce(model=CoulombFriction").trees(
-            "effect", Scene(tree, recordings())
+        sliding = search_steps.entered(
+            form("friction", "ParallelForce(model=CoulombFriction"), tree, recordings()
         )
         assert {own.models[0].steps[1][1].motion for own in sliding} == {"velocity"}
 
@@ -408,24 +412,24 @@ def test_what_is_there_is_not_added_again():
     ):
         found = found_by(additive, "force")
         assert found
-        assert additive.trees("more", Scene(found[0], records)) == []
-    friction = form("friction", "LoadedForce").trees("more", Scene(found[0], records))
+        assert search_steps.entered(additive, found[0], records, "more") == []
+    friction = search_steps.entered(form("friction", "LoadedForce"), found[0], records, "more")
     assert [own.is_part("more") for own in friction] == [False, False]  # it follows the load
 
 
 def test_the_stage_that_is_meant_may_stand_anywhere():
     """Behind another one, too; and one that has an offset of its own drive is not widened."""
     records, plays = recordings(), trees()["plays"]
-    lag = InsertAt(None, FirstOrderLag(), LAG)
-    behind = plays.edited("front", lag)
+    behind = search_steps.in_front(plays, "front", FirstOrderLag(), LAG)
     assert behind.names[0] == "front"
-    assert form("rate_dependence", "slope").trees("more", Scene(behind, records))
+    assert search_steps.entered(form("rate_dependence", "slope"), behind, records, "more")
     assert (
-        form("auxiliary_input", "FollowedWidth").trees("more", Scene(behind, records)) == []
+        search_steps.entered(form("auxiliary_input", "FollowedWidth"), behind, records, "more")
+        == []
     )  # they are not in front
     for own in ({"drive_offset": 0.3}, {"form": "stop"}):
         other = plays.with_stage(0, operator=replace(plays.operators[0], **own))
-        assert form("rate_dependence", "slope").trees("more", Scene(other, records)) == []
+        assert search_steps.entered(form("rate_dependence", "slope"), other, records, "more") == []
 
 
 @pytest.mark.parametrize("unit", [1e-6, 1.0])
@@ -438,9 +442,10 @@ def test_linear_parameters_are_those_of_least_squares(unit, weighted):
     records = [RecordData(u, y, DT, weights=weights if weighted else None)]
     basis = np.sqrt(weights)[:, None] * np.c_[u, np.ones(200)]
     expected = np.linalg.lstsq(basis, np.sqrt(weights) * y, rcond=None)[0]
-    operator = _refitted_to(records, Tree.of(Gain(), GainOperator(0.1 * unit, 3.0))).operators[0]
+    tree = search_steps.tree_of(Gain(), GainOperator(0.1 * unit, 3.0))
+    (operator,) = _refitted_to(records, tree).operators
     np.testing.assert_allclose([operator.gain, operator.intercept], expected, rtol=1e-6)
     still = [replace(records[0], u=np.zeros(200))]
-    operator = _refitted_to(still, Tree.of(Gain(), GainOperator(0.1 * unit, 3.0))).operators[0]
+    (operator,) = _refitted_to(still, tree).operators
     mean = np.average(y, weights=weights)
     assert (operator.gain, operator.intercept) == (0.1 * unit, pytest.approx(mean))

@@ -5,10 +5,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import search_steps
 
 from skhyst.diagnosis import Effect, _contest
-from skhyst.diagnosis._candidates import Candidate
-from skhyst.diagnosis._contest import Contest
 from skhyst.disturbance import OffsetOperator, SinusoidOperator
 from skhyst.optimize import RecordData
 
@@ -67,7 +66,9 @@ def candidate(effects, error, *, cost=None, n_parameters=1, lines=()):
         cost = 0.5 ** len(effects) * min(error, 1.0) ** 2
     known = {"residuals": (np.full(4, error),), "weights": (None,), "error": error}
     model = Model(effects, error, lines)
-    return Candidate(tuple(effects[-1:]), model, cost, cost, n_parameters, np.empty(0), **known)
+    return search_steps.candidate(
+        model, effects=effects[-1:], cost=cost, n_parameters=n_parameters, **known
+    )
 
 
 class Margins:
@@ -167,20 +168,10 @@ def world(monkeypatch):
 
 
 def contest_of(**options):
-    options = {
-        "effects": EFFECTS,
-        "records": [RecordData(U, U, 0.1)],
-        "folds": ["fold"],
-        "criterion": Margins(),
-        "max_effects": 3,
-        "n_jobs": 1,
-        "negligible": 1e-3,
-        "report_progress": lambda *told: None,
-        "renew": None,
-        "judge": lambda c: SimpleNamespace(structured=False),
-        **options,
-    }
-    return Contest(**options)
+    known = {"criterion": Margins(), "negligible": 1e-3, "effects": EFFECTS}
+    known["judge"] = lambda c: SimpleNamespace(structured=False)
+    records = options.pop("records", [RecordData(U, U, 0.1)])
+    return search_steps.contest(records, ["fold"], **known | options)
 
 
 def contest_after_one_trial(world):
@@ -275,7 +266,7 @@ def test_what_fits_better_but_was_never_held_out_is_tried_beside_others(world):
     assert world.asked[4:] == [("b", "a")]  # c fits hardly better
 
 
-def test_the_ranking_tells_what_each_effect_has_achieved(world):
+def test_the_ranking_has_a_row_per_effect_with_its_errors(world):
     world.errors = {"": 1.0, "a": 0.5, "c": 2.0, "d": 1.1}
     world.costs = {"a": 0.25, "c": 0.5, "d": 4.0}
     contest = contest_of()
@@ -346,7 +337,7 @@ def test_suspects_would_help_most_but_are_not_in(world):
     assert len(contest.suspects(candidate("ab", 1.0))) == 1
 
 
-def test_claims_are_told_by_what_they_remove_of_the_error(world):
+def test_claims_are_reported_in_the_order_of_what_they_remove(world):
     """Of three effects the error without each, and without the next, and so on."""
     world.errors = {"abc": 1.0, "ab": 1.5, "bc": 4.0, "ac": 2.0, "b": 6.0, "a": 3.0, "": 9.0}
     contest = contest_after_one_trial(world)
@@ -365,7 +356,7 @@ def test_a_residual_is_judged_once(world):
     assert judged == [1.0, 0.5]
 
 
-def test_weights_are_of_what_is_left_where_the_loss_is_robust(world, monkeypatch):
+def test_weights_are_those_of_the_residual_where_the_loss_is_robust(world, monkeypatch):
     monkeypatch.setattr(_contest, "huber_weights", lambda residuals, lost: [np.full(4, 0.5)])
     world.errors, base = {"a": 0.4}, candidate("a", 0.5)
     assert contest_of().weighed(base) is base
@@ -383,7 +374,7 @@ def ends(world, errors, **options):
 
 
 def test_paths_go_on_until_nothing_is_better(world):
-    """The best, and the simplest that is not told from it; the ends have no better one."""
+    """The best, and the simplest that is not distinguished from it; the ends have no better one."""
     told, world.sizes = [], {"a": 3, "b": 2, "c": 9, "d": 2}
     errors = {"": 1.0, "a": 0.5, "b": 0.6, "c": 0.55, "d": 0.61, "bc": 0.3}
     assert ends(world, errors, report_progress=lambda text, *_: told.append(text)) == ["a", "bc"]
@@ -450,7 +441,7 @@ def test_an_effect_that_misleads_hides_nothing_that_is_found_without_it(world, n
 
 
 def pruned(world, errors, right=True):
-    """Prune the effects of the largest model that is known; return what is left."""
+    """Prune the largest model that is known; return the effects that stay, and the removed ones."""
     world.errors, largest = errors, max(errors, key=len)
     world.is_right = lambda model, name: right or len(model.effects) == len(largest)
     contest = contest_after_one_trial(world)
@@ -532,11 +523,11 @@ def named(world, sizes=(), **errors):
 
 def test_the_name_is_that_of_the_least_error(world):
     assert named(world, a=0.5) == ("a", "")
-    assert named(world, a=0.5, b=0.45) == ("b", "a")  # which is not told from it
+    assert named(world, a=0.5, b=0.45) == ("b", "a")  # which is not distinguished from it
     assert named(world, a=0.5, b=0.3) == ("b", "")
     assert named(world, a=0.5, b=0.55, c=0.52) == ("a", "cb")
     assert named(world, a=0.5, b=0.45, c=0.48) == ("b", "ca")
-    assert named(world, a=0.5, b=0.7) == ("a", "")  # told from it
+    assert named(world, a=0.5, b=0.7) == ("a", "")  # distinguished from it
     assert named(world, a=0.5, b=0.95) == ("a", "")  # no better than nothing
     # a function of time helps no new record
     assert named(world, a=0.5, o=0.46) == ("a", "o")

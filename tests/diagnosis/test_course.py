@@ -1,14 +1,13 @@
-"""What stands beside a model is told from the course that noise takes by itself."""
+"""An additive disturbance is distinguished from the course of the noise itself."""
 
 import numpy as np
 import pytest
+import search_steps
 from numpy.polynomial.legendre import legvander
 from scipy.fft import idct
 
 from skhyst.diagnosis import _course
 from skhyst.diagnosis._course import course_p_value, course_p_values
-from skhyst.diagnosis._edits import AddDisturbance
-from skhyst.diagnosis._tree import Tree
 from skhyst.disturbance import (
     Drift,
     DriftOperator,
@@ -62,11 +61,11 @@ def test_noise_of_the_drive_that_a_mode_has_coloured_is_no_line(size):
         line = size * np.sin(0.38 * time + rng.uniform(0.0, 6.0))
         y = mode.run(u, 1.0, mode.init(u[0]))[0] + line + 0.02 * rng.standard_normal(N)
         records.append(RecordData(u + 0.1 * rng.standard_normal(N), y, 1.0))
-    tree = Tree.of(SecondOrderMode(), mode)
+    tree = search_steps.tree_of(SecondOrderMode(), mode)
     rests = [r.y - y for r, y in zip(records, tree.respond(records), strict=True)]
     highest = np.argmax(sum(np.abs(np.fft.rfft(rest, 4 * N)) ** 2 for rest in rests))
     line = SinusoidOperator(np.zeros(2), np.array([highest / (4.0 * N)]))
-    tree = tree.edited("periodic_disturbance", AddDisturbance(PeriodicDisturbance(), line))
+    tree = search_steps.with_disturbance(tree, "periodic_disturbance", PeriodicDisturbance(), line)
     (p_value,) = course_p_values(tree, records).values()
     assert (p_value < 1e-4) == (size > 0.0)
 
@@ -80,8 +79,11 @@ def test_without_noise_everything_stands_out_and_nothing_is_nothing():
 def test_a_constant_is_an_offset_and_no_drift():
     rng = np.random.default_rng(102)
     model, time = Gain(), 0.01 * np.arange(N)
-    tree = Tree.of(model, GainOperator(1.0)).edited(
-        "drift", AddDisturbance(Drift(1), DriftOperator(np.zeros(2), 0.01 * N))
+    tree = search_steps.with_disturbance(
+        search_steps.tree_of(model, GainOperator(1.0)),
+        "drift",
+        Drift(1),
+        DriftOperator(np.zeros(2), 0.01 * N),
     )
     for slope, is_drift in ((0.0, False), (1.0, True)):
         records = []
@@ -125,7 +127,7 @@ def test_a_course_has_no_unit(unit):
 
 
 def test_noise_that_the_plant_makes_of_the_drive_is_no_line():
-    """A band around it, as a mode makes of white noise, is told from a line by its echo."""
+    """A band, as a mode makes of white noise, is distinguished from a line by its echo."""
     rng = np.random.default_rng(2)
     band = (np.abs(np.arange(1000) - 50.0) < 6.0) * 20.0
 
@@ -150,10 +152,10 @@ def test_each_frequency_that_was_sought_counts_with_half_of_the_samples(monkeypa
     monkeypatch.setattr(_course, "course_p_value", p_value)
     rng = np.random.default_rng(0)
     records = [RecordData(u, u, 0.01) for u in (rng.normal(size=n) for n in (200, 500, 100))]
-    tree = Tree.of(Gain(), GainOperator(1.0))
+    tree = search_steps.tree_of(Gain(), GainOperator(1.0))
     one = SinusoidOperator(np.zeros(2), np.array([3.0]))
-    tree = tree.edited("periodic_disturbance", AddDisturbance(PeriodicDisturbance(), one))
-    tree = tree.edited("drift", AddDisturbance(Drift(2), DriftOperator(np.zeros(3), 1.0)))
+    tree = search_steps.with_disturbance(tree, "periodic_disturbance", PeriodicDisturbance(), one)
+    tree = search_steps.with_disturbance(tree, "drift", Drift(2), DriftOperator(np.zeros(3), 1.0))
     found = course_p_values(tree, records)
     assert found == {"periodic_disturbance": pytest.approx(250.0 * 1e-6), "drift": 1e-6}
     assert seen == [(5, [0, 1]), (5, [1, 2])]

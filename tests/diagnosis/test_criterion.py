@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import search_steps
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from skhyst.diagnosis._candidates import Candidate, root_mean_square
+from skhyst.diagnosis._candidates import root_mean_square
 from skhyst.diagnosis._criterion import Criterion, paired_p_value, weighted
 
 N, RECORDS = 600, 4
@@ -157,14 +158,14 @@ def contestant(cost, *residuals):
     weights = (None,) * len(residuals)
     error = root_mean_square(residuals, weights)
     own = {"residuals": residuals, "weights": weights, "error": error}
-    return Candidate((), None, cost, cost, 0, np.empty(0), **own)
+    return search_steps.candidate(None, cost=cost, **own)
 
 
 def test_what_both_explain_alike_is_no_evidence():
     """The difference of the two is the instrument, whatever the models have in common."""
     rng = np.random.default_rng(9011)
     noise, delta = rng.standard_normal(2000), difference("smooth", rng, 2000)
-    criterion, found = Criterion(alpha=0.01, min_improvement=0.05), []
+    criterion, found = search_steps.USUAL, []
     for common in (np.zeros(2000), 50.0 * rng.standard_normal(2000)):
         base = replace(contestant(2400.0, noise + delta), explained=(common,))
         better = replace(contestant(2000.0, noise), explained=(common + delta,))
@@ -175,7 +176,7 @@ def test_what_both_explain_alike_is_no_evidence():
 def test_a_better_model_is_better_held_out_and_in_the_fit():
     rng = np.random.default_rng(9010)
     noise = rng.standard_normal(2000)
-    criterion = Criterion(alpha=0.01, min_improvement=0.05)
+    criterion = search_steps.USUAL
     base = contestant(1.2 * 2000, noise + 0.5 * difference("smooth", rng, 2000) / 0.2)
     better = contestant(1.0 * 2000, noise)
     assert criterion.is_better(base, better)
@@ -186,7 +187,7 @@ def test_a_better_model_is_better_held_out_and_in_the_fit():
 
 def test_every_candidate_that_was_tried_counts():
     rng = np.random.default_rng(9011)
-    criterion = Criterion(0.01, 0.05)
+    criterion = search_steps.USUAL
     noise = rng.standard_normal(300)
     base = contestant(400.0, noise + 0.4 * np.sign(np.sin(0.3 * np.arange(300))))
     better = contestant(300.0, noise)
@@ -197,7 +198,7 @@ def test_every_candidate_that_was_tried_counts():
 def test_models_are_told_apart_by_what_matters():
     rng = np.random.default_rng(9012)
     noise = rng.standard_normal(5000)
-    criterion = Criterion(0.01, 0.05)
+    criterion = search_steps.USUAL
     best = contestant(1.0, noise)
     slow = np.sin(0.1 * np.arange(5000))
     assert not criterion.is_better(contestant(1.0, noise + 0.4 * slow), best)  # by 4 %

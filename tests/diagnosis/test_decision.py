@@ -8,12 +8,9 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+import search_steps
 
-from skhyst.diagnosis import EFFECTS, EffectSearchCV
-from skhyst.diagnosis._candidates import Candidate, held_out, screened
-from skhyst.diagnosis._contest import Contest
-from skhyst.diagnosis._criterion import Criterion
-from skhyst.diagnosis._tree import Tree
+from skhyst.diagnosis import EffectSearchCV
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import FirstOrderLag, FirstOrderLagOperator, Gain
 from skhyst.optimize import RecordData
@@ -158,37 +155,25 @@ def missing_two():
     drives = [np.cumsum(rng.standard_normal(N)) / 5.0 for _ in range(COUNT)]
     model = PrandtlIshlinskii(4)
     records = [RecordData(u, u + 0.3 * np.sin(u), DT, segments=segments) for u in drives]
-    tree = Tree.from_result(model, model.identify(records))
+    tree = search_steps.fitted(model, records)
     found = []
     for record, v, offset in zip(records, tree.run(records), (0.8, -1.1, 0.4, -0.2), strict=True):
         y = lag.run(v, DT)[0] + offset
         found.append(replace(record, y=y + 0.005 * rng.standard_normal(N)))
-    tree = Tree.from_result(model, model.identify(found))
-    problem = tree.problem(found)
-    cost = problem.total(problem.evaluate(problem.x0))[-1, -1]
+    tree = search_steps.fitted(model, found)
     record_of = np.concatenate([np.full(len(r.segments), i) for i, r in enumerate(found)])
     folds = [(record_of != k, record_of == k) for k in range(COUNT)]
-    base = Candidate((), tree, cost, cost, len(problem.x0), problem.x0)
-    return found, folds, held_out(base, found, folds)
+    problem = tree.problem(found)
+    cost = problem.total(problem.evaluate(problem.x0))[-1, -1]
+    return found, folds, search_steps.candidate(tree, found, folds, cost=cost)
 
 
-def contest_of(records, folds, *names, structured=True, criterion=None, **options):
-    return Contest(
-        [EFFECTS[name] for name in names],
-        records,
-        folds,
-        criterion or Criterion(0.01, 0.05),
-        3,
-        1,
-        0.0,
-        lambda *_: None,
-        None,
-        lambda _: SimpleNamespace(structured=structured),
-        **options,
-    )
+def contest_of(records, folds, *names, structured=True, **options):
+    judge = {"judge": lambda _: SimpleNamespace(structured=structured)}
+    return search_steps.contest(records, folds, *names, **judge | options)
 
 
-class NotAlone(Criterion):
+class NotAlone(type(search_steps.USUAL)):
     """One for which each effect hides the other."""
 
     def improves_enough(self, worse, better):
@@ -215,9 +200,11 @@ def test_two_effects_are_found_together_where_neither_helps(missing_two):
 def test_the_family_is_all_that_was_screened_and_the_pairs_that_were_possible(missing_two):
     records, folds, base = missing_two
     names = "lag", "delay", "dead_zone", "offset"
-    contest = contest_of(records, folds, *names, criterion=Criterion(0.01, 1.0 - 1e-9))
+    contest = contest_of(
+        records, folds, *names, criterion=replace(search_steps.USUAL, min_improvement=1.0 - 1e-9)
+    )
     assert contest.grow(base) == [base]
-    screening = [screened(EFFECTS[name], base.structure, records) for name in names[:-1]]
+    screening = [search_steps.variants(name, base.structure, records) for name in names[:-1]]
     variants = sum(map(len, screening))  # the offset is not screened: it comes last
     assert contest.n_tried == variants + comb(len(names), 2)
 
@@ -228,5 +215,5 @@ def test_a_finished_step_is_not_done_again(missing_two, monkeypatch):
     contest = contest_of(records, folds, "lag", "offset", keep=lambda steps: kept.append(steps))
     ends = contest.grow(base)
     again = contest_of(records, folds, "lag", "offset", steps=dict(kept[-1]))
-    monkeypatch.setattr(Contest, "_screened", None)
+    monkeypatch.setattr(type(again), "_screened", None)
     assert [c.structure.effects for c in again.grow(base)] == [c.structure.effects for c in ends]

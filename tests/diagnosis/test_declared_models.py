@@ -5,6 +5,7 @@ not that of the package.
 """
 
 import warnings
+from functools import cache
 
 import numpy as np
 import pandas as pd
@@ -59,14 +60,20 @@ def drives(seed):
         yield rng.uniform(0.6, 1.0) * waves.sum(axis=1)
 
 
-def recording(name, change, seed=3):
-    """Return records of the model's own response to which an effect has been done."""
+@cache
+def plant(name, seed):
+    """Return drives, and a model's own responses to them once it was fitted to made-up loops."""
     u = list(drives(seed))
     loop = [np.tanh(v) + 0.2 * np.sign(np.gradient(v)) * (1 - np.exp(-np.abs(v))) for v in u]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # made-up loops determine few models
         fitted = model(name).fit(*stack_records(list(zip(u, loop, strict=True)), dt=DT))
-    clean = [fitted.operator_.run(v, DT)[0] for v in u]
+    return u, [fitted.operator_.run(v, DT)[0] for v in u]
+
+
+def recording(name, change, seed=3):
+    """Return records of the model's own response to which an effect has been done."""
+    u, clean = plant(name, seed)
     size = np.ptp(np.concatenate(clean))
     changed = [change(y, i, size) for i, y in enumerate(clean)]
     X, y = stack_records(list(zip(u, changed, strict=True)), dt=DT)

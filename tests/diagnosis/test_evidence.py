@@ -1,6 +1,7 @@
 """A claim names what the plant has, and its numbers are those of the plant."""
 
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import plants
@@ -406,7 +407,7 @@ def test_an_effect_of_ones_own_beside_the_model_has_evidence_too():
 
 @pytest.mark.slow
 def test_evidence_behind_declared_dynamics():
-    """The names of parameters in a longer cascade are told apart."""
+    """The names of parameters in a longer cascade are distinguished."""
     recording = make_recording("lag", "cascade", SEED, n_samples=4000)
     model = Cascade([("hysteresis", PrandtlIshlinskii()), ("lag_of_mine", FirstOrderLag())])
     search = EffectSearchCV(model, effects=["resonance"], max_effects=1)
@@ -415,3 +416,9 @@ def test_evidence_behind_declared_dynamics():
     numbers, mode = search.evidence_["resonance"].numbers, recording.truth["mode"]
     assert_near(numbers["natural frequency"], mode["frequency"], 0.02)
     assert_near(numbers["damping ratio"], mode["damping"], 0.1)
+
+
+def test_without_a_covariance_errors_are_independent():
+    values = {"a": (1.0, 0.5), "b": (3.0, 0.1)}
+    claim = SimpleNamespace(result=SimpleNamespace(covariance=None), values=values)
+    np.testing.assert_allclose(Claim.covariance(claim, ["b", "a"]), np.diag([0.01, 0.25]))

@@ -1,14 +1,16 @@
 """Where a residual stands is found, and white noise stands everywhere."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
+import search_steps
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 from skhyst.diagnosis import EffectSearchCV
-from skhyst.diagnosis._criterion import Criterion
 from skhyst.diagnosis._location import locate, out_of_line, strongest
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import Gain
@@ -68,17 +70,19 @@ def test_a_record_is_out_of_line_where_its_error_is_larger_also_for_its_response
     residuals = [scale * r for (scale, _), r in zip(scales, own, strict=True)]
     responses = [scale * rng.normal(size=1500) for _, scale in scales]
     residuals[0][:50] = np.nan
-    found = out_of_line(residuals, responses, Criterion(0.01, 0.05))
+    found = out_of_line(residuals, responses, search_steps.USUAL)
     assert list(found) == named
     assert list(found.values()) == pytest.approx([error] * len(named), rel=0.15)
-    assert not out_of_line(residuals[1:2], responses[1:2], Criterion(0.01, 0.05))  # no others
+    assert not out_of_line(residuals[1:2], responses[1:2], search_steps.USUAL)  # no others
 
 
 def test_noise_puts_no_record_out_of_line():
     rng, found = np.random.default_rng(62), 0
     for _ in range(40):
         signals = np.cumsum(rng.normal(size=(3, 200)), axis=1)
-        found += bool(out_of_line(signals[:, :150], signals[:, 50:], Criterion(0.2, 0.05)))
+        found += bool(
+            out_of_line(signals[:, :150], signals[:, 50:], replace(search_steps.USUAL, alpha=0.2))
+        )
     assert found <= 8  # slow, so that a record is one block
 
 
@@ -167,3 +171,65 @@ def test_search_says_where_the_unexplained_stands():
     assert "drive" in {row["by"] for row in report.to_dict()["location"]}
     for text in (report.to_html(), report.to_markdown()):
         assert "The residual is strongest here" in text
+
+
+def test_shares_of_octaves_are_those_of_the_power():
+    """Of two lines, one of twice the amplitude has four fifths."""
+    n, dt = 4000, 1e-3
+    time = dt * np.arange(n)
+    residual = np.sin(2 * np.pi * 20.0 * time) + 2.0 * np.sin(2 * np.pi * 300.0 * time)
+    table = locate([RecordSlice("a", slice(0, n), dt, 0.0, n)], np.sin(time), residual, Units())
+    table = table[table["by"] == "frequency"]
+    shares = [
+        table[(table["low"] < f) & (f <= table["high"])]["share"].item() for f in (20.0, 300.0)
+    ]
+    np.testing.assert_allclose(shares, [0.2, 0.8], atol=1e-3)
+
+
+def test_octaves_are_those_of_the_longest_record_and_of_the_shortest_interval():
+    """Lines of one amplitude share by the numbers of samples, each within an octave."""
+    intervals, sizes, lines = (1e-3, 1e-2, 1e-3), (4000, 1000, 200), (300.0, 0.6, 35.0)
+    stops = np.cumsum(sizes)
+    slices = [
+        RecordSlice(k, slice(stop - n, stop), dt, 0.0, n)
+        for k, stop, n, dt in zip("abc", stops, sizes, intervals, strict=True)
+    ]
+    residual = np.concatenate(
+        [
+            np.sin(2 * np.pi * f * dt * np.arange(n) + 0.3)
+            for f, n, dt in zip(lines, sizes, intervals, strict=True)
+        ]
+    )
+    table = locate(slices, np.sin(np.arange(stops[-1])), residual, Units())
+    table = table[table["by"] == "frequency"].sort_values("low")
+    np.testing.assert_allclose(table["high"].iloc[1:] / table["low"].iloc[1:], 2.0)
+    assert table["high"].iloc[-1] == 500.0
+    assert 2.0 / 10.0 <= table["high"].iloc[0] < 4.0 / 10.0  # of ten seconds
+    for f, n in zip(lines, sizes, strict=True):
+        at = (table["low"] < f) & (f <= table["high"])
+        assert table[at]["share"].item() == pytest.approx(n / stops[-1], abs=0.02)
+
+
+def test_concentration_is_the_power_relative_to_that_of_all_samples():
+    n, dt = 1000, 0.01
+    u = np.linspace(0.0, 2.0, n) ** 2
+    residual = np.where(np.arange(n) < 100, 3.0, 1.0)  # 900 and 900 of a power of 1800
+    slices = [RecordSlice("a", slice(0, n), dt, 0.0, n)]
+    table = locate(slices, u, residual, Units())
+    for by, low, high in (("time", 0.0, 0.999), ("drive", 0.0, 0.04), ("rate", 0.0, 0.08)):
+        row = table[table["by"] == by].iloc[0]
+        assert (row["low"], row["high"]) == pytest.approx((low, high), abs=0.01)
+        assert (row["share"], row["concentration"]) == pytest.approx((0.5, 5.0), rel=0.02)
+    whole = table[table["by"] == "record"].iloc[0]
+    assert tuple(whole[["low", "high", "share", "concentration"]]) == pytest.approx((0, 9.99, 1, 1))
+
+
+def test_each_sample_of_a_few_has_the_concentration_of_its_power():
+    """All power in one of ten samples is ten times as much as the mean."""
+    residual, u = 7.0 * (np.arange(10) == 4), np.arange(10.0) ** 2
+    table = locate([RecordSlice("a", slice(0, 10), 0.1, 0.0, 10)], u, residual, Units())
+    for by, low in (("time", 0.36), ("drive", 16.0)):
+        row = table[table["by"] == by].iloc[0]
+        assert (row["share"], row["concentration"]) == pytest.approx((1.0, 10.0))
+        assert row["low"] <= low + 1e-9
+        assert row["high"] >= 0.4

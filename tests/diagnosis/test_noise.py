@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+import search_steps
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
-from skhyst.diagnosis._criterion import Criterion
 from skhyst.diagnosis._structure import by_shifted_drive, repeatability
 from skhyst.diagnosis._verdict import judge_residual
 from skhyst.hysteresis import PrandtlIshlinskiiOperator
@@ -15,7 +15,6 @@ from skhyst.optimize import RecordData
 from skhyst.records import _periods, repeats
 
 NOISE = 0.03
-CRITERION = Criterion(alpha=0.01, min_improvement=0.05)
 
 
 def response(u, rng, noise=NOISE):
@@ -160,7 +159,7 @@ def judged(residual, seed, n_records=4, n=1200):
         predictions.append(u)
     with threadpool_limits(limits=1):  # as within a search
         rms = np.sqrt(np.mean(np.square(residuals)))
-        found = judge_residual(records, residuals, predictions, rng, CRITERION)
+        found = judge_residual(records, residuals, predictions, rng, search_steps.USUAL)
     return found, rms
 
 
@@ -216,7 +215,7 @@ def test_rows_without_a_residual_are_left_out():
     r[:300] = np.nan
     p = np.where(np.isfinite(r), u, np.nan)
     with threadpool_limits(limits=1):
-        found = judge_residual([RecordData(u, u, 1e-3)], [r], [p], rng, CRITERION)
+        found = judge_residual([RecordData(u, u, 1e-3)], [r], [p], rng, search_steps.USUAL)
     assert found.ceiling == pytest.approx(np.sqrt(np.nanmean(r**2)), rel=0.1)
     assert 0.0 <= found.p_value <= 1.0
 
@@ -231,7 +230,9 @@ def test_records_of_very_different_length_and_size():
         records.append(RecordData(u, u + r, 1e-3))
         residuals.append(r)
     with threadpool_limits(limits=1):
-        found = judge_residual(records, residuals, [record.u for record in records], rng, CRITERION)
+        found = judge_residual(
+            records, residuals, [record.u for record in records], rng, search_steps.USUAL
+        )
     assert found.p_value < 1e-6
     assert found.floor == pytest.approx(0.01, rel=0.05)
     # what the drive's past predicts; what the residual's own past does may be noise
@@ -263,7 +264,7 @@ def test_what_the_drive_does_not_explain_is_structure_too(name):
     part = no_function_of_the_drive(u, rng)[name]
     r = 2.0 * NOISE * part / part.std() + NOISE * rng.standard_normal(u.size)
     with threadpool_limits(limits=1):
-        found = judge_residual([RecordData(u, u + r, 1e-3)], [r], [u], rng, CRITERION)
+        found = judge_residual([RecordData(u, u + r, 1e-3)], [r], [u], rng, search_steps.USUAL)
     assert found.structured
     assert not found.repeated
     assert found.share < 0.7
@@ -282,7 +283,7 @@ def test_noise_is_noise(law):
         elif law == "tiny colour":
             r += 0.1 * NOISE * np.sin(0.05 * np.arange(u.size))
         with threadpool_limits(limits=1):
-            found = judge_residual([RecordData(u, u + r, 1e-3)], [r], [u], rng, CRITERION)
+            found = judge_residual([RecordData(u, u + r, 1e-3)], [r], [u], rng, search_steps.USUAL)
         assert found.verdict == "noise"
         assert found.ceiling == pytest.approx(np.sqrt(np.mean(r**2)), rel=0.05)
 
@@ -309,7 +310,7 @@ def test_coloured_noise_is_noise(law):
     noise = [NOISE * coloured(law, rng, u.size) for u in drives]
     records = [RecordData(u, u + r, 1e-3) for u, r in zip(drives, noise, strict=True)]
     with threadpool_limits(limits=1):
-        found = judge_residual(records, noise, drives, rng, CRITERION)
+        found = judge_residual(records, noise, drives, rng, search_steps.USUAL)
     assert found.verdict == ("undetermined" if law == 0.97 else "noise")
     assert found.ceiling == pytest.approx(np.sqrt(np.mean(np.square(noise))))
     assert found.floor < found.ceiling
@@ -322,7 +323,7 @@ def test_slow_noise_in_a_short_record_is_no_structure():
         rng = np.random.default_rng(seed)
         u, r = smooth(500, rng), NOISE * coloured(0.97, rng, 500)
         with threadpool_limits(limits=1):
-            found = judge_residual([RecordData(u, u + r, 1e-3)], [r], [u], rng, CRITERION)
+            found = judge_residual([RecordData(u, u + r, 1e-3)], [r], [u], rng, search_steps.USUAL)
         assert not found.structured
 
 
@@ -333,7 +334,7 @@ def test_between_noise_and_structure_a_short_record_cannot_tell():
     noise, found = NOISE * coloured(0.9, rng, u.size), []
     for size in np.geomspace(0.1, 10.0, 6):
         r = noise + size * NOISE * np.sin(2.0 * u)
-        judgement = judge_residual([RecordData(u, u + r, 1e-3)], [r], [u], rng, CRITERION)
+        judgement = judge_residual([RecordData(u, u + r, 1e-3)], [r], [u], rng, search_steps.USUAL)
         found.append(judgement.verdict)
     order = ["noise", "undetermined", "unexplained"]
     assert found == sorted(found, key=order.index)
@@ -348,7 +349,7 @@ def test_what_the_drive_explains_stands_out_of_coloured_noise(law):
     left = [r + 1.5 * NOISE * np.sin(2.0 * u) for u, r in zip(drives, noise, strict=True)]
     records = [RecordData(u, u + r, 1e-3) for u, r in zip(drives, left, strict=True)]
     with threadpool_limits(limits=1):
-        found = judge_residual(records, left, drives, rng, CRITERION)
+        found = judge_residual(records, left, drives, rng, search_steps.USUAL)
     assert found.structured
     size = np.sqrt(np.mean(np.square(noise)))
     assert size < found.ceiling < 0.9 * np.sqrt(np.mean(np.square(left)))
@@ -361,7 +362,7 @@ def test_repetitions_tell_coloured_noise_from_structure():
     noise = np.convolve(rng.standard_normal(u.size + 19), np.full(20, 0.25), mode="valid")
     for structure in (0.0 * u, u**3 / np.std(u**3)):
         r = noise + structure
-        found = judge_residual([RecordData(u, u + r, 1e-3)], [r], [u], rng, CRITERION)
+        found = judge_residual([RecordData(u, u + r, 1e-3)], [r], [u], rng, search_steps.USUAL)
         assert found.repeated
         assert found.structured == structure.any()
         assert found.verdict == ("unexplained" if structure.any() else "noise")
@@ -371,7 +372,7 @@ def test_repetitions_tell_coloured_noise_from_structure():
 def test_nothing_left_is_noise():
     u = smooth(500, np.random.default_rng(0))
     found = judge_residual(
-        [RecordData(u, u, 1e-3)], [0.0 * u], [u], np.random.default_rng(0), CRITERION
+        [RecordData(u, u, 1e-3)], [0.0 * u], [u], np.random.default_rng(0), search_steps.USUAL
     )
     assert (found.verdict, found.floor, found.ceiling) == ("noise", 0.0, 0.0)
 

@@ -3,11 +3,13 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
+import search_steps
 
 from skhyst.diagnosis import _open_questions
 from skhyst.diagnosis._open_questions import Contrasts, Fitted, Intervals, _inverse, _noise
-from skhyst.diagnosis._tree import Tree
+from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import FirstOrderLag, FirstOrderLagOperator, Gain
 from skhyst.noise import NoiseModel
 from skhyst.optimize import RecordData
@@ -28,7 +30,7 @@ def basis_of(*records):
 
 def line(*records):
     model = Gain()
-    return Tree.from_result(model, model.identify(list(records)))
+    return search_steps.fitted(model, list(records))
 
 
 def searched(tree, records, verdict="noise", noise=0.1):
@@ -145,7 +147,7 @@ def test_a_logarithm_is_its_own_measure():
     u = np.random.default_rng(0).normal(size=300)
     operator = FirstOrderLagOperator(0.05, gain=3.0)
     records = [RecordData(u, operator.run(u, DT)[0], DT)]
-    tree = Tree.of(FirstOrderLag(fit_intercept=False), operator)
+    tree = search_steps.tree_of(FirstOrderLag(fit_intercept=False), operator)
     intervals = Intervals(searched(tree, records))
     near = [FirstOrderLagOperator(0.05 * np.exp(h), gain=3.0).run(u, DT)[0] for h in (-1e-5, 1e-5)]
     design = np.c_[(near[1] - near[0]) / 2e-5, records[0].y / 3.0]
@@ -170,3 +172,48 @@ def test_where_the_rest_is_noise_nothing_came_near_a_claim():
     for name, effects in (("no such effect", ()), ("lag", ("lag",))):
         tree = SimpleNamespace(effects=effects)
         assert _open_questions._with_effect(name, tree, None) == []
+
+
+def test_a_parameter_at_its_bound_has_no_interval():
+    """Weights of plays are not negative; those of a straight line but the first are zero."""
+    rng = np.random.default_rng(0)
+    u = np.cumsum(rng.normal(size=400)) / 5.0
+    model, records = PrandtlIshlinskii(4), [RecordData(u, 2.0 * u - 0.01 * np.cos(u), 0.01)]
+    tree = search_steps.fitted(model, records)
+    problem = tree.problem(records)
+    at_bound = (problem.x0 <= problem.lower) | (problem.x0 >= problem.upper)
+    assert 0 < np.count_nonzero(at_bound) < len(at_bound)
+    search = SimpleNamespace(
+        _structure=tree,
+        _records=records,
+        noise_model_=NoiseModel("white", 0.01),
+        response_=u,
+        verdict_="noise",
+    )
+    np.testing.assert_array_equal(Intervals(search)._inner, np.flatnonzero(~at_bound))
+
+
+def test_what_came_near_a_claim_is_of_the_last_round(monkeypatch):
+    ranking = pd.DataFrame(
+        [
+            (1, "lag", 0.5, 1.0),
+            (2, "creep", 0.5, 1.1),
+            (2, "delay", 0.5, 0.9),
+            (2, "drift", 0.0, 1),
+        ],
+        columns=["round", "effect", "screen", "error_after"],
+    )
+    search = SimpleNamespace(
+        verdict_="unexplained",
+        ranking_=ranking,
+        min_improvement=0.05,
+        _structure=SimpleNamespace(effects=("lag",)),
+        _records=[],
+    )
+    monkeypatch.setattr(_open_questions, "_with_effect", lambda name, tree, search: [name])
+    monkeypatch.setattr(_open_questions, "Fitted", lambda tree, records: "as it is")
+    found = [(name, other) for name, other, _ in _open_questions._near_claims(search)]
+    assert found == [("delay", "none"), ("creep", "none")]
+    search._structure.effects = ()
+    found = [name for name, *_ in _open_questions._near_claims(search)]
+    assert found == ["delay", "creep"]

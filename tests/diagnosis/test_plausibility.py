@@ -5,15 +5,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import search_steps
 from numpy.polynomial import Legendre, Polynomial
 from scipy.stats import norm
 
 from skhyst.compose import Sum
 from skhyst.diagnosis import EFFECTS, EffectSearchCV
-from skhyst.diagnosis._candidates import Candidate
-from skhyst.diagnosis._edits import Insert
 from skhyst.diagnosis._plausibility import has_its_name, is_plausible
-from skhyst.diagnosis._tree import Tree
 from skhyst.disturbance import SinusoidOperator
 from skhyst.hysteresis import (
     BacklashOperator,
@@ -60,25 +58,27 @@ MODE = SecondOrderModeOperator(30.0, 0.05)
 
 
 def candidate(tree, *effects):
-    return Candidate(effects, tree, 1.0, 1.0, 4, np.empty(0))
+    return search_steps.candidate(tree, effects=effects, cost=1.0, n_parameters=4)
 
 
 @pytest.mark.parametrize(("damping", "changed"), [(0.05, False), (0.5, False), (3.0, True)])
 def test_a_mode_in_the_place_of_another_is_no_further_mode(damping, changed):
     """An overdamped mode creeps: what was added is then the declared mode, not the missing one."""
-    declared = Tree.of(SecondOrderMode(), MODE)
+    declared = search_steps.tree_of(SecondOrderMode(), MODE)
     bent = declared.with_stage(0, operator=replace(MODE, damping_ratio=damping))
-    found = bent.edited("resonance", Insert(SecondOrderMode(), MODE))
+    found = search_steps.with_stage(bent, "resonance", SecondOrderMode(), MODE)
     plausible = is_plausible(None, candidate(found, "resonance"), candidate(declared), [], 0.01)
     assert plausible != changed
-    creep = Insert(KelvinVoigt(1), KelvinVoigtOperator(np.array([0.2]), np.array([1.0])))
-    found = bent.edited("creep", creep)
+    creep = KelvinVoigt(1), KelvinVoigtOperator(np.array([0.2]), np.array([1.0]))
+    found = search_steps.with_stage(bent, "creep", *creep)
     assert is_plausible(None, candidate(found, "creep"), candidate(declared), [], 0.01)
 
 
 def test_a_mode_behind_what_does_not_ring_is_a_further_mode():
-    declared = Tree.of(KelvinVoigt(1), KelvinVoigtOperator(np.array([0.2]), np.array([1.0])))
-    found = declared.edited("resonance", Insert(SecondOrderMode(), MODE))
+    declared = search_steps.tree_of(
+        KelvinVoigt(1), KelvinVoigtOperator(np.array([0.2]), np.array([1.0]))
+    )
+    found = search_steps.with_stage(declared, "resonance", SecondOrderMode(), MODE)
     assert is_plausible(None, candidate(found, "resonance"), candidate(declared), [], 0.01)
 
 
@@ -96,16 +96,18 @@ def test_a_mode_behind_what_does_not_ring_is_a_further_mode():
 def test_one_loop_does_not_tell_dynamics_from_plays(drive, told):
     u = drive(np.arange(1000) * 0.03)
     records = [RecordData(u, u, 0.03)]
-    plays = Tree.of(
+    plays = search_steps.tree_of(
         PrandtlIshlinskii(thresholds=[0.0, 0.3]), PrandtlIshlinskiiOperator([0.0, 0.3], [1.0, 0.2])
     )
-    lag = Insert(FirstOrderLag(), FirstOrderLagOperator(0.2))
-    curve = Insert(SmoothCurve(3), PolynomialCurveOperator(np.zeros(1), center=0.0, scale=1.0))
-    for declared in (plays, Tree.of(Gain(), GainOperator(1.0))):
-        found = candidate(declared.edited("lag", lag), "lag")
+    lag = FirstOrderLag(), FirstOrderLagOperator(0.2)
+    curve = SmoothCurve(3), PolynomialCurveOperator(np.zeros(1), center=0.0, scale=1.0)
+    for declared in (plays, search_steps.tree_of(Gain(), GainOperator(1.0))):
+        found = candidate(search_steps.with_stage(declared, "lag", *lag), "lag")
         as_named = is_plausible(None, found, candidate(declared), records, 0.01)
         assert as_named == (told or declared is not plays)
-    found = candidate(plays.edited("static_nonlinearity", curve), "static_nonlinearity")
+    found = candidate(
+        search_steps.with_stage(plays, "static_nonlinearity", *curve), "static_nonlinearity"
+    )
     assert is_plausible(None, found, candidate(plays), records, 0.01)
 
 
@@ -117,7 +119,7 @@ def test_a_margin_below_zero_is_refused_beyond_its_standard_error(alpha, unit):
     u = rng.normal(size=n) + 3.0
     y = unit * (2.0 * u + 0.3 * rng.normal(size=n))
     records, model = [RecordData(u, y, 0.01)], Gain()
-    fitted = Tree.from_result(model, model.identify(records))
+    fitted = search_steps.fitted(model, records)
     (gain, intercept) = np.polyfit(u, y, 1)
     rest = y - gain * u - intercept
     error = np.sqrt(rest @ rest / (n - 2) / np.sum((u - u.mean()) ** 2))
@@ -396,7 +398,7 @@ def test_rate_dependence_needs_more_than_one_rate():
 
 @pytest.mark.slow
 def test_a_hum_in_a_loop_and_a_half_is_named():
-    """However few the turns of the drive: its lines are told from it by what stands beside."""
+    """However few the turns of the drive, if its frequency is none of their harmonics."""
     time = np.arange(750) * 2e-3
     drive = -5.0 * np.cos(3.0 * np.pi * time / time[-1])
     model = PrandtlIshlinskiiOperator(np.linspace(0.0, 4.0, 10), np.full(10, 0.1))

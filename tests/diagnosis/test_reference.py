@@ -6,13 +6,14 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
+import search_steps
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 from sklearn.base import clone
 
 from skhyst.cli import main
 from skhyst.diagnosis import EffectSearchCV
-from skhyst.diagnosis._criterion import Criterion, paired_p_value
+from skhyst.diagnosis._criterion import paired_p_value
 from skhyst.diagnosis._reference import Reference
 from skhyst.diagnosis._verdict import judge_residual
 from skhyst.linear import Gain
@@ -136,7 +137,7 @@ def test_repetitions_of_a_reference_share_no_noise():
     reference = wandering(rng, N, 60)
     records = [RecordData(reference, reference, 0.01) for _ in noise]
     judgement = judge_residual(
-        records, noise, [reference] * 2, rng, Criterion(0.01, 0.05), in_loop=True
+        records, noise, [reference] * 2, rng, search_steps.USUAL, in_loop=True
     )
     assert judgement.repeated
     assert not judgement.structured

@@ -4,13 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import search_steps
 import small_inputs
 
 from skhyst.compose import Cascade, Sum
-from skhyst.diagnosis import EFFECTS
-from skhyst.diagnosis._candidates import Candidate, held_out, refitted, screened
 from skhyst.diagnosis._resolution import raised
-from skhyst.diagnosis._tree import Tree
 from skhyst.disturbance import Offset
 from skhyst.hysteresis import (
     MaxwellSlip,
@@ -43,9 +41,8 @@ def noisy(y, noise=NOISE, seed=0):
 def declared(model, *data, dt=1.0):
     """Return the candidate of a declared model, its records and folds."""
     records, folds = block_folds([RecordData(u, y, dt) for u, y in data])
-    tree = Tree.from_result(model, model.identify(records))
-    candidate = Candidate((), tree, np.inf, np.inf, 0, tree.problem(records).x0)
-    return held_out(candidate, records, folds), records, folds
+    tree = search_steps.fitted(model, records)
+    return search_steps.candidate(tree, records, folds), records, folds
 
 
 def test_a_damper_of_one_speed_needs_no_physics():
@@ -138,8 +135,8 @@ def test_effects_are_taken_out_of_a_tree_that_is_as_fine_as_before():
     u = drive()
     y = noisy(FirstOrderLagOperator(5.0).run(plays(u), 1.0)[0])
     candidate, records, folds = declared(PrandtlIshlinskii(8), (u, y))
-    lag, *_ = screened(EFFECTS["lag"], candidate.structure, records)
-    lag = held_out(refitted(lag, lag.structure, records), records, folds)
+    lag, *_ = search_steps.variants("lag", candidate.structure, records)
+    lag = search_steps.refit(lag, records, folds)
     found, (done,) = raised(lag, records, folds)
     assert done.stage == "prandtl_ishlinskii"
     plain = found.structure.without("lag")
@@ -151,13 +148,13 @@ def test_effects_are_taken_out_of_a_tree_that_is_as_fine_as_before():
 def test_what_an_effect_has_brought_in_is_raised_too():
     u = drive()
     candidate, records, folds = declared(Gain(), (u, noisy(plays(u))))
-    variants = screened(EFFECTS["hysteresis"], candidate.structure, records)
+    variants = search_steps.variants("hysteresis", candidate.structure, records)
     effect = next(c for c in variants if c.structure.names[0] == "hysteresis")
-    effect = held_out(refitted(effect, effect.structure, records), records, folds)
+    effect = search_steps.refit(effect, records, folds)
     found, (done,) = raised(effect, records, folds)
     assert (done.stage, done.before) == ("hysteresis", 10)
     assert 4 <= done.after <= 6
-    lag, *_ = screened(EFFECTS["lag"], found.structure, records)
+    lag, *_ = search_steps.variants("lag", found.structure, records)
     tree = lag.structure.without("lag")
     np.testing.assert_array_equal(
         tree.operators[0].thresholds, found.structure.operators[0].thresholds
@@ -172,10 +169,10 @@ def test_the_leading_form_enters_beside_a_gain():
     for step in np.diff(u):
         force.append(np.clip(force[-1] + step, -0.5, 0.5))
     candidate, records, folds = declared(Gain(), (u, noisy(np.array(force) + 0.1 * u, 1e-3)))
-    variants = screened(EFFECTS["hysteresis"], candidate.structure, records)
+    variants = search_steps.variants("hysteresis", candidate.structure, records)
     effect = next(c for c in variants if c.structure.names[0] == "hysteresis")
     assert effect.structure.operators[0].form == "stop"
-    found = held_out(refitted(effect, effect.structure, records), records, folds)
+    found = search_steps.refit(effect, records, folds)
     found, _ = raised(found, records, folds)
     assert found.error < 1.1e-3
     assert replace(found).error < 0.01 * candidate.error

@@ -102,7 +102,7 @@ def test_data_without_noise_end_the_search():
 
 
 @pytest.mark.slow
-def test_blocks_of_records_that_foretell_nothing_of_each_other():
+def test_blocks_of_records_that_predict_nothing_of_each_other():
     rng = np.random.default_rng(SEED)
     drives = [level * np.sin(np.linspace(0.0, 40.0, 600)) for level in (1.0, 3.0)]
     X, y = stack_records([(u, u + 0.05 * u**2) for u in drives], dt=0.01)

@@ -1,4 +1,4 @@
-"""Several responses to one drive: each is searched, and what they share is told."""
+"""Several responses to one drive: each is searched, and what they share is reported."""
 
 import numpy as np
 import pandas as pd

@@ -5,13 +5,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import search_steps
 from plants import make_recording
 
 from skhyst.diagnosis import EFFECTS, EffectSearchCV, _shortened
-from skhyst.diagnosis._candidates import Candidate, held_out, refitted
-from skhyst.diagnosis._edits import AddDisturbance, Modulate
-from skhyst.diagnosis._shortened import are_long, shortened, suffices
-from skhyst.diagnosis._tree import Tree
+from skhyst.diagnosis._edits import Modulate
+from skhyst.diagnosis._shortened import shortened, suffices
 from skhyst.disturbance import PeriodicDisturbance
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.linear import SecondOrderMode
@@ -48,7 +47,7 @@ def test_a_first_part_is_the_record_up_to_where_it_shows_as_much(short_is_long):
 
 def test_a_part_shows_dependence_on_the_amplitude_where_it_has_this_amplitude(short_is_long):
     records = some_records()
-    structure = Tree.from_result(PrandtlIshlinskii(3), PrandtlIshlinskii(3).identify(records))
+    structure = search_steps.fitted(PrandtlIshlinskii(3), records)
     scaled = structure.edited("amplitude_dependence", Modulate("amplitude", 1.0))
     parts = shortened(records, [np.ones(900)] * 3)
     rising = [replace(r, u=r.u * np.linspace(0.1, 1.0, 900)) for r in records]
@@ -66,20 +65,19 @@ def test_folds_of_long_records_are_those_of_short_ones(additive, monkeypatch):
     """One Gauss-Newton step of each fold finds what the search for its minimum finds."""
     records = some_records()
     mode = SecondOrderMode()
-    structure = Tree.from_result(mode, mode.identify(records))
+    structure = search_steps.fitted(mode, records)
     for model in additive:
-        structure = structure.edited(
-            "line", AddDisturbance(model, model.starting_values(records)[0])
+        structure = search_steps.with_disturbance(
+            structure, "line", model, model.starting_values(records)[0]
         )
     problem = structure.problem(records)
-    contestant = Candidate((), structure, np.inf, np.inf, len(problem.x0), problem.x0)
-    contestant = refitted(contestant, structure, records)
+    contestant = search_steps.candidate(structure, records)
     fold = problem.segment_record
     folds = [(fold != k, fold == k) for k in range(len(records))]
-    thorough = held_out(contestant, records, folds)
+    thorough = search_steps.refit(contestant, records, folds)
     monkeypatch.setattr(_shortened, "ENOUGH", 1000)
-    assert are_long(records)
-    quick = held_out(contestant, records, folds)
+    quick = search_steps.refit(contestant, records, folds)
+    assert quick.error != thorough.error  # the records are long now
     assert quick.error == pytest.approx(thorough.error, rel=2e-3)
     for own, slow in zip(quick.residuals, thorough.residuals, strict=True):
         parts = zip(np.array_split(own, 6), np.array_split(slow, 6), strict=True)

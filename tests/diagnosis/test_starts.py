@@ -3,14 +3,13 @@
 import numpy as np
 import plants
 import pytest
+import search_steps
 from plants import make_recording
 
 from skhyst.compose import Cascade
 from skhyst.diagnosis import EFFECTS
-from skhyst.diagnosis._candidates import Candidate, refitted, screened
 from skhyst.diagnosis._edits import Divide, InsertAt, Schedule
 from skhyst.diagnosis._starts import Scene, _distinct, _has_poles, starting_trees
-from skhyst.diagnosis._tree import Tree
 from skhyst.hysteresis import (
     BoucWen,
     CoulombFriction,
@@ -22,6 +21,7 @@ from skhyst.linear import (
     FirstOrderLag,
     FirstOrderLagOperator,
     Gain,
+    GainOperator,
     LinearOperator,
     SecondOrderMode,
     SecondOrderModeOperator,
@@ -53,7 +53,7 @@ def declared(effect, kind, n_samples, seed=SEED):
         for label, u in recording.X_train["drive"].groupby(level="record")
     ]
     model = declared_model(kind)
-    return recording, records, Tree.from_result(model, model.identify(records))
+    return recording, records, search_steps.fitted(model, records)
 
 
 def started(effect, kind, name=None, n_samples=3000):
@@ -114,12 +114,13 @@ def test_a_hysteresis_before_a_curve_leaves_the_curve_what_it_has_seen():
     y = np.tanh(2.0 * play.run(u, 0.01)[0])
     records = [RecordData(u, y, 0.01)]
     model = Cascade([("gain", Gain()), ("curve", SoftSaturation(fit_center=False))])
-    tree = Tree.from_result(model, model.identify(records))
+    tree = search_steps.fitted(model, records)
     found = starting_trees(EFFECTS["hysteresis"], tree, records)
     ((start,),) = (own for own in found if own[0].names == ("hysteresis", "gain", "curve"))
     np.testing.assert_allclose(start.respond(records)[0], tree.respond(records)[0], atol=1e-9)
-    base = Candidate((), tree, np.inf, np.inf, 0, np.empty(0))
-    with_curve, with_both = (refitted(base, own, records).cost for own in (tree, start))
+    with_curve, with_both = (
+        search_steps.refit(search_steps.candidate(own), records).cost for own in (tree, start)
+    )
     assert with_both < 1e-3 * with_curve
 
 
@@ -216,9 +217,9 @@ def test_distinct_pole_sets_are_apart_and_every_other_is_near_one():
 def test_a_variant_that_breaks_its_promise_does_not_hide_the_others():
     """A knee cannot harden, whatever one linear step from its starting values promises."""
     recording, records, tree = declared("static_nonlinearity", "bouc_wen", 6000, 9151)
-    found = screened(EFFECTS["static_nonlinearity"], tree, records)
+    found = search_steps.variants("static_nonlinearity", tree, records)
     bar = 4.0 * recording.noise_std**2 * sum(len(record.y) for record in records)
-    assert min(refitted(c, c.structure, records, 9).cost for c in found) < bar
+    assert min(search_steps.refit(c, records, max_evaluations=9).cost for c in found) < bar
 
 
 def test_poles_are_put_elsewhere_in_stages_that_have_some_of_their_own():
@@ -249,9 +250,9 @@ def test_no_effect_is_put_beside_lost_poles_alone(name, lost):
     for stage in stages if name == "input_saturation" else stages[::-1]:
         y, _ = stage.run(y, dt)
     records = [RecordData(drive, y + noise * rng.normal(size=len(y)), dt)]
-    tree = Tree.of(SecondOrderMode(dt=dt), SecondOrderModeOperator(*lost))
-    found = screened(EFFECTS[name], tree, records)
-    cost = min(refitted(c, c.structure, records, 9).cost for c in found)
+    tree = search_steps.tree_of(SecondOrderMode(dt=dt), SecondOrderModeOperator(*lost))
+    found = search_steps.variants(name, tree, records)
+    cost = min(search_steps.refit(c, records, max_evaluations=9).cost for c in found)
     assert cost < 1.2 * noise**2 * len(y)
 
 
@@ -262,7 +263,7 @@ def test_parameters_follow_the_column_that_they_are_said_to():
         for u, own in zip(rng.normal(size=(3, 200)).cumsum(axis=1), levels, strict=True)
     ]
     model = PrandtlIshlinskii(3)
-    tree = Tree.from_result(model, model.identify(records))
+    tree = search_steps.fitted(model, records)
     found = starting_trees(EFFECTS["auxiliary_input"], tree, records)
     edits = [edit for variant in found for one in variant for _, edit in one.edits]
     scheduled = {(e.by, e.low, e.high) for e in edits if isinstance(e, Schedule)}
@@ -279,7 +280,7 @@ def in_series(*steps):
     y = Series(("first", "dead_zone", "behind"), (FIRST, dead_zone, BEHIND)).run(DRIVE, 0.01)[0]
     records = [RecordData(DRIVE, y, 0.01)]
     model = Cascade(list(steps), dt=0.01) if len(steps) > 1 else steps[0][1]
-    return records, Tree.from_result(model, model.identify(records))
+    return records, search_steps.fitted(model, records)
 
 
 def test_a_dead_zone_is_tried_at_every_joint_of_a_declared_series():
@@ -311,7 +312,7 @@ def test_one_transfer_function_is_divided_around_a_dead_zone():
         for candidate in candidates
         if isinstance(candidate.edits[-1][1], Divide)
     ]
-    fits = [refitted(Candidate(("dead_zone",), own, 0, 0, 0, None), own, records) for own in found]
+    fits = [search_steps.refit(search_steps.candidate(own), records) for own in found]
     best = min(fits, key=lambda c: c.cost).structure
     assert best.names == ("transfer_function", "dead_zone", "transfer_function_2")
     first, dead_zone, behind = best.operators
@@ -335,8 +336,8 @@ def with_a_column(seed):
 def least_cost(name, model, drive, column, y):
     """Return the sum of squares of a model and the best variant of an effect, as a candidate."""
     records = [RecordData(drive, y, 0.01, auxiliary=column[:, None])]
-    tree = Tree.from_result(model, model.identify(records))
-    found = [refitted(c, c.structure, records) for c in screened(EFFECTS[name], tree, records)]
+    tree = search_steps.fitted(model, records)
+    found = [search_steps.refit(c, records) for c in search_steps.variants(name, tree, records)]
     return min(found, key=lambda candidate: candidate.cost)
 
 
@@ -373,3 +374,16 @@ def test_widths_that_follow_a_column_are_found(behind):
     estimator = best.structure.estimator
     scales = "plays__scales" if behind else "scales"
     assert estimator.get_params()[scales] == "thresholds"
+
+
+def test_what_a_column_adds_starts_from_that_column():
+    rng = np.random.default_rng(0)
+    u, *columns = np.linalg.qr(rng.normal(size=(500, 3)))[0].T * 20.0  # none is seen in another
+    y = u + 2.0 * columns[0] - 3.0 * columns[1]
+    records = [RecordData(u, y, 0.1, auxiliary=np.stack(columns, axis=1))]
+    tree = search_steps.tree_of(Gain(), GainOperator(1.0))
+    found = starting_trees(EFFECTS["auxiliary_input"], tree, records)
+    first, *_ = found  # it is added to the response
+    edits = [edit for tree in first for _, edit in tree.edits]
+    gains = {(edit.column, round(edit.operator.gain, 1)) for edit in edits}
+    assert {(1, 2.0), (2, -3.0)} <= gains

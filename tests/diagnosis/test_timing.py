@@ -36,7 +36,7 @@ def recording(delay, skew, seed=0):
 def test_clocks_that_differ_are_told_with_their_skew():
     X, y = recording(0.0, SKEW)
     effects = ["timing", "delay", "drift", "resonance"]
-    found = EffectSearchCV(FirstOrderLag(), effects=effects, random_state=0).fit(X, y)
+    found = EffectSearchCV(FirstOrderLag(), effects=effects, cv=2, random_state=0).fit(X, y)
     assert found.effects_ == ["timing"]
     skew, _, _ = found.evidence_["timing"].numbers["skew"]
     assert abs(skew - SKEW) < 0.05 * SKEW
@@ -47,7 +47,7 @@ def test_clocks_that_differ_are_told_with_their_skew():
 def test_timing_does_not_take_over_the_delay_of_the_device():
     X, y = recording(0.043, SKEW)
     effects = ["delay", "timing", "drift", "resonance"]
-    found = EffectSearchCV(FirstOrderLag(), effects=effects, random_state=0).fit(X, y)
+    found = EffectSearchCV(FirstOrderLag(), effects=effects, cv=2, random_state=0).fit(X, y)
     assert set(found.effects_) == {"delay", "timing"}
 
 
@@ -70,7 +70,7 @@ def test_a_response_that_is_early_makes_no_lag_of_its_corners():
     effects = ["timing", "lag", "creep", "resonance", "rate_dependence"]
     declared = PrandtlIshlinskii(thresholds=THRESHOLDS)
     found, alone = (
-        EffectSearchCV(declared, effects=names, random_state=0).fit(X, pd.concat(ys))
+        EffectSearchCV(declared, effects=names, cv=2, random_state=0).fit(X, pd.concat(ys))
         for names in (effects, ["timing"])
     )
     # the corners are no effect of the list: others may stand in for them, provisionally

@@ -2,16 +2,15 @@
 
 import numpy as np
 import pytest
+import search_steps
 from scipy.signal import lfilter
 from sklearn.linear_model import Ridge
 
 from skhyst import diagnosis
 from skhyst.compose import Cascade
 from skhyst.control import InverseCompensator
-from skhyst.diagnosis import EFFECTS, EffectSearchCV, LawAt, next_experiment, unregister_effect
-from skhyst.diagnosis._candidates import refitted, screened
+from skhyst.diagnosis import EffectSearchCV, LawAt, next_experiment, unregister_effect
 from skhyst.diagnosis._starts import Scene
-from skhyst.diagnosis._tree import Tree
 from skhyst.diagnosis._unknown import _at_other_starts, _sites, _started, _started_again
 from skhyst.exceptions import ExtrapolationWarning
 from skhyst.hysteresis import (
@@ -124,24 +123,24 @@ def test_a_force_of_the_velocity_is_found_in_the_equation_of_motion():
     assert abs(cube["c"] - expected) < 4.0 * cube["c_std"] < 0.2 * expected
     # registered, it is an effect as any other
     exec(found.code, vars(diagnosis).copy())
-    effect, records = EFFECTS["cube_of_velocity"], searched._records
+    records = searched._records
+    (named,) = search_steps.variants("cube_of_velocity", searched._structure, records)
     unregister_effect("cube_of_velocity")
-    (named,) = screened(effect, searched._structure, records)
-    assert refitted(named, named.structure, records).cost < 1.1 * N * NOISE**2
+    assert search_steps.refit(named, records).cost < 1.1 * N * NOISE**2
 
 
 def test_a_term_that_has_led_the_mode_away_starts_again():
     y = MODE.run(U, DT)[0] + 3.0 * DAMPING + noise(3)
     records = [RecordData(U[:500], y[:500], DT)]
     # beyond the sampling, where the response hardly depends on the frequency
-    scene = Scene(Tree.of(DECLARED, SecondOrderModeOperator(2900.0, 0.01)), records)
+    scene = Scene(search_steps.tree_of(DECLARED, SecondOrderModeOperator(2900.0, 0.01)), records)
     sites = {(site.place, site.argument): site for site in _sites(scene)}
     site = sites["response", "rate of the drive"]
     (start,) = _started(site, records)
-    found = refitted(start, start.structure, records)
+    found = search_steps.refit(start, records)
     assert found.cost > 20.0 * 500 * NOISE**2
     _, again = _started_again(site, found, _at_other_starts(scene), records)
-    assert refitted(again, again.structure, records).cost < 1.1 * 500 * NOISE**2
+    assert search_steps.refit(again, records).cost < 1.1 * 500 * NOISE**2
 
 
 @pytest.mark.slow
@@ -208,9 +207,9 @@ def test_a_force_that_is_nonlinear_in_displacement_and_velocity():
     assert "beyond a sum of two functions" in searched.report().to_html()
     exec(found.code, vars(diagnosis).copy())
     name = "square_times_quadratic_with_sign_of_displacement_and_velocity"
-    (named,) = screened(EFFECTS[name], searched._structure, searched._records)
+    (named,) = search_steps.variants(name, searched._structure, searched._records)
     unregister_effect(name)
-    assert refitted(named, named.structure, searched._records).cost < 1.25 * len(u) * NOISE**2
+    assert search_steps.refit(named, searched._records).cost < 1.25 * len(u) * NOISE**2
 
 
 @pytest.mark.slow
@@ -229,9 +228,9 @@ def test_a_gain_that_depends_on_a_rate():
     assert abs(law["c"] - 0.3) < 4.0 * law["c_std"] < 0.15
     exec(found.code, vars(diagnosis).copy())
     name = found.code.split("'")[1]
-    (named,) = screened(EFFECTS[name], searched._structure, searched._records)
+    (named,) = search_steps.variants(name, searched._structure, searched._records)
     unregister_effect(name)
-    assert refitted(named, named.structure, searched._records).cost < 1.1 * 1000 * NOISE**2
+    assert search_steps.refit(named, searched._records).cost < 1.1 * 1000 * NOISE**2
 
 
 @pytest.mark.slow

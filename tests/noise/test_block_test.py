@@ -6,7 +6,7 @@ from scipy.signal import lfilter
 from scipy.stats import t as student
 
 from skhyst.noise import block_length, block_p_value
-from skhyst.noise._block_test import _block_sums
+from skhyst.noise._block_test import _autocovariance, _block_sums
 
 N, RECORDS = 600, 4
 
@@ -126,3 +126,10 @@ def test_blocks_are_even_and_none_is_shorter(length):
     assert len(sizes) == max(10 // length, 1)
     assert sizes.sum() == 10
     assert min(length, 10) <= sizes.min() <= sizes.max() <= sizes.min() + 1
+
+
+@pytest.mark.parametrize("size", [0, 3, 19, 40])
+def test_products_at_a_distance_are_summed(size):
+    values = np.random.default_rng(size).normal(size=20)
+    direct = [values[lag:] @ values[: max(20 - lag, 0)] for lag in range(size + 1)]
+    np.testing.assert_allclose(_autocovariance(values, size), direct, atol=1e-12)

@@ -58,7 +58,7 @@ def test_pairs_of_readings_tell_the_size():
     assert fit_noise([np.array([5.0, 3.0])] * 50).standard_deviation == pytest.approx(1.0)
 
 
-def test_white_noise_below_a_colour_is_told_apart():
+def test_white_noise_is_distinguished_from_a_colour_above_it():
     rng = np.random.default_rng(4103)
     series = [first_order(0.95, rng) + 0.5 * rng.standard_normal(N) for _ in range(4)]
     found = fit_noise(series)
@@ -67,7 +67,7 @@ def test_white_noise_below_a_colour_is_told_apart():
 
 
 @pytest.mark.parametrize("coefficient", [0.5, 0.9])
-def test_innovations_are_what_the_past_does_not_foretell(coefficient):
+def test_innovations_are_what_the_past_does_not_predict(coefficient):
     """Of a first-order process these are known: white, of the variance 1 - a^2."""
     rng = np.random.default_rng(4104)
     series = [first_order(coefficient, rng) for _ in range(4)]
