@@ -274,7 +274,8 @@ class Report:
         """Return what is missing, the errors, the residual and remarks, in a few lines."""
         lines = [*_better_model(self), self.summary]
         lines += [f"resolution: {', '.join(self.resolution)}"] if self.resolution else []
-        lines.append(f"missing: {', '.join(self.effects) or 'nothing'}")
+        none = "nothing" if self.verdict == "noise" else "none of the effects that were tried"
+        lines.append(f"missing: {', '.join(self.effects) or none}")
         for claim in self.claims:
             lines.append(f"  {claim['effect']}: {claim['statement']}")
             if claim["ambiguous_with"]:

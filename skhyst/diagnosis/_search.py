@@ -602,7 +602,7 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, ScoredMixin, BaseEstimator)
             ends = last.error_after, last.noise_ceiling
         power = np.append(whole, np.square([self.error_before_, after, *ends]))
         unexplained = np.append(np.minimum.accumulate(power) / (whole or 1.0), 0.0)
-        return dict(zip(EXPLAINED, (-np.diff(unexplained)).tolist(), strict=True))
+        return dict(zip(EXPLAINED, (unexplained[:-1] - unexplained[1:]).tolist(), strict=True))
 
     def _unknown(self, declared, slices, contest, base):
         """Return the term without a name that a candidate lacks, or None."""

@@ -12,7 +12,9 @@ X; and added to the response, as a function of a feature of the drive or of such
 place the functions are restricted to those that the model's parameters cannot reproduce; restricted
 maximum likelihood chooses their smoothness. One evaluation of the model with all splines predicts
 by how much each function reduces the error (partial residuals); the promising ones are refitted
-jointly with the whole model and held out. The term of least held-out error is tested against the
+jointly with the whole model and held out. What is missing may have led the parameters of the model
+far away, so if structure may remain, the promising ones are refitted from the starts of the model
+itself, too. The term of least held-out error is tested against the
 model without it by the criterion of the search, corrected for all that the search and this step
 have tried. Terms that the criterion does not distinguish from it are ``ambiguous_with``. If
 structure may remain, a second term is sought in the same way, of functions that neither the

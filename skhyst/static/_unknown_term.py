@@ -629,6 +629,12 @@ class UnknownTerm(ParametricModel):
     SmoothCurve : A polynomial.
     skhyst.diagnosis.EffectSearchCV : Finds where such a term is missing, and of what (``unknown``).
 
+    Notes
+    -----
+    In a composition, the term contains what its neighbours can reproduce as well, such as a linear
+    function beside a gain: then the gain is not determined, and ``fit`` warns of it. In a search
+    the term contains only what the parameters of the whole model cannot reproduce.
+
     References
     ----------
     .. [1] Eilers and Marx, *Statistical Science*, 1996.
