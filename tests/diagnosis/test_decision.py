@@ -48,7 +48,7 @@ def with_offsets(i, u):
 def two_found():
     X, y = recording(with_offsets)
     effects = ["lag", "creep", "offset", "static_nonlinearity", "dead_zone"]
-    return EffectSearchCV(Gain(), effects=effects, random_state=0).fit(X, y)
+    return EffectSearchCV(Gain(), effects=effects, cv=2, random_state=0).fit(X, y)
 
 
 def test_what_is_missing_is_named_and_nothing_else(two_found):

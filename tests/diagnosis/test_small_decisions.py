@@ -697,19 +697,6 @@ def test_a_reading_is_folded_where_it_is_smoother_without(folds_back):
     np.testing.assert_allclose(record.y - 0.2, np.sign(moves[0]) * moves, atol=0.02)
 
 
-@pytest.mark.parametrize("additive", [0.1, 0.24, 0.26, 0.4])
-def test_a_sinusoid_is_a_harmonic_where_half_of_its_power_is_in_the_mean_of_the_turns(additive):
-    period, dt = 200, 0.01
-    time, u = dt * np.arange(2 * period), np.sin(2 * np.pi * np.arange(2 * period) / period)
-    frequency = (7.0 + additive) / (period * dt)
-    line = np.exp(2j * np.pi * frequency * time)  # of any phase
-    kept = np.mean(np.abs(line.reshape(2, period).mean(axis=0)) ** 2)
-    operator, record = SimpleNamespace(frequencies=np.array([frequency])), RecordData(u, u, dt)
-    assert (EFFECTS["periodic_disturbance"].plausible(operator, None, [record]) > 0.0) == (
-        kept < 0.5
-    )
-
-
 @pytest.mark.parametrize(("times", "repeats"), [(0.9, False), (1.1, True)])
 def test_a_sinusoid_repeats_in_the_longest_record(times, repeats):
     dt, rng = 0.01, np.random.default_rng(0)
@@ -731,25 +718,3 @@ def test_before_a_knee_an_error_counts_by_the_slope_of_the_knee():
     np.testing.assert_allclose(beyond, np.clip(far, 0.1 - FULL, 0.1 + FULL))
     weighted = _before(replace(record, weights=2.0 * np.ones(50)), knee)
     np.testing.assert_allclose(weighted.weights, 2.0 * undone.weights)
-
-
-@pytest.mark.parametrize(
-    ("stiffness", "lower", "upper", "plausible"),
-    [
-        (10.0, -1.0, 0.5, True),  # motion goes from -1 to 1
-        (0.5, -1.0, 0.5, False),  # softer than the spring
-        (10.0, -1.5, 1.5, False),  # out of reach
-        (10.0, -0.01, 0.01, False),  # always touched
-    ],
-)
-def test_a_stop_is_stiff_reached_and_left(stiffness, lower, upper, plausible):
-    operator = SimpleNamespace(
-        stop_stiffness=stiffness,
-        lower=lower,
-        upper=upper,
-        gain=2.0,
-        intercept=0.3,
-        linear_mode=lambda: True,
-    )
-    motion = 0.3 + 2.0 * np.sin(np.linspace(0.0, 20.0, 500))
-    assert (EFFECTS["end_stops"].plausible(operator, motion, []) > 0.0) == plausible
