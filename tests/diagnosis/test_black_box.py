@@ -119,7 +119,7 @@ def search_of(name, change):
     model, plant = MODELS[name]
     noise = 2e-5 if name == "narx" else 0.01  # a fit one step ahead is biased by output noise
     effects = [*EFFECTS, "resonance"] if change is nothing else EFFECTS
-    search = EffectSearchCV(model(), effects=effects, cv=3, max_effects=1, random_state=0)
+    search = EffectSearchCV(model(), effects=effects, max_effects=1, random_state=0)
     return search.fit(*recording(plant, change, 3, noise)), plant
 
 
