@@ -9,6 +9,7 @@ import numpy as np
 from ..operators import propagate
 
 _COLLINEAR = 1e-6  # singular value below which columns are collinear, relative; 1e-12 as a square
+_REST = 64  # samples at rest before a history, twice the reach of a band-limited interpolation
 _LARGE = 1 << 18  # values of a Jacobian above which copying it costs more than extra products
 
 
@@ -305,10 +306,23 @@ class OperatorProblem(Unknowns):
 
     def simulate(self, operator, record):
         """Return the operator's output for a record, (n_samples,)."""
-        u, skip = record.with_history
         operator = scheduled(operator, record)
-        begins = self.initial_state if record.start is None else record.start
+        u, skip, begins = self._begun(operator, record)
         return operator.run(u, record.dt, operator.init(u[0], begins))[0][skip:]
+
+    def _begun(self, operator, record):
+        """Return the drive with the input history, its length, and the state it begins at.
+
+        A history is at rest before the values that matter. At rest nothing moves, so that most of
+        it is left out, unless there is an integrator.
+        """
+        u, skip = record.with_history
+        begins = self.initial_state if record.start is None else record.start
+        if skip > _REST and begins == "rest" and operator.slowest_decay() < np.inf:
+            moves = np.any(u[:skip].reshape(skip, -1) != u[0], axis=1)
+            surplus = max((int(np.argmax(moves)) if moves.any() else skip) - _REST, 0)
+            u, skip = u[surplus:], skip - surplus
+        return u, skip, begins
 
     def history_sensitivities(self, operator, record):
         """Return the derivatives of the output by the input history, (n, n_values).
@@ -437,10 +451,9 @@ class OperatorProblem(Unknowns):
 
     def _sensitivities(self, operator, record):
         """Return the operator's output for a record and its derivatives by the entries."""
-        u, skip = record.with_history
-        begins = self.initial_state if record.start is None else record.start
-        du = np.empty((len(u), 0))
-        y, dy = scheduled(operator, record).sensitivities(u, du, record.dt, begins)
+        operator = scheduled(operator, record)
+        u, skip, begins = self._begun(operator, record)
+        y, dy = operator.sensitivities(u, np.empty((len(u), 0)), record.dt, begins)
         return y[skip:], dy[skip:]
 
     @staticmethod

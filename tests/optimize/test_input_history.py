@@ -16,6 +16,7 @@ from skhyst.linear import (
     GainOperator,
     KelvinVoigtOperator,
     MultiInputTransferFunctionOperator,
+    TransferFunctionOperator,
 )
 from skhyst.linear import SecondOrderModeOperator as Mode
 from skhyst.operators import OnColumnOperator, Scaled, Series, SumOperator
@@ -88,6 +89,31 @@ def test_a_record_tells_how_it_began(name):
     for record, before in zip(records, input_history, strict=True):
         rest, known = errors(device, record, before)
         assert known < max(0.1 * rest, 2e-3)
+
+
+@pytest.mark.parametrize("name", [*DEVICES, "bandlimited", "integrator"])
+def test_a_history_is_part_of_the_drive(name):
+    """Of its rest only a part is simulated, without a difference; an integrator has none."""
+    more = {
+        "bandlimited": replace(DEVICES["spring"], hold="bandlimited"),
+        "integrator": TransferFunctionOperator([], [9.0], [0.1], [2.0], integrators=1),
+    }
+    device = (DEVICES | more)[name]
+    u = drive(0, N)
+    before = np.full(9, u[0])
+    before[:5] = u[:5] + 1.0
+    if device.reads_columns:
+        u, before = np.stack([u, u[::-1]], axis=1), np.stack([before, before[::-1]], axis=1)
+    path, y = path_of(before), np.sin(np.arange(N))
+    scored = (len(path), len(path) + N)
+    whole = np.concatenate([path, u]), np.concatenate([np.zeros(len(path)), y])
+    records = RecordData(u, y, DT, before=before), RecordData(*whole, DT, segments=(scored,))
+    problems = [OperatorProblem(device, [record]) for record in records]
+    own, expected = (problem.evaluate(problem.x0)[0] for problem in problems)
+    size = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(own, expected, rtol=0.0, atol=1e-10 * np.outer(size, size).max())
+    outputs = [problem.simulate(device, record) for problem, record in zip(problems, records, strict=True)]
+    np.testing.assert_allclose(outputs[0], outputs[1][len(path) :], rtol=1e-9, atol=1e-10)
 
 
 def test_what_begins_at_rest_stays_there():
