@@ -10,6 +10,7 @@ from ..operators import propagate
 
 _COLLINEAR = 1e-6  # singular value below which columns are collinear, relative; 1e-12 as a square
 _REST = 64  # samples at rest before a history, twice the reach of a band-limited interpolation
+_STILL = 1e-12  # change of a drive that is rounding, relative to its range
 _LARGE = 1 << 18  # values of a Jacobian above which copying it costs more than extra products
 
 
@@ -319,7 +320,8 @@ class OperatorProblem(Unknowns):
         u, skip = record.with_history
         begins = self.initial_state if record.start is None else record.start
         if skip > _REST and begins == "rest" and operator.slowest_decay() < np.inf:
-            moves = np.any(u[:skip].reshape(skip, -1) != u[0], axis=1)
+            moved = np.abs(u[:skip] - u[0]) > _STILL * np.ptp(u, axis=0)
+            moves = moved.reshape(skip, -1).any(axis=1)
             surplus = max((int(np.argmax(moves)) if moves.any() else skip) - _REST, 0)
             u, skip = u[surplus:], skip - surplus
         return u, skip, begins
