@@ -46,9 +46,6 @@ from ._problem import OperatorProblem as OperatorProblem
 from ._problem import RecordData
 from ._problem import ages as ages
 from ._problem import record_with_history as record_with_history
-from ._single_step import predicted_cost as predicted_cost
-from ._single_step import single_step as single_step
-from ._single_step import start_descent_and_predict as start_descent_and_predict
 from ._standard_errors import coloured_covariance as coloured_covariance
 from ._standard_errors import penalised_covariance as penalised_covariance
 from ._start_values import best_from_own_starts as best_from_own_starts
@@ -56,7 +53,10 @@ from ._start_values import estimate_start_values as estimate_start_values
 from ._start_values import identify_from_own_starts as identify_from_own_starts
 from ._variable_projection import Method, VariableProjection
 from ._variable_projection import damped_step as damped_step
+from ._variable_projection import predicted_cost as predicted_cost
+from ._variable_projection import single_step as single_step
 from ._variable_projection import solve_linear as solve_linear
+from ._variable_projection import start_descent_and_predict as start_descent_and_predict
 from ._variable_projection import variable_projection as variable_projection
 from ._vector_fitting import RationalBlock as RationalBlock
 from ._vector_fitting import rational_residues as rational_residues

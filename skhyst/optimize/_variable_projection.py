@@ -35,6 +35,7 @@ _TRIAL_EVALUATIONS = 4
 _TRIALS = 4  # starts that are followed on long records: those of lowest cost
 _LONG = 50_000  # samples
 _KEPT = 0.5  # fraction of the unknowns that a random start takes from the best solution so far
+_PARTS_OF_STEP = (1.0, 0.25, 0.06)  # that are tried of a single step
 _NEAREST = 0.01  # least distance of a start from the best solution it is drawn around, relative
 
 
@@ -221,6 +222,57 @@ def damped_step(problem, x, gram, damping=0.0):
         np.minimum(problem.upper - x, reach),
     )
     return step, -(2.0 * gradient @ step + step @ hessian @ step)
+
+
+def start_descent_and_predict(problem, x):
+    """Return :func:`start_descent` at ``x`` with the attribute :func:`predicted_cost`."""
+    solution = start_descent(problem, x)
+    if np.isfinite(solution.gram).all():
+        _, reduction = damped_step(problem, solution.x, solution.gram)
+        solution.predicted_cost = max(solution.cost - reduction, 0.0)
+    return solution
+
+
+def predicted_cost(problem, x):
+    """Return the sum of squares that one Gauss-Newton step from ``x`` is predicted to reach.
+
+    The linear parameters are solved first; it is infinite where the model is not finite.
+    """
+    return start_descent_and_predict(problem, x).predicted_cost
+
+
+def single_step(problem, x, blocks, select):
+    """Return the solution for some segments, one Gauss-Newton step from the solution for all.
+
+    No derivatives are evaluated. A step that does not reduce the sum of squares is shortened; if
+    that does not help either, the solution for all segments is returned.
+
+    Parameters
+    ----------
+    problem : OperatorProblem
+    x : ndarray of shape (n,)
+        Solution for all segments.
+    blocks : ndarray
+        ``problem.evaluate(x)``, for all or for the selected segments.
+    select : ndarray of bool of shape (n_segments,)
+        The segments to fit.
+
+    Returns
+    -------
+    ndarray of shape (n,)
+    """
+    gram = problem.total(blocks, select)
+    if not np.isfinite(gram).all():
+        return x
+    step, _ = damped_step(problem, x, gram)
+    for part in _PARTS_OF_STEP:
+        trial = np.clip(x + part * step, problem.lower, problem.upper)
+        if problem.linear.all():
+            return trial  # exact
+        reached = problem.evaluate(trial, jacobian=False, select=select)
+        if problem.total(reached, select)[-1, -1] <= gram[-1, -1]:
+            return trial
+    return x
 
 
 def solve_linear(problem, x, gram):

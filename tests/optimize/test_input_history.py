@@ -112,7 +112,9 @@ def test_a_history_is_part_of_the_drive(name):
     own, expected = (problem.evaluate(problem.x0)[0] for problem in problems)
     size = np.sqrt(np.diag(expected))
     np.testing.assert_allclose(own, expected, rtol=0.0, atol=1e-10 * np.outer(size, size).max())
-    outputs = [problem.simulate(device, record) for problem, record in zip(problems, records, strict=True)]
+    outputs = [
+        problem.simulate(device, record) for problem, record in zip(problems, records, strict=True)
+    ]
     np.testing.assert_allclose(outputs[0], outputs[1][len(path) :], rtol=1e-9, atol=1e-10)
 
 
