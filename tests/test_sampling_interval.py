@@ -37,7 +37,7 @@ from skhyst.linear import (
     TransferFunction,
     frequency_response,
 )
-from skhyst.operators import Series, SumOperator
+from skhyst.operators import Series, SumOperator, resampled
 from skhyst.optimize import VariableProjection
 from skhyst.preprocessing import GeneralizedInputGradient, LaggedFeatures
 from skhyst.records import Units, stack_records
@@ -382,9 +382,9 @@ def test_dynamics_behind_a_delay_by_whole_samples_and_sums_are_exact():
     fine = between(u, 2)
     series = Series(("delay", "lag"), (delay, lag))
     for system in (series, SumOperator(("delayed", "lag"), (series, lag))):
-        again = system.resampled(DT, 0.5 * DT).run(fine, 0.5 * DT)[0]
+        again = resampled(system, DT, 0.5 * DT).run(fine, 0.5 * DT)[0]
         np.testing.assert_allclose(again[::2], system.run(u, DT)[0], atol=1e-12)
-    assert series.resampled(DT, 1.5 * DT) is None  # between two samples
+    assert resampled(series, DT, 1.5 * DT) is None  # between two samples
 
 
 def test_where_a_model_has_no_exact_one_at_another_interval_it_says_so(data):

@@ -1037,10 +1037,11 @@ class Series(_Composition):
     def init(self, u0, initial_state="rest"):
         states, begins = [], _begins(self.stages, initial_state)
         for stage, begin in zip(self.stages, begins, strict=True):
-            states.append(stage.init(u0, begin))
+            state = stage.init(u0, begin)
+            states.append(state)
             if len(states) < len(self.stages):
                 # the output at rest is the rest input of the next stage, whatever the interval
-                u0 = stage.run(np.array([u0], dtype=float), 1.0, states[-1])[0][0]
+                u0 = stage.run(np.array([u0], dtype=float), 1.0, state)[0][0]
         return tuple(states)
 
     def run(self, u, dt, state=None):

@@ -23,6 +23,7 @@ from skhyst.hysteresis import (
 )
 from skhyst.hysteresis._oscillator import decay
 from skhyst.linear import SecondOrderModeOperator
+from skhyst.operators import resampled
 from skhyst.optimize import RecordData
 
 W, ZETA = 60.0, 0.3
@@ -295,7 +296,7 @@ def test_a_start_from_zero_begins_at_the_first_sample(stage):
     stage = dataclasses.replace(stage, gain=-2.0, intercept=1.0, n_substeps=10)
     y, _ = stage.run(u, 0.02, stage.init(u[0], "zero"))
     assert y[0] == 1.0
-    again = stage.resampled(0.02, 0.002)
+    again = resampled(stage, 0.02, 0.002)
     assert again.n_substeps == 1
     np.testing.assert_allclose(again.run(fine, 0.002, again.init(u[0], "zero"))[0][::10], y)
     parts = [u[:1], u[1:9], u[9:]]
