@@ -1164,6 +1164,7 @@ class FreeMass(ParametricModel):
     def identify(self, data):
         """Identify on pieces of the records, then in a free run, with the substeps it needs."""
         starts, evaluations = self.starting_values(data)[: 4 * _N_STARTS], 0
+        found = []  # the longer pieces may lead away: their starts have many minima, too
         for count in _PIECES:
             pieces = _cut(data, count)
             if len(pieces) <= len(data):
@@ -1172,7 +1173,8 @@ class FreeMass(ParametricModel):
             evaluations += runs
             starts, runs = self._shot(starts, pieces)
             evaluations += runs
-        result = self._free(starts, data)
+            found += starts
+        result = self._free(found or starts, data)
         fine = self._divided(result.operator, data, _MOST_FINE)
         if fine.n_substeps > result.operator.n_substeps:
             evaluations += result.n_evaluations
