@@ -918,6 +918,10 @@ class FreeMass(ParametricModel):
     refined on pieces of the records, each with its own displacement and velocity at the start
     (multiple shooting; Bock, *Progress in Scientific Computing*, 1983), then in a free run.
 
+    Errors of a force that is not modelled add up to a random walk, whose variance grows with the
+    time: a fit with equal weights may move the start of a record to make up for its end. Weights
+    of one over the time since the first sample (``sample_weight``) keep it where the record begins.
+
     References
     ----------
     Armstrong-Hélouvry, Dupont and Canudas de Wit, *Automatica*, 1994. Janot, Gautier and Brunot,
