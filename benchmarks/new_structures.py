@@ -271,6 +271,39 @@ def _relative_to_its_center(true, model):
     return true | {name: true[name] * factor for name in grows} | gradient
 
 
+@njit
+def bounce(u, mass, damping, stiffness, stop_damping, lower, upper):
+    """Return the displacement of a mass between two stops, implicit in the velocity."""
+    h = DT / SLIDING
+    x, v, found = 0.0, 0.0, np.zeros(len(u))
+    for k in range(1, len(u)):
+        for i in range(SLIDING):
+            depth = max(x - upper, 0.0) + min(x - lower, 0.0)
+            resistance = damping + stop_damping * (depth != 0.0)
+            force = u[k - 1] + (u[k] - u[k - 1]) * (i + 0.5) / SLIDING - stiffness * depth
+            new = (v + h * force / mass) / (1.0 + h * resistance / mass)
+            x, v = x + 0.5 * h * (v + new), new
+        found[k] = x
+    return found
+
+
+def mass_between_stops(rng):
+    """Draw a mass that bounces between two stops, three tenths of its free way apart each."""
+    true = {
+        "mass": float(np.exp(rng.uniform(-1.5, 0.5))),
+        "damping": float(np.exp(rng.uniform(-1.0, 0.5))),
+        "stop_stiffness": float(np.exp(rng.uniform(3.0, 6.0))),
+    }
+    mass, damping, stiffness = true.values()
+    true["stop_damping"] = float(rng.uniform(0.05, 0.3) * 2.0 * np.sqrt(stiffness * mass))
+    u = 4.0 * multisine(rng, N)
+    free = bounce(u, mass, damping, 0.0, 0.0, 0.0, 0.0)
+    true |= {"lower": 0.3 * float(free.min()), "upper": 0.3 * float(free.max())}
+    stops = {"lower_stop": True, "upper_stop": True, "fit_stop_damping": True}
+    model = FreeMass(**stops, fit_force_offset=False, dt=DT)
+    return *_read(u, bounce(u, *true.values()), rng), model, true
+
+
 def mode_and_integrator(rng):
     """Draw a mode before an integrator."""
     w, zeta = float(np.exp(rng.uniform(2.5, 4.0))), float(rng.uniform(0.05, 0.4))
@@ -543,12 +576,14 @@ class Structure:
 
     ``draw`` is a function of a random generator, to X, y, the model that is fitted, and its true
     parameters, or a function of the fitted model to these. ``declared`` is the model without the
-    effect, or a function of the model with it; any of ``effects`` names the effect.
+    effect, or a function of the model with it; any of ``effects`` names the effect. ``others`` are
+    names of what else the plants have and the declared model has not.
     """
 
     draw: object
     declared: object = None
     effects: tuple = ()
+    others: tuple = ()
 
 
 STRUCTURES = {
@@ -572,13 +607,16 @@ STRUCTURES = {
     },
     "no_rest": {
         "mass without a spring, friction": Structure(
-            sliding_mass, FreeMass(fit_force_offset=False, dt=DT), ("friction",)
+            sliding_mass, FreeMass(fit_force_offset=False, dt=DT), ("friction",), ("offset",)
         ),
         "mass, friction along the way": Structure(
             mass_along_the_way, FreeMass(fit_force_offset=False, dt=DT), ("friction",)
         ),
         "stage, friction along the way": Structure(
             stage_along_the_way, SecondOrderMode(dt=DT), ("friction",)
+        ),
+        "mass between stops": Structure(
+            mass_between_stops, FreeMass(fit_force_offset=False, dt=DT), ("end_stops",)
         ),
         "mode and integrator": Structure(mode_and_integrator),
         "unstable, in a loop": Structure(in_a_loop),
@@ -631,7 +669,7 @@ def searched(structure, seeds):
         declared = declared(model) if callable(declared) else clone(declared)
         found = set(EffectSearchCV(declared, random_state=0).fit(X, y).effects_)
         named += not found.isdisjoint(structure.effects)
-        others.update(found.difference(structure.effects))
+        others.update(found.difference(structure.effects, structure.others))
     told = ", ".join(f"{name} {count}" for name, count in others.most_common())
     return f"{named / len(seeds):.3f}", told
 

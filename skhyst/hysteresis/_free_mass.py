@@ -918,6 +918,10 @@ class FreeMass(ParametricModel):
     refined on pieces of the records, each with its own displacement and velocity at the start
     (multiple shooting; Bock, *Progress in Scientific Computing*, 1983), then in a free run.
 
+    Errors of a force that is not modelled add up to a random walk, whose variance grows with the
+    time: a fit with equal weights may move the start of a record to make up for its end. Weights
+    of one over the time since the first sample (``sample_weight``) keep it where the record begins.
+
     References
     ----------
     Armstrong-Hélouvry, Dupont and Canudas de Wit, *Automatica*, 1994. Janot, Gautier and Brunot,
@@ -1164,6 +1168,7 @@ class FreeMass(ParametricModel):
     def identify(self, data):
         """Identify on pieces of the records, then in a free run, with the substeps it needs."""
         starts, evaluations = self.starting_values(data)[: 4 * _N_STARTS], 0
+        found = []  # the longer pieces may lead away: their starts have many minima, too
         for count in _PIECES:
             pieces = _cut(data, count)
             if len(pieces) <= len(data):
@@ -1172,7 +1177,8 @@ class FreeMass(ParametricModel):
             evaluations += runs
             starts, runs = self._shot(starts, pieces)
             evaluations += runs
-        result = self._free(starts, data)
+            found += starts
+        result = self._free(found or starts, data)
         fine = self._divided(result.operator, data, _MOST_FINE)
         if fine.n_substeps > result.operator.n_substeps:
             evaluations += result.n_evaluations
