@@ -263,7 +263,11 @@ def delay_beyond_sampling(operator, motion, records):
 
 
 def is_between_samples(operator, motion, records):
-    """Return by how much a shift is below a sampling interval; infinite without a shift."""
+    """Return by how much a shift is below a sampling interval; infinite without a shift.
+
+    A longer one is a delay of the device; no device answers before it is driven, so that a response
+    that is early by any time is due to the instruments.
+    """
     shift = getattr(operator, "shift", None)
     return np.inf if shift is None else 1.0 - shift / min(record.dt for record in records)
 

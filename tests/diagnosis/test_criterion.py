@@ -253,16 +253,30 @@ def test_the_size_of_a_record_is_no_evidence():
     assert p_value < 1e-6 < paired_p_value(worse, better)
 
 
-def test_the_smaller_of_two_p_values_counts_twice():
+def test_slow_errors_that_jump_between_segments_hide_no_quick_effect():
+    """Each segment is predicted by a fit of its own, so that its innovations begin anew."""
+    rng, starts = np.random.default_rng(9025), (np.arange(0, N, 50),)
+    slow = np.linalg.cholesky(0.999 ** np.abs(np.subtract.outer(np.arange(50), np.arange(50))))
+    better, worse = (np.ravel(rng.standard_normal((N // 50, 50)) @ slow.T) for _ in range(2))
+    worse = better + 1e-3 * worse + 0.02 * np.sign(np.sin(np.arange(N)))
+    known = [contestant(1.0, worse), contestant(1.0, better)]
+    cut, whole = ([replace(c, starts=s) for c in known] for s in (starts, None))
+    criterion = Criterion(0.01, 0.0)
+    assert criterion.p_value(*cut) < 1e-4 < 0.01 < criterion.p_value(*whole)
+
+
+def test_the_smallest_of_three_p_values_counts_three_times():
     """Where the noise has no colour there is one test."""
     rng = np.random.default_rng(9024)
-    for correlation, size, factor in ((0.0, 0.2, 1.0), (0.9, 0.7, 2.0)):
+    for correlation, size, factor in ((0.0, 0.2, 1.0), (0.9, 0.7, 3.0)):
         better = [coloured(rng, correlation) for _ in range(RECORDS)]
         slow = size * np.sin(np.arange(N) / 20.0)
         pair = [contestant(1.0, *own) for own in ([e + slow for e in better], better)]
         noise = pair[1].noise
-        whitened = (noise.innovations(c.residuals) for c in pair)
-        single = paired_p_value(*(c.residuals for c in pair)), paired_p_value(*whitened)
+        single = [
+            paired_p_value(*(noise.innovations(c.residuals, part) for c in pair))
+            for part in (0.0, 0.5, 1.0)  # of nothing is left what there is
+        ]
         assert 0.0 < min(single) < 0.3
         p_value = Criterion(0.01, 0.0).p_value(*pair)
         assert p_value == pytest.approx(factor * min(single), rel=0.2)  # sizes of records apart

@@ -439,6 +439,8 @@ def test_a_delay_is_longer_than_the_shortest_interval(times, later):
     assert (margin(SimpleNamespace(delay=0.01 * times), None, records) > 0.0) == later
     shift = SimpleNamespace(shift=0.01 * times)
     assert (is_between_samples(shift, None, records) > 0.0) == (not later)
+    early = SimpleNamespace(shift=-9.0)  # no device answers before it is driven
+    assert is_between_samples(early, None, records) > 0.0
     assert is_between_samples(SimpleNamespace(), None, records) == np.inf
 
 
