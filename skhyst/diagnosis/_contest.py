@@ -11,8 +11,6 @@ in pairs with every other one.
 against the model without it, so that chance is the residual of the full model. Of the effects that
 the criterion (``_criterion``) does not need, the one whose removal costs least goes; and so on. A
 function of time alone stays only where the course of the noise does not explain it (``_course``).
-An effect may go because another stands in for it that is not needed itself and goes later: a better
-model on the way, each of whose effects passes the test, is kept.
 Choices that were made with an effect that is removed, such as the number of plays, may be wrong
 without it: if it is the first effect of a path, the model grows again without it.
 
@@ -337,11 +335,8 @@ class Contest:
         An effect stays if without it another effect takes over its function under a name that no
         longer fits. Where the course of the noise explains an effect, but something is needed in
         its place, a rival replaces it, such as an offset per record for a drift. Two effects may
-        compensate for each other, such as a lag and a lead: they are also removed together. An
-        effect may have gone because another stood in for it that is not needed itself: the best
-        model on the way that needs all of its effects is returned.
+        compensate for each other, such as a lag and a lead: they are also removed together.
         """
-        whole = base
         while base.structure.effects:
             names = base.structure.effects
             reduced = {(name,): self.without(base, name) for name in names}
@@ -376,18 +371,6 @@ class Contest:
             self._report_progress(
                 f"{' and '.join(gone)} not needed: held-out error {base.error:.4g}"
             )
-        least, most = (set(c.structure.effects) for c in (base, whole))
-        between = [
-            c
-            for (weighings, names), c in self._best.items()
-            if weighings == self._weighings and least < names < most
-        ]
-        for c in sorted(between, key=lambda c: c.error):
-            if self.criterion.improves_enough(base, c) and all(
-                self._is_needed(c, name, self.without(c, name)) for name in c.structure.effects
-            ):
-                self._report_progress(f"{' + '.join(c.structure.effects)} needed, each of them")
-                return c
         return base
 
     def _is_needed(self, base, name, reduced):

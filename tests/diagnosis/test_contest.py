@@ -470,17 +470,6 @@ def test_an_effect_stays_without_which_another_would_not_be_what_it_is(world):
     assert pruned(world, {"ab": 1.0, "a": 1.15, "b": 1.05, "": 2.0}, right=False) == ("a", "b")
 
 
-@pytest.mark.parametrize(("error", "kept"), [(0.5, "ab"), (0.8, "b")])
-def test_what_went_for_an_effect_that_goes_itself_is_kept(world, error, kept):
-    """Without a, c is not needed; on the way there was a model that needs all of its effects."""
-    world.errors = {"abc": 0.4, "bc": 0.45, "ab": error, "ac": 2.0, "b": 0.85, "a": 3.0, "c": 3.0}
-    world.errors[""] = 4.0
-    contest = contest_of(effects=EFFECTS[1:])
-    needless = {("abc", "a"), ("bc", "c")}
-    contest._is_needed = lambda c, name, _: ("".join(c.structure.effects), name) not in needless
-    assert names_of([contest.prune(candidate("abc", 0.4))]) == [kept]
-
-
 @pytest.mark.parametrize("rival", ["o", ""])
 def test_a_rival_takes_the_place_of_what_the_noise_makes_where_something_is_needed(world, rival):
     world.errors = {"": 1.0, "p": 0.5} | ({"o": 0.45} if rival else {})
