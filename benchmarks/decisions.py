@@ -81,8 +81,7 @@ def p_value(worse, better):
     worse, better = np.split(worse, blocks), np.split(better, blocks)
     noise = fit_noise(better)
     if noise.law != "white":
-        white = ([noise.innovations(e, part) for e in (worse, better)] for part in (0.5, 1.0))
-        p = 3.0 * min(p, *(paired_p_value(*pair) for pair in white))
+        p = 2.0 * min(p, paired_p_value(noise.innovations(worse), noise.innovations(better)))
     return min(1.0, GROUPS * COPIES * p)
 
 

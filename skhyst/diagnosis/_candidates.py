@@ -76,12 +76,12 @@ class Candidate:
         series = weighted(self.residuals, self.weights)
         return fit_noise([part for parts in self._segments(series) for part in parts])
 
-    def innovations(self, series, part):
-        """Return innovations under the noise model, for a series of each record; see there.
+    def innovations(self, series):
+        """Return innovations under the noise model, for a series of each record.
 
         Each segment is a beginning: where the prediction changes from one fit to another, it jumps.
         """
-        return [np.concatenate(self.noise.innovations(p, part)) for p in self._segments(series)]
+        return [np.concatenate(self.noise.innovations(p)) for p in self._segments(series)]
 
     def _segments(self, series):
         return map(np.split, series, self.starts or [()] * len(series))

@@ -35,11 +35,9 @@ the noise in its own band. So the same test is made a second time, with the inno
 and :math:`b` under the rival's noise model (``skhyst.noise``), each record scaled by the root mean
 square of both. Each held-out segment is a series of its own: where the prediction changes from one
 fit to another, slow errors, such as those of integrators, jump by far more than their innovations.
-Where more than one effect is missing, the residual of the rival is structure, too: in plain sums
-the slowest of it counts most, after whitening the fastest. A third test is between both: its filter
-whitens the square root of the spectrum. The smallest of the three p-values is tripled (Bonferroni).
-A linear filter and a scale that are common to both models leave equal models equal, so all tests
-keep their level whether or not the noise model is right.
+The smaller of the two p-values is doubled (Bonferroni). A linear filter and a scale that are common
+to both models leave equal models equal, so the second test keeps its level whether or not the noise
+model is right.
 
 **Additive disturbances.** An offset, a drift or a line is fitted to the record in which it is
 scored, and with it the course of the noise. It stays only where the noise alone, with the spectrum
@@ -115,8 +113,7 @@ class Criterion:
             series.append(weighted(by_instrument, better.weights))
         p = paired_p_value(*series)
         if better.noise.law != "white":
-            white = ([better.innovations(own, part) for own in series] for part in (0.5, 1.0))
-            p = 3.0 * min(p, *(paired_p_value(*_rescaled(*filtered)) for filtered in white))
+            p = 2.0 * min(p, paired_p_value(*_rescaled(*map(better.innovations, series))))
         return min(1.0, n_tried * p)
 
 

@@ -106,7 +106,7 @@ class NoiseModel:
         low = correlations[1:] <= correlations[0] / np.e
         return int(np.argmax(low)) + 1 if low.any() else n_samples
 
-    def innovations(self, series, part=1.0):
+    def innovations(self, series):
         """Return the one-step prediction errors of each series, in each contiguous part.
 
         The first of a part are predicted from fewer samples; they are scaled to the standard
@@ -116,8 +116,6 @@ class NoiseModel:
         ----------
         series : sequence of ndarray of shape (n_samples,)
             One per record; NaN for missing values.
-        part : float, default=1.0
-            Power of the spectrum that is made white: 0.5 leaves the square root of the spectrum.
 
         Returns
         -------
@@ -126,7 +124,7 @@ class NoiseModel:
         """
         if self.law == "white":
             return list(series)
-        weights = _weights_of_past(self.law, self.coefficient, self.share, part)
+        weights = _weights_of_past(self.law, self.coefficient, self.share)
         innovations = [np.full(len(values), np.nan) for values in series]
         for errors, values in zip(innovations, series, strict=True):
             for rows in stretches(values):
@@ -231,14 +229,14 @@ def quantisation_step(readings):
 
 
 @lru_cache(maxsize=8)  # models are compared, one at a time
-def _weights_of_past(law, coefficient, share, part):
+def _weights_of_past(law, coefficient, share):
     """Return the weights of the last samples in the innovation of the first, second, ... sample.
 
     It is a lower triangle (n, n); the last row holds for all later samples. All innovations have
     the same variance.
     """
     n = 8 * _MEMORY  # fine enough for these lags
-    power = _spectrum(law, np.arange(0.5, n) / (2 * n), coefficient, share) ** part
+    power = _spectrum(law, np.arange(0.5, n) / (2 * n), coefficient, share)
     correlations = dct(power)[: _MEMORY + 1]  # up to a factor
     predictors = [(np.empty(0), correlations[0]), *levinson(correlations, _MEMORY)]
     weights = np.zeros((len(predictors), len(predictors)))
