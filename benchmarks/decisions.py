@@ -77,11 +77,9 @@ def held_out(columns, y, chosen):
 def p_value(worse, better):
     """Return the p-value of the search's criterion, for all candidates."""
     p = paired_p_value([worse], [better])
-    blocks = [N * k // FOLDS for k in range(1, FOLDS)]
-    worse, better = np.split(worse, blocks), np.split(better, blocks)
-    noise = fit_noise(better)
+    noise = fit_noise([better])
     if noise.law != "white":
-        p = 2.0 * min(p, paired_p_value(noise.innovations(worse), noise.innovations(better)))
+        p = 2.0 * min(p, paired_p_value(noise.innovations([worse]), noise.innovations([better])))
     return min(1.0, GROUPS * COPIES * p)
 
 

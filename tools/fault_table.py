@@ -274,8 +274,8 @@ _COMPOSITION = [
     ),
     (
         "series: every stage rests at the drive",
-        "u0 = stage.run(np.array([u0], dtype=float), 1.0, states[-1])[0][0]",
-        "stage.run(np.array([u0], dtype=float), 1.0, states[-1])",
+        "u0 = stage.run(np.array([u0], dtype=float), 1.0, state)[0][0]",
+        "stage.run(np.array([u0], dtype=float), 1.0, state)",
         "tests/operators/test_acceptance.py -k rest_stays",
     ),
     (

@@ -175,8 +175,8 @@ CRITERION = [  # of this way to decide
     ),
     (
         "of two tests the smaller p-value counts once",
-        "p = 2.0 * min(p, paired_p_value(*_rescaled(*map(better.innovations, series))))",
-        "p = min(p, paired_p_value(*_rescaled(*map(better.innovations, series))))",
+        "p = 2.0 * min(p, paired_p_value(*_rescaled(*map(better.noise.innovations, series))))",
+        "p = min(p, paired_p_value(*_rescaled(*map(better.noise.innovations, series))))",
         "",
     ),
     (

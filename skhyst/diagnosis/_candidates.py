@@ -43,8 +43,6 @@ class Candidate:
         Solution in the coordinates of the least-squares problem.
     residuals, predictions, weights : tuple of ndarray of shape (n_samples,)
         Held out, of each record; NaN where nothing is scored. Weights of None mean ones.
-    starts : tuple of ndarray of int, shape (n_segments,)
-        First sample of each segment of each record: residuals on both sides are of different fits.
     explained : tuple of ndarray of shape (n_samples,) or None
         Held-out response to the part of the drive that a reference explains, if there is one.
     error : float
@@ -64,7 +62,6 @@ class Candidate:
     residuals: tuple | None = None
     predictions: tuple | None = None
     weights: tuple | None = None
-    starts: tuple | None = None
     explained: tuple | None = None
     error: float = np.nan
     box: object = None
@@ -73,18 +70,7 @@ class Candidate:
     @cached_property
     def noise(self):
         """NoiseModel of the held-out residual, weighted."""
-        series = weighted(self.residuals, self.weights)
-        return fit_noise([part for parts in self._segments(series) for part in parts])
-
-    def innovations(self, series):
-        """Return innovations under the noise model, for a series of each record.
-
-        Each segment is a beginning: where the prediction changes from one fit to another, it jumps.
-        """
-        return [np.concatenate(self.noise.innovations(p)) for p in self._segments(series)]
-
-    def _segments(self, series):
-        return map(np.split, series, self.starts or [()] * len(series))
+        return fit_noise(weighted(self.residuals, self.weights))
 
 
 def screened(effect, structure, records):
@@ -214,7 +200,6 @@ def held_out(candidate, records, folds):
         residuals=tuple(residuals),
         predictions=tuple(predictions[0]),
         weights=weights,
-        starts=tuple(np.array([a for a, _ in record.segments]) for record in records),
         explained=tuple(predictions[1]) if predictions[1:] else None,
         error=root_mean_square(residuals, weights),
     )

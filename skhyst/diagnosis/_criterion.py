@@ -33,11 +33,9 @@ few blocks suffice where the gain is far beyond chance.
 one-step prediction of the noise subtracted, both residuals are white and the gain is compared with
 the noise in its own band. So the same test is made a second time, with the innovations of :math:`a`
 and :math:`b` under the rival's noise model (``skhyst.noise``), each record scaled by the root mean
-square of both. Each held-out segment is a series of its own: where the prediction changes from one
-fit to another, slow errors, such as those of integrators, jump by far more than their innovations.
-The smaller of the two p-values is doubled (Bonferroni). A linear filter and a scale that are common
-to both models leave equal models equal, so the second test keeps its level whether or not the noise
-model is right.
+square of both. The smaller of the two p-values is doubled (Bonferroni). A linear filter and a scale
+that are common to both models leave equal models equal, so the second test keeps its level whether
+or not the noise model is right.
 
 **Additive disturbances.** An offset, a drift or a line is fitted to the record in which it is
 scored, and with it the course of the noise. It stays only where the noise alone, with the spectrum
@@ -113,7 +111,7 @@ class Criterion:
             series.append(weighted(by_instrument, better.weights))
         p = paired_p_value(*series)
         if better.noise.law != "white":
-            p = 2.0 * min(p, paired_p_value(*_rescaled(*map(better.innovations, series))))
+            p = 2.0 * min(p, paired_p_value(*_rescaled(*map(better.noise.innovations, series))))
         return min(1.0, n_tried * p)
 
 

@@ -19,15 +19,14 @@ References
 """
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property
 
 import numpy as np
 from scipy.fft import dct
+from scipy.linalg import solve_toeplitz
 from scipy.optimize import minimize
 from scipy.signal import lfilter
 from scipy.stats import norm
-
-from ._autoregression import levinson
 
 STEEPEST = 4.0  # largest exponent of the spectrum: that of white noise integrated twice
 _MEMORY = 256  # past samples that predict the next
@@ -83,6 +82,14 @@ class NoiseModel:
         """
         return _spectrum(self.law, frequency, self.coefficient, self.share)
 
+    @cached_property
+    def _forecast(self):
+        """Weights of the past samples, the last one first, that predict the next."""
+        n = 8 * _MEMORY  # fine enough for these lags
+        power = self.spectrum(np.arange(0.5, n) / (2 * n))
+        correlations = dct(power)[: _MEMORY + 1]  # up to a factor
+        return solve_toeplitz(correlations[:-1], correlations[1:])
+
     def correlation_length(self, n_samples):
         """Return the number of samples in which the correlation falls to 1/e; 0 for white noise.
 
@@ -109,9 +116,6 @@ class NoiseModel:
     def innovations(self, series):
         """Return the one-step prediction errors of each series, in each contiguous part.
 
-        The first of a part are predicted from fewer samples; they are scaled to the standard
-        deviation of the others.
-
         Parameters
         ----------
         series : sequence of ndarray of shape (n_samples,)
@@ -124,14 +128,10 @@ class NoiseModel:
         """
         if self.law == "white":
             return list(series)
-        weights = _weights_of_past(self.law, self.coefficient, self.share)
         innovations = [np.full(len(values), np.nan) for values in series]
         for errors, values in zip(innovations, series, strict=True):
             for rows in stretches(values):
-                known = values[rows]
-                first = min(len(known), len(weights))
-                errors[rows] = lfilter(weights[-1, ::-1], 1.0, known)
-                errors[rows][:first] = weights[:first, :first] @ known[:first]
+                errors[rows] = lfilter(np.append(1.0, -self._forecast), 1.0, values[rows])
         return innovations
 
     def __str__(self):
@@ -226,24 +226,6 @@ def quantisation_step(readings):
     # readings in a file are rounded decimals of the multiples
     near = np.abs(steps / step - np.round(steps / step)) < 0.05
     return float(steps.sum() / np.round(steps / step).sum()) if near.all() else 0.0
-
-
-@lru_cache(maxsize=8)  # models are compared, one at a time
-def _weights_of_past(law, coefficient, share):
-    """Return the weights of the last samples in the innovation of the first, second, ... sample.
-
-    It is a lower triangle (n, n); the last row holds for all later samples. All innovations have
-    the same variance.
-    """
-    n = 8 * _MEMORY  # fine enough for these lags
-    power = _spectrum(law, np.arange(0.5, n) / (2 * n), coefficient, share)
-    correlations = dct(power)[: _MEMORY + 1]  # up to a factor
-    predictors = [(np.empty(0), correlations[0]), *levinson(correlations, _MEMORY)]
-    weights = np.zeros((len(predictors), len(predictors)))
-    for k, (past, variance) in enumerate(predictors):
-        scale = np.sqrt(predictors[-1][1] / variance)
-        weights[k, : k + 1] = scale * np.append(-past[::-1], 1.0)
-    return weights
 
 
 def _spectrum(law, frequency, coefficient, share=1.0, counts=None):

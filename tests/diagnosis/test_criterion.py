@@ -253,18 +253,6 @@ def test_the_size_of_a_record_is_no_evidence():
     assert p_value < 1e-6 < paired_p_value(worse, better)
 
 
-def test_slow_errors_that_jump_between_segments_hide_no_quick_effect():
-    """Each segment is predicted by a fit of its own, so that its innovations begin anew."""
-    rng, starts = np.random.default_rng(9025), (np.arange(0, N, 50),)
-    slow = np.linalg.cholesky(0.999 ** np.abs(np.subtract.outer(np.arange(50), np.arange(50))))
-    better, worse = (np.ravel(rng.standard_normal((N // 50, 50)) @ slow.T) for _ in range(2))
-    worse = better + 1e-3 * worse + 0.02 * np.sign(np.sin(np.arange(N)))
-    known = [contestant(1.0, worse), contestant(1.0, better)]
-    cut, whole = ([replace(c, starts=s) for c in known] for s in (starts, None))
-    criterion = Criterion(0.01, 0.0)
-    assert criterion.p_value(*cut) < 1e-4 < 0.01 < criterion.p_value(*whole)
-
-
 def test_the_smaller_of_two_p_values_counts_twice():
     """Where the noise has no colour there is one test."""
     rng = np.random.default_rng(9024)
