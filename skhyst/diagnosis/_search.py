@@ -660,12 +660,12 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, ScoredMixin, BaseEstimator)
             )
         # error of a straight line over the drive, held out like the declared model
         line = np.stack([self.drive_, np.ones(len(self.drive_))], axis=1)
-        by_line = np.full(len(line), np.nan)
-        for fold in np.unique(self.folds_[self.folds_ >= 0]):
-            train, test = self.folds_ != fold, self.folds_ == fold
+        by_line, known = np.full(len(line), np.nan), np.isfinite(self.residual_before_)
+        for fold in np.unique(self.folds_[known]):
+            test = self.folds_ == fold
+            train = known & ~test
             coefficients = np.linalg.lstsq(line[train], self.response_[train], rcond=None)[0]
             by_line[test] = self.response_[test] - line[test] @ coefficients
-        known = np.isfinite(self.residual_before_)
         power = np.average(np.square(by_line[known]), weights=self.weights_[known])
         if (1.0 - self.min_improvement) * first.error > np.sqrt(power):
             messages.append(
