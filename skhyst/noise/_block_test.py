@@ -81,8 +81,8 @@ def block_length(series):
 def independent_sample(series):
     """Return how many neighbouring samples are worth an independent one for the mean, at least one.
 
-    One plus twice the sum of the autocorrelations up to the first that is not positive, as in
-    Geyer's initial sequence (*Statistical Science*, 1992). In an oscillation, whose mean is known
+    One plus twice the sum of the autocorrelations up to the first that is not positive, as in the
+    initial sequence of Geyer, *Statistical Science*, 1992. In an oscillation, whose mean is known
     better than that, more are taken to depend on each other.
 
     Parameters
