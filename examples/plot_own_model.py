@@ -45,6 +45,7 @@ class ValveOperator(OneStateOperator, step=valve):
     time_constant_up: float = parameter(log=True, lower=0.0, unit="s")
     time_constant_down: float = parameter(log=True, lower=0.0, unit="s")
     gain: float = parameter(linear=True, gauge=1.0, default=1.0, unit="response/drive")
+    moves_at_rest = True  # the state still moves while the drive rests
 
     def rest(self, u0):
         return u0, (1.0, 0.0, 0.0)  # and its derivatives by u0 and what the state depends on
