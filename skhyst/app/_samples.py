@@ -18,7 +18,7 @@ def _bursts(rng):
     """Return steps with rests, then a sine that grows in amplitude and frequency."""
     levels = np.repeat(rng.uniform(-1.0, 1.0, 8), _SAMPLES // 16)
     ramps = np.convolve(np.append(np.zeros(9), levels), np.full(10, 0.1), "valid")
-    t = np.linspace(0.0, 1.0, _SAMPLES - ramps.size)
+    t = np.linspace(0.0, 1.0, _SAMPLES - ramps.size)  # the last level decays under the sine
     swept = np.sin(2.0 * np.pi * (2.0 + 10.0 * t) * t) * (0.3 + 0.7 * t)
     return np.concatenate([ramps, ramps[-1] * (1.0 - t) ** 8 + swept])
 

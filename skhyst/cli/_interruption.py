@@ -55,7 +55,7 @@ def ending_on_signals():
 
 
 def _kill_workers(number=None):
-    """Kill the processes of joblib's pool, if there is one."""
+    """Kill the processes of joblib's pool, if there is one; a timer calls it with the signal."""
     loky = sys.modules.get("joblib.externals.loky")
     if loky is not None:
         loky.get_reusable_executor().shutdown(wait=False, kill_workers=True)

@@ -197,6 +197,7 @@ class Corrected(MetaEstimatorMixin, ScoredMixin, BaseEstimator):
         effects.records_, effects.n_features_in_ = slices, columns.shape[1]
 
         def records_of(p, begun):
+            """Return the records driven by predictions ``p``; ``begun``: see ``refit``."""
             data = effects.record_data(slices, _as_first_column(p, columns), y)
             data = data if read is None else scored_where(data, slices, read)
             if weights is not None:

@@ -117,11 +117,12 @@ class Part:
         The input has several columns, shape (n_samples, n_inputs).
     moves_at_rest : bool
         The output moves while the input rests, as of linear dynamics: an input that is held between
-        samples gives an output that is not.
+        samples gives an output that is not. A node moves where one of its parts does.
     schedule_range : (float, float) or None
         Least and largest schedule of the fit, where parameters depend on a schedule.
     resolution : Resolution or None
-        What its description is fine to, such as the number of plays, if that may be chosen.
+        Which fields tell how many terms it is the sum of, such as plays, and where they stand, if
+        that may be chosen.
     scaled_within : tuple of str
         Parameters that it scales within itself by a factor that varies from sample to sample, all
         together, such as the thresholds of plays: by the methods of ``ScaledWithin``.

@@ -230,6 +230,7 @@ class MovableOperator(WrappedOperator):
     moving: np.ndarray
     limits: np.ndarray
 
+    # a single part: edits and names do not reach into the operator
     split, inner, keys = Operator.split, Operator.inner, Operator.keys
     resolution = property(attrgetter("operator.resolution"), doc="That of the operator.")
 
