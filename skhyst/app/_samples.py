@@ -8,7 +8,7 @@ import pandas as pd
 from ..datasets.simulation import Plant, clip, first_order, kelvin_voigt, oscillate, plays
 
 _DT = 2e-3  # s
-_SAMPLES = 1500
+_N_SAMPLES = 1500
 _SUBSTEPS = 10  # integration steps per sample
 _NOISE = 0.003  # standard deviation as a fraction of the range
 _PLAYS = partial(plays, thresholds=[0.0, 4.0, 10.0, 20.0], weights=[0.1, 0.03, 0.03, 0.02])
@@ -16,9 +16,9 @@ _PLAYS = partial(plays, thresholds=[0.0, 4.0, 10.0, 20.0], weights=[0.1, 0.03, 0
 
 def _bursts(rng):
     """Return steps with rests, then a sine that grows in amplitude and frequency."""
-    levels = np.repeat(rng.uniform(-1.0, 1.0, 8), _SAMPLES // 16)
+    levels = np.repeat(rng.uniform(-1.0, 1.0, 8), _N_SAMPLES // 16)
     ramps = np.convolve(np.append(np.zeros(9), levels), np.full(10, 0.1), "valid")
-    t = np.linspace(0.0, 1.0, _SAMPLES - ramps.size)  # the last level decays under the sine
+    t = np.linspace(0.0, 1.0, _N_SAMPLES - ramps.size)  # the last level decays under the sine
     swept = np.sin(2.0 * np.pi * (2.0 + 10.0 * t) * t) * (0.3 + 0.7 * t)
     return np.concatenate([ramps, ramps[-1] * (1.0 - t) ** 8 + swept])
 

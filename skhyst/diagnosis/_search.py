@@ -374,7 +374,8 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, ScoredMixin, BaseEstimator)
         RecordError
             If the response is constant or equal to a column of X, or the drive is the time.
         """
-        vars(self).pop("searches_", None)
+        for name in [name for name in vars(self) if name.endswith("_")]:
+            delattr(self, name)  # if this fit is interrupted, nothing of an earlier one is left
         if columns := response_columns(y):
             return self._fit_each(X, columns, on_progress)
         effects = chosen_effects(self.effects)
@@ -425,6 +426,9 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, ScoredMixin, BaseEstimator)
         self.searches_, self.shared_ = searches, shared_claims(searches)
         self.effects_ = [e for e in first.effects_ if all(e in other.effects_ for other in others)]
         return self
+
+    def __sklearn_is_fitted__(self):
+        return hasattr(self, "failed_") or hasattr(self, "searches_")  # the last that is stored
 
     def _even(self, X, y=None):
         """Return the data on even grids, if that is requested and they are uneven."""
@@ -491,17 +495,17 @@ class EffectSearchCV(WithTables, MetaEstimatorMixin, ScoredMixin, BaseEstimator)
         report_progress(f"declared model: held-out error {base.error:.4g}")
         self.seconds_["declared model"] = time.perf_counter() - begin
         contest = Contest(
-            declared.effects(effects),
-            records,
-            folds,
-            Criterion(self.alpha, self.min_improvement),
-            self.max_effects,
-            self.n_jobs,
-            NEGLIGIBLE * np.ptp(self.response_),
-            report_progress,
-            declared.renew,
-            lambda base: self._judged(declared.measured(contest.records), base, contest),
-            self._lost(slices) if self.loss == "huber" else None,
+            effects=declared.effects(effects),
+            records=records,
+            folds=folds,
+            criterion=Criterion(self.alpha, self.min_improvement),
+            max_effects=self.max_effects,
+            n_jobs=self.n_jobs,
+            negligible=NEGLIGIBLE * np.ptp(self.response_),
+            report_progress=report_progress,
+            renew=declared.renew,
+            judge=lambda base: self._judged(declared.measured(contest.records), base, contest),
+            lost=self._lost(slices) if self.loss == "huber" else None,
         )
         for _ in range(REWEIGHTED if contest.lost else 0):
             base = first = contest.weighed(base)

@@ -5,6 +5,7 @@ import multiprocessing
 import numpy as np
 import pytest
 from joblib import Parallel, delayed, parallel_config
+from sklearn.exceptions import NotFittedError
 
 from skhyst._progress import _is_interactive
 from skhyst.diagnosis import EffectSearchCV
@@ -63,8 +64,13 @@ def test_an_observer_ends_the_search(data, backend):
         if progress.done:
             raise Stopped
 
+    stopped = search()
+    stopped.failed_ = stopped.verdict_ = None  # of an earlier fit
     with parallel_config(backend, n_jobs=2), pytest.raises(Stopped):
-        search().fit(*data, on_progress=stop)
+        stopped.fit(*data, on_progress=stop)
+    with pytest.raises(NotFittedError):
+        stopped.predict(data[0])
+    assert not hasattr(stopped, "verdict_")
 
 
 def test_a_terminal_has_a_bar_on_the_standard_error_stream(data, monkeypatch, capsys):
