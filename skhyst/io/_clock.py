@@ -11,8 +11,8 @@ from ._column_names import SECONDS, time_unit_of
 from ._file_columns import coerced, is_blank, numbers
 from ._formats import reading
 
-# Largest deviation of one interval, as a fraction of it: both ends rounded by a tenth, with margin.
-JITTER = 0.25
+_ROUNDED = 0.1  # largest rounding of a stamp, as a fraction of the interval
+JITTER = 0.25  # largest deviation of one interval, as a fraction: both ends rounded, with margin
 _NEXT = 1.5  # intervals to the next sample, also where the clock begins anew
 _HOUR = 3600.0  # s
 _NATIONAL = (  # dates that pandas does not parse by itself, or can parse in several ways
@@ -115,6 +115,33 @@ def times(path, column, unit):
                     f"(hh:mm:ss.fff). It starts with {first!r} instead"
                 ) from error
     return pd.DatetimeIndex(dates).tz_localize(None)
+
+
+def are_same_times(path, one, other):
+    """Whether two columns of times agree in the rows that both have, up to a tenth of an interval.
+
+    That is how far the stamps of one may be rounded. A clock or a date and a time that counts from
+    the start of the recording agree if their differences do.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", TimeUnitWarning)  # told where a time is read
+        stamps = [times(path, column, None) for column in (one, other)]
+    dated = [not isinstance(s, np.ndarray) or _is_since_1970(s) for s in stamps]
+    seconds = [s if isinstance(s, np.ndarray) else _count(s) for s in stamps]
+    rows = np.isfinite(seconds[0]) & np.isfinite(seconds[1])
+    first, second = (s[rows] for s in seconds)
+    if len(first) < 2:
+        return True
+    if dated[0] != dated[1]:
+        first, second = first - first[0], second - second[0]
+    step = np.median(np.abs(np.diff(first)))
+    return bool(np.all(np.abs(first - second) <= _ROUNDED * step))
+
+
+def _count(stamps):
+    """Return datetimes or timedeltas as seconds, NaN where one is missing."""
+    origin = pd.Timedelta(0) if stamps.dtype.kind == "m" else pd.Timestamp(0)
+    return ((stamps - origin) / pd.Timedelta(seconds=1)).to_numpy()
 
 
 def _going_on(clock):

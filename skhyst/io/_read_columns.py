@@ -12,7 +12,7 @@ from ._column_names import SECONDS, without_unit
 from ._file_columns import as_columns, load_column, numbers, record_groups
 from ._formats import opened
 from ._missing import likely_codes, missing_rows
-from ._recognise import find_roles
+from ._recognise import find_roles, separate_times
 
 _POLICIES = ("raise", "drop", "interpolate")
 
@@ -124,6 +124,8 @@ def _read(path, variables, request):
         c if c is None else load_column(path, variables, c) for c in (request.time, request.record)
     )
     _refuse_mismatch(path, names[:n_inputs], [*columns, stamps, labels])
+    if separate := separate_times(path, variables, wanted):
+        raise RecordError(separate)
     values = np.column_stack([numbers(path, c.name, c.values) for c in columns])
     stamps = None if stamps is None else times(path, stamps, request.time_unit)
     labels = None if labels is None else record_labels(labels.values)
