@@ -30,7 +30,7 @@ class ReachWarning(UserWarning):
 
 
 class TimeUnitWarning(UserWarning):
-    """A column of times has no unit, and seconds are implausible."""
+    """A time has no unit and seconds are implausible, or it contradicts the rate of the file."""
 
 
 class ShortRecordWarning(ConvergenceWarning):

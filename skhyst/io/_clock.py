@@ -13,6 +13,7 @@ from ._formats import reading
 
 _ROUNDED = 0.1  # largest rounding of a stamp, as a fraction of the interval
 JITTER = 0.25  # largest deviation of one interval, as a fraction: both ends rounded, with margin
+_MISMATCH = 0.01  # relative difference of two rates that contradict each other
 _NEXT = 1.5  # intervals to the next sample, also where the clock begins anew
 _HOUR = 3600.0  # s
 _NATIONAL = (  # dates that pandas does not parse by itself, or can parse in several ways
@@ -115,6 +116,27 @@ def times(path, column, unit):
                     f"(hh:mm:ss.fff). It starts with {first!r} instead"
                 ) from error
     return pd.DatetimeIndex(dates).tz_localize(None)
+
+
+def warn_of_rate(path, columns, stamps):
+    """Warn if the times of the rows contradict the sampling interval that the file says."""
+    seconds = stamps if isinstance(stamps, np.ndarray) else _count(stamps)
+    steps = np.diff(seconds)
+    steps = steps[steps > 0.0]
+    if not steps.size:
+        return
+    steps = steps[np.abs(steps / np.median(steps) - 1.0) <= JITTER]
+    step = steps.mean()  # in which the rounding of all stamps but the first and last cancels
+    for interval in sorted({c.interval for c in columns if c.interval is not None}):
+        if abs(step / interval - 1.0) > max(_MISMATCH, 2.0 * _ROUNDED / steps.size):
+            warnings.warn(
+                f"The time of {path.name} advances by {step:.6g} s ({1.0 / step:.6g} Hz), the file "
+                f"says {interval:.6g} s ({1.0 / interval:.6g} Hz). The time is taken. Pass "
+                f"'sampling_rate={1.0 / interval:.6g}' instead of 'time' if that is right, or "
+                "'time_unit' if the unit of the time is another.",
+                TimeUnitWarning,
+                stacklevel=5,
+            )
 
 
 def are_same_times(path, one, other):

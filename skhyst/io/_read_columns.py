@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import RecordError
-from ._clock import evenly, positions, record_labels, record_numbers, times
+from ._clock import evenly, positions, record_labels, record_numbers, times, warn_of_rate
 from ._column_names import SECONDS, without_unit
 from ._file_columns import as_columns, load_column, numbers, record_groups
 from ._formats import opened
@@ -139,6 +139,8 @@ def _read(path, variables, request):
     labels = record_numbers(path, stamps, len(values)) if labels is None else np.asarray(labels)
     if stamps is None:
         stamps = evenly(path, columns, rows, request.sampling_rate)
+    else:
+        warn_of_rate(path, columns, stamps)
     return Columns(path.name, values, names, n_inputs, stamps, labels)
 
 

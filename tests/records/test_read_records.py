@@ -3,6 +3,7 @@
 import datetime
 import json
 import sys
+import warnings
 
 import h5py
 import nptdms
@@ -397,6 +398,26 @@ def test_what_a_file_says_of_interval_and_units_is_used(tmp_path, suffix, write)
     assert (list(X.columns), y.name) == (["run/u [V]"], "run/y [um]")
     X, _ = read_records(path, drive="run/u [V]", sampling_rate=100.0)  # what is given comes first
     assert record_slices(X)[0].dt == 0.01
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        {"fs_kHz": 0.5},
+        {"dt_ms": 2.0},
+        {"Ts": 2.0, "TimeUnit": "milliseconds"},
+        {"Ts": 2000.0, "units": {"Ts": "us"}},
+        {"fs": 1000.0, "t": T},
+    ],
+)
+def test_a_rate_has_its_unit_and_a_time_that_contradicts_it_is_told(tmp_path, said):
+    savemat(tmp_path / "rig.mat", {"rig": {"u": COLUMNS["u"], "y": COLUMNS["y"]} | said})
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        X, _ = read_records(tmp_path / "rig.mat")
+    assert record_slices(X)[0].dt == pytest.approx(0.002)
+    assert [w.category for w in told] == [TimeUnitWarning] * ("t" in said)
+    assert all("(500 Hz), the file says 0.001 s (1000 Hz)" in str(w.message) for w in told)
 
 
 def test_sheets_with_units_below_the_names_are_records(tmp_path):
