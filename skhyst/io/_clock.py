@@ -210,6 +210,14 @@ def record_labels(values):
     return values
 
 
+def by_record(labels, time):
+    """Return the order of the rows by their labels, None if time does not rise within a label."""
+    rows = pd.factorize(labels)[0]
+    order = np.argsort(rows, kind="stable")
+    together = np.diff(rows[order]) == 0
+    return order if np.all(time[order][1:] > time[order][:-1], where=together) else None
+
+
 def positions(labels, n):
     """Return the number of each row within its record, from 0."""
     rows = np.arange(n)

@@ -17,9 +17,10 @@ from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 
 from ..exceptions import RecordError
-from ._clock import JITTER, are_same_times
+from ._clock import JITTER, are_same_times, by_record, record_labels
 from ._column_names import TIME, time_unit_of, unit_of, without_unit
 from ._file_columns import (
     as_columns,
@@ -288,6 +289,32 @@ def separate_times(path, variables, signals):
     return ""
 
 
+def interleaved(path, variables, time):
+    """Return what to do if runs alternate in the rows, as the times of the rows show, else "".
+
+    Then the time rises within each of a column's few values, to which the rows return.
+    """
+    time = np.asarray(time)
+    if np.all(time[1:] > time[:-1]):
+        return ""
+    for c in (_Candidate(path, variables, place) for place in long_columns(variables)):
+        labels = record_labels(c.stored)
+        if len(labels) != len(time) or np.asarray(labels).dtype.kind == "f":
+            continue
+        rows, values = pd.factorize(labels)
+        if (
+            1 < len(values) <= _MOST_RESTARTS * len(rows)
+            and np.count_nonzero(np.diff(rows)) >= len(values)
+            and by_record(labels, time) is not None
+        ):
+            return (
+                f"The rows of {path.name} alternate between the {len(values)} values of "
+                f"{c.name!r}, and the time rises within each: pass record={c.name!r} with the time "
+                "if they are records."
+            )
+    return ""
+
+
 class _Candidate:
     """A column that may have a role; it is loaded when its values are needed."""
 
@@ -517,6 +544,8 @@ def _question(path, variables, role, candidates):
     if not candidates:
         listed = listed_variables(variables)
         return f"In {path.name} no column is left for the {role}. {listed} {_JOIN}"
+    runs = interleaved(path, variables, candidates[0].values) if role == "time" else ""
     shown = ", ".join(repr(c.name) for c in candidates[:_SHOWN])
     may_be = "more than one column may be" if len(candidates) > 1 else "no column is known to be"
-    return f"In {path.name} {may_be} the {role}: pass {role}=NAME. Candidates: {shown}."
+    question = f"In {path.name} {may_be} the {role}: pass {role}=NAME. Candidates: {shown}."
+    return f"{question} {runs}".rstrip()

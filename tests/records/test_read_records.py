@@ -215,6 +215,16 @@ def test_records_by_a_column_and_by_restarts(tmp_path, labels):
     assert [(r.start_time, r.n_samples) for r in found] == [(0.0, 15), (0.0, 25)]
 
 
+def test_runs_that_alternate_in_the_rows_are_named_and_read(tmp_path):
+    table = pd.concat([TABLE.assign(run=k) for k in (1, 2)]).sort_values("t", kind="stable")
+    for known in ({}, {"drive": "u", "response": "y", "time": "t"}):
+        with pytest.raises(RecordError, match="pass record='run' with the time"):
+            read_records(table.reset_index(drop=True), **known)
+    X, y = read(tmp_path, table, response="y", time="t", record="run")
+    assert [(r.label, r.n_samples) for r in record_slices(X, y)] == [(1, N), (2, N)]
+    np.testing.assert_array_equal(X["u"], [*U, *U])
+
+
 def test_files_stack_to_records(tmp_path):
     runs = [read(tmp_path, TABLE, response="y", time="t") for _ in range(2)]
     X, y = stack_records(runs, labels=["slow", "fast"])
