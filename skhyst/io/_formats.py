@@ -32,6 +32,7 @@ from ._workbook import read_workbook
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _OPAQUE = ("s0", "s1", "s2", "arr")  # name, type system, class, content of a MATLAB object
 _UNIT_FIELDS = ("unit", "units")
+_REFERENCES = "references or lists of different lengths"
 _TIME_UNIT = "timeunit"  # of the interval, as in an iddata of MATLAB
 _NAME_FIELDS = ("name", "label")  # the latter of Simulink
 _LINES = (".jsonl", ".ndjson")  # JSON, a record in each line
@@ -358,13 +359,25 @@ def _read_hdf5(path, matlab=False):
         if not isinstance(item, h5py.Dataset) or (matlab and name.startswith("#")):
             return
         shown = name.replace("/", ".") if matlab else name
+        if matlab and _hdf5_refusal(h5py, item) == _REFERENCES:  # of a struct array or a cell
+            labels = [label for label, _ in _elements("", item[()].T)]
+            targets = [file[one] if one else None for one in item[()].T.ravel(order="F")]
+            if all(isinstance(t, h5py.Dataset) and t.dtype.kind != "O" for t in targets):
+                is_cell = matlab_text(item.attrs.get("MATLAB_class", b"")) == "cell"
+                for label, target in zip(labels, targets, strict=True):
+                    inner = f"{shown}{label}" if is_cell else f"{label}.".join(shown.rsplit(".", 1))
+                    held(target.name, target, inner)
+                return
+        held(name, item, shown)
+
+    def held(name, item, shown):
         shape = item.shape or ()
         refused = _hdf5_refusal(h5py, item)
         for field in item.dtype.names or (None,):
             load = partial(_hdf5_values, h5py, path, name, field, matlab)
             full = shown if field is None else f"{shown}.{field}"
-            size = shape[::-1] if matlab else shape
-            group = full[: -len(field or name.rpartition("/")[2]) - 1]
+            size = (1,) if _is_text(item) else shape[::-1] if matlab else shape
+            group = full[: -len(field or shown.rpartition("." if matlab else "/")[2]) - 1]
             variables.append(
                 Variable(full, size, load, refused, *_hdf5_unit_and_interval(item), group)
             )
@@ -397,11 +410,12 @@ def _hdf5_refusal(h5py, item):
     objects = item.dtype.kind == "O" and h5py.check_string_dtype(item.dtype) is None
     reasons = {
         "a MATLAB function handle": kind == "function_handle",
-        "MATLAB text or empty": kind == "char" or "MATLAB_empty" in item.attrs,
+        "MATLAB text or empty": "MATLAB_empty" in item.attrs
+        or (kind == "char" and not _is_text(item)),
         matlab_object(kind): "MATLAB_object_decode" in item.attrs,
         "data that are stored in another file": item.external or item.is_virtual,
         "empty": item.shape is None,
-        "references or lists of different lengths": objects,
+        _REFERENCES: objects,
     }
     reason = next((reason for reason, holds in reasons.items() if holds), "")
     if not reason and item.nbytes > largest_size(item.id.get_storage_size()):
@@ -409,9 +423,17 @@ def _hdf5_refusal(h5py, item):
     return reason
 
 
+def _is_text(item):
+    """Whether a dataset is one line of text of MATLAB, which stores it as numbers."""
+    is_char = matlab_text(item.attrs.get("MATLAB_class", b"")) == "char"
+    return is_char and "MATLAB_empty" not in item.attrs and item.ndim == 2 and 1 in item.shape
+
+
 def _hdf5_values(h5py, path, name, field, transpose):
     with h5py.File(path, "r") as file:
         item = file[name]
+        if transpose and _is_text(item):
+            return np.array(["".join(map(chr, item[()].ravel()))])
         text = h5py.check_string_dtype(item.dtype) is not None
         values = item.asstr()[()] if text else item[()] if field is None else item[field]
     # MATLAB stores arrays in column-major order

@@ -215,6 +215,29 @@ def test_records_by_a_column_and_by_restarts(tmp_path, labels):
     assert [(r.start_time, r.n_samples) for r in found] == [(0.0, 15), (0.0, 25)]
 
 
+def test_structs_of_matlab_7_3_are_read_with_their_units(tmp_path):
+    """Those of an array of structs are records; their fields are references."""
+    with h5py.File(tmp_path / "rig.mat", "w") as file:
+        for k, v in {"u": U, "y": Y, "fs": [500.0]}.items():
+            file[f"one/{k}"] = np.atleast_2d(v)
+        for k, unit in {"u": "V", "y": "um"}.items():
+            file[f"one/units/{k}"] = np.array([[ord(letter)] for letter in unit], dtype="u2")
+            file[f"one/units/{k}"].attrs["MATLAB_class"] = np.bytes_("char")
+    with h5py.File(tmp_path / "array.mat", "w") as file:
+        for k, v in COLUMNS.items():
+            for i, n in enumerate((N, N - 9)):
+                file[f"#refs#/{k}{i}"] = v[None, :n]
+            refs = [[file[f"#refs#/{k}{i}"].ref] for i in (0, 1)]
+            file.create_dataset(f"runs/{k}", data=np.array(refs, dtype=h5py.ref_dtype))
+    X, y = read_records(tmp_path / "rig.mat")
+    assert (list(X.columns), y.name) == (["one.u [V]"], "one.y [um]")
+    X, y = read_records(tmp_path / "array.mat", drive="u", response="y", time="t")
+    assert [(r.label, r.n_samples) for r in record_slices(X, y)] == [
+        ("runs[0]", N),
+        ("runs[1]", N - 9),
+    ]
+
+
 def test_runs_that_alternate_in_the_rows_are_named_and_read(tmp_path):
     table = pd.concat([TABLE.assign(run=k) for k in (1, 2)]).sort_values("t", kind="stable")
     for known in ({}, {"drive": "u", "response": "y", "time": "t"}):
