@@ -78,7 +78,7 @@ def _seconds(path, name, values, unit):
             TimeUnitWarning,
             stacklevel=6,
         )
-    return values * SECONDS[unit or "s"]
+    return _counting_on(values) * SECONDS[unit or "s"]
 
 
 def _is_since_1970(seconds):
@@ -174,8 +174,28 @@ def _going_on(clock):
         return clock
     is_12 = hours.min() >= 1.0 and hours.max() <= 12.0  # 12:59:59 is followed by 1:00:00
     turn = (12.0 if is_12 else 24.0) * _HOUR
-    goes_on = (steps < 0.0) & (steps + turn <= _NEXT * np.median(steps[steps > 0.0]))
-    return clock + np.cumsum(np.append(False, goes_on)) * pd.Timedelta(seconds=turn)
+    return clock + np.cumsum(_begins_anew(seconds, turn)) * pd.Timedelta(seconds=turn)
+
+
+def _begins_anew(values, turn):
+    """Mark the values that step back to the next sample, modulo a turn."""
+    steps = np.diff(values)
+    following = steps + turn <= _NEXT * np.median(steps[steps > 0.0])
+    return np.append(False, (steps < 0.0) & following)
+
+
+def _counting_on(values):
+    """Return the values of a counter that go on where it overflows.
+
+    It has run before the recording: one that begins at 0 and steps back counts records of 2**16.
+    """
+    steps = np.diff(values)
+    if not (steps < 0.0).any() or not (steps > 0.0).any() or np.any(values % 1.0 != 0.0):
+        return values
+    turn = 2.0**16 if values.max() < 2.0**16 else 2.0**32
+    if values.min() < 0.0 or values.max() >= turn or values[0] < np.median(steps[steps > 0.0]):
+        return values
+    return values + turn * np.cumsum(_begins_anew(values, turn))
 
 
 def _with_point(cell):

@@ -181,6 +181,17 @@ def test_without_times_the_rows_are_counted(tmp_path):
     assert record_slices(X)[0].dt == 0.002
 
 
+@pytest.mark.parametrize("turn", [2**16, 2**32])
+def test_a_counter_that_overflows_goes_on(tmp_path, turn):
+    """One that begins at 0 counts records anew."""
+    for first, n_records in ((turn - 2 * 20, 1), (0, 2)):
+        count = (first + 2 * np.arange(N)) % turn if first else 2 * (np.arange(N) % (N // 2))
+        table = TABLE.assign(millis=count)
+        found = record_slices(read(tmp_path, table, time="millis")[0])
+        assert [r.n_samples for r in found] == [N // n_records] * n_records
+        assert found[0].dt == pytest.approx(0.002)
+
+
 @pytest.mark.parametrize(("unit", "seconds"), [("ms", 1e-3), ("us", 1e-6), ("h", 3600.0)])
 def test_units_of_time(tmp_path, unit, seconds):
     X, _ = read(tmp_path, TABLE.assign(t=T / seconds), time="t", time_unit=unit)
