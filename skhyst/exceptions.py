@@ -30,7 +30,7 @@ class ReachWarning(UserWarning):
 
 
 class TimeUnitWarning(UserWarning):
-    """A time has no unit and seconds are implausible, or it contradicts the rate of the file."""
+    """A time has no plausible unit, contradicts the rate of the file, or steps back by an hour."""
 
 
 class ShortRecordWarning(ConvergenceWarning):

@@ -115,7 +115,17 @@ def times(path, column, unit):
                     "others that have one meaning (31.05.2024 12:00:00.5) or clock times "
                     f"(hh:mm:ss.fff). It starts with {first!r} instead"
                 ) from error
-    return pd.DatetimeIndex(dates).tz_localize(None)
+    dates = pd.DatetimeIndex(dates).tz_localize(None)
+    seconds = _count(dates)
+    if (np.diff(seconds) > 0.0).any() and (back := _begins_anew(seconds, _HOUR)).any():
+        warnings.warn(
+            f"The time {name!r} of {path.name} steps back by an hour at row {np.argmax(back)}, as "
+            "a local time does when summer time ends: a record begins there. Write the time in UTC "
+            "or with its offset if the recording went on.",
+            TimeUnitWarning,
+            stacklevel=5,
+        )
+    return dates
 
 
 def warn_of_rate(path, columns, stamps):

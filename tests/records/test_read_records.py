@@ -181,6 +181,14 @@ def test_without_times_the_rows_are_counted(tmp_path):
     assert record_slices(X)[0].dt == 0.002
 
 
+def test_the_end_of_summer_time_is_told(tmp_path):
+    local = pd.Timestamp("2024-10-27 02:59:59.98") + pd.to_timedelta(T, "s")
+    local = local.where(np.arange(N) < 10, local - pd.Timedelta("1h"))
+    with pytest.warns(TimeUnitWarning, match="by an hour at row 10"):
+        X, _ = read(tmp_path, TABLE.assign(clock=local), time="clock")
+    assert [r.n_samples for r in record_slices(X)] == [10, N - 10]
+
+
 @pytest.mark.parametrize("turn", [2**16, 2**32])
 def test_a_counter_that_overflows_goes_on(tmp_path, turn):
     """One that begins at 0 counts records anew."""
