@@ -47,6 +47,7 @@ _UNIT_OF_TIME = re.compile(r"(horizontal|[hx]_?)[ _]?units?([ _]label)?", re.IGN
 _NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 _ASSIGNED = re.compile(rf"([^=:]+?)\s*[=:]\s*({_NUMBER})\s*([munµμ]?s|[kM]?Hz)?")
 _COMMENTED = re.compile(r"([#%]*)\s*(.*)", re.DOTALL)
+_FACT = re.compile(r"\w+:\s+\S+")  # of Octave: "# columns: 3", which are no names of columns
 _NO_UNIT = re.compile(r"[-–]*|1")
 _SETTLE = (
     "pass delimiter=',' where they separate columns, or decimal=',' where they are decimal signs"
@@ -275,6 +276,8 @@ def fields(line, delimiter):
         return [line.strip().strip('"')]
     if delimiter == " ":
         mark, names = _COMMENTED.fullmatch(line.strip()).groups()
+        if mark and _FACT.fullmatch(names):
+            return [line.strip()]
         aligned = re.split(r"\s{2,}", names)
         if mark and len(aligned) > 1:  # names that may have blanks, as "Time (s)"
             return [mark + aligned[0], *aligned[1:]]

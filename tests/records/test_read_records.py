@@ -133,6 +133,10 @@ def test_columns_by_position_and_without_a_header(tmp_path):
     assert all(isinstance(name, str) for name in X.columns)
     with pytest.raises(RecordError, match="no column at position 4: it has 4 columns"):
         read_records(path, drive=4)
+    head = "# Created by Octave\n# name: data\n# type: matrix\n# rows: 40\n# columns: 3\n"
+    path = tmp_path / "octave.txt"
+    path.write_text(head + TABLE[["t", "u", "y"]].to_csv(sep=" ", header=False, index=False))
+    assert list(read_records(path, drive=1, response=2, time=0)[0].columns) == ["1"]
 
 
 @pytest.mark.parametrize(
