@@ -30,7 +30,7 @@ class ReachWarning(UserWarning):
 
 
 class TimeUnitWarning(UserWarning):
-    """A column of times has no unit, and seconds are implausible."""
+    """A time has no plausible unit, contradicts the rate of the file, or steps back by an hour."""
 
 
 class ShortRecordWarning(ConvergenceWarning):

@@ -11,8 +11,9 @@ from ._column_names import SECONDS, time_unit_of
 from ._file_columns import coerced, is_blank, numbers
 from ._formats import reading
 
-# Largest deviation of one interval, as a fraction of it: both ends rounded by a tenth, with margin.
-JITTER = 0.25
+_ROUNDED = 0.1  # largest rounding of a stamp, as a fraction of the interval
+JITTER = 0.25  # largest deviation of one interval, as a fraction: both ends rounded, with margin
+_MISMATCH = 0.01  # relative difference of two rates that contradict each other
 _NEXT = 1.5  # intervals to the next sample, also where the clock begins anew
 _HOUR = 3600.0  # s
 _NATIONAL = (  # dates that pandas does not parse by itself, or can parse in several ways
@@ -77,7 +78,7 @@ def _seconds(path, name, values, unit):
             TimeUnitWarning,
             stacklevel=6,
         )
-    return values * SECONDS[unit or "s"]
+    return _counting_on(values) * SECONDS[unit or "s"]
 
 
 def _is_since_1970(seconds):
@@ -114,7 +115,65 @@ def times(path, column, unit):
                     "others that have one meaning (31.05.2024 12:00:00.5) or clock times "
                     f"(hh:mm:ss.fff). It starts with {first!r} instead"
                 ) from error
-    return pd.DatetimeIndex(dates).tz_localize(None)
+    dates = pd.DatetimeIndex(dates).tz_localize(None)
+    seconds = _count(dates)
+    if (np.diff(seconds) > 0.0).any() and (back := _begins_anew(seconds, _HOUR)).any():
+        warnings.warn(
+            f"The time {name!r} of {path.name} steps back by an hour at row {np.argmax(back)}, as "
+            "a local time does when summer time ends: a record begins there. Write the time in UTC "
+            "or with its offset if the recording went on.",
+            TimeUnitWarning,
+            stacklevel=5,
+        )
+    return dates
+
+
+def warn_of_rate(path, columns, stamps):
+    """Warn if the times of the rows contradict the sampling interval that the file says."""
+    seconds = stamps if isinstance(stamps, np.ndarray) else _count(stamps)
+    steps = np.diff(seconds)
+    steps = steps[steps > 0.0]
+    if not steps.size:
+        return
+    steps = steps[np.abs(steps / np.median(steps) - 1.0) <= JITTER]
+    step = steps.mean()  # in which the rounding of all stamps but the first and last cancels
+    for interval in sorted({c.interval for c in columns if c.interval is not None}):
+        if abs(step / interval - 1.0) > max(_MISMATCH, 2.0 * _ROUNDED / steps.size):
+            warnings.warn(
+                f"The time of {path.name} advances by {step:.6g} s ({1.0 / step:.6g} Hz), the file "
+                f"says {interval:.6g} s ({1.0 / interval:.6g} Hz). The time is taken. Pass "
+                f"'sampling_rate={1.0 / interval:.6g}' instead of 'time' if that is right, or "
+                "'time_unit' if the unit of the time is another.",
+                TimeUnitWarning,
+                stacklevel=5,
+            )
+
+
+def are_same_times(path, one, other):
+    """Whether two columns of times agree in the rows that both have, up to a tenth of an interval.
+
+    That is how far the stamps of one may be rounded. A clock or a date and a time that counts from
+    the start of the recording agree if their differences do.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", TimeUnitWarning)  # told where a time is read
+        stamps = [times(path, column, None) for column in (one, other)]
+    dated = [not isinstance(s, np.ndarray) or _is_since_1970(s) for s in stamps]
+    seconds = [s if isinstance(s, np.ndarray) else _count(s) for s in stamps]
+    rows = np.isfinite(seconds[0]) & np.isfinite(seconds[1])
+    first, second = (s[rows] for s in seconds)
+    if len(first) < 2:
+        return True
+    if dated[0] != dated[1]:
+        first, second = first - first[0], second - second[0]
+    step = np.median(np.abs(np.diff(first)))
+    return bool(np.all(np.abs(first - second) <= _ROUNDED * step))
+
+
+def _count(stamps):
+    """Return datetimes or timedeltas as seconds, NaN where one is missing."""
+    origin = pd.Timedelta(0) if stamps.dtype.kind == "m" else pd.Timestamp(0)
+    return ((stamps - origin) / pd.Timedelta(seconds=1)).to_numpy()
 
 
 def _going_on(clock):
@@ -125,8 +184,28 @@ def _going_on(clock):
         return clock
     is_12 = hours.min() >= 1.0 and hours.max() <= 12.0  # 12:59:59 is followed by 1:00:00
     turn = (12.0 if is_12 else 24.0) * _HOUR
-    goes_on = (steps < 0.0) & (steps + turn <= _NEXT * np.median(steps[steps > 0.0]))
-    return clock + np.cumsum(np.append(False, goes_on)) * pd.Timedelta(seconds=turn)
+    return clock + np.cumsum(_begins_anew(seconds, turn)) * pd.Timedelta(seconds=turn)
+
+
+def _begins_anew(values, turn):
+    """Mark the values that step back to the next sample, modulo a turn."""
+    steps = np.diff(values)
+    following = steps + turn <= _NEXT * np.median(steps[steps > 0.0])
+    return np.append(False, (steps < 0.0) & following)
+
+
+def _counting_on(values):
+    """Return the values of a counter that go on where it overflows.
+
+    It has run before the recording: one that begins at 0 and steps back counts records of 2**16.
+    """
+    steps = np.diff(values)
+    if not (steps < 0.0).any() or not (steps > 0.0).any() or np.any(values % 1.0 != 0.0):
+        return values
+    turn = 2.0**16 if values.max() < 2.0**16 else 2.0**32
+    if values.min() < 0.0 or values.max() >= turn or values[0] < np.median(steps[steps > 0.0]):
+        return values
+    return values + turn * np.cumsum(_begins_anew(values, turn))
 
 
 def _with_point(cell):
@@ -159,6 +238,14 @@ def record_labels(values):
     if values.dtype.kind == "f" and (values[np.isfinite(values)] % 1.0 == 0.0).all():
         return pd.Index(values).astype("Int64") if np.isnan(values).any() else values.astype(int)
     return values
+
+
+def by_record(labels, time):
+    """Return the order of the rows by their labels, None if time does not rise within a label."""
+    rows = pd.factorize(labels)[0]
+    order = np.argsort(rows, kind="stable")
+    together = np.diff(rows[order]) == 0
+    return order if np.all(time[order][1:] > time[order][:-1], where=together) else None
 
 
 def positions(labels, n):

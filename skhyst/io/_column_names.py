@@ -23,6 +23,30 @@ _SPELLED = {  # other spellings
 }
 _TIMES = {word: unit for unit, words in _SPELLED.items() for word in (unit, *words)}
 _BRACKETED_TIMES = _TIMES | dict.fromkeys(("d", "day", "days"), "d")  # by itself d is a distance
+_INTERVAL = re.compile(
+    r"(sampl(e|ing)[ _]?)?interval|sampl(e|ing)[ _]?(time|cycle|period)|delta_x|hresolution|t_?inc"
+    r"|(wf_)?increment|tinterval|dt|ts",
+    re.IGNORECASE,
+)
+_RATE = re.compile(r"sampl(e|ing)[ _]?(rate|frequency)|abtast(rate|frequenz)|fs", re.IGNORECASE)
+_HERTZ = re.compile(r"([kMG]?)(Hz|Sa?/s|Sps)")
+_LAST_UNIT = re.compile(r"(?<=\w)[ _]([munµμ]?s|[kMG]?Hz)$")  # "dt_ms", "fs kHz"
+
+
+def interval_of(name, value, unit=""):
+    """Return the sampling interval in s if a name is one of an interval or a rate, else None.
+
+    ``unit`` is its unit where the name has none; without any it is s or Hz.
+    """
+    last = _LAST_UNIT.search(name)
+    unit = unit_of(name) or (last[1] if last else unit)
+    bare = _LAST_UNIT.sub("", without_unit(name))
+    if _INTERVAL.fullmatch(bare):
+        return value * SECONDS[_BRACKETED_TIMES.get(unit.lower(), "s")]
+    if _RATE.fullmatch(bare):
+        hertz = _HERTZ.fullmatch(unit)
+        return 1.0 / (value * {"k": 1e3, "M": 1e6, "G": 1e9}.get(hertz and hertz[1], 1.0))
+    return None
 
 
 def unit_of(name) -> str:

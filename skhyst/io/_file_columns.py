@@ -111,7 +111,16 @@ def listed_variables(variables):
         for v in variables[:_SHOWN]
     ]
     more = len(variables) - len(shown)
-    return f"It has: {', '.join(shown)}{f' and {more} more' if more > 0 else ''}."
+    listed = f"It has: {', '.join(shown)}{f' and {more} more' if more > 0 else ''}."
+    deep = next((v for v in variables if len(v.shape) > 2 and not v.refused), None)
+    if deep is None:
+        return listed
+    index = ["0"] * len(deep.shape)
+    index[int(np.argmax(deep.shape))] = ":"
+    return (
+        f"{listed} Of an array of more than two axes each column is named, as "
+        f"'{deep.name}[{', '.join(index)}]' with the samples along ':', drive and response alike."
+    )
 
 
 def _size(shape):

@@ -23,7 +23,7 @@ import pandas as pd
 from .._files import check_input
 from .._sizes import Finite, check_archive, check_array, check_size, largest_size
 from ..exceptions import RecordError
-from ._column_names import unit_of
+from ._column_names import interval_of, is_time, unit_of
 from ._mat_objects import matlab_object, matlab_text
 from ._mat_tags import check_tags
 from ._text import read_table
@@ -31,11 +31,11 @@ from ._workbook import read_workbook
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _OPAQUE = ("s0", "s1", "s2", "arr")  # name, type system, class, content of a MATLAB object
-_INTERVALS = ("dt", "ts", "sampling_interval", "sample_interval", "wf_increment", "tinterval")  # s
 _UNIT_FIELDS = ("unit", "units")
+_REFERENCES = "references or lists of different lengths"
+_TIME_UNIT = "timeunit"  # of the interval, as in an iddata of MATLAB
 _NAME_FIELDS = ("name", "label")  # the latter of Simulink
 _LINES = (".jsonl", ".ndjson")  # JSON, a record in each line
-_RATES = ("fs", "sampling_rate", "sample_rate", "samplerate", "sampling_frequency")  # Hz
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def _with_scalars(variables):
     """Return variables with the metadata in scalars next to them: a rate, a unit, a name.
 
     A rate applies to its group or struct and to those within it. A unit and a name belong to the
-    only array of a struct, and ``units.u`` to the array ``u``.
+    only array of a struct, ``units.u`` to the array ``u``, and ``TimeUnit`` to times and intervals.
     """
     facts, arrays, kept = {}, {}, []
     for v in variables:
@@ -105,10 +105,11 @@ def _with_scalars(variables):
             kept.append(v)
         elif v.group.lower().endswith(_UNIT_FIELDS):
             facts[re.split(r"[./]?\w+$", v.group)[0], "unit of", v.bare] = v.load()
-        elif kind in (*_UNIT_FIELDS, *_NAME_FIELDS):
+        elif kind in (*_UNIT_FIELDS, *_NAME_FIELDS, _TIME_UNIT):
             facts[v.group, kind] = v.load()
         else:
-            facts |= {(v.group, kind): v.load()} if kind in (*_RATES, *_INTERVALS) else {}
+            if interval_of(v.bare, 1.0) is not None:
+                facts.setdefault((v.group, "rates"), []).append(v)
             kept.append(v)
     return [
         v if _is_single(v) else _with_file_facts(v, facts, len(arrays.get(v.group, ())) == 1)
@@ -124,16 +125,18 @@ def _with_file_facts(variable, facts, is_only):
     """Return a variable with the interval, unit and name that the file gives for it."""
     group, changes = variable.group, {}
     while variable.interval is None and "interval" not in changes:
-        for kind in (*_RATES, *_INTERVALS):
-            value = np.ravel(facts.get((group, kind), np.nan))
+        for rate in facts.get((group, "rates"), ()):
+            value = np.ravel(rate.load())
+            keys = [(group, "unit of", rate.bare), (group, _TIME_UNIT)]
+            unit = rate.unit or next((word for key in keys if (word := _word(facts.get(key)))), "")
             if value.dtype.kind in "iuf" and value[0] > 0.0:
-                interval = float(value[0] if kind in _INTERVALS else 1.0 / value[0])
-                changes.setdefault("interval", interval)
+                changes.setdefault("interval", interval_of(rate.bare, float(value[0]), unit))
         if not group:
             break
         group = re.split(r"[./]?[^./]+$", group)[0]
     keys = [(variable.group, "unit of", variable.bare)]
     keys += [(variable.group, kind) for kind in _UNIT_FIELDS] if is_only else []
+    keys += [(variable.group, _TIME_UNIT)] if is_time(variable.bare) else []
     unit = next((text for key in keys if (text := _word(facts.get(key)))), "")
     if unit and not variable.unit:
         changes["unit"] = unit
@@ -356,13 +359,25 @@ def _read_hdf5(path, matlab=False):
         if not isinstance(item, h5py.Dataset) or (matlab and name.startswith("#")):
             return
         shown = name.replace("/", ".") if matlab else name
+        if matlab and _hdf5_refusal(h5py, item) == _REFERENCES:  # of a struct array or a cell
+            labels = [label for label, _ in _elements("", item[()].T)]
+            targets = [file[one] if one else None for one in item[()].T.ravel(order="F")]
+            if all(isinstance(t, h5py.Dataset) and t.dtype.kind != "O" for t in targets):
+                is_cell = matlab_text(item.attrs.get("MATLAB_class", b"")) == "cell"
+                for label, target in zip(labels, targets, strict=True):
+                    inner = f"{shown}{label}" if is_cell else f"{label}.".join(shown.rsplit(".", 1))
+                    held(target.name, target, inner)
+                return
+        held(name, item, shown)
+
+    def held(name, item, shown):
         shape = item.shape or ()
         refused = _hdf5_refusal(h5py, item)
         for field in item.dtype.names or (None,):
             load = partial(_hdf5_values, h5py, path, name, field, matlab)
             full = shown if field is None else f"{shown}.{field}"
-            size = shape[::-1] if matlab else shape
-            group = full[: -len(field or name.rpartition("/")[2]) - 1]
+            size = (1,) if _is_text(item) else shape[::-1] if matlab else shape
+            group = full[: -len(field or shown.rpartition("." if matlab else "/")[2]) - 1]
             variables.append(
                 Variable(full, size, load, refused, *_hdf5_unit_and_interval(item), group)
             )
@@ -374,21 +389,19 @@ def _read_hdf5(path, matlab=False):
 
 def _hdf5_unit_and_interval(item):
     """Return the unit of a dataset, and the interval from its attributes or those of its groups."""
-    attributes = {key.lower(): value for key, value in item.attrs.items()}
-    unit = next(
-        (attributes[key] for key in ("unit", "units", "unit_string") if key in attributes), ""
-    )
+    attributes = dict(item.attrs)
+    lower = {key.lower(): value for key, value in item.attrs.items()}
+    unit = next((lower[key] for key in ("unit", "units", "unit_string") if key in lower), "")
     unit = unit.decode("utf-8", "replace") if isinstance(unit, bytes) else unit
     facts, group = attributes, item
     while group.name != "/":
         group = group.parent
-        facts = {key.lower(): value for key, value in group.attrs.items()} | facts
+        facts = dict(group.attrs) | facts
     interval = None
     for key, value in facts.items():
-        if key in _RATES or key in _INTERVALS:
-            value = np.ravel(value)
-            if value.size == 1 and value.dtype.kind in "iuf" and value[0] > 0:
-                interval = float(value[0] if key in _INTERVALS else 1.0 / value[0])
+        value = np.ravel(value)
+        if value.size == 1 and value.dtype.kind in "iuf" and value[0] > 0:
+            interval = interval_of(key, float(value[0])) or interval
     return unit if isinstance(unit, str) else "", interval
 
 
@@ -397,11 +410,12 @@ def _hdf5_refusal(h5py, item):
     objects = item.dtype.kind == "O" and h5py.check_string_dtype(item.dtype) is None
     reasons = {
         "a MATLAB function handle": kind == "function_handle",
-        "MATLAB text or empty": kind == "char" or "MATLAB_empty" in item.attrs,
+        "MATLAB text or empty": "MATLAB_empty" in item.attrs
+        or (kind == "char" and not _is_text(item)),
         matlab_object(kind): "MATLAB_object_decode" in item.attrs,
         "data that are stored in another file": item.external or item.is_virtual,
         "empty": item.shape is None,
-        "references or lists of different lengths": objects,
+        _REFERENCES: objects,
     }
     reason = next((reason for reason, holds in reasons.items() if holds), "")
     if not reason and item.nbytes > largest_size(item.id.get_storage_size()):
@@ -409,9 +423,17 @@ def _hdf5_refusal(h5py, item):
     return reason
 
 
+def _is_text(item):
+    """Whether a dataset is one line of text of MATLAB, which stores it as numbers."""
+    is_char = matlab_text(item.attrs.get("MATLAB_class", b"")) == "char"
+    return is_char and "MATLAB_empty" not in item.attrs and item.ndim == 2 and 1 in item.shape
+
+
 def _hdf5_values(h5py, path, name, field, transpose):
     with h5py.File(path, "r") as file:
         item = file[name]
+        if transpose and _is_text(item):
+            return np.array(["".join(map(chr, item[()].ravel()))])
         text = h5py.check_string_dtype(item.dtype) is not None
         values = item.asstr()[()] if text else item[()] if field is None else item[field]
     # MATLAB stores arrays in column-major order

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from itertools import dropwhile, groupby, pairwise
 
 from ..exceptions import RecordError
-from ._column_names import SECONDS, SYMBOLS, unit_of, without_unit
+from ._column_names import SYMBOLS, interval_of, unit_of
 from ._missing import marks_missing
 
 _DELIMITERS = (";", "\t", ",", " ", None)  # " ": any white space; None: there is one column
@@ -45,15 +45,9 @@ _UNITS_OF = re.compile(
 )
 _UNIT_OF_TIME = re.compile(r"(horizontal|[hx]_?)[ _]?units?([ _]label)?", re.IGNORECASE)
 _NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
-_INTERVAL = re.compile(
-    r"(sampl(e|ing)[ _]?)?interval|sampl(e|ing)[ _]?(time|cycle|period)|delta_x|hresolution|t_?inc"
-    r"|increment|dt|ts",
-    re.IGNORECASE,
-)
-_RATE = re.compile(r"sampl(e|ing)[ _]?(rate|frequency)|abtast(rate|frequenz)|fs", re.IGNORECASE)
-_HERTZ = {"kHz": 1e3, "MHz": 1e6}
 _ASSIGNED = re.compile(rf"([^=:]+?)\s*[=:]\s*({_NUMBER})\s*([munµμ]?s|[kM]?Hz)?")
 _COMMENTED = re.compile(r"([#%]*)\s*(.*)", re.DOTALL)
+_FACT = re.compile(r"\w+:\s+\S+")  # of Octave: "# columns: 3", which are no names of columns
 _NO_UNIT = re.compile(r"[-–]*|1")
 _SETTLE = (
     "pass delimiter=',' where they separate columns, or decimal=',' where they are decimal signs"
@@ -215,10 +209,9 @@ class Layout:
                     if not re.fullmatch(_NUMBER, adjacent) or not float(adjacent) > 0.0:
                         continue
                     unit = unit_in_field or unit_of(name) or next(iter(row[i + 2 : i + 3]), "")
-                    if _INTERVAL.fullmatch(without_unit(name)):
-                        return float(adjacent) * SECONDS.get(re.sub("[µμ]", "u", unit), 1.0)
-                    if _RATE.fullmatch(without_unit(name)):
-                        return 1.0 / (float(adjacent) * _HERTZ.get(unit, 1.0))
+                    interval = interval_of(name, float(adjacent), unit)
+                    if interval is not None:
+                        return interval
         return None
 
     def ends(self, rows):
@@ -283,6 +276,8 @@ def fields(line, delimiter):
         return [line.strip().strip('"')]
     if delimiter == " ":
         mark, names = _COMMENTED.fullmatch(line.strip()).groups()
+        if mark and _FACT.fullmatch(names):
+            return [line.strip()]
         aligned = re.split(r"\s{2,}", names)
         if mark and len(aligned) > 1:  # names that may have blanks, as "Time (s)"
             return [mark + aligned[0], *aligned[1:]]

@@ -7,12 +7,12 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import RecordError
-from ._clock import evenly, positions, record_labels, record_numbers, times
+from ._clock import by_record, evenly, positions, record_labels, record_numbers, times, warn_of_rate
 from ._column_names import SECONDS, without_unit
 from ._file_columns import as_columns, load_column, numbers, record_groups
 from ._formats import opened
 from ._missing import likely_codes, missing_rows
-from ._recognise import find_roles
+from ._recognise import find_roles, interleaved, separate_times
 
 _POLICIES = ("raise", "drop", "interpolate")
 
@@ -124,9 +124,13 @@ def _read(path, variables, request):
         c if c is None else load_column(path, variables, c) for c in (request.time, request.record)
     )
     _refuse_mismatch(path, names[:n_inputs], [*columns, stamps, labels])
+    if separate := separate_times(path, variables, wanted):
+        raise RecordError(separate)
     values = np.column_stack([numbers(path, c.name, c.values) for c in columns])
     stamps = None if stamps is None else times(path, stamps, request.time_unit)
     labels = None if labels is None else record_labels(labels.values)
+    if labels is None and stamps is not None and (runs := interleaved(path, variables, stamps)):
+        raise RecordError(runs)
     if request.missing_code is None:
         codes = likely_codes(path, values, names, request.on_missing)
     else:
@@ -135,8 +139,12 @@ def _read(path, variables, request):
     rows = positions(labels, len(values))[keep]
     values, stamps, labels = (v if v is None else v[keep] for v in (values, stamps, labels))
     labels = record_numbers(path, stamps, len(values)) if labels is None else np.asarray(labels)
+    if stamps is not None and (order := by_record(labels, stamps)) is not None:
+        values, stamps, labels = values[order], stamps[order], labels[order]
     if stamps is None:
         stamps = evenly(path, columns, rows, request.sampling_rate)
+    else:
+        warn_of_rate(path, columns, stamps)
     return Columns(path.name, values, names, n_inputs, stamps, labels)
 
 

@@ -13,12 +13,14 @@ other: the force is taken, and that it may be the other way round is said.
 import re
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 
 from ..exceptions import RecordError
-from ._clock import JITTER
+from ._clock import JITTER, are_same_times, by_record, record_labels
 from ._column_names import TIME, time_unit_of, unit_of, without_unit
 from ._file_columns import (
     as_columns,
@@ -228,6 +230,10 @@ def roles_and_questions(path, variables, roles, others=(), *, timed):
         if role not in found or found[role] is None
         if role != "time" or candidates["time"]
     ]
+    pair = [found[role][0].place.position for role in asked if found.get(role)]
+    pair += [roles[role] for role in ("drive", "response") if roles[role] is not None]
+    if separate := separate_times(path, group, [*pair, *others]):
+        questions = [separate]
     columns = {
         role: RecognisedColumn(choice[0].place.address, choice[0].name, choice[1])
         for role, choice in found.items()
@@ -252,6 +258,61 @@ def roles_and_questions(path, variables, roles, others=(), *, timed):
         known = ", ".join(f"{role} {column.name!r}" for role, column in columns.items())
         questions.append(f"Recognised: {known}.")
     return columns, questions
+
+
+def separate_times(path, variables, signals):
+    """Return what to do if signals have times of their own that differ, "" if they have not.
+
+    The time of a signal is the last one before it, or the first one if none is before any signal.
+    """
+    columns = [_Candidate(path, variables, place) for place in long_columns(variables)]
+    times = [c for c in columns if c.called_time and c.rises]
+    if len(times) < 2:
+        return ""
+    names = {load_column(path, variables, signal).name for signal in signals}
+    signals = [c for c in columns if {c.name, c.place.full_name} & names]
+    before = any(t.place.position < c.place.position for c in signals[:1] for t in times)
+    own = []
+    for c in signals:
+        apart = [(c.place.position - t.place.position) * (1 if before else -1) for t in times]
+        nearest = [k for k in np.argsort(apart) if apart[k] > 0]
+        own += [(c, times[nearest[0]])] if nearest else []
+    for (one, its), (other, others) in pairwise(own):
+        if its is not others and not are_same_times(path, its.column, others.column):
+            return (
+                f"In {path.name} {one.name!r} and {other.name!r} have times of their own that "
+                f"differ, the columns {its.place.position} ({its.name!r}) and "
+                f"{others.place.position} ({others.name!r}): a row is not one instant. Write both "
+                f"on one time, as by numpy.interp(time of {one.name!r}, time of {other.name!r}, "
+                f"{other.name!r}), with that time as the only one."
+            )
+    return ""
+
+
+def interleaved(path, variables, time):
+    """Return what to do if runs alternate in the rows, as the times of the rows show, else "".
+
+    Then the time rises within each of a column's few values, to which the rows return.
+    """
+    time = np.asarray(time)
+    if np.all(time[1:] > time[:-1]):
+        return ""
+    for c in (_Candidate(path, variables, place) for place in long_columns(variables)):
+        labels = record_labels(c.stored)
+        if len(labels) != len(time) or np.asarray(labels).dtype.kind == "f":
+            continue
+        rows, values = pd.factorize(labels)
+        if (
+            1 < len(values) <= _MOST_RESTARTS * len(rows)
+            and np.count_nonzero(np.diff(rows)) >= len(values)
+            and by_record(labels, time) is not None
+        ):
+            return (
+                f"The rows of {path.name} alternate between the {len(values)} values of "
+                f"{c.name!r}, and the time rises within each: pass record={c.name!r} with the time "
+                "if they are records."
+            )
+    return ""
 
 
 class _Candidate:
@@ -285,9 +346,14 @@ class _Candidate:
             return None
 
     @cached_property
+    def column(self):
+        """The column as it is loaded."""
+        return load_column(self.path, self.variables, self.place.position)
+
+    @property
     def stored(self):
         """Values as they are stored."""
-        return load_column(self.path, self.variables, self.place.position).values
+        return self.column.values
 
     @cached_property
     def unit_role(self):
@@ -325,7 +391,7 @@ class _Candidate:
             return self.stored.dtype.kind in "Mm" or bool(
                 re.match(r"\d+[:./-]", str(self.stored[0]))
             )
-        steps = np.diff(self.values)
+        steps = np.diff(self.values[np.isfinite(self.values)])
         return bool(steps.size and np.mean(~(steps > 0)) <= _MOST_RESTARTS)
 
     @cached_property
@@ -478,6 +544,8 @@ def _question(path, variables, role, candidates):
     if not candidates:
         listed = listed_variables(variables)
         return f"In {path.name} no column is left for the {role}. {listed} {_JOIN}"
+    runs = interleaved(path, variables, candidates[0].values) if role == "time" else ""
     shown = ", ".join(repr(c.name) for c in candidates[:_SHOWN])
     may_be = "more than one column may be" if len(candidates) > 1 else "no column is known to be"
-    return f"In {path.name} {may_be} the {role}: pass {role}=NAME. Candidates: {shown}."
+    question = f"In {path.name} {may_be} the {role}: pass {role}=NAME. Candidates: {shown}."
+    return f"{question} {runs}".rstrip()

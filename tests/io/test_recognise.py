@@ -69,6 +69,12 @@ def test_what_names_and_values_tell(table, names):
         ({"t": T, "voltage": U, "b": Y, "c": Z}, "the response: .* 'b', 'c'"),
         ({"t": T, "time": 2.0 * T, "voltage": U, "position": Y}, "the time: .* 't', 'time'"),
         ({"t [s]": T, "t [ms]": T, "u": U, "y": Y}, "the time: .* 't \\[s\\]'"),
+        ({"t1": T, "voltage": U, "t2": T + 5e-4, "position": Y}, "a row is not one instant"),
+        ({"voltage": U, "Time": T, "position": Y, "Time 2": 2 * T}, "a row is not one instant"),
+        (
+            {"t1": T, "voltage": U, "t2": [*2 * T[:99], *[np.nan] * 101], "position": Y},
+            r"the columns 0 \('t1'\) and 2 \('t2'\): a row is not one instant",
+        ),
         ({"t": T, "x": U, "y": Y}, "the drive: .* 'x'"),
         ({"n": np.arange(N), "voltage": U}, "the response"),
         ({"t": T, "drive output": U, "position": Y}, "the drive: .* 'drive output'"),
@@ -99,7 +105,9 @@ def test_all_that_is_open_is_asked_at_once(tmp_path):
     assert message.endswith("Recognised: time 't'.")
     assert recognised({"Tick": np.arange(N), "Ref": U, "Fbk": Y}) == (None, "Ref", "Fbk")
     np.savez(tmp_path / "rig.npz", u=np.zeros((10, 2, 3, 2)))
-    with pytest.raises(RecordError, match=r"no column is a signal\. It has: u \(10, 2, 3, 2\)"):
+    with pytest.raises(
+        RecordError, match=r"is a signal\. It has: u \(10, 2, 3, 2\).* as 'u\[:, 0, 0, 0\]'"
+    ):
         recognise_columns(tmp_path / "rig.npz")
 
 
@@ -125,6 +133,20 @@ def test_what_is_given_is_no_candidate():
     assert recognised(table, drive="b") == ("a", None, "c")
     assert recognised(table | {"d": Z}, drive="b", auxiliary=["d"]) == ("a", None, "c")
     assert recognised(table, drive=2, sampling_rate=1e3, response="b") == (None, None, None)
+
+
+def test_times_of_each_signal_are_one_time_or_refused():
+    """Rounded times and a date are one time; what is given does not make two times one."""
+    day = np.datetime64("2024-05-31") + (1e6 * T).astype("timedelta64[us]")
+    for second in (np.round(T + 1e-5, 4), 1e3 * T, day):
+        name = "t [ms]" if second[-1] == 1e3 * T[-1] else "t2 [s]"
+        table = pd.DataFrame({"t [s]": T, "u": U, name: second, "y": Y})
+        X, _ = read_records(table, drive="u", response="y", time="t [s]")
+        assert len(X) == N
+    table = pd.DataFrame({"t [s]": T, "u": U, "t2 [s]": T + 5e-4, "y": Y})
+    for known in ({"time": "t [s]"}, {"sampling_rate": 1e3}):
+        with pytest.raises(RecordError, match="a row is not one instant"):
+            read_records(table, drive="u", response="y", **known)
 
 
 def test_a_time_must_rise():

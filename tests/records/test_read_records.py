@@ -3,6 +3,7 @@
 import datetime
 import json
 import sys
+import warnings
 
 import h5py
 import nptdms
@@ -132,6 +133,10 @@ def test_columns_by_position_and_without_a_header(tmp_path):
     assert all(isinstance(name, str) for name in X.columns)
     with pytest.raises(RecordError, match="no column at position 4: it has 4 columns"):
         read_records(path, drive=4)
+    head = "# Created by Octave\n# name: data\n# type: matrix\n# rows: 40\n# columns: 3\n"
+    path = tmp_path / "octave.txt"
+    path.write_text(head + TABLE[["t", "u", "y"]].to_csv(sep=" ", header=False, index=False))
+    assert list(read_records(path, drive=1, response=2, time=0)[0].columns) == ["1"]
 
 
 @pytest.mark.parametrize(
@@ -180,6 +185,25 @@ def test_without_times_the_rows_are_counted(tmp_path):
     assert record_slices(X)[0].dt == 0.002
 
 
+def test_the_end_of_summer_time_is_told(tmp_path):
+    local = pd.Timestamp("2024-10-27 02:59:59.98") + pd.to_timedelta(T, "s")
+    local = local.where(np.arange(N) < 10, local - pd.Timedelta("1h"))
+    with pytest.warns(TimeUnitWarning, match="by an hour at row 10"):
+        X, _ = read(tmp_path, TABLE.assign(clock=local), time="clock")
+    assert [r.n_samples for r in record_slices(X)] == [10, N - 10]
+
+
+@pytest.mark.parametrize("turn", [2**16, 2**32])
+def test_a_counter_that_overflows_goes_on(tmp_path, turn):
+    """One that begins at 0 counts records anew."""
+    for first, n_records in ((turn - 2 * 20, 1), (0, 2)):
+        count = (first + 2 * np.arange(N)) % turn if first else 2 * (np.arange(N) % (N // 2))
+        table = TABLE.assign(millis=count)
+        found = record_slices(read(tmp_path, table, time="millis")[0])
+        assert [r.n_samples for r in found] == [N // n_records] * n_records
+        assert found[0].dt == pytest.approx(0.002)
+
+
 @pytest.mark.parametrize(("unit", "seconds"), [("ms", 1e-3), ("us", 1e-6), ("h", 3600.0)])
 def test_units_of_time(tmp_path, unit, seconds):
     X, _ = read(tmp_path, TABLE.assign(t=T / seconds), time="t", time_unit=unit)
@@ -212,6 +236,39 @@ def test_records_by_a_column_and_by_restarts(tmp_path, labels):
     assert [(r.label, r.n_samples) for r in found] == [(0, 15), (1, 25)]
     found = record_slices(read(tmp_path, runs, record="run", sampling_rate=500)[0])
     assert [(r.start_time, r.n_samples) for r in found] == [(0.0, 15), (0.0, 25)]
+
+
+def test_structs_of_matlab_7_3_are_read_with_their_units(tmp_path):
+    """Those of an array of structs are records; their fields are references."""
+    with h5py.File(tmp_path / "rig.mat", "w") as file:
+        for k, v in {"u": U, "y": Y, "fs": [500.0]}.items():
+            file[f"one/{k}"] = np.atleast_2d(v)
+        for k, unit in {"u": "V", "y": "um"}.items():
+            file[f"one/units/{k}"] = np.array([[ord(letter)] for letter in unit], dtype="u2")
+            file[f"one/units/{k}"].attrs["MATLAB_class"] = np.bytes_("char")
+    with h5py.File(tmp_path / "array.mat", "w") as file:
+        for k, v in COLUMNS.items():
+            for i, n in enumerate((N, N - 9)):
+                file[f"#refs#/{k}{i}"] = v[None, :n]
+            refs = [[file[f"#refs#/{k}{i}"].ref] for i in (0, 1)]
+            file.create_dataset(f"runs/{k}", data=np.array(refs, dtype=h5py.ref_dtype))
+    X, y = read_records(tmp_path / "rig.mat")
+    assert (list(X.columns), y.name) == (["one.u [V]"], "one.y [um]")
+    X, y = read_records(tmp_path / "array.mat", drive="u", response="y", time="t")
+    assert [(r.label, r.n_samples) for r in record_slices(X, y)] == [
+        ("runs[0]", N),
+        ("runs[1]", N - 9),
+    ]
+
+
+def test_runs_that_alternate_in_the_rows_are_named_and_read(tmp_path):
+    table = pd.concat([TABLE.assign(run=k) for k in (1, 2)]).sort_values("t", kind="stable")
+    for known in ({}, {"drive": "u", "response": "y", "time": "t"}):
+        with pytest.raises(RecordError, match="pass record='run' with the time"):
+            read_records(table.reset_index(drop=True), **known)
+    X, y = read(tmp_path, table, response="y", time="t", record="run")
+    assert [(r.label, r.n_samples) for r in record_slices(X, y)] == [(1, N), (2, N)]
+    np.testing.assert_array_equal(X["u"], [*U, *U])
 
 
 def test_files_stack_to_records(tmp_path):
@@ -397,6 +454,26 @@ def test_what_a_file_says_of_interval_and_units_is_used(tmp_path, suffix, write)
     assert (list(X.columns), y.name) == (["run/u [V]"], "run/y [um]")
     X, _ = read_records(path, drive="run/u [V]", sampling_rate=100.0)  # what is given comes first
     assert record_slices(X)[0].dt == 0.01
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        {"fs_kHz": 0.5},
+        {"dt_ms": 2.0},
+        {"Ts": 2.0, "TimeUnit": "milliseconds"},
+        {"Ts": 2000.0, "units": {"Ts": "us"}},
+        {"fs": 1000.0, "t": T},
+    ],
+)
+def test_a_rate_has_its_unit_and_a_time_that_contradicts_it_is_told(tmp_path, said):
+    savemat(tmp_path / "rig.mat", {"rig": {"u": COLUMNS["u"], "y": COLUMNS["y"]} | said})
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        X, _ = read_records(tmp_path / "rig.mat")
+    assert record_slices(X)[0].dt == pytest.approx(0.002)
+    assert [w.category for w in told] == [TimeUnitWarning] * ("t" in said)
+    assert all("(500 Hz), the file says 0.001 s (1000 Hz)" in str(w.message) for w in told)
 
 
 def test_sheets_with_units_below_the_names_are_records(tmp_path):
