@@ -527,8 +527,8 @@ def to_c(
     """
     if not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII) or name in TAKEN:
         raise ValueError(
-            f"The 'name' parameter of to_c must be a name in C that begins with a letter. Got "
-            f"{name!r} instead."
+            "The 'name' parameter of to_c must be letters, digits and underscores, begin with a "
+            f"letter, and not be a word that C or C++ uses itself. Got {name!r} instead."
         )
     if dtype not in (*DIALECTS, "int32"):
         raise ValueError(
