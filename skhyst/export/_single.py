@@ -4,11 +4,13 @@ If a law has fading memory, rounding errors stay small. In an unstable recursion
 numbers are subtracted, they may become as large as the response.
 """
 
+import math
+
 import numpy as np
 
 from ._expressions import Call
 from ._interpreter import Interpreter
-from ._ranges import fast_drive
+from ._ranges import MAX_OPERATIONS, fast_drive
 
 _FAILED = (ArithmeticError, ValueError, IndexError)
 _BEYOND = (16.0, 256.0)  # multiples of the range of the drive that are tried
@@ -20,12 +22,24 @@ class _Single(Interpreter):
 
     def __init__(self, model, state, tuned, only=None):
         super().__init__(model, state, np.float32(tuned))
-        self._only = only
+        self._only, self._n_left = only, math.inf
         self._names["float32"] = np.float32
 
     def restart(self, state):
         """Begin in another state."""
         self._state[:] = np.asarray(state, dtype=float).tolist()
+
+    def limit(self, n_operations):
+        """Limit the number of further operations, beyond which loops end with an error."""
+        self._n_left = n_operations
+
+    def _counted(self, n):
+        return f"self._n_left -= {n}" if n else None
+
+    def _turns(self):
+        while self._n_left > 0:
+            yield
+        raise ArithmeticError("The loops are too long to be interpreted.")
 
     def _stored(self, name, step, *key):
         return f"{name} = float(float32({name}))" if self._only in (None, step) else None
@@ -74,7 +88,8 @@ def checked_ends(model, stepper, ranges, span, tolerance, answers, tuned=()):
 
     The input jumps within a range, and then within that of the drive: the response to either must
     be accurate relative to its own range, so that digits which are lost under large inputs do not
-    stay lost. Multiples of the range of the drive are tried as long as this holds.
+    stay lost. Multiples of the range of the drive are tried as long as this holds, and takes few
+    enough operations.
 
     Parameters
     ----------
@@ -144,6 +159,7 @@ def checked_ends(model, stepper, ranges, span, tolerance, answers, tuned=()):
         ends = ranges
         for multiple in _BEYOND:
             wider = multiple * np.array([-size, size])
+            single.limit(MAX_OPERATIONS)
             if error(_fast(*wider), usual) > 1.0:
                 break
             ends = wider
