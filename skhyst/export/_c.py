@@ -362,7 +362,7 @@ _NO_INIT_AT = """\
 There is no {}_init_at: the state of rest is not known as a function of the input and
 the constants alone."""
 _DEFAULT_DRIVE = """\
-Single precision has been checked for a drive of amplitude one, whatever the device takes: write
+Single precision has been tested for a drive of amplitude one, whatever the device takes: write
 the program with a drive over its range."""
 _NOTES = {  # on the bits of the status
     "limited": "the drive has been limited",
@@ -861,9 +861,8 @@ def _in_reals(source, expected, common, dtype):
     checked, beyond, range_text = expected.checked, "", ""
     if checked is not None:
         beyond = _beyond(inputs, [[dialect.literal(x) for x in end] for end in checked])
-        range_text = "\n   Single precision has been checked for input from {} to {}: beyond them\n"
-        range_text += f"   {name}_OVERRANGE is set until the next start."
-        range_text = range_text.format(*(_listed(end, "{:.6g}".format) for end in checked))
+        lines = *expected.precision(), f"Beyond these ends {name}_OVERRANGE is set until a start."
+        range_text = "".join(f"\n   {line}" for line in lines)
     nan = dialect.literal(math.nan)
     members, lines = _outer_state(dialect.type, condition, watched, nan, beyond, output)
     lines = [

@@ -84,7 +84,7 @@ def check_single(model, state, drive, outputs, span, tolerance, tuned=()):
 
 
 def checked_ends(model, stepper, ranges, span, tolerance, answers, tuned=()):
-    """Return the range of the input for which single precision is accurate enough.
+    """Return a range of the input in which single precision is accurate enough, and the error.
 
     The input jumps within a range, and then within that of the drive: the response to either must
     be accurate relative to its own range, so that digits which are lost under large inputs do not
@@ -110,7 +110,10 @@ def checked_ends(model, stepper, ranges, span, tolerance, answers, tuned=()):
 
     Returns
     -------
-    ndarray of shape (2, n_inputs)
+    ends : ndarray of shape (2, n_inputs)
+    error : float
+        Largest error under jumps and random values within the range of the drive, relative to
+        the range of the response to them, or to ``span`` if that is larger.
 
     Raises
     ------
@@ -120,7 +123,7 @@ def checked_ends(model, stepper, ranges, span, tolerance, answers, tuned=()):
     low, high = ranges
     single, size = _Single(model, stepper.state, tuned), np.abs(ranges).max(axis=0)
     size[size == 0.0] = 1.0
-    usual = _fast(low, high)
+    usual, found = _fast(low, high), []
 
     def error(*parts):
         """Return the largest error relative to the one allowed, infinite where a law diverges."""
@@ -140,9 +143,12 @@ def checked_ends(model, stepper, ranges, span, tolerance, answers, tuned=()):
             rounding[part, 0] = 0.5 * np.finfo(np.float32).eps
             rounding[part][1::2] *= -1.0
             moved = [answers(stepper, drive * (1.0 + sign * rounding))[part] for sign in (1, -1)]
-            allowed = tolerance * max(np.ptp([0.0, *expected[part]]), span)
-            allowed = max(allowed, 2.0 * np.abs(np.subtract(moved, expected[part])).max())
+            range_ = max(np.ptp([0.0, *expected[part]]), span)
+            allowed = max(
+                tolerance * range_, 2.0 * np.abs(np.subtract(moved, expected[part])).max()
+            )
             largest, _ = _largest_error(single, drive[part], expected[part], allowed)
+            found.append(largest / range_)
             worst = max(worst, largest / allowed)
             if worst > 1.0:
                 break
@@ -150,6 +156,7 @@ def checked_ends(model, stepper, ranges, span, tolerance, answers, tuned=()):
 
     with np.errstate(all="ignore"):
         lost = error(usual)  # at the first sample that is wrong
+        missed = found[0] if found else np.inf
         if 1.0 < lost < np.inf:  # where it is infinite the law diverges, which the status tells
             raise ValueError(
                 "Single precision cannot hold the response to jumps within the range of the "
@@ -163,7 +170,7 @@ def checked_ends(model, stepper, ranges, span, tolerance, answers, tuned=()):
             if error(_fast(*wider), usual) > 1.0:
                 break
             ends = wider
-    return ends
+    return ends, missed
 
 
 def _fast(low, high):
