@@ -362,7 +362,7 @@ _NO_INIT_AT = """\
 There is no {}_init_at: the state of rest is not known as a function of the input and
 the constants alone."""
 _DEFAULT_DRIVE = """\
-Single precision has been checked for a drive of amplitude one, whatever the device takes: write
+Single precision has been tested for a drive of amplitude one, whatever the device takes: write
 the program with a drive over its range."""
 _NOTES = {  # on the bits of the status
     "limited": "the drive has been limited",
@@ -527,8 +527,8 @@ def to_c(
     """
     if not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII) or name in TAKEN:
         raise ValueError(
-            f"The 'name' parameter of to_c must be a name in C that begins with a letter. Got "
-            f"{name!r} instead."
+            "The 'name' parameter of to_c must be letters, digits and underscores, begin with a "
+            f"letter, and not be a word that C or C++ uses itself. Got {name!r} instead."
         )
     if dtype not in (*DIALECTS, "int32"):
         raise ValueError(
@@ -861,9 +861,8 @@ def _in_reals(source, expected, common, dtype):
     checked, beyond, range_text = expected.checked, "", ""
     if checked is not None:
         beyond = _beyond(inputs, [[dialect.literal(x) for x in end] for end in checked])
-        range_text = "\n   Single precision has been checked for input from {} to {}: beyond them\n"
-        range_text += f"   {name}_OVERRANGE is set until the next start."
-        range_text = range_text.format(*(_listed(end, "{:.6g}".format) for end in checked))
+        lines = *expected.precision(), f"Beyond these ends {name}_OVERRANGE is set until a start."
+        range_text = "".join(f"\n   {line}" for line in lines)
     nan = dialect.literal(math.nan)
     members, lines = _outer_state(dialect.type, condition, watched, nan, beyond, output)
     lines = [

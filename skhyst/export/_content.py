@@ -127,7 +127,7 @@ class Source:
         number = np.dtype(self._dtype).type
         drive = self.inputs(drive).astype(number).astype(float)
         names, limits = conditions(self.stepper, True), self.compiled_step.limits
-        rules = ends = level = values = checked = None
+        rules = ends = level = values = checked = missed = None
         if not self._remembers:
             rules, ends = rest_rules(lambda at: self._at_rest(at, self._model), drive)
         tuned = () if self.tuned is None else self.tuned.first
@@ -157,13 +157,13 @@ class Source:
         if self._dtype == "float32":
             for (stepper, constants), y in zip(runs, outputs, strict=True):
                 check_single(self.step, stepper.state, drive, y, span, tolerance, constants)
-            checked = self._checked(drive, runs, span, tolerance)
+            checked, missed = self._checked(drive, runs, span, tolerance)
         bits = [certain_bits(stepper, drive, names, number) for stepper, _ in runs]
         last = self.stepper.output
         last = answers(self.stepper, self.rest)[0] if last is None else last
         extremes = self._extremes(drive, number)
         bits.append(certain_bits(self.stepper, extremes, names, number, checked))
-        known = rules, ends, level, values, checked
+        known = rules, ends, level, values, checked, missed
         return Expected(drive, outputs, span, tolerance, last, *known, limits, extremes, bits)
 
     def _extremes(self, drive, number):
@@ -186,14 +186,15 @@ class Source:
         return ranges
 
     def _checked(self, drive, runs, span, tolerance):
-        """Return the range of the input that single precision is accurate in, (2, n_inputs)."""
+        """Return a range of the input, (2, n_inputs), and the error of single precision in it."""
         ranges = self._ranges(drive)
         found = [
             checked_ends(self.step, stepper, ranges, span, tolerance, answers, constants)
             for stepper, constants in runs[:: max(len(runs) - 1, 1)]
         ]
-        low, high = np.transpose(found, (1, 0, 2))
-        return np.array([low.max(axis=0), high.min(axis=0)])
+        ends, errors = zip(*found, strict=True)
+        low, high = np.transpose(ends, (1, 0, 2))
+        return np.array([low.max(axis=0), high.min(axis=0)]), max(errors)
 
     def _rounded(self, drive, runs, outputs, number):
         """Return the largest change of the responses under rounding of input and constants."""
@@ -239,7 +240,9 @@ class Expected:
     values : ndarray of shape (n_entries,) or None
         Values of the other parameters.
     checked : ndarray of shape (2, n_inputs) or None
-        Inputs for which single precision is accurate, None in double precision.
+        Inputs for which single precision has been tested, None in double precision.
+    missed : float or None
+        Its largest error under jumps and random values within the drive, relative to the range.
     limits : tuple of (float, float, float) or None
         Of the output, see :class:`~skhyst.operators.CompiledStep`.
     extremes : ndarray of shape (n_extremes, n_inputs)
@@ -258,9 +261,22 @@ class Expected:
     level: np.ndarray | None
     values: np.ndarray | None
     checked: np.ndarray | None
+    missed: float | None
     limits: tuple | None
     extremes: np.ndarray
     bits: list
+
+    def precision(self):
+        """Return lines of a comment: how single precision has been tested, if it is used."""
+        if self.checked is None:
+            return []
+        low, high = (", ".join(f"{x:.6g}" for x in end) for end in self.checked)
+        return [
+            "Single precision has been tested with jumps and random values",
+            f"from {low} to {high}.",
+            f"Within the drive's range the largest error was {self.missed:.1e} of the response's;",
+            "that of other drives may be larger.",
+        ]
 
 
 def conditions(stepper, is_real):

@@ -17,7 +17,7 @@ from ._interpreter import Interpreter
 _OF_INFINITY = {*COMPARISONS, "min", "max", "abs", "neg", "math.fabs", "math.copysign"}
 _LONGEST_TRIAL = 1000  # iterations of a loop: in a trial it may not terminate
 _FAILED = (ArithmeticError, ValueError, IndexError, NameError)
-_MAX_OPERATIONS = 2_300_000  # after the drive: about two seconds
+MAX_OPERATIONS = 2_300_000  # after the drive: about two seconds
 _MAX_SEARCH = 1_500_000  # of these for further branches
 _BITS = 50  # of the numbers of the program
 _FEWER_BITS = 44  # with which a response that depends on rounding differs
@@ -59,7 +59,7 @@ class Ranges(Interpreter):
         self._is_search = False
         for u in drive:
             self.answer(u)
-        self._n_left = _MAX_OPERATIONS
+        self._n_left = MAX_OPERATIONS
 
     def answer(self, u):
         """Return the response to the next sample of a drive, (n_inputs,)."""

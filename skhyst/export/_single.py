@@ -4,11 +4,13 @@ If a law has fading memory, rounding errors stay small. In an unstable recursion
 numbers are subtracted, they may become as large as the response.
 """
 
+import math
+
 import numpy as np
 
 from ._expressions import Call
 from ._interpreter import Interpreter
-from ._ranges import fast_drive
+from ._ranges import MAX_OPERATIONS, fast_drive
 
 _FAILED = (ArithmeticError, ValueError, IndexError)
 _BEYOND = (16.0, 256.0)  # multiples of the range of the drive that are tried
@@ -20,12 +22,24 @@ class _Single(Interpreter):
 
     def __init__(self, model, state, tuned, only=None):
         super().__init__(model, state, np.float32(tuned))
-        self._only = only
+        self._only, self._n_left = only, math.inf
         self._names["float32"] = np.float32
 
     def restart(self, state):
         """Begin in another state."""
         self._state[:] = np.asarray(state, dtype=float).tolist()
+
+    def limit(self, n_operations):
+        """Limit the number of further operations, beyond which loops end with an error."""
+        self._n_left = n_operations
+
+    def _counted(self, n):
+        return f"self._n_left -= {n}" if n else None
+
+    def _turns(self):
+        while self._n_left > 0:
+            yield
+        raise ArithmeticError("The loops are too long to be interpreted.")
 
     def _stored(self, name, step, *key):
         return f"{name} = float(float32({name}))" if self._only in (None, step) else None
@@ -70,11 +84,12 @@ def check_single(model, state, drive, outputs, span, tolerance, tuned=()):
 
 
 def checked_ends(model, stepper, ranges, span, tolerance, answers, tuned=()):
-    """Return the range of the input for which single precision is accurate enough.
+    """Return a range of the input in which single precision is accurate enough, and the error.
 
     The input jumps within a range, and then within that of the drive: the response to either must
     be accurate relative to its own range, so that digits which are lost under large inputs do not
-    stay lost. Multiples of the range of the drive are tried as long as this holds.
+    stay lost. Multiples of the range of the drive are tried as long as this holds, and takes few
+    enough operations.
 
     Parameters
     ----------
@@ -95,7 +110,10 @@ def checked_ends(model, stepper, ranges, span, tolerance, answers, tuned=()):
 
     Returns
     -------
-    ndarray of shape (2, n_inputs)
+    ends : ndarray of shape (2, n_inputs)
+    error : float
+        Largest error under jumps and random values within the range of the drive, relative to
+        the range of the response to them, or to ``span`` if that is larger.
 
     Raises
     ------
@@ -105,7 +123,7 @@ def checked_ends(model, stepper, ranges, span, tolerance, answers, tuned=()):
     low, high = ranges
     single, size = _Single(model, stepper.state, tuned), np.abs(ranges).max(axis=0)
     size[size == 0.0] = 1.0
-    usual = _fast(low, high)
+    usual, found = _fast(low, high), []
 
     def error(*parts):
         """Return the largest error relative to the one allowed, infinite where a law diverges."""
@@ -125,9 +143,12 @@ def checked_ends(model, stepper, ranges, span, tolerance, answers, tuned=()):
             rounding[part, 0] = 0.5 * np.finfo(np.float32).eps
             rounding[part][1::2] *= -1.0
             moved = [answers(stepper, drive * (1.0 + sign * rounding))[part] for sign in (1, -1)]
-            allowed = tolerance * max(np.ptp([0.0, *expected[part]]), span)
-            allowed = max(allowed, 2.0 * np.abs(np.subtract(moved, expected[part])).max())
+            range_ = max(np.ptp([0.0, *expected[part]]), span)
+            allowed = max(
+                tolerance * range_, 2.0 * np.abs(np.subtract(moved, expected[part])).max()
+            )
             largest, _ = _largest_error(single, drive[part], expected[part], allowed)
+            found.append(largest / range_)
             worst = max(worst, largest / allowed)
             if worst > 1.0:
                 break
@@ -135,6 +156,7 @@ def checked_ends(model, stepper, ranges, span, tolerance, answers, tuned=()):
 
     with np.errstate(all="ignore"):
         lost = error(usual)  # at the first sample that is wrong
+        missed = found[0] if found else np.inf
         if 1.0 < lost < np.inf:  # where it is infinite the law diverges, which the status tells
             raise ValueError(
                 "Single precision cannot hold the response to jumps within the range of the "
@@ -144,10 +166,11 @@ def checked_ends(model, stepper, ranges, span, tolerance, answers, tuned=()):
         ends = ranges
         for multiple in _BEYOND:
             wider = multiple * np.array([-size, size])
+            single.limit(MAX_OPERATIONS)
             if error(_fast(*wider), usual) > 1.0:
                 break
             ends = wider
-    return ends
+    return ends, missed
 
 
 def _fast(low, high):

@@ -850,9 +850,8 @@ class _Block:
             "anew.",
         ]
         if self._expected.checked is not None:
-            low, high = (", ".join(f"{x:.6g}" for x in end) for end in self._expected.checked)
-            lines.append(f"Single precision has been checked for u from {low} to {high}: beyond")
-            lines.append("them overrange is true until the next start.")
+            lines += self._expected.precision()
+            lines.append("Input beyond these ends: overrange is true until the next start.")
         if any("zero / zero" in text for text in self._printer.texts):
             lines.append(
                 "Where the law diverges its output is not a number: turn the exceptions of"

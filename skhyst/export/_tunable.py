@@ -128,35 +128,29 @@ def entries_of(model, tunable):
         ``values (n_entries,) -> model``.
     """
     operator = _operator(model)
-    names = [] if operator is None else [name for name, _ in operator.entries()]
+    if operator is None:
+        numbers = {k: v for k, v in vars(model).items() if isinstance(v, Real)}
+        numbers = {k: float(v) for k, v in numbers.items() if not isinstance(v, bool)}
+        names, values = list(numbers), np.array([*numbers.values()])
+        specs = [ParameterSpec()] * len(names)
+    else:
+        names, values = [name for name, _ in operator.entries()], operator.pack()
+        specs = [spec for _, spec in operator.entries()]
     ranges = tunable if isinstance(tunable, dict) else dict.fromkeys(tunable)
     entries, places = [], []
     for wanted, range_ in ranges.items():
         matches = [k for k, name in enumerate(names) if _matches(name, wanted)]
-        stems = {_whole(names[k]) for k in matches}
-        is_number = isinstance(getattr(model, str(wanted), None), Real)
-        if not matches and is_number and not isinstance(getattr(model, wanted), bool):
-            entries.append(_entry(wanted, ParameterSpec(), float(getattr(model, wanted)), range_))
-            places.append(None)
         # a name that several stages share is ambiguous, and a parameter cannot be named twice
-        elif len(stems) == 1 and not set(matches) & set(places):
-            values, specs = operator.pack(), [spec for _, spec in operator.entries()]
-            largest = np.abs(values[matches]).max()
-            for k in matches:
-                spec = specs[k]
-                entries.append(_entry(names[k], spec, float(values[k]), range_, largest, wanted))
-                places.append(k)
-        else:
-            known = sorted({_whole(name) for name in names})
-            known += (
-                sorted(k for k, v in vars(model).items() if isinstance(v, Real))
-                if operator is None
-                else []
-            )
+        if len({_whole(names[k]) for k in matches}) != 1 or set(matches) & set(places):
             raise ValueError(
                 f"The 'tunable' parameter of to_c must be names of parameters, each of one of "
-                f"{known}. Got {wanted!r} instead."
+                f"{sorted({_whole(name) for name in names})}. Got {wanted!r} instead."
             )
+        largest = np.abs(values[matches]).max()
+        for k in matches:
+            value = float(values[k])
+            entries.append(_entry(names[k], specs[k], value, range_, largest, wanted))
+        places += matches
 
     def tuned(values):
         # a constant of zero may be omitted from a step, which then has another structure
@@ -167,7 +161,7 @@ def entries_of(model, tunable):
                 setattr(other, entry.name, float(value))
             return other
         vector = operator.pack()
-        vector[[k for k in places if k is not None]] = values
+        vector[places] = values
         return _with_operator(model, operator.unpack(vector))
 
     return tuple(entries), tuned
@@ -183,7 +177,7 @@ def _matches(name, wanted):
     return name == wanted or _whole(name) == wanted or _whole(name).endswith(f"__{wanted}")
 
 
-def _entry(name, spec, value, range_, largest=None, wanted=None):
+def _entry(name, spec, value, range_, largest, wanted):
     """Return an entry with its range, by default half of its value on either side.
 
     The default for a zero in an array is half of its ``largest`` element. The range is cut off at
@@ -191,7 +185,7 @@ def _entry(name, spec, value, range_, largest=None, wanted=None):
     """
     bounds = spec.lower, spec.upper
     if range_ is None:
-        size = _PART * (abs(value) or largest or 0.0)
+        size = _PART * (abs(value) or largest)
         range_ = value - size, value + size
     low, high = max(float(range_[0]), bounds[0]), min(float(range_[1]), bounds[1])
     is_inside = low > bounds[0] if spec.log else low >= bounds[0]

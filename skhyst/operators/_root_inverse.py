@@ -4,8 +4,10 @@ At each sample the input is found for which a step gives the wanted output. The 
 last input and doubles its steps until the root is bracketed. Then it uses the Illinois variant of
 false position, but never farther from the middle of the bracket than keeps its width within 8 times
 that of bisection (the projection of the ITP method: Oliveira and Takahashi, *ACM Transactions on
-Mathematical Software*, 2020). So the number of evaluations is bounded for any law. Evaluations use
-a copy of the state; the step is then taken with the input that was found.
+Mathematical Software*, 2020). A root far smaller than the first bracket has few digits then: its
+order of magnitude is found by geometric means, and the rest of its digits as before. So the number
+of evaluations is bounded for any law. Evaluations use a copy of the state; the step is then taken
+with the input that was found.
 """
 
 import math
@@ -22,8 +24,9 @@ from ._protocol import Operator, as_signal
 _DOUBLINGS = 12  # most doublings of the first step, up to the range between the limits
 _STEPS = 100  # search steps for a bracket without limits
 _SLACK = 3  # halvings by which a bracket may lag behind bisection
-_DIGITS = 53  # binary digits to which the ends of the first bracket are resolved
-_TRIALS = 1 + _STEPS + _SLACK + _DIGITS
+_DIGITS = 53  # binary digits to which the ends of a bracket are resolved
+_ORDERS = 11  # the sign and geometric means, which halve at most 1024 binary orders of magnitude
+_TRIALS = 1 + _STEPS + 2 * (_SLACK + _DIGITS) + _ORDERS
 _LEAST = 2.0**-60  # least first step without limits
 
 
@@ -42,6 +45,7 @@ def root_step(y, c, s):
     low, high, sign, least = c[0], c[1], c[2], c[3]
     n = (s.size - 3) // 2
     u, reach = s[0], s[1]
+    least_size = 2.0**_DOUBLINGS * least  # the range between the limits, if there are any
     below, above, error_below, error_above = -math.inf, math.inf, 0.0, 0.0
     side, widest, digit = 0, 0.0, 0.0
     for i in range(_TRIALS):
@@ -66,11 +70,25 @@ def root_step(y, c, s):
             reach = 2.0 * reach
         else:
             middle, half = 0.5 * (below + above), 0.5 * (above - below)
+            if not (below < middle and middle < above):
+                break
+            size = max(abs(below), abs(above))
+            if widest > 0.0 and half <= digit:
+                if digit <= 0.5 ** (_DIGITS - _SLACK) * max(size, least_size):
+                    break
+                smallest = max(min(abs(below), abs(above)), least_size)
+                if below < 0.0 and above > 0.0:
+                    u = 0.0
+                    continue
+                if size > 2.0 * smallest:
+                    u = math.copysign(math.sqrt(size) * math.sqrt(smallest), middle)
+                    continue
+                widest = 0.0
             if widest == 0.0:
                 widest = 2.0 ** (_SLACK + 1) * half
-                digit = 0.5**_DIGITS * max(abs(below), abs(above))
-            if half <= digit or not (below < middle and middle < above):
-                break
+                digit = 0.5**_DIGITS * size
+                if half <= digit:
+                    break
             # the next evaluation leaves a bracket of at most ``most``, and moves both its ends
             widest = 0.5 * widest
             near = min(widest - half, half - digit)
@@ -126,8 +144,10 @@ class RootInverseOperator(InverseOperator):
     -----
     The state is (last input, its last change, state of the operator). Per sample, the operator's
     step runs at most 71 times: 14 times until the input is bracketed, 56 times to halve the
-    bracket, and once with the input that is found; without limits, up to 101 times for the bracket.
-    The input is exact to 2^-52 of its size, or of its change if that is larger.
+    bracket, and once with the input that is found. Without limits, it runs up to 101 times for the
+    bracket, and 67 times more for an input that is far smaller than the bracket. The input is exact
+    to 2^-52 of its size or of its change, the larger of them, and at least to 2^-49 of its size or
+    of the range between the limits; without limits, 2^-48 stands for this range.
 
     Examples
     --------

@@ -23,11 +23,12 @@ def soft_saturation(u, c, s):
     distance = u - center
     if side * distance < 0.0:
         return u
-    size = math.log(max(abs(distance), _LEAST)) - math.log(level)  # a power would overflow
-    rest = math.exp(-math.log1p(math.exp(-knee * abs(size))) / knee)
-    if size > 0.0:
-        return center + math.copysign(level, distance) * rest
-    return center + distance * rest
+    size = abs(distance)
+    # powers of at most 1, so that none overflows
+    if size > level:
+        limit = math.copysign(level, distance)
+        return center + limit / (1.0 + (level / size) ** knee) ** (1.0 / knee)
+    return center + distance / (1.0 + (size / level) ** knee) ** (1.0 / knee)
 
 
 @dataclass(frozen=True)

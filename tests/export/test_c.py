@@ -24,6 +24,7 @@ from skhyst.linear import FirstOrderLag
 from skhyst.operators import CompiledColumn, CompiledLaw, CompiledSeries, Stepper
 from skhyst.operators._compiled_step import CompiledProduct
 from skhyst.operators._composition import factor_step
+from skhyst.static import SoftSaturationOperator
 
 BARS = {"float64": 1e-12, "float32": 1e-6, "int32": 1.0}  # of the range; units of output
 NEEDS_COMPILER = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
@@ -498,7 +499,7 @@ def test_what_cannot_be_written_is_named_with_its_line(tmp_path, law, line, what
     ("options", "message"),
     [
         ({"name": "2nd"}, "'name' parameter"),
-        ({"name": "register"}, "'name' parameter"),
+        ({"name": "tanh"}, "not be a word that C or C\\+\\+ uses itself. Got 'tanh'"),
         ({"dtype": "int8"}, "'dtype' parameter"),
         ({"dt": None}, "'dt' parameter"),
         ({"dtype": "int32"}, "'input_unit' parameter"),
@@ -551,6 +552,16 @@ def test_what_single_precision_cannot_hold_is_named(tmp_path, law):
     with pytest.raises(ValueError, match=rf"cannot hold '{law.__name__}'.* of the range"):
         to_c(series, tmp_path, "single", "float32")
     to_c(good, tmp_path, "single", "float32")
+
+
+def test_a_knee_has_no_infinite_number_at_its_centre(tmp_path):
+    knee, options, unit = (
+        SoftSaturationOperator(0.4),
+        {"dt": DT, "drive": [-1.0, 0.0, 1.0]},
+        2.0**-18,
+    )
+    to_c(knee, tmp_path, "knee", "float32", **options)
+    to_c(knee, tmp_path, "knee", "int32", input_unit=unit, output_unit=unit, **options)
 
 
 def of_jumps(u, c, s):

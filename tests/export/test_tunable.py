@@ -115,6 +115,7 @@ def test_gains_of_a_controller_are_changed(tmp_path):
     [
         (["stiffness"], r"each of one of \['gain', 'intercept', 'time_constant'\]"),
         (["gain", "time_constant", "time"], "Got 'time' instead"),
+        (["gain", "stage_order"], "Got 'stage_order' instead"),  # a number, but no parameter
         ({"gain": (2.0, 3.0)}, "'gain' a range around its value 1"),
         (["intercept"], r"'intercept' a range around its value 0 .* as .*: \(-0.5, 0.5\)"),
         ({"time_constant": (0.0, 1.0)}, "'time_constant' a range around its value 0.05"),
