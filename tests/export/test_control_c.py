@@ -219,7 +219,7 @@ def test_the_header_says_what_goes_in_and_comes_out(tmp_path):
     assert 0 < preview == compensator.stepper().preview
     assert f"#define inverse_PREVIEW {preview} " in text
     assert "u: reference in um\n" in text
-    assert "returns: drive in V; range of the fit: " in text
+    assert "returns: drive in V; range: " in text
     assert "There is no inverse_init_at" not in text
     assert f"the input {preview} samples, {preview * DT:g} s, earlier" in text
     loop = FeedforwardPI(1.0, 40.0, compensator=compensator)
