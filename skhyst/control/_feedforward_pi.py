@@ -6,7 +6,7 @@ integration: while the limits clip the drive, the integral part does not move fu
 If the acting drive is measured, or comes from another controller, the integral part follows it by
 back-calculation (Åström and Hägglund, *Advanced PID Control*, 2006, chapter 3). Where a reading
 leads beyond floating point, such as one that stands for a fault of the sensor, the last drive is
-held.
+held, and the controller starts again from rest at this drive and the reference of the next sample.
 
 The derivative part of a signal x, with a filter of time constant T, is by backward differences
 
@@ -18,6 +18,7 @@ with the sampling interval h (same, chapter 13).
 import math
 from collections.abc import Callable
 from copy import copy
+from dataclasses import replace
 from functools import partial
 from numbers import Real
 
@@ -77,15 +78,37 @@ def started(reference, reading, c, s):
 
 
 @jit
+def settled(x, b, s, at):
+    """Return the output of a section at rest under a constant input; set its two states."""
+    y = x * (b[0] + b[1] + b[2]) / (1.0 + b[3] + b[4])
+    s[at + 1] = b[2] * x - b[4] * y
+    s[at] = b[1] * x - b[3] * y + s[at + 1]
+    return y
+
+
+@jit
+def rested(drive, reference, damped, c, s):
+    """Put the parts to rest at a drive, without that of a compensator, and a reference.
+
+    ``damped`` is the input of the damping filter. The reading has no part in it: a wrong one would
+    remain in the integral part.
+    """
+    inner = drive - settled(damped, c[5], s, 3)  # the output of the notch
+    settled(inner, c[4], s, 1)
+    s[0] = inner - c[0] * (c[6] - 1.0) * reference  # the gain of the notch at rest is one
+    return 0.0
+
+
+@jit
 def restarted(low, high, s):
-    """Return the last drive, with which the controller starts again at the next sample.
+    """Return the last drive, at which the controller rests at the next sample's reference.
 
     For numbers beyond floating point, which no later sample would take out of the state. The drive
     is within its limits, whatever drive has acted before.
     """
     s[6] = min(max(s[6], low), high)
-    s[1] = s[2] = s[3] = s[4] = s[7] = 0.0
-    s[5] = s[10] = 1.0
+    s[0] = s[1] = s[2] = s[3] = s[4] = s[5] = s[7] = s[11] = 0.0
+    s[10] = s[12] = 1.0
     s[9] = -1.0
     return s[6]
 
@@ -98,12 +121,10 @@ def limited_step(feedforward, reference, reading, damped, c, s):
     reference, decay of the derivative, its gain, largest change of the drive, dt over tracking
     time, fraction of the start per sample). ``s`` is the integral part, two states each of notch
     and damping, 1 if limits clip the drive, else 0, the last drive, derivative, the last input of
-    the derivative, 1 before the first sample, -1 after :func:`restarted`, else 0, and the two
-    numbers of :func:`started`.
+    the derivative, 1 before the first sample, -1 after :func:`restarted`, else 0, the two numbers
+    of :func:`started`, and 1 after the first restart.
     """
     kp, ki, low, high, notch, damping, weight, decay, kd, change = c[:10]
-    if s[9] < 0.0:
-        s[0] = s[6] - min(max(feedforward, low), high)
     error = reference - reading
     step = ki * error
     derivative = decay * s[7] - (0.0 if s[9] != 0.0 else kd * (damped - s[8]))
@@ -127,15 +148,26 @@ def limited_step(feedforward, reference, reading, damped, c, s):
 
 @jit
 def tracked(acted, c, s):
-    """Move the integral part to where the drive equals the one that has acted, within limits."""
-    s[0] += c[10] * (min(max(acted, c[2]), c[3]) - s[6])
-    s[6] = acted
+    """Move the integral part to where the drive equals the one that has acted.
+
+    One beyond the limits is followed no faster than the drive may change, and the change is counted
+    from the last output: it may be a fault of its reading.
+    """
+    low, high, change = c[2], c[3], c[9]
+    if acted < low or acted > high:
+        near = min(max(acted, s[6] - change), s[6] + change)
+        s[0] += c[10] * (min(max(near, low), high) - s[6])
+    else:
+        s[0] += c[10] * (acted - s[6])
+        s[6] = acted
     return 0.0
 
 
 @jit
 def feedback_step(u, c, s):
     """Return the drive for the row (reference, reading)."""
+    if s[9] < 0.0:
+        rested(s[6], u[0], u[0], c, s)
     return limited_step(0.0, started(u[0], u[1], c, s), u[1], u[1], c, s)
 
 
@@ -149,6 +181,8 @@ def tracking_feedback_step(u, c, s):
 @jit
 def followed(u, c, s):
     """Return the drive for the row of :func:`following_step`, with the last drive known."""
+    if s[9] < 0.0:
+        rested(s[6] - min(max(u[2], c[2]), c[3]), u[0], 0.0, c, s)
     reference = started(u[0], u[1], c, s)
     return limited_step(u[2], reference, u[1], u[1] - reference, c, s)
 
@@ -223,7 +257,8 @@ class FeedforwardPI:
         If the acting drive is known: it is a further column of the rows, up to the present sample.
         While it differs from the requested drive, because of a limit of the amplifier or of another
         controller, the integral part follows it with this time constant in s, at least a sampling
-        interval. With the interval itself, control is taken over without a bump.
+        interval. With the interval itself, control is taken over without a bump. An acting drive
+        beyond the limits is followed to them, no faster than the rate limit.
     start_time : {"fit"} or float, default="fit"
         Time in s in which the reference moves from the first reading to the given reference. By
         default the time of the drive through the range of the fit at its largest rate, and zero
@@ -340,21 +375,20 @@ class FeedforwardPI:
             dt / self.tracking_time if tracks else 0.0,
             min(dt / self._start_time(), 1.0) if self._start_time() else 1.0,
         )
-        state = np.zeros(12)
-        settled, state[3:5] = _settled(damping, 0.0 if follows else reference)
-        inner = u0 - settled  # the output of the notch, whose gain at rest is one
-        state[0] = inner - self.kp * (self.setpoint_weight - 1.0) * reference
-        _, state[1:3] = _settled(notch, inner)
+        state = np.zeros(13)
         state[6] = u0 if follows else min(max(u0, low), high)
         state[9] = state[10] = 1.0  # before the first sample, and the whole way of the start
+        acting = [Signal("acting drive", low=low, high=high)]
         inputs = [Signal("reference"), Signal("reading")]
-        inputs += [Signal("drive of the compensator")] * follows + [Signal("acting drive")] * tracks
+        inputs += [Signal("drive of the compensator")] * follows + acting * tracks
         law = CompiledLaw(
             *(_STEPS[follows, tracks], constants, state, len(inputs)),
-            flags=(("limited", 5),),
+            flags=(("limited", 5), ("overrange", 12)),
             limited=(2, 3, 9) if (low, high, change) != (-math.inf, math.inf, math.inf) else (),
             acting=len(inputs) - 1 if tracks else None,
         )
+        rested(u0, reference, 0.0 if follows else reference, law.constants, state)
+        law = replace(law, state=state)
         return Stepper(
             law,
             dt,
@@ -459,11 +493,3 @@ def notch_section(mode, dt):
         w / (2.0 * math.tan(0.5 * w * dt)),
     )
     return (*b, *a[1:])
-
-
-def _settled(section, x):
-    """Return the output and the two states of a section at rest under a constant input."""
-    b0, b1, b2, a1, a2 = section
-    y = x * (b0 + b1 + b2) / (1.0 + a1 + a2)
-    last = b2 * x - a2 * y
-    return y, (b1 * x - a1 * y + last, last)

@@ -367,7 +367,7 @@ the program with a drive over its range."""
 _NOTES = {  # on the bits of the status
     "limited": "the drive has been limited",
     "unreachable": "no drive gives the reference: the last one stays",
-    "extrapolated": "the drive is beyond the range or the rate of the fit",
+    "extrapolated": "a drive is beyond the range or rate of the fit, or the acting one the limits",
     "refused": "the input was not finite",
     "overrange": "since the start numbers have been beyond the range of the program",
 }
@@ -701,7 +701,7 @@ def _status(name, stepper, dtype):
     zero = DIALECTS[dtype].literal(0.0) if is_real else "0"
     tests = [(flag, f"state->s[{index}] != {zero}") for flag, index in stepper.compiled_step.flags]
     flags = conditions(stepper, is_real)
-    outer = [flag for flag in flags if flag not in dict(tests)]
+    outer = [flag for flag in flags if flag not in dict(tests) or flag == "overrange"]
     tests += [(flag, f"state->{flag} != 0u") for flag in outer]
     bits = {flag: f"{name}_{flag.upper()}" for flag in flags}
     lines = [
@@ -781,7 +781,9 @@ def _limits(name, limits, acting, literal, eps):
     """
     header, test = "", ""
     words = "LOW", "HIGH", "CHANGE"
-    last = "last output" if acting is None else f"acting drive u[{acting}], where that is within"
+    last = "last output, of input that was not refused"
+    if acting is not None:
+        last = f"acting drive u[{acting}] where that is within the limits, else from the {last}"
     notes = "is at least this", "is at most this", f"differs by at most this from the {last}"
     # of a sum and of the difference that is tested
     rounding = f" + {2.0 * eps!r} * (fabs((double)*y) + fabs((double)last))" if eps else ""

@@ -428,7 +428,7 @@ def legend(stepper, dt, units):
     for unit, signal in zip(named, signals, strict=True):
         text = signal.name + (f" in {unit}" if unit else "")
         if signal.is_limited:
-            text += f"; range of the fit: {signal.low:.9g} to {signal.high:.9g}"
+            text += f"; range: {signal.low:.9g} to {signal.high:.9g}"
             text += f" and {signal.rate:.9g} per s" if np.isfinite(signal.rate) else ""
         for mark in ("*/", "/*", "(*", "*)", "??", "??"):  # those of comments, and of trigraphs
             text = text.replace(mark, " ".join(mark))

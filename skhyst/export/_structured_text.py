@@ -765,7 +765,8 @@ class _Block:
             lines += [*[f"        {line}" for line in sample], "    END_IF"]
         lines.append("END_IF")
         for flag, at in source.compiled_step.flags:
-            lines.append(f"{flag} := state[{at}] <> {printer.literal(0.0)};")
+            kept = "overrange OR " if flag == "overrange" else ""
+            lines.append(f"{flag} := {kept}(state[{at}] <> {printer.literal(0.0)});")
         body = "\n".join(lines).replace("{y}", printer.literal(expected.last))
         if not len(source.stepper.state):
             body = re.sub(" +state := first;\n", "", body)
@@ -797,7 +798,7 @@ class _Block:
             ("init", "BOOL", "", "the first state again instead of a sample"),
             *init_at,
         ]
-        flags = [(flag, "BOOL", "", "") for flag in self._flags]
+        flags = [(flag, "BOOL", "", "") for flag in self._flags if flag != "overrange"]
         flags += [("extrapolated", "BOOL", "", "")] * bool(source.stepper.watched)
         dt = [] if source.dt is None else [("cycle", real, printer.number(source.dt), "s")]
         outputs = [
@@ -863,7 +864,9 @@ class _Block:
         """Return lines on the limits of the output."""
         words = "y is at least {}.", "y is at most {}.", "y changes by at most {} from {}."
         acting = self._source.compiled_step.acting
-        last = "sample to sample" if acting is None else f"u[{acting}], where that is within"
+        last = "one input that is not refused to the next"
+        if acting is not None:
+            last = f"u[{acting}] where that is within the limits, else from the last y"
         limits = self._expected.limits or ()
         return [
             word.format(f"{x:.9g}", last)

@@ -627,9 +627,9 @@ class Stepper:
     status : frozenset of str
         Conditions that hold at the last sample: ``"limited"``, limits have clipped the drive;
         ``"unreachable"``, an inverse by root finding has found no drive for its reference;
-        ``"extrapolated"``, the drive is outside the range or the rate of the fit; ``"refused"``,
-        the last input was refused, see :meth:`step`; ``"overrange"``, numbers have been beyond
-        floating point since the start, see there.
+        ``"extrapolated"``, the drive is outside the range or the rate of the fit, or the acting
+        drive outside the limits; ``"refused"``, the last input was refused, see :meth:`step`;
+        ``"overrange"``, numbers have been beyond floating point since the start, see there.
     compiled_step : CompiledStep
         The compiled step, with its initial state.
     inputs, result, preview : tuple of Signal, Signal or None, int

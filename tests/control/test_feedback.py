@@ -244,7 +244,7 @@ def test_a_reading_beyond_floating_point_holds_the_drive(compensator, row):
     for at in (0, 40):  # during the start, too
         held = stepper.run(ROWS[:at, :n])[-1] if at else stepper.state[6]
         assert stepper.step([*row, 0.0][:n]) == held
-        assert stepper.status == {"limited"}
+        assert stepper.status == {"overrange"}
     drive = stepper.run(ROWS[:, :n])
     assert np.abs(drive).max() <= 5.0
     assert np.ptp(drive) > 1.0
@@ -255,10 +255,79 @@ def test_a_reading_beyond_floating_point_holds_the_drive(compensator, row):
     assert (first, stepper.step(rest)) == ((1.0, 1.0) if compensator else (-2.0, -2.0))
 
 
+@pytest.mark.parametrize("compensator", [None, Ahead()])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"setpoint_weight": 0.0},
+        {"notch": (100.0, 0.02)},
+        {"damping": DAMPING},
+        {"tracking_time": DT},
+        {
+            **{"kd": 0.01, "setpoint_weight": 0.5, "notch": (80.0, 0.05), "damping": DAMPING},
+            **{"start_time": 0.02, "tracking_time": 0.01, "rate_limit": 0.1},
+        },
+    ],
+)
+def test_at_rest_a_restart_is_no_bump(compensator, options):
+    n, rest = (3, 0.9) if compensator else (2, -0.4)
+    for ki in (0.0, 30.0):
+        controller = FeedforwardPI(2.0, ki, compensator=compensator, **options)
+        stepper = controller.stepper(DT, reference=1.5, u0=-0.4)
+        row = np.array([*(1.5, 1.5, 1.3)[:n], *[rest] * ("tracking_time" in options)])
+        beyond = np.array([*(1e308, -1e308, 1.3)[:n], *row[n:]])
+        drive = [
+            stepper.step(u) for u in (row, row, beyond, *[row] * 5, beyond, beyond, *[row] * 9)
+        ]
+        np.testing.assert_allclose(drive, rest, rtol=0.0, atol=1e-12)
+        assert stepper.status == {"overrange"}
+
+
+def test_a_wrong_reading_at_a_restart_does_not_stay():
+    options = {"setpoint_weight": 0.5, "start_time": 0.02, "drive_limits": (-5.0, 5.0)}
+    stepper = FeedforwardPI(0.5, 30.0, **options).stepper(DT, reference=1.5, u0=-0.4)
+    drive = [stepper.step(u) for u in [(1e308, -1e308), (1.5, 1.5e308), *[(1.5, 1.5)] * 30]]
+    assert drive[0] == pytest.approx(-0.4)
+    assert drive[-1] == pytest.approx(-0.4)
+
+
+@pytest.mark.parametrize("compensator", [None, Ahead()])
+@pytest.mark.parametrize("tracking_time", [None, DT, 0.01])
+def test_whatever_comes_in_limits_and_rate_hold(compensator, tracking_time):
+    """From the acting drive where it can be one, else from the last output."""
+    rng, change = np.random.default_rng(3), 0.005
+    controller = FeedforwardPI(
+        *(0.5, 20.0),
+        **{"compensator": compensator, "tracking_time": tracking_time, "damping": DAMPING},
+        **{"notch": (80.0, 0.05), "kd": 1e-3, "setpoint_weight": 0.5, "start_time": 0.02},
+        **{"drive_limits": (-1.0, 1.0), "rate_limit": change / DT},
+    )
+    stepper = controller.stepper(DT)
+    n, acts = len(stepper.inputs), tracking_time is not None
+    huge = [1e308, -1.7e308, 1e200, -1e20, 50.0, np.nan, np.inf]
+    rows = np.where(
+        rng.random((600, n)) < 0.1, rng.choice(huge, (600, n)), rng.normal(size=(600, n))
+    )
+    rows[0] = 0.0
+    last = stepper.step(rows[0])
+    for row in rows[1:]:
+        if not np.isfinite(row).all():
+            with pytest.raises(ValueError, match="must be finite"):
+                stepper.step(row)
+            continue
+        can_act = acts and abs(row[-1]) <= 1.0
+        drive = stepper.step(row)
+        assert abs(drive) <= 1.0
+        assert abs(drive - (row[-1] if can_act else last)) <= change * (1.0 + 1e-12)
+        assert ("extrapolated" in stepper.status) == (acts and not can_act)
+        last = drive
+
+
 def test_a_drive_that_has_acted_beyond_the_limits_is_not_held():
     """Nor does the integral part follow it beyond them."""
     controller = FeedforwardPI(1.0, 40.0, drive_limits=(-5.0, 5.0), tracking_time=2.0 * DT)
     stepper = controller.stepper(DT)
-    assert stepper.step((1e308, -1e308, 1e6)) == 5.0  # their difference is beyond numbers
+    assert stepper.step((1e308, -1e308, 1e6)) == 0.0  # their difference is beyond numbers
+    assert stepper.status == {"extrapolated", "overrange"}
     other = controller.stepper(DT)
     assert other.step((0.0, 0.0, 1e6)) == other.step((0.0, 0.0, 2.5)) == 2.5

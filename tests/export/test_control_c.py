@@ -79,8 +79,8 @@ int main(void)
     double u[$n];
     $name_init(&state);
     while ($scan) {
-        $name_step(&state, $u);
-        printf("%u\\n", (unsigned)($name_status(&state) & $name_LIMITED));
+        const $real y = ($real)$name_step(&state, $u);
+        printf("%u %.17g\\n", (unsigned)($name_status(&state) & $name_LIMITED), y);
     }
     return 0;
 }
@@ -89,17 +89,23 @@ int main(void)
 
 def flags_of(folder, name, rows, flag="LIMITED", number=("double", "lf")):
     """Return which samples of an input (n_samples, n_inputs) raise the flag in C."""
+    return answers_of(folder, name, rows, flag, number)[0]
+
+
+def answers_of(folder, name, rows, flag, number=("double", "lf")):
+    """Return which samples of an input (n_samples, n_inputs) raise the flag in C, and outputs."""
     n = rows.shape[1]
     scan = " && ".join(f'scanf("%{number[1]}", &u[{k}]) == 1' for k in range(n))
     text = WATCH.replace("$scan", scan).replace("$u)", "u)" if n > 1 else "u[0])")
     text = text.replace("double", number[0]).replace("LIMITED", flag)
-    text = text.replace("$name", name).replace("$n", str(n))
+    text = text.replace("$name", name).replace("$n", str(n)).replace("$real", "double")
     (folder / "watch.c").write_text(text)
     command = ["cc", *FLAGS, f"{name}.c", "watch.c", "-o", "watch", "-lm"]
     subprocess.run(command, cwd=folder, check=True)
     given = "\n".join(" ".join(f"{value:.17g}" for value in row) for row in rows)
     run = subprocess.run(folder / "watch", input=given, capture_output=True, text=True, check=True)
-    return np.array(run.stdout.split()) != "0"
+    raised, outputs = np.array(run.stdout.split()).reshape(-1, 2).T
+    return raised != "0", outputs.astype(float)
 
 
 def test_what_the_fit_has_not_seen_raises_a_flag(tmp_path):
@@ -219,7 +225,7 @@ def test_the_header_says_what_goes_in_and_comes_out(tmp_path):
     assert 0 < preview == compensator.stepper().preview
     assert f"#define inverse_PREVIEW {preview} " in text
     assert "u: reference in um\n" in text
-    assert "returns: drive in V; range of the fit: " in text
+    assert "returns: drive in V; range: " in text
     assert "There is no inverse_init_at" not in text
     assert f"the input {preview} samples, {preview * DT:g} s, earlier" in text
     loop = FeedforwardPI(1.0, 40.0, compensator=compensator)
@@ -326,3 +332,12 @@ def test_a_controller_with_all_its_parts_answers_as_in_python(tmp_path):
         own = units if dtype == "int32" else {}
         to_c(controller, tmp_path, dtype, dtype, dt=DT, drive=rows, **own)
         assert error_of(tmp_path, dtype) <= bar
+    rows[50], rows[90], rows[120, 2] = (1e308, -1e308, 0.5), (1e308, -1e308, 50.0), 50.0
+    stepper, drive, status = controller.stepper(DT), [], []
+    for row in rows:
+        drive.append(stepper.step(row))
+        status.append(stepper.status)
+    for flag in ("EXTRAPOLATED", "OVERRANGE"):
+        raised, outputs = answers_of(tmp_path, "float64", rows, flag)
+        assert raised.tolist() == [flag.lower() in names for names in status]
+        np.testing.assert_array_equal(outputs, drive)

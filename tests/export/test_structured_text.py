@@ -138,7 +138,13 @@ def test_what_the_fit_has_not_seen_raises_a_flag(tmp_path):
 def test_a_controller_takes_a_row(tmp_path):
     rows = np.random.default_rng(0).normal(size=(60, 2))
     controller = FeedforwardPI(1.0, 40.0, notch=(20.0, 0.1), drive_limits=(-0.5, 0.5))
-    assert error_of_test(blocks(tmp_path, controller, dt=DT, drive=rows)) == 0.0
+    units = blocks(tmp_path, controller, dt=DT, drive=rows)
+    assert error_of_test(units) == 0.0
+    block, stepper = units["own"](), controller.stepper(DT)
+    for row in ([0.3, 0.1], [1e308, -1e308], [0.3, 0.1], [0.2, 0.1]):
+        block(u=row)
+        assert (block.y, block.overrange) == (stepper.step(row), "overrange" in stepper.status)
+    assert block.overrange
     law = CompiledLaw(sum_of_row_and_last, (), (0.5,), n_inputs=2)
     block = blocks(tmp_path, law, u0=(1.0, 2.0))["own"]()
     found = []
