@@ -12,7 +12,7 @@ from ._column_names import SECONDS, without_unit
 from ._file_columns import as_columns, load_column, numbers, record_groups
 from ._formats import opened
 from ._missing import likely_codes, missing_rows
-from ._recognise import find_roles, interleaved, separate_times
+from ._recognise import days, find_roles, interleaved, separate_times
 
 _POLICIES = ("raise", "drop", "interpolate")
 
@@ -131,6 +131,7 @@ def _read(path, variables, request):
     labels = None if labels is None else record_labels(labels.values)
     if labels is None and stamps is not None and (runs := interleaved(path, variables, stamps)):
         raise RecordError(runs)
+    later = days(path, variables, stamps) if isinstance(stamps, pd.TimedeltaIndex) else 0
     if request.missing_code is None:
         codes = likely_codes(path, values, names, request.on_missing)
     else:
@@ -138,7 +139,10 @@ def _read(path, variables, request):
     keep = missing_rows(path, values, names, codes, stamps, labels, request.on_missing)
     rows = positions(labels, len(values))[keep]
     values, stamps, labels = (v if v is None else v[keep] for v in (values, stamps, labels))
-    labels = record_numbers(path, stamps, len(values)) if labels is None else np.asarray(labels)
+    later = later[keep] if np.ndim(later) else later
+    if labels is None:
+        labels = record_numbers(path, stamps, len(values)) + later
+    labels = np.asarray(labels)
     if stamps is not None and (order := by_record(labels, stamps)) is not None:
         values, stamps, labels = values[order], stamps[order], labels[order]
     if stamps is None:

@@ -63,6 +63,7 @@ _NEITHER = "|".join(  # signals of a controller, of the environment, and counter
 )
 _AT_PRESENT = re.compile(r"current(?=[ _]?(position|value|angle))", re.IGNORECASE)
 _CLOCK = re.compile(r"(\d+[./-]\d+[./-]\d+(T| +))?\d+:\d\d(:\d\d([.,]\d+)?)?Z?( [AP]M)?")
+_DATE = re.compile(r"\d+([./-])\d+\1\d+")
 _AXIS = (re.compile(r"\d+"), re.compile(r"(?<![^\W_])[xyz](?![^\W_])", re.IGNORECASE))
 _RECORD = "record|run|recording|trial|segment"
 _MOST_RESTARTS = 0.1  # largest fraction of rows at which time restarts or a record label changes
@@ -287,6 +288,20 @@ def separate_times(path, variables, signals):
                 f"{other.name!r}), with that time as the only one."
             )
     return ""
+
+
+def days(path, variables, clock):
+    """Return a number for each row that rises where a date changes although the clock goes on.
+
+    The clock of a new day, or of 12 hours, begins a half day anew.
+    """
+    half_days = np.floor(clock / pd.Timedelta(hours=12))
+    jumps = np.zeros(len(clock), dtype=bool)
+    for c in (_Candidate(path, variables, place) for place in long_columns(variables)):
+        dated = c.stored.dtype.kind == "M" or _DATE.fullmatch(str(c.stored[0]))
+        if dated and len(c.stored) == len(clock) and c.changes_seldom:
+            jumps[1:] |= (c.stored[1:] != c.stored[:-1]) & (half_days[1:] == half_days[:-1])
+    return np.cumsum(jumps)
 
 
 def interleaved(path, variables, time):

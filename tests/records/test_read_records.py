@@ -185,6 +185,15 @@ def test_without_times_the_rows_are_counted(tmp_path):
     assert record_slices(X)[0].dt == 0.002
 
 
+def test_a_date_that_jumps_beside_a_clock_begins_a_record(tmp_path):
+    for start, n_first in (("10:00:00", 15), ("23:59:59.970", N)):  # at midnight the clock goes on
+        clock = pd.Timestamp(f"2024-05-31 {start}") + pd.to_timedelta(T, "s")
+        day = np.where(np.arange(N) < 15, "2024-05-31", "2024-06-01")
+        table = TABLE.assign(day=day, clock=clock.strftime("%H:%M:%S.%f"))
+        X, _ = read(tmp_path, table, time="clock")
+        assert record_slices(X)[0].n_samples == n_first
+
+
 def test_the_end_of_summer_time_is_told(tmp_path):
     local = pd.Timestamp("2024-10-27 02:59:59.98") + pd.to_timedelta(T, "s")
     local = local.where(np.arange(N) < 10, local - pd.Timedelta("1h"))
