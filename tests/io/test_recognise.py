@@ -289,6 +289,8 @@ def test_an_overview_tells_roles_records_and_intervals():
     overview = inspect_recording(table)
     assert [column.role for column in overview.columns] == ["time", "drive", "response"]
     assert [record.n_samples for record in overview.records] == [N, N]
+    # between one and two readings for each part of the thumbnail, all at their place
+    np.testing.assert_array_equal(overview.columns[1].outline.T, [np.arange(2 * N), table["u"]])
     assert "record 1: 200 samples every 0.001 s, 0.2 s in all" in str(overview)
     assert "as given" in str(inspect_recording(table, drive="y", response="u"))
 
