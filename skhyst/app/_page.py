@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 import streamlit as st
 
+from skhyst._envelope import envelope
 from skhyst._validation import refuse_no_experiment, refuse_still
 from skhyst.app._processes import own_processes
 from skhyst.app._samples import SAMPLES, sample_recording
@@ -27,7 +28,7 @@ from skhyst.discovery import parse_model
 from skhyst.inspection import compare_models
 from skhyst.io import inspect_columns, join_files, unit_of
 from skhyst.persistence import save_model
-from skhyst.records import read_records, record_slices, resample_records
+from skhyst.records import faults_of_records, read_records, record_slices, resample_records
 
 _POINTS = 1500  # parts of a curve, each drawn by its smallest and largest value
 _LONG = 5000  # number of samples above which starting processes saves time
@@ -156,7 +157,8 @@ def _signals(files, reading, even):
         slices = record_slices(X, y, one_interval=False, bridge=True)
         refuse_still(X.iloc[:, 0].to_numpy())
         refuse_no_experiment(X.to_numpy(), y.to_numpy(), slices)
-    return X, y, slices, [str(one.message) for one in caught]
+    told = [str(one.message) for one in caught] + faults_of_records(X, y, slices)
+    return X, y, slices, told
 
 
 def _read(files, reading):
@@ -269,15 +271,13 @@ def _choose(files, name, key, roles):
 
 
 def _little_picture(outline):
-    """Return a curve as SVG: from the smallest to the largest reading of each part."""
-    low, high = outline.min(), outline.max()
-    x = np.linspace(1.0, 399.0, len(outline))
-    least, most = 59.0 - 58.0 * (outline.T - low) / ((high - low) or 1.0)
-    around = zip([*x, *x[::-1]], [*least, *most[::-1]], strict=True)
-    points = " ".join(f"{a:.1f},{b:.1f}" for a, b in around)
+    """Return a curve through numbered readings as SVG."""
+    x, y = (outline - outline.min(axis=0)).T
+    x, y = 1.0 + 398.0 * x / (x.max() or 1.0), 59.0 - 58.0 * y / (y.max() or 1.0)
+    points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
     return (
         '<svg xmlns="http://www.w3.org/2000/svg" width="400" height="60" viewBox="0 0 400 60">'
-        f'<polygon points="{points}" fill="#2a85c4" stroke="#2a85c4" stroke-width="1"/></svg>'
+        f'<polyline points="{points}" fill="none" stroke="#2a85c4" stroke-width="1"/></svg>'
     )
 
 
@@ -297,7 +297,7 @@ def _draw(files, reading, even):
     color = alt.Color("record", legend=None)
     for name, title in (("response", response), ("drive", drive)):
         up = alt.Y(name, title=title, axis=alt.Axis(titleFontSize=11)).scale(zero=False)
-        curve = alt.Chart(table.iloc[_outline(table[name])]).mark_line(strokeWidth=1)
+        curve = alt.Chart(table.iloc[envelope(table[name], _POINTS)]).mark_line(strokeWidth=1)
         curve = curve.encode(across, up, color).properties(height=200)
         series.altair_chart(curve.interactive(bind_y=False))
     kept = np.linspace(0, len(table) - 1, min(len(table), 2 * _POINTS)).astype(int)
@@ -311,13 +311,6 @@ def _draw(files, reading, even):
     many = "1 record" if len(slices) == 1 else f"{len(slices)} records"
     st.caption(f"{len(table)} samples in {many}, {known}")
     return X, y
-
-
-def _outline(values):
-    """Return the rows of the smallest and the largest value of each part of a signal."""
-    values = np.asarray(values)
-    parts = np.array_split(np.arange(len(values)), min(_POINTS, len(values)))
-    return np.unique([[p[values[p].argmin()], p[values[p].argmax()]] for p in parts])
 
 
 # ----------------------------------------------------------------------------------- the search

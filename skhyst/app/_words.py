@@ -20,7 +20,19 @@ FIELDS = {
 _NAMES = "|".join(FIELDS)
 _REPLACED = (
     (r" If the rows are a random subset: .*", ""),
-    (r"( If the rows have been shuffled:)? Use a splitter that .*? its resource[.;]", ""),
+    (
+        r"( If the rows have been shuffled:)? Use a splitter that .*? its resource"
+        r"(\.|; X\.sort_index\(\) [^.]*\.)",
+        "",
+    ),
+    (
+        r"resample with skhyst\.records\.resample_records \(--resample\)",
+        "choose 'interpolate' under Uneven times",
+    ),
+    (
+        r"as missing_code \(--missing-code\), and on_missing",
+        "under Code of a lost reading, and choose under Lost readings",
+    ),
     (r"it is the first column of X, and the time belongs .*", "give it the role of the time."),
     (r"column \d+ of X twice", "the same signal twice"),
     (

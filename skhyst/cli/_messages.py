@@ -12,7 +12,11 @@ _NAMES = "|".join(
 _GIVEN = re.compile(rf"\b({_NAMES})=('[^']*'|[\w.-]*\w)")
 _REPLACED = (
     (r"call skhyst\.records\.resample_records, which EffectSearchCV does with", "interpolate with"),
-    (r"( If the rows [^:]*:)? Use a splitter .*? as its resource\.?", ""),  # of Python alone
+    (  # of Python alone
+        r"( If the rows [^:]*:)? Use a splitter .*? as its resource"
+        r"(\.|; X\.sort_index\(\) [^.]*\.)?",
+        "",
+    ),
     (r" \(the '(\w+)' parameter of read_records, --\1 on the command line\)", r" (--\1)"),
     (
         r"'(\w+)' parameter of read_records must be None where 'time'",

@@ -7,11 +7,12 @@ from typing import Self
 import numpy as np
 
 from .._documentation import documented_like, inherit_documentation
+from .._envelope import envelope
 from .._validation import interval_of
 from ..io import unit_of
 from ..records import Units, record_slices, with_lost_rows
 from ._drawing import MUTED, plain
-from ._plot_data import envelope, loop_spans, thin_path
+from ._plot_data import loop_spans, thin_path
 
 _POINTS = 240  # drawn of a cycle
 

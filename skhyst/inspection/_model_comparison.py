@@ -133,7 +133,9 @@ def compare_models(
     Returns
     -------
     ModelComparisonDisplay
-        Not drawn; its ``plot`` draws it. A model whose fit fails has no error.
+        Not drawn; its ``plot`` draws it. A model whose fit fails has no error. The model to
+        declare has the fewest parameters among those whose error is at most 5 % larger than the
+        least, or whose mean squared error is, by at most one standard error over the folds.
 
     Raises
     ------
@@ -204,6 +206,8 @@ def compare_models(
     squares = {name: own.squares for name, own in found.items()}
     whole, taken, as_good = _taken(table, squares)
     own = {"whole": whole, "response_name": str(getattr(y, "name", None) or "response")}
+    if as_good:
+        own["difference"] = _difference(squares[taken], squares[as_good])
     return ModelComparisonDisplay(table, taken, as_good, float(np.ptp(response)), **own)
 
 
@@ -302,10 +306,18 @@ def _simplest(errors, squares):
     """
     best = errors.idxmin()
     for name in errors.index:
-        more = np.subtract(squares[name], squares[best])
-        near = errors[name] <= _MATTERS * errors[best]
-        if near or np.mean(more) <= np.std(more, ddof=1) / np.sqrt(len(more)):
+        more, scatter = _difference(squares[name], squares[best])
+        if errors[name] <= _MATTERS * errors[best] or more <= scatter:
             return name, None if name == best else best
+
+
+def _difference(squares, least):
+    """Return the mean difference of the squared errors of folds, and its standard error.
+
+    Both are relative to the mean of the second.
+    """
+    more = np.subtract(squares, least) / (np.mean(least) or 1.0)
+    return float(np.mean(more)), float(np.std(more, ddof=1) / np.sqrt(len(more)))
 
 
 class ModelComparisonDisplay(Display):
@@ -331,6 +343,9 @@ class ModelComparisonDisplay(Display):
         than that of any model of one mechanism.
     response_name : str, default="response"
         Name for the axis.
+    difference : tuple of float or None, default=None
+        By how much the mean squared error of ``taken`` in the folds is larger than that of
+        ``as_good``, relative to the latter, and the standard error of this difference.
 
     Examples
     --------
@@ -344,7 +359,15 @@ class ModelComparisonDisplay(Display):
     """
 
     def __init__(
-        self, table, taken, as_good, response_range, *, whole=None, response_name="response"
+        self,
+        table,
+        taken,
+        as_good,
+        response_range,
+        *,
+        whole=None,
+        response_name="response",
+        difference=None,
     ):
         self.table = table
         self.taken = taken
@@ -352,6 +375,7 @@ class ModelComparisonDisplay(Display):
         self.response_range = response_range
         self.whole = whole
         self.response_name = response_name
+        self.difference = difference
 
     @property
     def best(self) -> str:
@@ -365,10 +389,15 @@ class ModelComparisonDisplay(Display):
         why = "it has the least held-out error"
         if self.as_good:
             few, many = table.loc[[taken, self.as_good], "n_parameters"]
+            error, least = table.loc[[taken, self.as_good], "error"]
             why = (
-                f"its error is that of {self.as_good} within 5 % or the folds' scatter, with "
-                f"{few} parameters instead of {many}"
+                f"its error, {self._share(error)}, is not distinguished from that of "
+                f"{self.as_good}, {self._share(least)}, and it has {few} parameters instead of "
+                f"{many}"
             )
+            if error > _MATTERS * least and self.difference:
+                more, scatter = (100.0 * value for value in self.difference)
+                why += f": the squared error is larger by {more:.0f} ± {scatter:.0f} % in the folds"
         elif self.whole:
             why += f" of the parts of {self.whole}"
         elif not table["single"].all():

@@ -5,17 +5,15 @@ from itertools import combinations
 
 import numpy as np
 
+from .._envelope import envelope
 from ..exceptions import RecordError
 from ._column_names import is_time
-from ._file_columns import as_columns, load_column, long_columns, numbers, record_groups
+from ._file_columns import as_columns, load_column, long_columns, numbers, place_of, record_groups
 from ._formats import opened
 from ._recognise import ROLES, roles_and_questions
 
 _MOST = 100  # largest number of columns that are inspected
-_STANDS = 0.01  # fraction of rows at an extreme value, above which the signal may be clipped
-_OFTEN = 5  # smallest ratio of the number of rows there to that at the next value
 _PARTS = 200  # largest number of parts of an outline
-_FINE = 50  # number of different values, below which a signal is a staircase
 
 
 @dataclass(frozen=True)
@@ -32,9 +30,10 @@ class ColumnOverview:
     kind : str
         Type of the values in the file.
     low, high : float
-        Range of the readings, NaN if there are none.
-    outline : ndarray of shape (n_parts, 2)
-        Smallest and largest reading of each of up to 200 consecutive parts, for a thumbnail.
+        Range of the readings of all records, NaN if there are none.
+    outline : ndarray of shape (n_points, 2)
+        Number and value of the smallest and largest reading of each of up to 200 parts, for a
+        thumbnail.
     interval : float or None
         Sampling interval in s, if the file gives it apart from a column of times.
 
@@ -75,20 +74,29 @@ def inspect_columns(path, **reading):
     source, variables = opened(path, **layout)
     faults = []
     roles = _roles(source, variables, reading, faults)
-    group = next(iter(record_groups(variables, [column for column, _ in roles.values()]).values()))
+    groups = record_groups(variables, [column for column, _ in roles.values()])
+    first, group = next(iter(groups.items()))
+    places = long_columns(group)
     recognised = {
-        load_column(source, group, column).name: (role, reason)
+        place_of(source, group, places, column): (role, reason, column)
         for role, (column, reason) in roles.items()
     }
-    columns, signals = [], {}
-    for place in long_columns(group)[:_MOST]:
-        column = load_column(source, group, place.position)
-        values = column.values
-        known = recognised.get(place.name) or recognised.get(place.full_name)
-        role, reason = known or ("", "not used")
-        columns.append(_overview(source, place.name, role, reason, values, column.interval))
-        signals[place.name] = role, values
-    faults += _faults_of_columns(source, signals)
+    columns, signals = [], []
+    for place in places[:_MOST]:
+        role, reason, address = recognised.get(place, ("", "not used", place.address))
+        parts = [
+            load_column(source, members, address if role or label != first else place.position)
+            for label, members in groups.items()
+            if role or label == first or any(address == variable.name for variable in members)
+        ]
+        readings = np.empty(0)
+        try:
+            readings = np.concatenate([numbers(source, place.name, part.values) for part in parts])
+            signals.append((place.name, role, readings))
+        except RecordError as error:
+            faults += [str(error)] if role in ("drive", "response") else []
+        columns.append(_overview(place.name, role, reason, readings, parts[0]))
+    faults += _faults_of_columns(signals)
     addresses = {role: column for role, (column, _) in roles.items()}
     return source.name, tuple(columns), addresses, faults
 
@@ -105,51 +113,24 @@ def _roles(source, variables, reading, faults):
     return known | {role: (column.column, column.reason) for role, column in recognised.items()}
 
 
-def _overview(source, name, role, reason, values, interval):
-    try:
-        readings = numbers(source, name, values)
-        readings = readings[np.isfinite(readings)]
-    except RecordError:
-        readings = np.empty(0)
+def _overview(name, role, reason, readings, stored):
+    readings = readings[np.isfinite(readings)]
     span = (readings.min(), readings.max()) if readings.size else (np.nan, np.nan)
-    parts = [p for p in np.array_split(readings, _PARTS) if p.size]
-    outline = np.array([(p.min(), p.max()) for p in parts]).reshape(-1, 2)
-    kind = str(values.dtype)
-    return ColumnOverview(name, role, reason, kind, *map(float, span), outline, interval)
+    rows = envelope(readings, _PARTS) if readings.size else []
+    outline = np.array([(row, readings[row]) for row in rows]).reshape(-1, 2)
+    kind = str(stored.values.dtype)
+    return ColumnOverview(name, role, reason, kind, *map(float, span), outline, stored.interval)
 
 
-def _faults_of_columns(source, signals):
-    readings = {}
-    for name, (role, values) in signals.items():
-        try:
-            readings[name] = numbers(source, name, values)
-        except RecordError as error:
-            if role in ("drive", "response"):
-                yield str(error)
-    for name, values in readings.items():
-        role, known = signals[name][0], values[np.isfinite(values)]
+def _faults_of_columns(signals):
+    for name, role, values in signals:
+        known = values[np.isfinite(values)]
         if 0 < known.size < values.size and role not in ("drive", "response"):
             yield f"{name!r} lacks {values.size - known.size} of {values.size} readings."
         if known.size and not np.ptp(known):
             yield f"{name!r} does not move: it is {known[0]:g} throughout."
-        elif role == "response":
-            yield from _clipped(name, known)
-    for (name, values), (other, others) in combinations(readings.items(), 2):
+    for (name, _, values), (other, _, others) in combinations(signals, 2):
         if is_time(name) and is_time(other):  # each signal may have its own
             continue
         if np.array_equal(values, others, equal_nan=True) and np.ptp(values) > 0.0:
             yield f"{name!r} and {other!r} are the same signal."
-
-
-def _clipped(name, values):
-    """Yield a message for each end of the range at which a signal may be clipped."""
-    levels, counts = np.unique(values, return_counts=True)
-    if levels.size < _FINE:
-        return
-    for word, end, next_level in (("largest", -1, -2), ("smallest", 0, 1)):
-        if counts[end] > max(_STANDS * values.size, _OFTEN * counts[next_level]):
-            percent = 100.0 * counts[end] / values.size
-            yield (
-                f"{name!r} is at its {word} value, {levels[end]:g}, in {percent:.2g} % of the "
-                "rows: is it clipped?"
-            )

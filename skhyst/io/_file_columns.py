@@ -212,6 +212,17 @@ def long_columns(variables):
     return list(places.values())
 
 
+def place_of(path, variables, places, wanted):
+    """Return which of the places a column has, named as for `load_column`; None if it has none."""
+    is_named = isinstance(wanted, str) and (
+        not wanted.isdigit() or _named(path, variables, wanted) is not None
+    )
+    name = load_column(path, variables, wanted).name
+    at = [place for place in places if not is_named and place.position == int(wanted)]
+    at += [place for place in places if name in (place.name, place.full_name)]
+    return at[0] if at else None
+
+
 def _load(path, variable):
     if variable.refused:
         raise RecordError(

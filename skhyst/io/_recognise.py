@@ -5,7 +5,8 @@ The role of a column follows from the words of its name, else from its unit: `dr
 other gives no role. A time column must increase; without a name that shows it, a column is the time
 if it is the only one that increases by equal steps. The only remaining column that is not constant
 takes the remaining role. If two columns may have a role, none is chosen: a wrong guess would be
-worse than a question. Words that all signals share say nothing. Of axes that are recorded at once
+worse than a question. Words that all signals share say nothing, nor do `in` and `out` where one
+names the port of an instrument (`sensor in`, `DAC out`). Of axes that are recorded at once
 (u1, y1, u2, y2), a given column selects the axis. A force and a motion may each be the cause of the
 other: the force is taken, and that it may be the other way round is said.
 """
@@ -28,6 +29,7 @@ from ._file_columns import (
     load_column,
     long_columns,
     numbers,
+    place_of,
     record_groups,
 )
 from ._formats import opened
@@ -49,6 +51,7 @@ _WORDS = (  # words for the role of a column, and for its quantity; the former h
         "|posici[oó]n|desplazamiento|posizione|spostamento|位移|変位|位置|level|pegel|füllstand",
     },
 )
+_PORTS = {"in", "out"}  # of the device, or of the instrument on the other side
 _UNITS = {"drive": "[mk]?V|m?A|[kM]?A/m|k?Oe", "response": "[munpµμ]?m|[muµμ]?rad|deg|°|[muµμ]?T"}
 _FORCE = "forces?|load|torque|kraft|drehmoment|fuerza|forza|couple"
 _FORCES = "[munpµμkM]?N([·* ]?m)?|kgf|lbf"
@@ -182,14 +185,16 @@ def roles_and_questions(path, variables, roles, others=(), *, timed):
     """Return the result of `find_roles`, and a question for each role that was not found."""
     given = [column for column in (*roles.values(), *others) if column is not None]
     group = next(iter(record_groups(variables, given).values()))
-    given_names = {load_column(path, group, column).name for column in given}
-    columns = [_Candidate(path, group, place) for place in long_columns(group)]
-    free = [c for c in columns if not {c.name, c.place.full_name} & given_names]
+    places = long_columns(group)
+    known = [place_of(path, group, places, column) for column in given]
+    columns = [_Candidate(path, group, place) for place in places]
+    free = [c for c in columns if c.place not in known]
     mark, axes = _axes([c for c in columns if c.varies and not c.called_time])
     said = [{*c.words} for c in columns if c.varies and not c.called_time]
-    said_by_all = set.intersection(*said) if len(said) > 1 else set()
+    silent = set.intersection(*said) if len(said) > 1 else set()
+    silent |= _PORTS if any(map(_names_a_port, said)) else set()
     for c in columns:
-        c.words = [w for w in c.words if w not in said_by_all and not (axes and mark.fullmatch(w))]
+        c.words = [w for w in c.words if w not in silent and not (axes and mark.fullmatch(w))]
     found, candidates, missing = {}, {}, [role for role in ROLES if roles[role] is None]
     if "time" in missing and not timed:
         found["time"], candidates["time"] = _time(free)
@@ -220,7 +225,7 @@ def roles_and_questions(path, variables, roles, others=(), *, timed):
             if found[role] is None:
                 candidates.setdefault(role, [])
     open_ = [role for role in asked if not found[role]]
-    left = {c.name for role in open_ for c in candidates[role]}
+    left = {c.place: c.name for role in open_ for c in candidates[role]}
     too_few = len(open_) == 2 and len(left) < 2
     if too_few:
         for role in open_:
@@ -244,8 +249,8 @@ def roles_and_questions(path, variables, roles, others=(), *, timed):
         columns["drive"] = replace(columns["drive"], doubt=_doubt(columns))
     if too_few:
         questions.append(
-            f"In {path.name} {left.pop()!r} is the only signal: a drive and a response are needed. "
-            f"{_JOIN}"
+            f"In {path.name} {next(iter(left.values()))!r} is the only signal: a drive and a "
+            f"response are needed. {_JOIN}"
             if left
             else f"In {path.name} no column is a signal. {listed_variables(group)}"
         )
@@ -452,6 +457,15 @@ class _Candidate:
             return bool(time_unit_of(self.name)) or self.has(TIME)
         except ValueError:  # the unit in brackets is not one of time
             return False
+
+
+def _names_a_port(words):
+    """Whether a name has in or out and a word for the other role: the input of a sensor."""
+    others = words - _PORTS
+    return any(
+        port in words and any(re.fullmatch(_WORDS[0][role], word) for word in others)
+        for port, role in (("in", "response"), ("out", "drive"))
+    )
 
 
 def _axes(signals):

@@ -19,6 +19,7 @@ from ._periods import near_period as near_period
 from ._periods import repeats as repeats
 from ._read_records import read_records
 from ._recording_overview import RecordingOverview, inspect_recording
+from ._recording_overview import faults_of_records as faults_of_records
 from ._resample import resample_like, resample_records, resampling_error
 from ._units import Units
 

@@ -2,14 +2,20 @@
 
 from dataclasses import dataclass
 
+import numpy as np
 import pandas as pd
 
 from ..exceptions import RecordError
 from ..io import inspect_columns
+from ._data_quality import data_quality
 from ._index import record_names, record_slices
 from ._read_records import read_records
 
 _MOST = 100  # largest number of records that are printed
+_STANDS = 0.01  # fraction of rows at an extreme value, above which the signal may be clipped
+_OFTEN = 5  # smallest ratio of the number of rows there to that at the next value
+_FINE = 50  # number of different values, below which a signal is a staircase
+_SAID = ("clipped_range", "lost_rows", "constant_drive", "same_signal")  # in sentences of their own
 
 
 @dataclass(frozen=True, repr=False)
@@ -73,9 +79,9 @@ def inspect_recording(path, **reading):
     -------
     RecordingOverview
         Faults are readings that are missing, or look like codes for missing ones; signals that are
-        constant, stay at their largest or smallest value, or are identical; text where numbers are
-        expected; gaps, uneven or coarse times; and roles or units that cannot be determined from
-        the file.
+        constant, stay at their largest or smallest value, or are identical; other faults of a
+        record that :func:`data_quality` finds; text where numbers are expected; gaps, uneven or
+        coarse times; and roles or units that cannot be determined from the file.
 
     Raises
     ------
@@ -117,14 +123,57 @@ def _records(X, y, faults):
     except RecordError as error:
         faults.append(str(error))
         return ()
+    faults += faults_of_records(X, y, records) if records else []
+    return records
+
+
+def faults_of_records(X, y, records):
+    """Return sentences on the faults of the response and the clock of each record."""
+    found = []
     for record, name in zip(records, record_names(records), strict=True):
         if record.lost:
-            faults.append(
+            found.append(
                 f"record {name} has lost {len(record.lost)} of "
                 f"{record.n_samples + len(record.lost)} rows: a model runs on through them, and "
                 "they are not scored"
             )
-    return records
+        where = f"record {name}: " if len(records) > 1 else ""
+        drive, response = X.iloc[record.rows, 0], y.iloc[record.rows]
+        faults = list(_clipped(y.name, response.to_numpy()))
+        # what holds for all records is a fault of the column
+        for one, whole in ((drive, X.iloc[:, 0]), (response, y)):
+            if not np.ptp(one) and np.ptp(whole):
+                faults.append(f"{one.name!r} does not move: it is {one.iloc[0]:g} throughout.")
+        if (
+            np.array_equal(drive, response)
+            and np.ptp(drive)
+            and not np.array_equal(X.iloc[:, 0], y)
+        ):
+            faults.append(f"{drive.name!r} and {response.name!r} are the same signal.")
+        found += [f"{where}{fault}" for fault in faults]
+    table = data_quality(X, y, records)
+    for row in table[~table["fault"].isin(_SAID)].itertuples():
+        where = f"record {row.record}: " if len(records) > 1 else ""
+        value = "" if np.isnan(row.value) else f" ({row.value:.6g})"
+        found.append(
+            f"{where}{row.fault.replace('_', ' ')}{value} in {row.n_samples} of the rows, from row "
+            f"{row.rows[0]}: {row.advice}"
+        )
+    return found
+
+
+def _clipped(name, values):
+    """Yield a message for each end of the range at which a signal may be clipped."""
+    levels, counts = np.unique(values, return_counts=True)
+    if levels.size < _FINE:
+        return
+    for word, end, next_level in (("largest", -1, -2), ("smallest", 0, 1)):
+        if counts[end] > max(_STANDS * values.size, _OFTEN * counts[next_level]):
+            percent = 100.0 * counts[end] / values.size
+            yield (
+                f"{name!r} is at its {word} value, {levels[end]:g}, in {percent:.2g} % of the "
+                "rows: is it clipped?"
+            )
 
 
 def _read(path, options, faults):

@@ -19,6 +19,7 @@ from skhyst.discovery import parse_model
 from skhyst.exceptions import TimeUnitWarning
 from skhyst.io import recognise_columns
 from skhyst.records import read_records, record_slices
+from skhyst.records._data_quality import _ADVICE
 
 PAGE = Path(skhyst.__file__).with_name("app") / "_page.py"
 
@@ -68,6 +69,12 @@ def test_messages_have_the_words_of_the_page(asked):
     spoken = ("=", "skhyst.", "parameter", "resample_", "read_records", "time_unit", "splitter")
     assert any(word in str(error.value) for word in spoken)
     assert not [word for word in spoken if word in page_message(str(error.value))]
+
+
+def test_advice_has_the_words_of_the_page():
+    for advice in _ADVICE.values():
+        assert "--" not in page_message(advice)
+        assert "skhyst." not in page_message(advice)
 
 
 @pytest.mark.parametrize("name", SAMPLES)

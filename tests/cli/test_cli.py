@@ -27,11 +27,11 @@ from skhyst.cli._reading_options import _READING
 from skhyst.compose import Cascade
 from skhyst.diagnosis import EffectSearchCV, next_experiment
 from skhyst.discovery import parse_model
-from skhyst.exceptions import TimeUnitWarning
+from skhyst.exceptions import RecordError, TimeUnitWarning
 from skhyst.hysteresis import PrandtlIshlinskii
 from skhyst.inspection import compare_models
 from skhyst.linear import Gain, SecondOrderMode
-from skhyst.records import read_records
+from skhyst.records import read_records, record_slices
 
 
 @pytest.fixture(scope="module")
@@ -521,6 +521,10 @@ def test_every_option_that_a_message_names_exists():
             told = as_options(f"Pass {parameter}='a b', or '{parameter}'.", options)
             command = "diagnose" if "skhyst diagnose" in told else name
             assert {*re.findall(r"--[a-z-]+", told)} <= known[command], told
+    shuffled = pd.MultiIndex.from_arrays([[0] * 4, [0.0, 3.0, 2.0, 1.0]], names=["record", "time"])
+    with pytest.raises(RecordError, match="sort_index") as raised:
+        record_slices(pd.DataFrame({"u": 0.0}, shuffled))
+    assert as_options(str(raised.value), options).endswith("in all.")
 
 
 def test_a_reader_may_leave_early(monkeypatch):

@@ -14,6 +14,7 @@ from skhyst.inspection._model_comparison import (
     _JOINED,
     _PARTS,
     _SINGLE,
+    _difference,
     _taken,
 )
 from skhyst.linear import (
@@ -111,6 +112,14 @@ def test_of_two_models_that_are_as_good_the_one_with_fewer_parameters_is_taken()
     _, taken, as_good = _taken(table, {"plays": [0.1, 0.2], "mode": [0.3, 0.3]})
     assert (taken, as_good) == ("mode", "plays")
     assert "4 parameters instead of 21" in ModelComparisonDisplay(table, taken, as_good, 1.0).reason
+    # one standard error above the least: the sentence has the figures that decide
+    table.loc["mode", "error"], squares = 0.140, {"plays": [0.01, 0.01], "mode": [0.008, 0.032]}
+    assert _taken(table, squares) == (None, taken, as_good)
+    difference = _difference(squares[taken], squares[as_good])
+    assert difference == pytest.approx((1.0, 1.2))
+    reason = ModelComparisonDisplay(table, taken, as_good, 1.0, difference=difference).reason
+    assert "14 %, is not distinguished from that of plays, 10 %" in reason
+    assert "larger by 100 ± 120 % in the folds" in reason
 
 
 @pytest.mark.parametrize(

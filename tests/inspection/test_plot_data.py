@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from skhyst._envelope import envelope
 from skhyst.inspection import binned_statistics, branch, spectrum
 from skhyst.inspection._plot_data import (
     cycle_length,
-    envelope,
     finite_runs,
     log_average,
     loop_spans,

@@ -237,6 +237,7 @@ def faults(table, **options):
         ({"w": np.where(T[9] == T, np.nan, Y)}, "'w' lacks 1 of 200"),
         ({"t": T + 4e-4 * U}, "must be even"),
         ({"u": ["on"] * N}, "Got 'on' in row 0"),
+        ({"y": np.where(abs(T - T[60]) < 0.0105, 0.0, Y)}, r"stuck sensor \(0\) in 21 of the rows"),
     ],
 )
 def test_faults_are_told_without_a_model(change, message):
@@ -245,11 +246,51 @@ def test_faults_are_told_without_a_model(change, message):
     assert pd.Series([faults(table | change)]).str.contains(message).all(), faults(table | change)
 
 
+def test_faults_of_a_record_are_told_with_its_name(tmp_path):
+    """Whether the records are sheets, or begin where time steps back."""
+    path, first = tmp_path / "rig.xlsx", {"t": T, "u": U, "y": Y}
+    second = pd.DataFrame({"t": T, "u": 3.0 * U, "y": np.minimum(2.0 * Y, 0.8)})
+    with pd.ExcelWriter(path) as book:
+        pd.DataFrame(first).to_excel(book, sheet_name="a", index=False)
+        second.to_excel(book, sheet_name="b", index=False)
+    overview = inspect_recording(path)
+    drive = overview.columns[1]
+    assert (drive.low, drive.high) == pytest.approx((3.0 * U.min(), 3.0 * U.max()))
+    assert all(fault.startswith("record b: 'y' is at its largest") for fault in overview.faults)
+    assert overview.faults
+    for change, message in (
+        ({"y": 2.0}, "record 1: 'y' does not move: it is 2 throughout."),
+        ({"u": Y, "y": Y}, "record 1: 'u' and 'y' are the same signal."),
+        ({"u": U, "y": Y}, "record 1: repeated record in 200 of the rows"),
+    ):
+        assert message in faults(pd.concat([pd.DataFrame(first), second.assign(**change)]))
+
+
+def test_signals_that_share_a_name_are_told_apart_by_their_positions(tmp_path):
+    path = tmp_path / "scope.csv"
+    path.write_text(
+        "t,CH1,CH1\n" + "\n".join(f"{t},{u},{y}" for t, u, y in zip(T, U, Y, strict=True))
+    )
+    for drive in (1, "1"):
+        assert recognise_columns(path, drive=drive)["response"].column == 2
+    columns = inspect_recording(path, drive=1).columns
+    assert [column.role for column in columns] == ["time", "drive", "response"]
+
+
+def test_the_port_of_an_instrument_is_no_role():
+    table = {"t": T, "Amp out [V]": U, "Sensor in [V]": Y}
+    assert recognised(table) == ("t", "Amp out [V]", "Sensor in [V]")
+    assert recognised({"t": T, "ADC in": Y, "DAC out": U}) == ("t", "DAC out", "ADC in")
+    assert recognised({"t": T, "piezo in": U, "piezo out": Y}) == ("t", "piezo in", "piezo out")
+
+
 def test_an_overview_tells_roles_records_and_intervals():
     table = pd.DataFrame({"t [ms]": 1e3 * np.append(T, T), "u": [*U, *Z], "y": [*Y, *U]})
     overview = inspect_recording(table)
     assert [column.role for column in overview.columns] == ["time", "drive", "response"]
     assert [record.n_samples for record in overview.records] == [N, N]
+    # between one and two readings for each part of the thumbnail, all at their place
+    np.testing.assert_array_equal(overview.columns[1].outline.T, [np.arange(2 * N), table["u"]])
     assert "record 1: 200 samples every 0.001 s, 0.2 s in all" in str(overview)
     assert "as given" in str(inspect_recording(table, drive="y", response="u"))
 
