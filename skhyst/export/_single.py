@@ -144,9 +144,8 @@ def checked_ends(model, stepper, ranges, span, tolerance, answers, tuned=()):
             rounding[part][1::2] *= -1.0
             moved = [answers(stepper, drive * (1.0 + sign * rounding))[part] for sign in (1, -1)]
             range_ = max(np.ptp([0.0, *expected[part]]), span)
-            allowed = max(
-                tolerance * range_, 2.0 * np.abs(np.subtract(moved, expected[part])).max()
-            )
+            rounded = 2.0 * np.abs(np.subtract(moved, expected[part])).max()
+            allowed = max(tolerance * range_, rounded)
             largest, _ = _largest_error(single, drive[part], expected[part], allowed)
             found.append(largest / range_)
             worst = max(worst, largest / allowed)

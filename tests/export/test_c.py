@@ -580,6 +580,23 @@ def test_jumps_that_single_precision_cannot_hold_are_refused(tmp_path):
     to_c(law, tmp_path, "law", "float32", drive=slow, tolerance=1e-2)
 
 
+def of_turns(u, c, s):
+    """Turn as often as the input is large."""
+    y = u
+    for _ in range(int(min(abs(u), 1e3))):
+        y = 0.5 * (y + u)
+    return y
+
+
+@pytest.mark.parametrize(("most", "end"), [(1e6, 256), (1e3, 1)])
+def test_far_inputs_that_take_long_are_not_tried(tmp_path, monkeypatch, most, end):
+    monkeypatch.setattr("skhyst.export._single.MAX_OPERATIONS", most)
+    of_turns.py_func = of_turns
+    options = {"dt": DT, "drive": [-1.0, 0.0, 1.0]}
+    header, *_ = to_c(CompiledLaw(of_turns, (), ()), tmp_path, "law", "float32", **options)
+    assert re.search(rf"from -{end} to {end}\.\n.* the largest error was 0.0e", header.read_text())
+
+
 @pytest.mark.parametrize("dtype", ["float32", "int32"])
 def test_what_needs_double_precision_says_so(tmp_path, dtype):
     compiled_step, _ = OPERATORS["friction stage"].inverse().ahead(DT, 0.0)

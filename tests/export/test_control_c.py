@@ -251,7 +251,7 @@ def test_input_beyond_the_numbers_raises_a_flag(tmp_path, dtype):
     unit = 2.0**-20 if dtype == "int32" else 1.0
     units = {"input_unit": unit, "output_unit": unit} if dtype == "int32" else {}
     header, *_ = to_c(law, tmp_path, "own", dtype, dt=DT, drive=drive, **units)
-    ends = re.search(r"from (\S+) to (\S+):|below (\S+) or above (\S+),", header.read_text())
+    ends = re.search(r"from (\S+) to (\S+)\.\n|below (\S+) or above (\S+),", header.read_text())
     low, high = (unit * float(end) for end in ends.groups() if end)
     assert low == -high
     assert 1.0 <= high <= 16.0
