@@ -24,6 +24,7 @@ _COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 _INTEGER = re.compile(r"[+-]?\d+")
 _FRACTION = re.compile(r"0\d+([eE][+-]?\d+)?")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
+_GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+(,\d+)?")
 _STAMP = re.compile(r"(\d{4}-\d\d-\d\d[T ]?)?(\d+:\d\d(:\d\d([.,]\d+)?)?)?(Z|[+-]\d\d:?\d\d)?")
 BEYOND = {"inf", "-inf", "+inf", "∞", "-∞"}  # of the instrument's range
 _BLANK = {"", "nan", "-nan", "na", "n/a", "#n/a", "null", "none", "<na>", *BEYOND}
@@ -81,6 +82,11 @@ class Layout:
         return [field for row in self.table for field in row if _COMMA.fullmatch(field)]
 
     @property
+    def sign(self):
+        """Decimal sign of the table."""
+        return self.decimal or ("," if self.commas else ".")
+
+    @property
     def splits_numbers(self):
         """Whether a field after a comma is the fraction of a number, as 05 in 1,05."""
         table = self.table if self.delimiter == "," else []
@@ -115,6 +121,8 @@ class Layout:
         if not fitting:
             return [""] * width, [""] * width
         last, above = fitting[0], fitting[-1]
+        if len(fitting) > 1 and any(above) and _are_units(above) and not _are_units(last):
+            return last, list(map(_bare_unit, above))
         if len(fitting) > 1 and _are_units(last) and (_are_names(above) or _are_spelled(last)):
             keyed = self._keyed_units(width)  # above a row of "Second,Value,Value"
             return above, [
@@ -267,6 +275,8 @@ def find_layout(lines, delimiter, decimal):
     _refuse_odd_rows(layout)
     if not decimal and delimiter != ",":
         _refuse_commas(layout)
+    if not decimal:
+        _refuse_points(layout)
     return layout
 
 
@@ -367,7 +377,8 @@ def _is_number(field, decimal=None):
     if _INTEGER.fullmatch(field):
         return True
     point = decimal != "," and _POINT.fullmatch(field)
-    return bool(point or (decimal != "." and _COMMA.fullmatch(field)))
+    grouped = decimal == "," and _GROUPED.fullmatch(field)
+    return bool(point or grouped or (decimal != "." and _COMMA.fullmatch(field)))
 
 
 def _is_text(field):
@@ -448,3 +459,23 @@ def _refuse_commas(layout):
         raise RecordError(f"its commas may be decimal signs: {_SETTLE}")
     if layout.commas and all(map(_THOUSANDS.fullmatch, layout.commas)):
         raise RecordError("its commas may separate thousands: pass decimal=',' where they do not")
+
+
+def _refuse_points(layout):
+    """Refuse points that may separate thousands: behind them always three digits, as in 17.143.
+
+    Beside whole numbers below 1000, as no number of fixed decimals is written.
+    """
+    for column in zip(*layout.table, strict=True):
+        whole = [field for field in column if _INTEGER.fullmatch(field)]
+        pointed = [f for f in column if f not in whole and _kind(f, None) == "n"]
+        if (
+            whole
+            and pointed
+            and all(_GROUPED.fullmatch(f) and "," not in f for f in pointed)
+            and all(len(f.lstrip("+-")) < 4 for f in whole)
+        ):
+            raise RecordError(
+                f"the point of {pointed[0]} may separate thousands: pass decimal=',' where it "
+                "does, decimal='.' where it is a decimal sign"
+            )

@@ -75,6 +75,8 @@ def test_what_is_no_doubt_is_read(tmp_path, text, columns):
         ("t,u,y\n0,1,1,5,2\n1,2,1,5,2\n", {}, None),
         ("1,250;20,125\n2,250;21,125\n", {"decimal": ","}, [[1.25, 2.25], [20.125, 21.125]]),
         ("run 1,5\nrun 2,5\n", {"decimal": ","}, None),
+        ("u;y\n1;3.002\n6;831\n", {"decimal": ","}, [[1.0, 6.0], [3002.0, 831.0]]),
+        ("u;y\n1;3.002\n6;831\n", {"decimal": "."}, [[1.0, 6.0], [3.002, 831.0]]),
     ],
 )
 def test_what_is_in_doubt_is_refused_with_what_settles_it(tmp_path, text, settled, columns):
@@ -144,3 +146,36 @@ def test_a_line_of_units_is_read_under_every_layout(tmp_path, footer):
     assert (X.columns.tolist(), y.name) == (["u [V]"], "y")
     assert X.index.get_level_values("time").tolist() == [0.0, 0.001]
     assert X["u [V]"].tolist() == [1.5, 2.5]
+
+
+@pytest.mark.parametrize(
+    ("text", "names", "seconds"),
+    [
+        ("t [s],u,y,t [ms],u,y\n0,1,2,0,2,1\n0.5,2,3,500,1,4\n", "u y", [0, 0.5, 0, 0.5]),
+        ("ms,V,um\nt,u,y\n0,1,2\n0.5,2,3\n", "u [V] y [um]", [0, 5e-4]),
+        ("t,u,y\n11:59:59.0 PM,0,0\n11:59:59.5 PM,1,2\n12:00:00.0 AM,2,3\n", "u y", [0, 0.5, 1]),
+        ("t,u,y\n59:59.0,1,2\n59:59.5,2,3\n00:00.0,2,3\n", "u y", [0, 0.5, 1]),
+        (
+            "t,u,y\n05/06/2024 23:59:58,0,1\n05/06/2024 23:59:59,1,2\n05/07/2024 0:00:00,2,3\n",
+            "u y",
+            [0, 1, 2],
+        ),
+        ("t,u,y\n31.05.24 23:59:59,1,2\n01.06.24 00:00:00,2,3\n", "u y", [0, 1]),
+        ("t,u,y\n31-May-2024 23:59:59,1,2\n01-Jun-2024 0:00:00,2,3\n", "u y", [0, 1]),
+    ],
+)
+def test_units_and_times_are_read_as_written(tmp_path, text, names, seconds):
+    (tmp_path / "rig.csv").write_text(text)
+    X, y = read_records(tmp_path / "rig.csv", drive="u", response="y", time="t")
+    assert f"{X.columns[0]} {y.name}" == names
+    times = X.index.get_level_values("time")
+    if times.dtype.kind != "f":
+        times = (times - times[0]).total_seconds()
+    assert times.tolist() == seconds
+
+
+@pytest.mark.parametrize("second", ["04/06/2024 12:00:00", "31 mai 2024"])
+def test_dates_of_several_meanings_are_refused_with_what_mends(tmp_path, second):
+    (tmp_path / "rig.csv").write_text(f"t,u\n05/06/2024 12:00:00,1\n{second},2\n")
+    with pytest.raises(RecordError, match="'sampling_rate' instead of 'time'"):
+        read_records(tmp_path / "rig.csv", drive="u", time="t")
