@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from itertools import dropwhile, groupby, pairwise
 
 from ..exceptions import RecordError
-from ._column_names import SYMBOLS, interval_of, unit_of
+from ._column_names import SYMBOLS, interval_of, unit_of, without_unit
 from ._missing import marks_missing
 
 _DELIMITERS = (";", "\t", ",", " ", None)  # " ": any white space; None: there is one column
@@ -47,6 +47,11 @@ _UNITS_OF = re.compile(
 _UNIT_OF_TIME = re.compile(r"(horizontal|[hx]_?)[ _]?units?([ _]label)?", re.IGNORECASE)
 _NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 _ASSIGNED = re.compile(rf"([^=:]+?)\s*[=:]\s*({_NUMBER})\s*([munµμ]?s|[kM]?Hz)?")
+# as "Sampling period 0.002 s", "Abtastrate;500;Hz" or "Sampling rate: 1,000 Hz"
+_STATED = re.compile(
+    rf"([^=:;]+?)[\s=:;]+(\d{{1,3}}(?:,\d{{3}})+|\d+,\d+|{_NUMBER})[\s;]*([a-zµμ]+(?:/s)?)?",
+    re.IGNORECASE,
+)
 _COMMENTED = re.compile(r"([#%]*)\s*(.*)", re.DOTALL)
 _FACT = re.compile(r"\w+:\s+\S+")  # of Octave: "# columns: 3", which are no names of columns
 _NO_UNIT = re.compile(r"[-–]*|1")
@@ -206,21 +211,28 @@ class Layout:
     @property
     def interval(self):
         """Sampling interval in s from the lines above the table, None if they do not contain it."""
+        mark = "," if self.delimiter == "," else " "
         for row, below in pairwise([*self.rows[: self.first], []]):
-            for i, field in enumerate([*row, _assignment(row)]):
-                assignment = _ASSIGNED.fullmatch(field)
-                name, value, unit_in_field = (
-                    assignment.groups() if assignment else (field.rstrip(" :="), "", None)
-                )
-                for adjacent in (value, *row[i + 1 : i + 2], *below[i : i + 1]):
-                    adjacent = adjacent.replace(",", ".") if self.commas else adjacent
-                    if not re.fullmatch(_NUMBER, adjacent) or not float(adjacent) > 0.0:
-                        continue
-                    unit = unit_in_field or unit_of(name) or next(iter(row[i + 2 : i + 3]), "")
-                    interval = interval_of(name, float(adjacent), unit)
-                    if interval is not None:
-                        return interval
+            for i, field in enumerate([mark.join(row).lstrip("#% "), *row], -1):
+                stated = _STATED.fullmatch(field)
+                name, value, unit = stated.groups("") if stated else (field.rstrip(" :="), "", "")
+                beside = [*row[i + 1 : i + 2], *below[i : i + 1]] if i >= 0 and not value else []
+                for number in map(self._number, (value, *beside)):
+                    behind = "" if value else next(iter(row[i + 2 : i + 3]), "")
+                    for one in (unit,) if unit else (behind, ""):  # the cell may be another fact
+                        found = number and interval_of(name, number, one)
+                        if found:
+                            return found
         return None
+
+    def _number(self, field):
+        """Return a positive number above the table, None if it is none or has two meanings."""
+        if self.commas:
+            field = "" if _GROUPED.fullmatch(field) else field.replace(",", ".")
+        elif _THOUSANDS.fullmatch(field):
+            field = field.replace(",", "")
+        number = float(field) if re.fullmatch(_NUMBER, field) else 0.0
+        return number if number > 0.0 else None
 
     def ends(self, rows):
         """Return the number of rows up to the end of the table; the rest must be a footer."""
@@ -289,7 +301,8 @@ def fields(line, delimiter):
         if mark and _FACT.fullmatch(names):
             return [line.strip()]
         aligned = re.split(r"\s{2,}", names)
-        if mark and len(aligned) > 1:  # names that may have blanks, as "Time (s)"
+        # names that may have blanks, as "Time (s)"
+        if len(aligned) > 1 and (mark or all(map(unit_of, aligned))):
             return [mark + aligned[0], *aligned[1:]]
         line = " ".join(line.split())
     try:

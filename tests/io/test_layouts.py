@@ -6,6 +6,8 @@ import pytest
 from text_layouts import draw_layout, judge
 
 from skhyst.exceptions import RecordError
+from skhyst.io._column_names import time_unit_of
+from skhyst.io._text import parse_table
 from skhyst.records import read_records
 
 
@@ -153,6 +155,7 @@ def test_a_line_of_units_is_read_under_every_layout(tmp_path, footer):
     [
         ("t [s],u,y,t [ms],u,y\n0,1,2,0,2,1\n0.5,2,3,500,1,4\n", "u y", [0, 0.5, 0, 0.5]),
         ("ms,V,um\nt,u,y\n0,1,2\n0.5,2,3\n", "u [V] y [um]", [0, 5e-4]),
+        ("t [s]   u [V]   y [um]\n 0.0   1.5   2.0\n 0.5  2.0  3\n", "u [V] y [um]", [0, 0.5]),
         ("t,u,y\n11:59:59.0 PM,0,0\n11:59:59.5 PM,1,2\n12:00:00.0 AM,2,3\n", "u y", [0, 0.5, 1]),
         ("t,u,y\n59:59.0,1,2\n59:59.5,2,3\n00:00.0,2,3\n", "u y", [0, 0.5, 1]),
         (
@@ -179,3 +182,33 @@ def test_dates_of_several_meanings_are_refused_with_what_mends(tmp_path, second)
     (tmp_path / "rig.csv").write_text(f"t,u\n05/06/2024 12:00:00,1\n{second},2\n")
     with pytest.raises(RecordError, match="'sampling_rate' instead of 'time'"):
         read_records(tmp_path / "rig.csv", drive="u", time="t")
+
+
+@pytest.mark.parametrize(
+    ("head", "rate"),
+    [
+        ("Sampling period 0.002", 500),
+        ("Abtastrate;500;Hz", 500),
+        ("Rate: 500 Hz", 500),
+        ("Rate: 500", None),  # of what
+        ("Acquisition rate: 500 S/s", 500),
+        ("Sampling Rate: 0.5 kS/s", 500),
+        ("Delta t [ms]: 2", 500),
+        ("Scan interval = 2 msec", 500),
+        ("Scan interval = 2 mm", None),
+        ("Sample Time 0.002 s", 500),
+        ("Samples per second: 500", 500),
+        ("Sampling Rate: 1,000 Hz", 1000),
+        ("Drive frequency: 10 Hz", None),
+    ],
+)
+def test_a_rate_above_the_table_is_read_if_a_word_and_its_unit_give_it(head, rate):
+    ((*_, interval),) = parse_table(f"{head}\nu,y\n0.5,1.5\n1.5,2.5\n")
+    assert interval == (rate and pytest.approx(1 / rate))
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"), [("timeMS", "ms"), ("elapsedMillis", "ms"), ("times", ""), ("fieldH", "")]
+)
+def test_the_unit_of_a_time_is_read_from_its_last_word(name, unit):
+    assert time_unit_of(name) == unit
