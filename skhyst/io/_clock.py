@@ -300,8 +300,9 @@ def record_numbers(path, stamps, n):
     still = np.flatnonzero(stamps[1:] == stamps[:-1]) + 1
     if still.size:
         raise RecordError(
-            f"The time of {path.name} does not advance at row {still[0]} ({still.size} rows in "
-            "all), so its stamps are too coarse: pass 'sampling_rate' instead of 'time'."
+            f"The time of {path.name} does not advance at row {still[0]} ({still.size} of {n} rows "
+            "in all): delete rows that are stored twice or, if the stamps are too coarse, pass "
+            "'sampling_rate' instead of 'time'."
         )
     restarts = np.append(False, stamps[1:] < stamps[:-1])
     if restarts.sum() > max(n // 4, 1):

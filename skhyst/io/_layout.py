@@ -52,6 +52,7 @@ _STATED = re.compile(
     rf"([^=:;]+?)[\s=:;]+(\d{{1,3}}(?:,\d{{3}})+|\d+,\d+|{_NUMBER})[\s;]*([a-zµμ]+(?:/s)?)?",
     re.IGNORECASE,
 )
+_WITH_UNIT = re.compile(rf"{_NUMBER}\s+(?:{SYMBOLS})")
 _COMMENTED = re.compile(r"([#%]*)\s*(.*)", re.DOTALL)
 _FACT = re.compile(r"\w+:\s+\S+")  # of Octave: "# columns: 3", which are no names of columns
 _NO_UNIT = re.compile(r"[-–]*|1")
@@ -235,7 +236,7 @@ class Layout:
         return number if number > 0.0 else None
 
     def ends(self, rows):
-        """Return the number of rows up to the end of the table; the rest must be a footer."""
+        """Return the number of rows to the end of the table, and that of one that is no footer."""
         fitting = [
             i
             for i, row in enumerate(rows)
@@ -243,10 +244,9 @@ class Layout:
         ]
         if not fitting:
             raise RecordError("its last lines are not rows of the table that it begins with")
-        for row in rows[fitting[-1] + 1 :]:
-            if not self._is_footer(row):
-                raise RecordError(f"{' '.join(row)[:40]!r} below the table is not a row of it")
-        return fitting[-1] + 1
+        n_rows = fitting[-1] + 1
+        below = (i for i in range(n_rows, len(rows)) if not self._is_footer(rows[i]))
+        return n_rows, next(below, None)
 
     def _is_footer(self, row):
         """Whether a row is blank, or has text in the first column of numbers or times."""
@@ -262,6 +262,7 @@ class Layout:
 
 def find_layout(lines, delimiter, decimal):
     """Return the layout of a text, from its first lines or all of them."""
+    _refuse_units(lines, delimiter)
     layouts = []
     for candidate in _DELIMITERS if delimiter is None else (delimiter,):
         layout = _under(lines, candidate, decimal)
@@ -447,6 +448,18 @@ def _is_named(layout):
     if layout.delimiter is None:
         return not set(row[0]) & {",", ";", "\t"}
     return _are_units(row) or not any(_UNIT.fullmatch(name) for name in row)
+
+
+def _refuse_units(lines, delimiter):
+    """Refuse a text most of whose lines have cells such as 1.5 V."""
+    for candidate in _DELIMITERS[:3] if delimiter is None else (delimiter,):
+        cells = [next(filter(_WITH_UNIT.fullmatch, fields(line, candidate)), "") for line in lines]
+        if 2 * len([*filter(None, cells)]) > len(lines):
+            cell = next(filter(None, cells))
+            raise RecordError(
+                f"its cells hold units, as {cell!r}: leave the numbers alone in them, and write "
+                "the units behind the names, as in 'time [s]'"
+            )
 
 
 def _refuse_odd_rows(layout):

@@ -27,6 +27,7 @@ _WRAPPED = re.compile(r"^[ \t]*[(\[][ \t]*([-+.\d][^()\[\]\r\n]*)[)\]],?[ \t]*$"
 _PREAMBLE = 50  # lines above labelled readings
 _LABEL = re.compile(r"([^\W\d]\w*)[ ]?[:=][ ]?([-+.\d][^\s,;]*)")
 _LABELS = re.compile(rf"\s*{_LABEL.pattern}(?:[\s,;]+{_LABEL.pattern})+[\s,;]*")
+_EXPONENT = re.compile(r"(?<=[\d.])[dD](?=[+-]\d\d)")  # of Fortran
 _NOWHERE = "\x1f"  # a delimiter that no text has
 _IDEOGRAPHS = "\u3005\u4e00-\u9fff"
 _SCRIPTS = {  # encodings that are tried: letters of the script
@@ -53,6 +54,7 @@ def parse_table(text, delimiter=None, decimal=None):
     """
     # a serial monitor writes "12:00:00.123 -> " before each line
     text = _ARRIVED.sub(lambda found: found[1] + (delimiter or found[2] or " "), text)
+    text = _EXPONENT.sub("E", text.replace("\N{MINUS SIGN}", "-"))
     text = _labelled(_WRAPPED.sub(r"\1", text))
     blocks = _repeated(text, delimiter, decimal) or _titled(text, delimiter, decimal)
     tables = []
@@ -185,11 +187,25 @@ def _parsed(text, delimiter, decimal):
     )
     names, units = layout.head
     columns = [_as_numbers(frame[column], layout.sign).to_numpy() for column in frame.columns]
+    _refuse_other_names(text[begin:end], names, layout)
     while len(columns) > 1 and _is_unnamed(names[-1]) and pd.isna(columns[-1]).all():
         for part in (names, units, columns):  # a delimiter at the end of every line
             part.pop()
     names = [name or str(i) for i, name in enumerate(names)]
     return names, units, columns, layout.interval
+
+
+def _refuse_other_names(table, names, layout):
+    """Refuse a line within a table that has its names in another order or with other units."""
+    bare = sorted(map(without_unit, names))
+    longest = max(bare, key=len)
+    for found in re.finditer(re.escape(longest), table) if longest else ():
+        line = _LINE.search(table, table.rfind("\n", 0, found.start()) + 1)
+        if sorted(map(without_unit, fields(line[0], layout.delimiter))) == bare:
+            raise RecordError(
+                f"the line {line[0].strip()!r} within it has the names in another order or with "
+                "other units: store what is below it in a file of its own"
+            )
 
 
 def _as_numbers(column, mark):
@@ -226,7 +242,13 @@ def _table(text, delimiter, decimal):
         lines = _lines(text, max(len(text) - _SAMPLE, begin), len(text))
         lines = lines[1:] or lines  # the first may be cut
         rows = [fields(line[0], layout.delimiter) for line in lines]
-    return layout, begin, lines[layout.ends(rows) - 1].end()
+    n_rows, odd = layout.ends(rows)
+    if odd is not None:
+        raise RecordError(
+            f"line {1 + text.count(chr(10), 0, lines[odd].start())}, {' '.join(rows[odd])[:40]!r}, "
+            "below the table is not a row of it: delete it, as where a logger was stopped in it"
+        )
+    return layout, begin, lines[n_rows - 1].end()
 
 
 def _lines(text, start, end):

@@ -61,6 +61,7 @@ def test_no_layout_is_read_wrongly(tmp_path):
         ("Gain;2\nRate;1000\n\nt;u\n0;1,5\n1;2,5\n", [[0.0, 1.0], [1.5, 2.5]]),
         ("t;u\n0;1,5\n1;2,5\n;\n;\n", [[0.0, 1.0], [1.5, 2.5]]),
         ("t;u\n0;1,5\n1;2,5\nt;u\n", [[0.0, 1.0], [1.5, 2.5]]),  # a second record never begun
+        ("t;u\n1.0D+01;\N{MINUS SIGN}2.5\n2.0D+01;3.5\n", [[10.0, 20.0], [-2.5, 3.5]]),
         ("0,5;1,5;\n1,25;2,5;\n", [[0.5, 1.25], [1.5, 2.5]]),  # every line ends in a delimiter
     ],
 )
@@ -92,7 +93,10 @@ def test_what_is_in_doubt_is_refused_with_what_settles_it(tmp_path, text, settle
     [
         ("t;u\n0;1\n1;2\n\nt;v\n0;1\n1;2\n", "Got 't' in row 2"),  # two tables
         ("t;u\n0;1\n1;2\n3;oops;4\n5;6\n", "oops"),
-        ("t;u\n0;1\n1;2\n2,5\n", "below the table"),
+        ("t;u\n0;1\n1;2\n2,5\n", "line 4, '2,5', below the table"),
+        ("t,u,y\n0,1,2\n1,2,3\nt,y,u\n0,1,2\n", "'t,y,u' within it .* another order"),
+        ("t,u [V]\n0,1\n1,2\nt,u [mV]\n0,1\n", "'t,u .mV.' within it .* other units"),
+        ("t,u,y\n0.0 s,1.5 V,2 um\n0.1 s,2.5 V,3 um\n", "hold units, as '0.0 s'"),
         ("t;u\n0;1;1\n1;2\n2;3\n3;4\n", "0 1 1"),
         ("0;1\n0.1;1.5\n0.2;1.6\n", "may number the columns"),
         ("t;u\n" + "0;1,5\n" * 20_000 + "5,1\n", "below the table"),

@@ -567,9 +567,9 @@ def test_dates_with_points_are_no_clock_times(tmp_path, form, separator):
         assert [(r.n_samples, r.dt) for r in record_slices(X)] == [(n, 3600.0)]
 
 
-@pytest.mark.parametrize(("form", "n"), [("%d.%m.%Y %H:%M", 200), ("%d.%m.%y %H:%M", 20)])
-def test_dates_of_more_than_one_meaning_are_refused(tmp_path, form, n):
-    dates = pd.date_range("2024-01-01", periods=n, freq="1h").strftime(form)
+@pytest.mark.parametrize(("form", "step"), [("%d.%m.%Y %H:%M", "1D"), ("%d.%m.%y %H:%M", "1h")])
+def test_dates_of_more_than_one_meaning_are_refused(tmp_path, form, step):
+    dates = pd.date_range("2024-01-01", periods=12, freq=step).strftime(form)
     with pytest.raises(RecordError, match="have one meaning"):
         read(tmp_path, pd.DataFrame({"t": dates, "u": np.arange(n) % 7}), time="t")
 
