@@ -19,6 +19,7 @@ _HOUR = 3600.0  # s
 _ORDERS = ("d m Y", "m d Y", "d m y", "m d y", "y m d", "d b Y", "d b y", "b d Y")  # of a date
 _DATE = re.compile(r"(\w+)[ ./-]+(\w+)[ ,./-]+(\w+)(?:[ T,]+(.*))?")
 _HALF_DAY = re.compile(r"(\d{1,2}):(\d\d:\d\d(?:\.\d+)?) ?([AP])\.?M\.?", re.IGNORECASE)
+_NO_SECONDS = re.compile(r"^(\d+:\d\d)(?![\d:.])")
 _CODES = {ord(letter): f"%{letter}" for letter in "dmyYb"}
 _MINUTES = re.compile(r"(\d+):([0-5]\d\.\d+)")  # the fraction shows that it is no hh:mm
 # what pandas makes durations of, without the dates (01.01.2024 00:00) that it takes for some
@@ -261,7 +262,9 @@ def _national_dates(column):
 def _date_and_clock(cell):
     """Return the date of a text, its parts between blanks, and the clock time behind it."""
     found = _DATE.fullmatch(cell.strip()) if isinstance(cell, str) else None
-    return (" ".join(found.groups()[:3]), found[4] or "0:00:00") if found else ("", None)
+    if not found:
+        return "", None
+    return " ".join(found.groups()[:3]), _NO_SECONDS.sub(r"\1:00", found[4] or "0:00")
 
 
 def _has_no_gap(dates):

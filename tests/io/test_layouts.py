@@ -181,13 +181,6 @@ def test_units_and_times_are_read_as_written(tmp_path, text, names, seconds):
     assert times.tolist() == seconds
 
 
-@pytest.mark.parametrize("second", ["04/06/2024 12:00:00", "31 mai 2024"])
-def test_dates_of_several_meanings_are_refused_with_what_mends(tmp_path, second):
-    (tmp_path / "rig.csv").write_text(f"t,u\n05/06/2024 12:00:00,1\n{second},2\n")
-    with pytest.raises(RecordError, match="'sampling_rate' instead of 'time'"):
-        read_records(tmp_path / "rig.csv", drive="u", time="t")
-
-
 @pytest.mark.parametrize(
     ("head", "rate"),
     [
