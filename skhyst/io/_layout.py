@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from itertools import dropwhile, groupby, pairwise
 
 from ..exceptions import RecordError
-from ._column_names import SYMBOLS, interval_of, unit_of, without_unit
+from ._column_names import SYMBOLS, interval_of, unit_of
 from ._missing import marks_missing
 
 _DELIMITERS = (";", "\t", ",", " ", None)  # " ": any white space; None: there is one column
