@@ -16,14 +16,12 @@ JITTER = 0.25  # largest deviation of one interval, as a fraction: both ends rou
 _MISMATCH = 0.01  # relative difference of two rates that contradict each other
 _NEXT = 1.5  # intervals to the next sample, also where the clock begins anew
 _HOUR = 3600.0  # s
-_NATIONAL = (  # dates that pandas does not parse by itself, or can parse in several ways
-    {"dayfirst": True},
-    {"dayfirst": False},
-    {"format": "%m/%d/%Y %I:%M:%S.%f %p"},
-    {"format": "%m/%d/%Y %I:%M:%S %p"},
-    {"format": "%I:%M:%S.%f %p"},
-    {"format": "%I:%M:%S %p"},
-)
+_ORDERS = ("d m Y", "m d Y", "d m y", "m d y", "y m d", "d b Y", "d b y", "b d Y")  # of a date
+_DATE = re.compile(r"(\w+)[ ./-]+(\w+)[ ,./-]+(\w+)(?:[ T,]+(.*))?")
+_HALF_DAY = re.compile(r"(\d{1,2}):(\d\d:\d\d(?:\.\d+)?) ?([AP])\.?M\.?", re.IGNORECASE)
+_NO_SECONDS = re.compile(r"^(\d+:\d\d)(?![\d:.])")
+_CODES = {ord(letter): f"%{letter}" for letter in "dmyYb"}
+_MINUTES = re.compile(r"(\d+):([0-5]\d\.\d+)")  # the fraction shows that it is no hh:mm
 # what pandas makes durations of, without the dates (01.01.2024 00:00) that it takes for some
 _DURATION = re.compile(
     r"[+-]?(\d+ days?,? [+-]?)?\d+:[0-5]?\d:[0-5]?\d(\.\d+)?"
@@ -100,9 +98,10 @@ def times(path, column, unit):
         return _seconds(path, name, numbers(path, name, values), unit)
     # a comma is a decimal one, which pandas would leave out
     column = column.map(_with_point, na_action="ignore")
-    clock = pd.to_timedelta(column.map(_duration, na_action="ignore"), errors="coerce")
+    clock = _clock(column)
     if clock.notna().any() and (clock.notna() | column.isna()).all():
-        return _going_on(pd.TimedeltaIndex(clock))
+        in_minutes = _MINUTES.fullmatch(str(column.dropna().iloc[0]).strip())
+        return _going_on(pd.TimedeltaIndex(clock), bool(in_minutes))
     with reading(path):
         try:
             dates = pd.to_datetime(column, format="ISO8601", utc=True)
@@ -113,7 +112,8 @@ def times(path, column, unit):
                 raise RecordError(
                     f"the time {name!r} must be numbers, ISO 8601 dates (2024-05-31T12:00:00.5), "
                     "others that have one meaning (31.05.2024 12:00:00.5) or clock times "
-                    f"(hh:mm:ss.fff). It starts with {first!r} instead"
+                    f"(hh:mm:ss.fff). It starts with {first!r} instead: write such times, or pass "
+                    "'sampling_rate' instead of 'time'"
                 ) from error
     dates = pd.DatetimeIndex(dates).tz_localize(None)
     seconds = _count(dates)
@@ -176,14 +176,22 @@ def _count(stamps):
     return ((stamps - origin) / pd.Timedelta(seconds=1)).to_numpy()
 
 
-def _going_on(clock):
-    """Return clock times that go on where they step back to begin a day, or 12 hours, anew."""
+def _clock(column):
+    """Return durations and clock times, not a time where a cell is another text."""
+    return pd.to_timedelta(column.map(_duration, na_action="ignore"), errors="coerce")
+
+
+def _going_on(clock, in_minutes):
+    """Return clock times that go on where they step back to begin a day, or 12 hours, anew.
+
+    One of minutes and seconds begins each hour anew.
+    """
     seconds = clock.total_seconds().to_numpy()
     steps, hours = np.diff(seconds), np.floor(seconds / _HOUR)
     if not (steps > 0.0).any() or hours.max() >= 24.0:
         return clock
     is_12 = hours.min() >= 1.0 and hours.max() <= 12.0  # 12:59:59 is followed by 1:00:00
-    turn = (12.0 if is_12 else 24.0) * _HOUR
+    turn = (12.0 if is_12 else 1.0 if in_minutes and hours.max() < 1.0 else 24.0) * _HOUR
     return clock + np.cumsum(_begins_anew(seconds, turn)) * pd.Timedelta(seconds=turn)
 
 
@@ -214,14 +222,25 @@ def _with_point(cell):
 
 
 def _duration(cell):
-    """Return a cell, None if it is a text that is no duration."""
-    return cell if not isinstance(cell, str) or _DURATION.fullmatch(cell.strip()) else None
+    """Return a cell as a duration or a clock time of 24 hours, None if it is another text."""
+    if not isinstance(cell, str):
+        return cell
+    cell = cell.strip()
+    if half := _HALF_DAY.fullmatch(cell):
+        return f"{int(half[1]) % 12 + 12 * (half[3] in 'Pp')}:{half[2]}"
+    if minutes := _MINUTES.fullmatch(cell):
+        return f"{int(minutes[1]) // 60}:{int(minutes[1]) % 60:02}:{minutes[2]}"
+    return cell if _DURATION.fullmatch(cell) else None
 
 
 def _national_dates(column):
-    """Return dates in a national format, None if several formats give different intervals."""
+    """Return dates in a national format, None if several formats give different intervals.
+
+    Of these, the one in which the samples follow each other without a gap is meant, if it alone is:
+    05/06 before midnight and 05/07 after it are days in May.
+    """
     parses = []
-    for options in _NATIONAL:
+    for options in ({"dayfirst": True}, {"dayfirst": False}):
         with warnings.catch_warnings(record=True) as ambiguities:  # pandas guesses row by row
             warnings.simplefilter("always")
             try:
@@ -229,8 +248,28 @@ def _national_dates(column):
             except (ValueError, TypeError):
                 continue
         parses += [] if ambiguities else [dates]
+    parts = column.map(_date_and_clock, na_action="ignore")
+    days, clock = parts.str[0], _clock(parts.str[1])
+    for order in _ORDERS if (clock.notna() | column.isna()).all() else ():
+        dates = pd.to_datetime(days, format=order.translate(_CODES), errors="coerce") + clock
+        parses += [dates] if (dates.notna() | column.isna()).all() else []
+    if any(not parses[0].diff().equals(other.diff()) for other in parses[1:]):
+        parses = [dates for dates in parses if _has_no_gap(dates)]
     is_unique = parses and all(parses[0].diff().equals(other.diff()) for other in parses[1:])
     return parses[0] if is_unique else None
+
+
+def _date_and_clock(cell):
+    """Return the date of a text, its parts between blanks, and the clock time behind it."""
+    found = _DATE.fullmatch(cell.strip()) if isinstance(cell, str) else None
+    if not found:
+        return "", None
+    return " ".join(found.groups()[:3]), _NO_SECONDS.sub(r"\1:00", found[4] or "0:00")
+
+
+def _has_no_gap(dates):
+    steps = dates.dropna().diff().dt.total_seconds().to_numpy()[1:]
+    return bool(steps.size and steps.min() > 0.0 and steps.max() <= _NEXT * np.median(steps))
 
 
 def record_labels(values):
@@ -264,8 +303,9 @@ def record_numbers(path, stamps, n):
     still = np.flatnonzero(stamps[1:] == stamps[:-1]) + 1
     if still.size:
         raise RecordError(
-            f"The time of {path.name} does not advance at row {still[0]} ({still.size} rows in "
-            "all), so its stamps are too coarse: pass 'sampling_rate' instead of 'time'."
+            f"The time of {path.name} does not advance at row {still[0]} ({still.size} of {n} rows "
+            "in all): delete rows that are stored twice or, if the stamps are too coarse, pass "
+            "'sampling_rate' instead of 'time'."
         )
     restarts = np.append(False, stamps[1:] < stamps[:-1])
     if restarts.sum() > max(n // 4, 1):

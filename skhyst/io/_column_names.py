@@ -24,27 +24,34 @@ _SPELLED = {  # other spellings
 _TIMES = {word: unit for unit, words in _SPELLED.items() for word in (unit, *words)}
 _BRACKETED_TIMES = _TIMES | dict.fromkeys(("d", "day", "days"), "d")  # by itself d is a distance
 _INTERVAL = re.compile(
-    r"(sampl(e|ing)[ _]?)?interval|sampl(e|ing)[ _]?(time|cycle|period)|delta_x|hresolution|t_?inc"
-    r"|(wf_)?increment|tinterval|dt|ts",
+    r"((sampl(e|ing)|scan|acquisition|logging)[ _]?)?interval|sampl(e|ing)[ _]?(time|cycle|period)"
+    r"|abtast(zeit|intervall|periode)|delta[ _](x|t)|Δt|hresolution|t_?inc|(wf_)?increment"
+    r"|tinterval|dt|ts",
     re.IGNORECASE,
 )
-_RATE = re.compile(r"sampl(e|ing)[ _]?(rate|frequency)|abtast(rate|frequenz)|fs", re.IGNORECASE)
-_HERTZ = re.compile(r"([kMG]?)(Hz|Sa?/s|Sps)")
+_RATE = re.compile(
+    r"(sampl(e|ing)|scan|acquisition)[ _]?(rate|frequency)|samples (per|/) s(ec(ond)?)?"
+    r"|abtast(rate|frequenz)|fs",
+    re.IGNORECASE,
+)
+_HERTZ = re.compile(r"([kMG]?)(Hz|Sa?/s|samples/s|Sps)")
 _LAST_UNIT = re.compile(r"(?<=\w)[ _]([munµμ]?s|[kMG]?Hz)$")  # "dt_ms", "fs kHz"
 
 
 def interval_of(name, value, unit=""):
     """Return the sampling interval in s if a name is one of an interval or a rate, else None.
 
-    ``unit`` is its unit where the name has none; without any it is s or Hz.
+    ``unit`` is its unit where the name has none; without any it is s or Hz. In another unit it is
+    none of them, and a rate alone is one of samples only if it has a unit.
     """
     last = _LAST_UNIT.search(name)
     unit = unit_of(name) or (last[1] if last else unit)
     bare = _LAST_UNIT.sub("", without_unit(name))
     if _INTERVAL.fullmatch(bare):
-        return value * SECONDS[_BRACKETED_TIMES.get(unit.lower(), "s")]
-    if _RATE.fullmatch(bare):
-        hertz = _HERTZ.fullmatch(unit)
+        unit = _BRACKETED_TIMES.get(unit.lower()) if unit else "s"
+        return value * SECONDS[unit] if unit else None
+    hertz = _HERTZ.fullmatch(unit)
+    if (_RATE.fullmatch(bare) and (hertz or not unit)) or (bare.lower() == "rate" and hertz):
         return 1.0 / (value * {"k": 1e3, "M": 1e6, "G": 1e9}.get(hertz and hertz[1], 1.0))
     return None
 
@@ -120,4 +127,5 @@ def time_unit_of(name):
         raise ValueError(unit)
     if unit:
         return _BRACKETED_TIMES[unit.lower()]
-    return _TIMES.get(re.split(r"[\W_]", str(name))[-1].lower(), "")
+    joined = re.fullmatch(rf"(?i:{TIME})(?<=[a-z])([A-Z]\w*)", str(name))  # as timeMS
+    return _TIMES.get((joined[1] if joined else re.split(r"[\W_]", str(name))[-1]).lower(), "")

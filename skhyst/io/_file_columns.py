@@ -73,8 +73,10 @@ def record_groups(variables, wanted):
 
 
 def _has_all(variables, wanted):
+    """Whether a group has all columns; one in another unit is refused later, not passed over."""
     names = {name for v in variables for name in (v.bare, v.bare_label, without_unit(v.bare))}
-    return bool(wanted and variables[0].group) and all(one in names for one in wanted)
+    bare = [one if one in names else without_unit(str(one)) for one in wanted]
+    return bool(wanted and variables[0].group) and names.issuperset(bare)
 
 
 def as_columns(columns):

@@ -24,6 +24,7 @@ _COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 _INTEGER = re.compile(r"[+-]?\d+")
 _FRACTION = re.compile(r"0\d+([eE][+-]?\d+)?")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
+_GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+(,\d+)?")
 _STAMP = re.compile(r"(\d{4}-\d\d-\d\d[T ]?)?(\d+:\d\d(:\d\d([.,]\d+)?)?)?(Z|[+-]\d\d:?\d\d)?")
 BEYOND = {"inf", "-inf", "+inf", "∞", "-∞"}  # of the instrument's range
 _BLANK = {"", "nan", "-nan", "na", "n/a", "#n/a", "null", "none", "<na>", *BEYOND}
@@ -46,6 +47,12 @@ _UNITS_OF = re.compile(
 _UNIT_OF_TIME = re.compile(r"(horizontal|[hx]_?)[ _]?units?([ _]label)?", re.IGNORECASE)
 _NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 _ASSIGNED = re.compile(rf"([^=:]+?)\s*[=:]\s*({_NUMBER})\s*([munµμ]?s|[kM]?Hz)?")
+# as "Sampling period 0.002 s", "Abtastrate;500;Hz" or "Sampling rate: 1,000 Hz"
+_STATED = re.compile(
+    rf"([^=:;]+?)[\s=:;]+(\d{{1,3}}(?:,\d{{3}})+|\d+,\d+|{_NUMBER})[\s;]*([a-zµμ]+(?:/s)?)?",
+    re.IGNORECASE,
+)
+_WITH_UNIT = re.compile(rf"{_NUMBER}\s+(?:{SYMBOLS})")
 _COMMENTED = re.compile(r"([#%]*)\s*(.*)", re.DOTALL)
 _FACT = re.compile(r"\w+:\s+\S+")  # of Octave: "# columns: 3", which are no names of columns
 _NO_UNIT = re.compile(r"[-–]*|1")
@@ -79,6 +86,11 @@ class Layout:
     def commas(self):
         """Numbers with a comma in the table."""
         return [field for row in self.table for field in row if _COMMA.fullmatch(field)]
+
+    @property
+    def sign(self):
+        """Decimal sign of the table."""
+        return self.decimal or ("," if self.commas else ".")
 
     @property
     def splits_numbers(self):
@@ -115,6 +127,8 @@ class Layout:
         if not fitting:
             return [""] * width, [""] * width
         last, above = fitting[0], fitting[-1]
+        if len(fitting) > 1 and any(above) and _are_units(above) and not _are_units(last):
+            return last, list(map(_bare_unit, above))
         if len(fitting) > 1 and _are_units(last) and (_are_names(above) or _are_spelled(last)):
             keyed = self._keyed_units(width)  # above a row of "Second,Value,Value"
             return above, [
@@ -198,24 +212,31 @@ class Layout:
     @property
     def interval(self):
         """Sampling interval in s from the lines above the table, None if they do not contain it."""
+        mark = "," if self.delimiter == "," else " "
         for row, below in pairwise([*self.rows[: self.first], []]):
-            for i, field in enumerate([*row, _assignment(row)]):
-                assignment = _ASSIGNED.fullmatch(field)
-                name, value, unit_in_field = (
-                    assignment.groups() if assignment else (field.rstrip(" :="), "", None)
-                )
-                for adjacent in (value, *row[i + 1 : i + 2], *below[i : i + 1]):
-                    adjacent = adjacent.replace(",", ".") if self.commas else adjacent
-                    if not re.fullmatch(_NUMBER, adjacent) or not float(adjacent) > 0.0:
-                        continue
-                    unit = unit_in_field or unit_of(name) or next(iter(row[i + 2 : i + 3]), "")
-                    interval = interval_of(name, float(adjacent), unit)
-                    if interval is not None:
-                        return interval
+            for i, field in enumerate([mark.join(row).lstrip("#% "), *row], -1):
+                stated = _STATED.fullmatch(field)
+                name, value, unit = stated.groups("") if stated else (field.rstrip(" :="), "", "")
+                beside = [*row[i + 1 : i + 2], *below[i : i + 1]] if i >= 0 and not value else []
+                for number in map(self._number, (value, *beside)):
+                    behind = "" if value else next(iter(row[i + 2 : i + 3]), "")
+                    for one in (unit,) if unit else (behind, ""):  # the cell may be another fact
+                        found = number and interval_of(name, number, one)
+                        if found:
+                            return found
         return None
 
+    def _number(self, field):
+        """Return a positive number above the table, None if it is none or has two meanings."""
+        if self.commas:
+            field = "" if _GROUPED.fullmatch(field) else field.replace(",", ".")
+        elif _THOUSANDS.fullmatch(field):
+            field = field.replace(",", "")
+        number = float(field) if re.fullmatch(_NUMBER, field) else 0.0
+        return number if number > 0.0 else None
+
     def ends(self, rows):
-        """Return the number of rows up to the end of the table; the rest must be a footer."""
+        """Return the number of rows to the end of the table, and that of one that is no footer."""
         fitting = [
             i
             for i, row in enumerate(rows)
@@ -223,10 +244,9 @@ class Layout:
         ]
         if not fitting:
             raise RecordError("its last lines are not rows of the table that it begins with")
-        for row in rows[fitting[-1] + 1 :]:
-            if not self._is_footer(row):
-                raise RecordError(f"{' '.join(row)[:40]!r} below the table is not a row of it")
-        return fitting[-1] + 1
+        n_rows = fitting[-1] + 1
+        below = (i for i in range(n_rows, len(rows)) if not self._is_footer(rows[i]))
+        return n_rows, next(below, None)
 
     def _is_footer(self, row):
         """Whether a row is blank, or has text in the first column of numbers or times."""
@@ -242,6 +262,7 @@ class Layout:
 
 def find_layout(lines, delimiter, decimal):
     """Return the layout of a text, from its first lines or all of them."""
+    _refuse_units(lines, delimiter)
     layouts = []
     for candidate in _DELIMITERS if delimiter is None else (delimiter,):
         layout = _under(lines, candidate, decimal)
@@ -267,6 +288,8 @@ def find_layout(lines, delimiter, decimal):
     _refuse_odd_rows(layout)
     if not decimal and delimiter != ",":
         _refuse_commas(layout)
+    if not decimal:
+        _refuse_points(layout)
     return layout
 
 
@@ -279,7 +302,8 @@ def fields(line, delimiter):
         if mark and _FACT.fullmatch(names):
             return [line.strip()]
         aligned = re.split(r"\s{2,}", names)
-        if mark and len(aligned) > 1:  # names that may have blanks, as "Time (s)"
+        # names that may have blanks, as "Time (s)"
+        if len(aligned) > 1 and (mark or all(map(unit_of, aligned))):
             return [mark + aligned[0], *aligned[1:]]
         line = " ".join(line.split())
     try:
@@ -367,7 +391,8 @@ def _is_number(field, decimal=None):
     if _INTEGER.fullmatch(field):
         return True
     point = decimal != "," and _POINT.fullmatch(field)
-    return bool(point or (decimal != "." and _COMMA.fullmatch(field)))
+    grouped = decimal == "," and _GROUPED.fullmatch(field)
+    return bool(point or grouped or (decimal != "." and _COMMA.fullmatch(field)))
 
 
 def _is_text(field):
@@ -425,6 +450,18 @@ def _is_named(layout):
     return _are_units(row) or not any(_UNIT.fullmatch(name) for name in row)
 
 
+def _refuse_units(lines, delimiter):
+    """Refuse a text most of whose lines have cells such as 1.5 V."""
+    for candidate in _DELIMITERS[:3] if delimiter is None else (delimiter,):
+        cells = [next(filter(_WITH_UNIT.fullmatch, fields(line, candidate)), "") for line in lines]
+        if 2 * len([*filter(None, cells)]) > len(lines):
+            cell = next(filter(None, cells))
+            raise RecordError(
+                f"its cells hold units, as {cell!r}: leave the numbers alone in them, and write "
+                "the units behind the names, as in 'time [s]'"
+            )
+
+
 def _refuse_odd_rows(layout):
     """Refuse rows of another width, and a first row that may be the numbers of the columns."""
     width, table = len(layout.form), layout.table
@@ -448,3 +485,23 @@ def _refuse_commas(layout):
         raise RecordError(f"its commas may be decimal signs: {_SETTLE}")
     if layout.commas and all(map(_THOUSANDS.fullmatch, layout.commas)):
         raise RecordError("its commas may separate thousands: pass decimal=',' where they do not")
+
+
+def _refuse_points(layout):
+    """Refuse points that may separate thousands: behind them always three digits, as in 17.143.
+
+    Beside whole numbers below 1000, as no number of fixed decimals is written.
+    """
+    for column in zip(*layout.table, strict=True):
+        whole = [field for field in column if _INTEGER.fullmatch(field)]
+        pointed = [f for f in column if f not in whole and _kind(f, None) == "n"]
+        if (
+            whole
+            and pointed
+            and all(_GROUPED.fullmatch(f) and "," not in f for f in pointed)
+            and all(len(f.lstrip("+-")) < 4 for f in whole)
+        ):
+            raise RecordError(
+                f"the point of {pointed[0]} may separate thousands: pass decimal=',' where it "
+                "does, decimal='.' where it is a decimal sign"
+            )

@@ -575,6 +575,12 @@ def _question(path, variables, role, candidates):
         return f"In {path.name} no column is left for the {role}. {listed} {_JOIN}"
     runs = interleaved(path, variables, candidates[0].values) if role == "time" else ""
     shown = ", ".join(repr(c.name) for c in candidates[:_SHOWN])
+    if role == "time" and not any(c.rises for c in candidates):
+        mend = runs or (
+            "Sort the rows by time or, if the stamps are too coarse, pass 'sampling_rate' instead "
+            "of 'time'."
+        )
+        return f"In {path.name} the values of {shown} do not increase from row to row. {mend}"
     may_be = "more than one column may be" if len(candidates) > 1 else "no column is known to be"
     question = f"In {path.name} {may_be} the {role}: pass {role}=NAME. Candidates: {shown}."
     return f"{question} {runs}".rstrip()

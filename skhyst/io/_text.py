@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from ..exceptions import RecordError
-from ._column_names import is_time, without_unit
+from ._column_names import is_time, unit_of, without_unit
 from ._layout import BEYOND, fields, find_layout, fits, is_assignment
 from ._missing import marks_missing
 
@@ -27,6 +27,7 @@ _WRAPPED = re.compile(r"^[ \t]*[(\[][ \t]*([-+.\d][^()\[\]\r\n]*)[)\]],?[ \t]*$"
 _PREAMBLE = 50  # lines above labelled readings
 _LABEL = re.compile(r"([^\W\d]\w*)[ ]?[:=][ ]?([-+.\d][^\s,;]*)")
 _LABELS = re.compile(rf"\s*{_LABEL.pattern}(?:[\s,;]+{_LABEL.pattern})+[\s,;]*")
+_EXPONENT = re.compile(r"(?<=[\d.])[dD](?=[+-]\d\d)")  # of Fortran
 _NOWHERE = "\x1f"  # a delimiter that no text has
 _IDEOGRAPHS = "\u3005\u4e00-\u9fff"
 _SCRIPTS = {  # encodings that are tried: letters of the script
@@ -53,6 +54,7 @@ def parse_table(text, delimiter=None, decimal=None):
     """
     # a serial monitor writes "12:00:00.123 -> " before each line
     text = _ARRIVED.sub(lambda found: found[1] + (delimiter or found[2] or " "), text)
+    text = _EXPONENT.sub("E", text.replace("\N{MINUS SIGN}", "-"))
     text = _labelled(_WRAPPED.sub(r"\1", text))
     blocks = _repeated(text, delimiter, decimal) or _titled(text, delimiter, decimal)
     tables = []
@@ -130,17 +132,21 @@ def _side_by_side(names, units, columns, interval):
     """Return tables whose names repeat side by side, without the blank rows below them.
 
     Names that begin with a time repeat, too, if a mark follows them, as in t1, u1, y1, t2, u2, y2.
+    The names are those of the first table, the units its own of each.
     """
     used = [i for i, v in enumerate(columns) if names[i] != str(i) or not pd.isna(v).all()]
     bare = [_MARK.sub("", without_unit(names[i]).lower()) for i in used]
-    for shown, least in (([names[i] for i in used], 2), (bare, 3)):
+    plain = [without_unit(names[i]) for i in used]
+    for shown, least in ((plain, 2), (bare, 3)):
         widths = (n for n in range(least, len(shown) // 2 + 1) if len(shown) % n == 0)
         width = next((n for n in widths if shown == shown[:n] * (len(shown) // n)), None)
         if width and len(set(shown[:width])) == width and (least == 2 or is_time(shown[0])):
             break
     else:
         return [(*_without_copies(names, units, columns), interval)]
-    tables = []
+    tables, own = [], [unit_of(name) or unit for name, unit in zip(names, units, strict=True)]
+    if any(own[i] != own[used[n % width]] for n, i in enumerate(used)):
+        names, units = [without_unit(name) for name in names], own
     for k in range(0, len(used), width):
         group = used[k : k + width]
         empty = np.logical_and.reduce([pd.isna(columns[i]) for i in group])
@@ -174,13 +180,14 @@ def _parsed(text, delimiter, decimal):
         io.StringIO(text[begin:end]),
         sep=separator,
         header=None,
-        decimal="," if layout.commas else ".",
+        decimal=layout.sign,
         skipinitialspace=True,
         low_memory=False,
         na_values=sorted(BEYOND),
     )
     names, units = layout.head
-    columns = [_as_numbers(frame[column], layout.commas).to_numpy() for column in frame.columns]
+    columns = [_as_numbers(frame[column], layout.sign).to_numpy() for column in frame.columns]
+    _refuse_other_names(text[begin:end], names, layout)
     while len(columns) > 1 and _is_unnamed(names[-1]) and pd.isna(columns[-1]).all():
         for part in (names, units, columns):  # a delimiter at the end of every line
             part.pop()
@@ -188,13 +195,26 @@ def _parsed(text, delimiter, decimal):
     return names, units, columns, layout.interval
 
 
-def _as_numbers(column, commas):
+def _refuse_other_names(table, names, layout):
+    """Refuse a line within a table that has its names in another order or with other units."""
+    bare = sorted(map(without_unit, names))
+    longest = max(bare, key=len)
+    for found in re.finditer(re.escape(longest), table) if longest else ():
+        line = _LINE.search(table, table.rfind("\n", 0, found.start()) + 1)
+        if sorted(map(without_unit, fields(line[0], layout.delimiter))) == bare:
+            raise RecordError(
+                f"the line {line[0].strip()!r} within it has the names in another order or with "
+                "other units: store what is below it in a file of its own"
+            )
+
+
+def _as_numbers(column, mark):
     """Return a column of text as numbers if its readings are, as 1.5, ---, 1.234,50 or 1'234.5."""
     if column.dtype.kind != "O":
         return column
     text = column.dropna().astype(str).str.strip()
     text = text[[not marks_missing(cell) for cell in text]]
-    mark, other = (",", ".") if commas else (".", ",")
+    other = "." if mark == "," else ","
     groups = rf"\d{{1,3}}(?:[{other}'’\s]\d{{3}})+|\d*"
     form = rf"[+-]?(?:{groups})(?:\{mark}\d*)?(?:[eE][+-]?\d+)?"
     if text.empty or not text.str.fullmatch(form).all():
@@ -222,7 +242,13 @@ def _table(text, delimiter, decimal):
         lines = _lines(text, max(len(text) - _SAMPLE, begin), len(text))
         lines = lines[1:] or lines  # the first may be cut
         rows = [fields(line[0], layout.delimiter) for line in lines]
-    return layout, begin, lines[layout.ends(rows) - 1].end()
+    n_rows, odd = layout.ends(rows)
+    if odd is not None:
+        raise RecordError(
+            f"line {1 + text.count(chr(10), 0, lines[odd].start())}, {' '.join(rows[odd])[:40]!r}, "
+            "below the table is not a row of it: delete it, as where a logger was stopped in it"
+        )
+    return layout, begin, lines[n_rows - 1].end()
 
 
 def _lines(text, start, end):

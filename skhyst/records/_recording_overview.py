@@ -55,7 +55,10 @@ class RecordingOverview:
         lines += [f"  one row every {intervals}, as the file says"] if intervals else []
         names = record_names(self.records)
         for record, name in list(zip(self.records, names, strict=True))[:_MOST]:
-            every = "at an unknown interval (samples are counted)"
+            every = (
+                "at an unknown interval (samples are counted; sampling_rate, --sampling-rate on "
+                "the command line, gives it)"
+            )
             if record.time_unit == "s":
                 every = f"every {record.dt:g} s, {record.duration:.4g} s in all"
             lost = f", {len(record.lost)} lost" if record.lost else ""

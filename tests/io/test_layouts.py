@@ -6,6 +6,8 @@ import pytest
 from text_layouts import draw_layout, judge
 
 from skhyst.exceptions import RecordError
+from skhyst.io._column_names import time_unit_of
+from skhyst.io._text import parse_table
 from skhyst.records import read_records
 
 
@@ -59,6 +61,7 @@ def test_no_layout_is_read_wrongly(tmp_path):
         ("Gain;2\nRate;1000\n\nt;u\n0;1,5\n1;2,5\n", [[0.0, 1.0], [1.5, 2.5]]),
         ("t;u\n0;1,5\n1;2,5\n;\n;\n", [[0.0, 1.0], [1.5, 2.5]]),
         ("t;u\n0;1,5\n1;2,5\nt;u\n", [[0.0, 1.0], [1.5, 2.5]]),  # a second record never begun
+        ("t;u\n1.0D+01;\N{MINUS SIGN}2.5\n2.0D+01;3.5\n", [[10.0, 20.0], [-2.5, 3.5]]),
         ("0,5;1,5;\n1,25;2,5;\n", [[0.5, 1.25], [1.5, 2.5]]),  # every line ends in a delimiter
     ],
 )
@@ -75,6 +78,8 @@ def test_what_is_no_doubt_is_read(tmp_path, text, columns):
         ("t,u,y\n0,1,1,5,2\n1,2,1,5,2\n", {}, None),
         ("1,250;20,125\n2,250;21,125\n", {"decimal": ","}, [[1.25, 2.25], [20.125, 21.125]]),
         ("run 1,5\nrun 2,5\n", {"decimal": ","}, None),
+        ("u;y\n1;3.002\n6;831\n", {"decimal": ","}, [[1.0, 6.0], [3002.0, 831.0]]),
+        ("u;y\n1;3.002\n6;831\n", {"decimal": "."}, [[1.0, 6.0], [3.002, 831.0]]),
     ],
 )
 def test_what_is_in_doubt_is_refused_with_what_settles_it(tmp_path, text, settled, columns):
@@ -88,7 +93,10 @@ def test_what_is_in_doubt_is_refused_with_what_settles_it(tmp_path, text, settle
     [
         ("t;u\n0;1\n1;2\n\nt;v\n0;1\n1;2\n", "Got 't' in row 2"),  # two tables
         ("t;u\n0;1\n1;2\n3;oops;4\n5;6\n", "oops"),
-        ("t;u\n0;1\n1;2\n2,5\n", "below the table"),
+        ("t;u\n0;1\n1;2\n2,5\n", "line 4, '2,5', below the table"),
+        ("t,u,y\n0,1,2\n1,2,3\nt,y,u\n0,1,2\n", "'t,y,u' within it .* another order"),
+        ("t,u [V]\n0,1\n1,2\nt,u [mV]\n0,1\n", "'t,u .mV.' within it .* other units"),
+        ("t,u,y\n0.0 s,1.5 V,2 um\n0.1 s,2.5 V,3 um\n", "hold units, as '0.0 s'"),
         ("t;u\n0;1;1\n1;2\n2;3\n3;4\n", "0 1 1"),
         ("0;1\n0.1;1.5\n0.2;1.6\n", "may number the columns"),
         ("t;u\n" + "0;1,5\n" * 20_000 + "5,1\n", "below the table"),
@@ -144,3 +152,63 @@ def test_a_line_of_units_is_read_under_every_layout(tmp_path, footer):
     assert (X.columns.tolist(), y.name) == (["u [V]"], "y")
     assert X.index.get_level_values("time").tolist() == [0.0, 0.001]
     assert X["u [V]"].tolist() == [1.5, 2.5]
+
+
+@pytest.mark.parametrize(
+    ("text", "names", "seconds"),
+    [
+        ("t [s],u,y,t [ms],u,y\n0,1,2,0,2,1\n0.5,2,3,500,1,4\n", "u y", [0, 0.5, 0, 0.5]),
+        ("ms,V,um\nt,u,y\n0,1,2\n0.5,2,3\n", "u [V] y [um]", [0, 5e-4]),
+        ("t [s]   u [V]   y [um]\n 0.0   1.5   2.0\n 0.5  2.0  3\n", "u [V] y [um]", [0, 0.5]),
+        ("t,u,y\n11:59:59.0 PM,0,0\n11:59:59.5 PM,1,2\n12:00:00.0 AM,2,3\n", "u y", [0, 0.5, 1]),
+        ("t,u,y\n59:59.0,1,2\n59:59.5,2,3\n00:00.0,2,3\n", "u y", [0, 0.5, 1]),
+        (
+            "t,u,y\n05/06/2024 23:59:58,0,1\n05/06/2024 23:59:59,1,2\n05/07/2024 0:00:00,2,3\n",
+            "u y",
+            [0, 1, 2],
+        ),
+        ("t,u,y\n31.05.24 23:59:59,1,2\n01.06.24 00:00:00,2,3\n", "u y", [0, 1]),
+        ("t,u,y\n31-May-2024 23:59:59,1,2\n01-Jun-2024 0:00:00,2,3\n", "u y", [0, 1]),
+    ],
+)
+def test_units_and_times_are_read_as_written(tmp_path, text, names, seconds):
+    (tmp_path / "rig.csv").write_text(text)
+    X, y = read_records(tmp_path / "rig.csv", drive="u", response="y", time="t")
+    assert f"{X.columns[0]} {y.name}" == names
+    if "t [s],u,y,t [ms]" in text:  # one record is not left out in silence
+        with pytest.raises(RecordError, match=r"no column 't \[s\]'"):
+            read_records(tmp_path / "rig.csv", drive="u", response="y", time="t [s]")
+    times = X.index.get_level_values("time")
+    if times.dtype.kind != "f":
+        times = (times - times[0]).total_seconds()
+    assert times.tolist() == seconds
+
+
+@pytest.mark.parametrize(
+    ("head", "rate"),
+    [
+        ("Sampling period 0.002", 500),
+        ("Abtastrate;500;Hz", 500),
+        ("Rate: 500 Hz", 500),
+        ("Rate: 500", None),  # of what
+        ("Acquisition rate: 500 S/s", 500),
+        ("Sampling Rate: 0.5 kS/s", 500),
+        ("Delta t [ms]: 2", 500),
+        ("Scan interval = 2 msec", 500),
+        ("Scan interval = 2 mm", None),
+        ("Sample Time 0.002 s", 500),
+        ("Samples per second: 500", 500),
+        ("Sampling Rate: 1,000 Hz", 1000),
+        ("Drive frequency: 10 Hz", None),
+    ],
+)
+def test_a_rate_above_the_table_is_read_if_a_word_and_its_unit_give_it(head, rate):
+    ((*_, interval),) = parse_table(f"{head}\nu,y\n0.5,1.5\n1.5,2.5\n")
+    assert interval == (rate and pytest.approx(1 / rate))
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"), [("timeMS", "ms"), ("elapsedMillis", "ms"), ("times", ""), ("fieldH", "")]
+)
+def test_the_unit_of_a_time_is_read_from_its_last_word(name, unit):
+    assert time_unit_of(name) == unit
