@@ -24,6 +24,7 @@ LAYERS = (  # from the bottom: a module imports from its own layer and those bef
     (
         "__init__",
         "_documentation",
+        "_envelope",
         "_files",
         "_jit",
         "_progress",
@@ -52,6 +53,7 @@ LAYERS = (  # from the bottom: a module imports from its own layer and those bef
 # underscored, and there for every package
 SHARED = (
     "skhyst._documentation",
+    "skhyst._envelope",
     "skhyst._files",
     "skhyst._jit",
     "skhyst._progress",
