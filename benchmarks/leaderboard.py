@@ -302,9 +302,8 @@ def mirror_by_hand(data=SHARED):
     """Return the errors in um of modes with loops at 200 mV, and at 300 mV, of all displacements.
 
     Fitted to the first three realisations at both levels. There is no test record at 300 mV: the
-    other three realisations take its place. Of those at both levels, eight loops that are fitted to
-    two realisations leave 0.141 and 0.202 um, modes without loops 0.300 and 0.280 um. The residual
-    is never white, and further starts of so many samples take hours.
+    other three realisations take its place. The residual is never white, and further starts of so
+    many samples take hours.
     """
     records = [_mirror(level, "train", (0, 1, 2), data) for level in MIRROR_LEVELS]
     X, Y = (pd.concat(parts) for parts in zip(*records, strict=True))
