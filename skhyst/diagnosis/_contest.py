@@ -495,8 +495,7 @@ class Contest:
             for i, c in enumerate(rivals)
         ]
         alpha = self.criterion.alpha
-        worse = all(self.criterion.is_better(c, own) for c in rivals)
-        if worse or self._has_its_name(base, name):
+        if self._has_its_name(base, name) or all(self.criterion.is_better(c, own) for c in rivals):
             rivals.append(own)
         chosen = min(rivals, key=lambda c: c.error)
         same = [c for c in rivals if self.criterion.p_value(c, chosen) >= alpha]

@@ -5,14 +5,14 @@ import math
 from ._expressions import Array, Assign, Call, Expression, For, Function
 from ._slice import called
 
-_LONG = 16  # turns from which a loop is told
+_LONG = 16  # turns from which a loop is reported
 
 
 def longest_loops(part):
     """Return the largest number of turns of long loops, by the names of their functions.
 
     Loops over places of a table, and those whose end depends on a number without a bound, are left
-    out. A loop within a loop is told for each run of the outer one.
+    out. A loop within a loop is reported for each run of the outer one.
     """
     found, assigned = {}, {}
 

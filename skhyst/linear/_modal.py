@@ -499,7 +499,7 @@ class ModalModel(ModesMixin, MultiOutputMixin, ScoredMixin, BaseEstimator):
         self._set_modes(warp(poles, dt), by, spread)
 
     def _store_constants(self, slices, array, response, size):
-        """Store intercept and noise, of the residual without what is left of earlier states."""
+        """Store intercept and noise, of the residual without the decay of earlier states."""
         system, parts = self.operator_, []
         n, n_outputs = len(system.a), len(system.c)
         for s in slices:
